@@ -1,0 +1,55 @@
+"""Checks of what comes in: what was given, the rule, what is allowed."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from upplied.errors import InputError
+from upplied.records import Floats, Ints
+
+_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+
+
+def check_id(value: object, what: str) -> str:
+    """An identifier that is safe as a file name, in a URL and in HTML.
+
+    Examples
+    --------
+    >>> check_id("a320-v1", "structure id")
+    'a320-v1'
+    """
+    if isinstance(value, str) and _ID.fullmatch(value):
+        return value
+    raise InputError(
+        what,
+        f"got {str(value)[:80]!r}",
+        "1 to 64 of A-Z a-z 0-9 _ and -, starting with a letter or digit",
+        "choose another id",
+    )
+
+
+def check_finite(values: Floats, shape: tuple[int | None, ...], what: str) -> Floats:
+    """An array of finite floats of the given shape (None: any length)."""
+    array = np.asarray(values, float)
+    wanted = tuple("n" if size is None else size for size in shape)
+    if array.ndim != len(shape) or any(
+        size is not None and size != given for size, given in zip(shape, array.shape, strict=False)
+    ):
+        raise InputError(what, f"has shape {array.shape}", f"shape {wanted}")
+    bad = int((~np.isfinite(array)).sum())
+    if bad:
+        raise InputError(what, f"{bad} of {array.size} numbers are not finite", "finite numbers")
+    return array
+
+
+def check_times(t_ns: Ints, what: str) -> Ints:
+    """Strictly increasing time stamps, ns."""
+    times = np.asarray(t_ns, np.int64)
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if len(late):
+        raise InputError(
+            what, f"time does not increase at sample {late[0] + 1}", "strictly increasing stamps"
+        )
+    return times

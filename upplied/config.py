@@ -1,0 +1,190 @@
+"""Settings: one frozen class per stage, each default in one place, and the presets.
+
+``paper`` states the method as published; ``recommended`` is what a pilot should fly; ``baseline``
+is the paper's peer, the demonstration scaled by the ratio of the bounding boxes. All three run
+through the same pipeline (`upplied.planning.plan`), chosen by these settings alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from typing import Any, Literal
+
+from upplied.errors import SettingsError
+
+PRESETS = ("paper", "recommended", "baseline")
+Preset = Literal["paper", "recommended", "baseline"]
+
+
+@dataclass(frozen=True)
+class CloudSettings:
+    """Voxel clouds (paper, Sec. III-A) and surface samples."""
+
+    voxel_points: int = (
+        1000  # the leaf is chosen so that about this many remain; the paper's clouds hold 693 and 1120
+    )
+    raw_points: int = 60_000  # area-uniform points on the mesh that the voxel filter reads (the paper's Psi)
+    surface_samples: int = 4000  # with normals, on the outside surface; 0: none are made
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class RegistrationSettings:
+    """Convergence check (paper, Sec. III-A)."""
+
+    iterations: int = 30  # fixed, as the paper says
+    gamma: float = 0.05  # gate on score / leaf^2 ... see planning.register
+    search: Literal["none", "heading", "orientation"] = "none"  # the paper assumes the same orientation
+    acceptance: float | None = None  # gate on the measure free of density and scale; None: gamma alone
+
+
+@dataclass(frozen=True)
+class CorrespondenceSettings:
+    """Which point of the target answers to each point of the demonstration's cloud (Sec. III-B)."""
+
+    method: Literal["nearest", "parts"] = "nearest"
+    counterparts: tuple[tuple[str, str], ...] = ()  # landmark pairs: (on the source, on the target)
+    repeat: Literal["", "each", "mirror"] = ""
+
+
+@dataclass(frozen=True)
+class VisibilitySettings:
+    """What a pose sees (Sec. III-C): the frustum alone, or what is really seen."""
+
+    occlusion: bool = False
+    max_incidence_deg: float = 90.0  # between the surface normal and the ray back to the camera
+
+
+@dataclass(frozen=True)
+class ViewpointSettings:
+    """Segments (paper, Alg. 2, lines 5 to 13)."""
+
+    shared: float = 0.5  # lambda: a segment ends where less than this share of its first view is still seen
+
+
+@dataclass(frozen=True)
+class TransferSettings:
+    """How viewpoints come to the target (Eqs. 1 and 2, or the baseline's box ratio, or the warp)."""
+
+    method: Literal["zscore", "box", "warp"] = "zscore"
+    standoff: Literal["scaled", "kept"] = "scaled"
+    gsd_m: float | None = None  # ground sampling distance, m per pixel, instead of the demonstrated stand-off
+    plane: bool = False  # a demonstration in a plane stays in its plane
+
+
+@dataclass(frozen=True)
+class RefineSettings:
+    """Optimisation of the viewpoints (Eq. 3, or the search for what is really seen)."""
+
+    method: Literal["none", "gauss-newton", "view"] = "gauss-newton"
+    iterations: int = 20
+
+
+@dataclass(frozen=True)
+class RouteSettings:
+    """Safety of the whole path; the paper states only the 2 m of its experiments (Sec. IV-A)."""
+
+    enforce: bool = False
+    clearance_m: float = 2.0
+
+
+@dataclass(frozen=True)
+class RetimeSettings:
+    """Time stamps: the demonstrated speed (Sec. III-C), or that speed under the limits of the vehicle."""
+
+    limits: bool = False
+    max_speed_mps: float = 8.0
+    max_acceleration_mps2: float = 2.0
+    max_yaw_rate_degps: float = 60.0
+    min_gimbal_pitch_deg: float = -90.0
+    max_gimbal_pitch_deg: float = 30.0
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that a plan depends on besides the demonstration and the two structures."""
+
+    preset: Preset = "recommended"
+    clouds: CloudSettings = field(default_factory=CloudSettings)
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    correspondence: CorrespondenceSettings = field(default_factory=CorrespondenceSettings)
+    visibility: VisibilitySettings = field(default_factory=VisibilitySettings)
+    viewpoints: ViewpointSettings = field(default_factory=ViewpointSettings)
+    transfer: TransferSettings = field(default_factory=TransferSettings)
+    refine: RefineSettings = field(default_factory=RefineSettings)
+    route: RouteSettings = field(default_factory=RouteSettings)
+    retime: RetimeSettings = field(default_factory=RetimeSettings)
+
+    @property
+    def sha256(self) -> str:
+        """Hash of every setting; equal settings, equal hash."""
+        return digest(self)
+
+
+def settings_for(preset: str, **changes: Any) -> Settings:
+    """The settings of a preset, with single stages replaced.
+
+    Parameters
+    ----------
+    preset : {"paper", "recommended", "baseline"}
+    **changes
+        Stage name to a mapping of setting names to values, e.g. ``route={"clearance_m": 3.0}``.
+
+    Raises
+    ------
+    SettingsError
+        If the preset, a stage, a setting or the type of a value is unknown.
+
+    Examples
+    --------
+    >>> settings_for("paper", route={"clearance_m": 3.0}).route.clearance_m
+    3.0
+    """
+    try:
+        settings = _PRESETS[preset]
+    except KeyError:
+        raise SettingsError(f"preset {preset!r}", "is unknown", f"one of {', '.join(PRESETS)}") from None
+    for stage, values in changes.items():
+        settings = replace(settings, **{stage: _changed(settings, stage, values)})
+    return settings
+
+
+def _changed(settings: Settings, stage: str, values: Mapping[str, Any]) -> Any:
+    stages = [item.name for item in fields(settings) if item.name != "preset"]
+    if stage not in stages:
+        raise SettingsError(f"settings stage {stage!r}", "is unknown", f"one of {', '.join(stages)}")
+    before = getattr(settings, stage)
+    known = [item.name for item in fields(before)]
+    for name, value in values.items():
+        if name not in known:
+            raise SettingsError(f"setting {stage}.{name}", "is unknown", f"one of {', '.join(known)}")
+        current = getattr(before, name)
+        if isinstance(current, bool) != isinstance(value, bool) or (
+            isinstance(current, int | float) and value is not None and not isinstance(value, int | float)
+        ):
+            raise SettingsError(f"setting {stage}.{name}", f"got {value!r}", f"like {current!r}")
+    return replace(before, **values)
+
+
+def digest(value: Any) -> str:
+    """SHA-256 of the canonical JSON of dataclasses, mappings and plain values (hex, 64 digits)."""
+    plain = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+    text = json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+_PAPER = Settings(preset="paper")
+_PRESETS: dict[str, Settings] = {
+    "paper": _PAPER,
+    # Until its own stages are filled, `recommended` is `paper` plus the camera orientation of every waypoint.
+    "recommended": replace(_PAPER, preset="recommended"),
+    "baseline": replace(
+        _PAPER,
+        preset="baseline",
+        transfer=TransferSettings(method="box"),
+        refine=RefineSettings(method="none"),
+    ),
+}

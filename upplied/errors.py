@@ -1,0 +1,47 @@
+"""Errors that people read: each message names the file or id, the finding, the rule and the remedy."""
+
+from __future__ import annotations
+
+
+class UppliedError(Exception):
+    """Base of every error this package raises on purpose.
+
+    Parameters
+    ----------
+    what : str
+        The file, id or setting that is concerned.
+    found : str
+        What was found there.
+    rule : str, optional
+        What is allowed.
+    remedy : str, optional
+        What the reader can do about it.
+    """
+
+    def __init__(self, what: str, found: str, rule: str = "", remedy: str = "") -> None:
+        self.what, self.found, self.rule, self.remedy = what, found, rule, remedy
+        text = f"{what}: {found}"
+        if rule:
+            text += f" (rule: {rule})"
+        if remedy:
+            text += f". {remedy[0].upper()}{remedy[1:]}"
+        super().__init__(text)
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, str, str]]:
+        return type(self), (self.what, self.found, self.rule, self.remedy)
+
+
+class InputError(UppliedError):
+    """A file, manifest or log cannot become a correct record."""
+
+
+class SettingsError(UppliedError):
+    """A setting or argument is outside what is allowed."""
+
+
+class RefusedError(UppliedError):
+    """A plan is refused: the inputs are sound, but no honest plan follows from them."""
+
+
+class CatalogError(UppliedError):
+    """The catalog cannot be read or written as asked; nothing stored was changed."""

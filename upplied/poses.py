@@ -1,0 +1,108 @@
+"""Rotations and rigid motions on arrays of poses; quaternions are ``x y z w`` throughout.
+
+The camera frame is x forward (optical axis), y left, z up. A pilot's gimbal gives yaw and pitch
+and no roll: yaw is counter-clockwise from +X seen from above, pitch is positive upwards.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from upplied.records import Floats, Trajectory
+
+
+def look_at(positions: Floats, targets: Floats) -> Floats:
+    """Orientation without roll that points the optical axis from each position to its target.
+
+    Parameters
+    ----------
+    positions, targets : array, shape (N, 3), m, structure frame
+
+    Returns
+    -------
+    array, shape (N, 4)
+        Unit quaternions ``x y z w``, camera to structure. Straight up or down, yaw is 0.
+
+    Examples
+    --------
+    >>> look_at(np.zeros((1, 3)), np.array([[0.0, 1.0, 0.0]])).round(4)
+    array([[0.    , 0.    , 0.7071, 0.7071]])
+    """
+    ray = np.asarray(targets, float) - np.asarray(positions, float)
+    yaw = np.arctan2(ray[..., 1], ray[..., 0])
+    pitch = np.arctan2(ray[..., 2], np.hypot(ray[..., 0], ray[..., 1]))
+    return from_yaw_pitch(yaw, pitch)
+
+
+def from_yaw_pitch(yaw_rad: Floats, pitch_rad: Floats) -> Floats:
+    """Quaternions (N, 4) ``x y z w`` without roll; yaw from +X to +Y, pitch positive upwards, rad."""
+    yaw, pitch = np.broadcast_arrays(np.asarray(yaw_rad, float), np.asarray(pitch_rad, float))
+    cy, sy = np.cos(yaw / 2), np.sin(yaw / 2)
+    cp, sp = np.cos(pitch / 2), np.sin(-pitch / 2)  # about +y (left), up is negative
+    return np.stack([-sy * sp, cy * sp, sy * cp, cy * cp], axis=-1)
+
+
+def yaw_pitch(quat_xyzw: Floats) -> tuple[Floats, Floats]:
+    """Yaw and pitch (rad) of the optical axis of each orientation; roll is ignored."""
+    axis = optical_axis(quat_xyzw)
+    return np.arctan2(axis[..., 1], axis[..., 0]), np.arcsin(np.clip(axis[..., 2], -1, 1))
+
+
+def optical_axis(quat_xyzw: Floats) -> Floats:
+    """Unit vector (N, 3) along which each camera looks, structure frame."""
+    return matrices(quat_xyzw)[..., :, 0]
+
+
+def matrices(quat_xyzw: Floats) -> Floats:
+    """Rotation matrices (N, 3, 3), camera to structure; columns are forward, left, up."""
+    quats = np.asarray(quat_xyzw, float)
+    return Rotation.from_quat(quats.reshape(-1, 4)).as_matrix().reshape(*quats.shape[:-1], 3, 3)
+
+
+def normalised(quat_xyzw: Floats) -> Floats:
+    """Unit quaternions with w >= 0, so that equal orientations have equal numbers."""
+    quats = np.asarray(quat_xyzw, float)
+    quats = quats / np.linalg.norm(quats, axis=-1, keepdims=True)
+    return np.where(quats[..., 3:] < 0, -quats, quats)
+
+
+def mean_rotation(quat_xyzw: Floats) -> Floats:
+    """Mean orientation (4,) of (N, 4), in the least-squares sense of the chordal distance."""
+    return normalised(Rotation.from_quat(quat_xyzw).mean().as_quat())
+
+
+def without_roll(quat_xyzw: Floats) -> Floats:
+    """The same optical axes with the horizon level."""
+    return from_yaw_pitch(*yaw_pitch(quat_xyzw))
+
+
+def angle_between(a_xyzw: Floats, b_xyzw: Floats) -> Floats:
+    """Angle (rad) of the rotation from each `a` to its `b`."""
+    dot = np.abs(np.sum(normalised(a_xyzw) * normalised(b_xyzw), axis=-1))
+    return 2 * np.arccos(np.clip(dot, 0, 1))
+
+
+def interpolate(trajectory: Trajectory, t_s: Floats) -> Trajectory:
+    """Poses at other times: linear in position, spherical in orientation; ends are held.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    t_s : array, shape (M,), s, increasing
+    """
+    if len(trajectory) == 1:
+        one = np.zeros(len(t_s), int)
+        return Trajectory(np.asarray(t_s, float), trajectory.positions[one], trajectory.quat_xyzw[one])
+    held = np.clip(t_s, trajectory.t_s[0], trajectory.t_s[-1])
+    positions = np.column_stack(
+        [np.interp(held, trajectory.t_s, trajectory.positions[:, axis]) for axis in range(3)]
+    )
+    quats = Slerp(trajectory.t_s, Rotation.from_quat(trajectory.quat_xyzw))(held).as_quat()
+    return Trajectory(np.asarray(t_s, float), positions, normalised(quats))
+
+
+def moved(trajectory: Trajectory, rotation: Floats, translation: Floats) -> Trajectory:
+    """The trajectory after a rigid motion: ``p' = rotation @ p + translation``."""
+    quats = (Rotation.from_matrix(rotation) * Rotation.from_quat(trajectory.quat_xyzw)).as_quat()
+    return Trajectory(trajectory.t_s, trajectory.positions @ rotation.T + translation, normalised(quats))

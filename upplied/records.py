@@ -1,0 +1,257 @@
+"""The nouns of the method: frozen records of arrays, with shape, unit and frame at each field.
+
+Frames. Everything is in metres in the *structure frame*: Z up, +X forward (nose, bow, rotor hub,
+long axis). A camera pose is a position and a quaternion ``x y z w`` that turns the camera frame
+(x forward along the optical axis, y left, z up) into the structure frame. See CONVENTIONS.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+class Record:
+    """Base of the records: a repr that shows shapes, not numbers."""
+
+    def __repr__(self) -> str:
+        parts = []
+        for item in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, item.name)
+            shown = f"{value.dtype}{value.shape}" if isinstance(value, np.ndarray) else repr(value)
+            parts.append(f"{item.name}={shown}")
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Placement(Record):
+    """Where a structure stands on the Earth; the origin of its frame and the bearing of +X."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    heading_deg: float  # of +X, clockwise from true north
+    datum: str = "ellipsoid"  # of alt_m: "ellipsoid" (WGS 84) or "amsl"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Surroundings(Record):
+    """What limits a flight besides the structure itself, in the structure frame, m."""
+
+    ground_z_m: float | None = None  # height of level ground, None where it is not known
+    keep_out_m: Floats = field(default_factory=lambda: np.empty((0, 2, 3)))  # (K, 2, 3) boxes, min and max
+    geofence_m: Floats = field(default_factory=lambda: np.empty((0, 2)))  # (G, 2) polygon in x y, empty: none
+    ceiling_z_m: float | None = None  # highest allowed z
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Structure(Record):
+    """One structure: a triangle mesh, or a point cloud where there are no triangles."""
+
+    structure_id: str
+    kind: str
+    vertices: Floats  # (V, 3) m, structure frame
+    triangles: Ints  # (T, 3) vertex indices; (0, 3) for a structure given as a point cloud
+    normals: Floats | None = None  # (V, 3) outward unit normals, for point clouds only
+    site: str = ""
+    sha256: str = ""  # of the bytes of the file and of what the manifest says of it
+    placement: Placement | None = None
+    surroundings: Surroundings = field(default_factory=Surroundings)
+    landmarks: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # name -> x y z, m
+    symmetric: bool = False  # declared: no heading can be told from the shape
+    notes: str = ""
+
+    @property
+    def diagonal_m(self) -> float:
+        """Length of the diagonal of the bounding box, m."""
+        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Camera(Record):
+    """Field of view and useful range of the camera (paper, Sec. IV-A: 75 x 75 deg, 2 to 50 m)."""
+
+    hfov_deg: float = 75.0  # full horizontal angle, up to 360
+    vfov_deg: float = 75.0  # full vertical angle, up to 180
+    min_range_m: float = 2.0
+    max_range_m: float = 50.0
+    width_px: int = 0  # 0 where not known
+    height_px: int = 0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Record):
+    """Timed camera poses in the frame of one structure."""
+
+    t_s: Floats  # (N,) s, strictly increasing, first is 0
+    positions: Floats  # (N, 3) m, structure frame
+    quat_xyzw: Floats  # (N, 4) unit, camera to structure
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Demonstration(Record):
+    """What an expert flew around one structure, as logged."""
+
+    demonstration_id: str
+    structure_id: str
+    t_ns: Ints  # (N,) ns, strictly increasing, source clock
+    positions: Floats  # (N, 3) m, frame of the structure
+    quat_xyzw: Floats  # (N, 4) unit, camera to structure
+    camera: Camera = field(default_factory=Camera)
+    operator: str = ""
+    site: str = ""
+    sha256: str = ""  # of the bytes of the log and of what the side-car and options say of it
+    breaks: Ints = field(
+        default_factory=lambda: np.empty(0, np.int64)
+    )  # indices that start a new part after a gap
+    degraded: bool = False  # the log was salvaged; `notes` say what was lost
+    dropped: Mapping[str, int] = field(default_factory=dict)  # samples dropped, by reason
+    clock: str = ""  # which stamp was used: "header", "publish", "log"
+    topic: str = ""
+    notes: str = ""
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The poses with time from zero, s."""
+        return Trajectory((self.t_ns - self.t_ns[0]) * 1e-9, self.positions, self.quat_xyzw)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cloud(Record):
+    """Points that stand for a surface.
+
+    From the paper's voxel filter: `points` alone. Surface samples carry normals and areas as well.
+    """
+
+    points: Floats  # (N, 3) m, structure frame
+    normals: Floats | None = None  # (N, 3) unit, outward
+    area_m2: Floats | None = None  # (N,) surface each sample stands for
+    part: Ints | None = None  # (N,) which part of the structure (0 ..) the sample lies on
+    leaf_m: float = 0.0  # edge of the voxels, 0 for surface samples
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Registration(Record):
+    """How a target lies on the demonstration structure.
+
+    ``p_demo = rotation @ (scale * p_target) + translation`` (paper, Alg. 1, lines 3 to 8).
+    """
+
+    scale: Floats  # (3,) along the target's axes
+    rotation: Floats  # (3, 3) proper
+    translation: Floats  # (3,) m
+    score_m2: float  # PCL's getFitnessScore: mean squared nearest-neighbour distance, demonstration to target
+    accepted: bool
+    reason: str = ""  # why not, in words, where it is refused
+    acceptance: float = float("nan")  # free of density and scale, lower is better; NaN where not computed
+    runner_up_gap: float = float("nan")  # relative gap to the next best orientation; NaN where not searched
+    evidence: str = ""  # what was tried and found, in words
+
+    def to_demo(self, points: Floats) -> Floats:
+        """Target frame (..., 3) to demonstration frame, m."""
+        return (points * self.scale) @ self.rotation.T + self.translation
+
+    def to_target(self, points: Floats) -> Floats:
+        """Demonstration frame (..., 3) to target frame, m."""
+        return ((points - self.translation) @ self.rotation) / self.scale
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Correspondences(Record):
+    """For every point of the demonstration's cloud its counterpart on the target."""
+
+    target_index: Ints  # (N_demo,) index into the target's cloud, -1 where there is no counterpart
+    distance_m: Floats  # (N_demo,) between the partners after alignment; NaN where there is none
+    target_points: Floats  # (N_demo, 3) m, target frame: where each point is carried, NaN where nowhere
+    summary: str = ""  # parts matched and parts left without a counterpart, in words
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Visibility(Record):
+    """Which points of a cloud each pose sees."""
+
+    seen: Bools  # (P, N) pose by point
+
+    @property
+    def total(self) -> Bools:
+        """(N,) seen by any pose: the paper's V_D."""
+        return self.seen.any(axis=0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Viewpoints(Record):
+    """One viewpoint per segment of a trajectory (paper, Alg. 2, lines 5 to 13)."""
+
+    positions: Floats  # (K, 3) m, structure frame
+    quat_xyzw: Floats  # (K, 4) unit, camera to structure
+    seen: Bools  # (K, N) union over the segment
+    start: Ints  # (K,) first pose of the segment
+    stop: Ints  # (K,) one past its last pose
+    t_s: Floats  # (K,) s, time of the segment's middle
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Measures(Record):
+    """What a plan is judged by; NaN where a measure was not computed (algorithm.md, section 8)."""
+
+    coverage_paper_pct: float = float("nan")
+    coverage_seen_pct: float = float("nan")
+    coverage_attainable_pct: float = float("nan")
+    frechet_z: float = float("nan")
+    frechet_m: float = float("nan")
+    min_clearance_m: float = float("nan")
+    path_length_m: float = float("nan")
+    duration_s: float = float("nan")
+    standoff_ratio_p50: float = float("nan")
+    incidence_p95_deg: float = float("nan")
+    peak_speed_mps: float = float("nan")
+    peak_acceleration_mps2: float = float("nan")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Record):
+    """What came of transferring one demonstration to one target: a trajectory, or a reason why not."""
+
+    demonstration_id: str
+    source_id: str
+    target_id: str
+    kind: str
+    preset: str  # "paper", "recommended" or "baseline"
+    status: str  # "ok", "refused" or "failed"
+    reason: str = ""
+    trajectory: Trajectory | None = None
+    is_viewpoint: Bools | None = None  # (N,) of the trajectory
+    registration: Registration | None = None
+    measures: Measures = field(default_factory=Measures)
+    counterpart_summary: str = ""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def n_viewpoints(self) -> int:
+        """How many waypoints are viewpoints."""
+        return 0 if self.is_viewpoint is None else int(self.is_viewpoint.sum())
+
+
+def as_dict(record: Any) -> dict[str, Any]:
+    """The fields of a record by name, arrays untouched."""
+    return {item.name: getattr(record, item.name) for item in fields(record)}
