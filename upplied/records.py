@@ -112,9 +112,7 @@ class Demonstration(Record):
     operator: str = ""
     site: str = ""
     sha256: str = ""  # of the bytes of the log and of what the side-car and options say of it
-    breaks: Ints = field(
-        default_factory=lambda: np.empty(0, np.int64)
-    )  # indices that start a new part after a gap
+    breaks: Ints = field(default_factory=lambda: np.empty(0, np.int64))  # first index after each gap
     degraded: bool = False  # the log was salvaged; `notes` say what was lost
     dropped: Mapping[str, int] = field(default_factory=dict)  # samples dropped, by reason
     clock: str = ""  # which stamp was used: "header", "publish", "log"
