@@ -190,7 +190,7 @@ class Visibility(Record):
     @property
     def total(self) -> Bools:
         """(N,) seen by any pose: the paper's V_D."""
-        return self.seen.any(axis=0)
+        return np.asarray(self.seen.any(axis=0), bool)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

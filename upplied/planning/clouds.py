@@ -1,0 +1,90 @@
+"""Voxel clouds of structures (paper, Sec. III-A and Alg. 1, lines 1 and 2)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upplied.config import CloudSettings
+from upplied.records import Cloud, Floats, Ints, Structure
+
+
+def voxel_cloud(structure: Structure, settings: CloudSettings) -> Cloud:
+    """The sub-sampled cloud, kappa, of a structure: one centroid per occupied voxel.
+
+    The paper leaves the leaf open; its clouds hold 693 (airplane) and 1120 (turbine) points. Here
+    the leaf follows from the structure so that about `settings.voxel_points` remain. The grid starts
+    at the corner of the bounding box, so that a moved structure gives the moved cloud.
+
+    Parameters
+    ----------
+    structure : Structure
+    settings : CloudSettings
+
+    Returns
+    -------
+    Cloud
+        `points` (N, 3), m, structure frame, in the order of their voxels, and `leaf_m`.
+    """
+    if len(structure.triangles):
+        raw = area_uniform(structure.vertices, structure.triangles, settings.raw_points, settings.seed)
+    else:
+        raw = structure.vertices
+    leaf = _leaf_for(raw, settings.voxel_points)
+    return Cloud(points=voxel_filter(raw, leaf), leaf_m=leaf)
+
+
+def voxel_filter(points: Floats, leaf_m: float) -> Floats:
+    """Centroids (N, 3) of the points in each occupied voxel of edge `leaf_m`, as PCL's VoxelGrid.
+
+    Examples
+    --------
+    >>> voxel_filter(np.array([[0.0, 0, 0], [0.2, 0, 0], [5, 0, 0]]), 1.0)
+    array([[0.1, 0. , 0. ],
+           [5. , 0. , 0. ]])
+    """
+    voxel = _voxels(points, leaf_m)
+    _, member, count = np.unique(voxel, return_inverse=True, return_counts=True)
+    sums = np.column_stack([np.bincount(member, weights=points[:, axis]) for axis in range(3)])
+    return sums / count[:, None]
+
+
+def area_uniform(vertices: Floats, triangles: Ints, number: int, seed: int) -> Floats:
+    """Points spread evenly by area over a mesh: stratified along the cumulated area.
+
+    Parameters
+    ----------
+    vertices : array, shape (V, 3), m
+    triangles : array, shape (T, 3)
+    number : int
+    seed : int
+
+    Returns
+    -------
+    array, shape (number, 3), m
+    """
+    corners = vertices[triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    rng = np.random.default_rng(seed)
+    along = (np.arange(number) + rng.random(number)) / number * area.sum()
+    chosen = corners[np.minimum(np.searchsorted(np.cumsum(area), along, side="right"), len(area) - 1)]
+    root, second = np.sqrt(rng.random(number))[:, None], rng.random(number)[:, None]
+    return chosen[:, 0] * (1 - root) + root * (chosen[:, 1] * (1 - second) + chosen[:, 2] * second)
+
+
+def _voxels(points: Floats, leaf_m: float) -> Ints:
+    cell = np.floor((points - points.min(axis=0)) / leaf_m).astype(np.int64)
+    size = cell.max(axis=0) + 1
+    return (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+
+
+def _leaf_for(points: Floats, number: int) -> float:
+    """The leaf that leaves about `number` points, found by bisection on its logarithm."""
+    extent = float(np.ptp(points, axis=0).max())
+    low, high = np.log(extent / 2000), np.log(extent)
+    for _ in range(20):
+        middle = (low + high) / 2
+        if len(np.unique(_voxels(points, float(np.exp(middle))))) > number:
+            low = middle
+        else:
+            high = middle
+    return float(np.exp(high))

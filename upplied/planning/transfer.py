@@ -1,0 +1,114 @@
+"""Poses carried from the demonstration structure to the target (paper, Eqs. 1 and 2).
+
+Every carrier here is an affine map per axis, applied after the registration's rotation, and turns
+the camera with it: what was in the middle of the picture stays in the middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from upplied.poses import matrices, normalised
+from upplied.records import Cloud, Floats, Record, Registration
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AxisMap(Record):
+    """``p_target = matrix @ p_demo + offset``."""
+
+    matrix: Floats  # (3, 3)
+    offset: Floats  # (3,) m
+
+    def points(self, points: Floats) -> Floats:
+        """Points (..., 3), m, demonstration frame to target frame."""
+        return points @ self.matrix.T + self.offset
+
+    def orientations(self, quat_xyzw: Floats) -> Floats:
+        """Camera orientations (N, 4): the optical axis is carried as a direction, the horizon with it."""
+        return carried_orientation(self.matrix, quat_xyzw)
+
+
+def zscore_map(source: Cloud, target: Cloud) -> AxisMap:
+    """Standardise with one cloud's mean and deviation, and back with the other's (Eqs. 1 and 2).
+
+    A flat structure has no deviation along one axis; there the scale is 1.
+    """
+    sigma_d, sigma_t = source.points.std(axis=0), target.points.std(axis=0)
+    flat = np.minimum(sigma_d, sigma_t) <= 1e-9 * max(sigma_d.max(), sigma_t.max())
+    scale = np.where(flat, 1.0, sigma_t / np.where(flat, 1.0, sigma_d))
+    return AxisMap(np.diag(scale), target.points.mean(axis=0) - scale * source.points.mean(axis=0))
+
+
+def box_map(source: Cloud, target: Cloud) -> AxisMap:
+    """The paper's baseline: scale by the ratio of the bounding boxes (Sec. IV)."""
+    low_d, low_t = source.points.min(axis=0), target.points.min(axis=0)
+    size_d, size_t = np.ptp(source.points, axis=0), np.ptp(target.points, axis=0)
+    flat = np.minimum(size_d, size_t) <= 1e-9 * max(size_d.max(), size_t.max())
+    scale = np.where(flat, 1.0, size_t / np.where(flat, 1.0, size_d))
+    return AxisMap(np.diag(scale), low_t - scale * low_d)
+
+
+def registered_map(registration: Registration) -> AxisMap:
+    """The inverse of the registration: where the demonstration's space lies on the target."""
+    matrix = (registration.rotation / registration.scale[None, :]).T
+    return AxisMap(matrix, -matrix @ registration.translation)
+
+
+def carried_orientation(jacobian: Floats, quat_xyzw: Floats) -> Floats:
+    """Orientations after a local linear map of space, made orthonormal again.
+
+    Parameters
+    ----------
+    jacobian : array, shape (3, 3) or (N, 3, 3)
+    quat_xyzw : array, shape (N, 4)
+
+    Notes
+    -----
+    Forward is carried exactly; left is carried and made orthogonal to it, so that a level horizon
+    stays level under a scaling along the axes.
+    """
+    axes = jacobian @ matrices(quat_xyzw)
+    forward = axes[..., 0] / np.linalg.norm(axes[..., 0], axis=-1, keepdims=True)
+    left = axes[..., 1] - forward * np.sum(forward * axes[..., 1], axis=-1, keepdims=True)
+    left /= np.linalg.norm(left, axis=-1, keepdims=True)
+    frame = np.stack([forward, left, np.cross(forward, left)], axis=-1)
+    return normalised(Rotation.from_matrix(frame).as_quat())
+
+
+def aimed(
+    quat_xyzw: Floats, positions: Floats, aim: Floats, before_quat: Floats, before_to_aim: Floats
+) -> Floats:
+    """Turn each camera by the smallest rotation that brings its aim to its old place in the picture.
+
+    Parameters
+    ----------
+    quat_xyzw : array, shape (N, 4)
+        Orientations to correct.
+    positions, aim : array, shape (N, 3), m
+        The camera now, and what it should look at; NaN aims leave the orientation alone.
+    before_quat : array, shape (N, 4)
+        Demonstrated orientation.
+    before_to_aim : array, shape (N, 3), m
+        Demonstrated vector from the camera to the centre of what it saw.
+    """
+    in_picture = np.einsum("nji,nj->ni", matrices(before_quat), before_to_aim)
+    now = np.einsum("nij,nj->ni", matrices(quat_xyzw), in_picture)
+    wanted = aim - positions
+    turn = _smallest_rotations(now, wanted)
+    return normalised((turn * Rotation.from_quat(quat_xyzw)).as_quat())
+
+
+def _smallest_rotations(a: Floats, b: Floats) -> Rotation:
+    """Rotations that turn each direction `a` onto `b`; none where either is not a direction."""
+    length_a, length_b = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
+    usable = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1) & (length_a > 0) & (length_b > 0)
+    unit_a = np.where(usable[:, None], a, [1.0, 0, 0]) / np.where(usable, length_a, 1)[:, None]
+    unit_b = np.where(usable[:, None], b, [1.0, 0, 0]) / np.where(usable, length_b, 1)[:, None]
+    axis = np.cross(unit_a, unit_b)
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, np.sum(unit_a * unit_b, axis=1))
+    axis = np.where(sine[:, None] > 1e-12, axis / np.where(sine > 1e-12, sine, 1)[:, None], [0.0, 0, 1])
+    return Rotation.from_rotvec(axis * angle[:, None])
