@@ -1,0 +1,53 @@
+# Everything a newcomer, a developer or an operator starts from. `make help` lists it.
+
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+.PHONY: help quickstart test test-all check bench serve lock
+
+# The first of these that runs and is new enough builds the environment; PYTHON=... overrides.
+PYTHONS := python3 python3.13 python3.12 python3.11
+PYTHON ?= $(shell for p in $(PYTHONS); do \
+	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' >/dev/null 2>&1 && echo $$p && break; done)
+
+BIN := .venv/bin
+READY := .venv/.ready
+
+# Prefect and its server report to nobody.
+export DO_NOT_TRACK := 1
+export PREFECT_SERVER_ANALYTICS_ENABLED := false
+
+help: ## list what make can do
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+$(READY): requirements.lock pyproject.toml
+	@test -n "$(PYTHON)" || { echo "No Python from 3.11 to 3.14 found: install one, or say make PYTHON=/path/to/python3"; exit 1; }
+	@echo "Creating .venv with $$($(PYTHON) --version); the packages are about 1 GB and come once."
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes --only-binary :all: -r requirements.lock
+	$(BIN)/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation --quiet --editable .
+	@touch $@
+
+quickstart: $(READY) ## environment, sample fleet, every transfer, reports: the whole way once
+	@$(BIN)/python -m flows.quickstart
+
+test: $(READY) ## the test suite
+	@$(BIN)/python -m pytest -m "not slow"
+
+test-all: $(READY) ## the test suite with the slow ones: faults, servers, benchmarks' smoke runs
+	@$(BIN)/python -m pytest
+
+check: $(READY) ## ruff and mypy
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(READY) ## print the benchmarks' tables
+	@for f in bench/*.py; do echo "== $$f"; $(BIN)/python $$f || exit 1; done
+
+serve: $(READY) ## a Prefect server with the deployments and a worker, until Ctrl-C
+	@$(BIN)/python -m flows.serve
+
+lock: $(READY) ## resolve requirements.lock again for every Python and platform
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet uv
+	$(BIN)/uv pip compile pyproject.toml --extra dev --python-version 3.11 --universal --upgrade \
+		--generate-hashes --no-emit-index-url --no-header --no-annotate --native-tls --quiet --output-file requirements.lock
