@@ -36,7 +36,11 @@ class RegistrationSettings:
     """Convergence check (paper, Sec. III-A)."""
 
     iterations: int = 30  # fixed, as the paper says
-    gamma: float = 0.05  # gate on score / leaf^2 ... see planning.register
+    # Gate on the score in units of the squared spacing of the demonstration's cloud (its leaf), since the
+    # score in m^2 grows with both. Over 1424 ordered pairs of real structures in clouds of 1000 points,
+    # 1.9 refuses 3 % of those of one form (airliners 0.2 to 1.3, turbines up to 1.2, hulls up to 2.1) and
+    # lets 9 % of the cross-kind ones through: no gamma parts them, `acceptance` does.
+    gamma: float = 1.9
     search: Literal["none", "heading", "orientation"] = "none"  # the paper assumes the same orientation
     acceptance: float | None = None  # gate on the measure free of density and scale; None: gamma alone
 
