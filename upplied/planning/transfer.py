@@ -67,12 +67,12 @@ def carried_orientation(jacobian: Floats, quat_xyzw: Floats) -> Floats:
 
     Notes
     -----
-    Forward is carried exactly; left is carried and made orthogonal to it, so that a level horizon
-    stays level under a scaling along the axes.
+    Forward is carried exactly. Up is carried with it and gives the plane of both, to which left is
+    normal: under a scaling along the axes a vertical plane stays vertical, so a level horizon stays level.
     """
     axes = jacobian @ matrices(quat_xyzw)
     forward = axes[..., 0] / np.linalg.norm(axes[..., 0], axis=-1, keepdims=True)
-    left = axes[..., 1] - forward * np.sum(forward * axes[..., 1], axis=-1, keepdims=True)
+    left = np.cross(axes[..., 2], forward)
     left /= np.linalg.norm(left, axis=-1, keepdims=True)
     frame = np.stack([forward, left, np.cross(forward, left)], axis=-1)
     return normalised(Rotation.from_matrix(frame).as_quat())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from upplied.config import ViewpointSettings
@@ -28,7 +30,7 @@ def find_viewpoints(
         Poses that start a new part after a gap in the log; they always start a segment.
     """
     bounds = segment(visibility, settings.shared, breaks)
-    spans = list(zip(bounds[:-1], bounds[1:], strict=True))
+    spans = list(itertools.pairwise(bounds))
     return Viewpoints(
         positions=np.array([flight.positions[a:b].mean(axis=0) for a, b in spans]),
         quat_xyzw=np.array([mean_rotation(flight.quat_xyzw[a:b]) for a, b in spans]),

@@ -1,0 +1,249 @@
+"""Turns of the camera, and small detours, that see what the carried flight misses (preset `recommended`).
+
+Turning the camera costs no Frechet distance and little time, so it comes first: from which station
+of the path could a missed sample be seen at all, and which few directions show most of them?
+What no station can see is approached by bending the path smoothly towards a place that can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from upplied.config import RetimeSettings, VisibilitySettings
+from upplied.planning.visibility import visible
+from upplied.poses import from_yaw_pitch, matrices, yaw_pitch
+from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
+from upplied.scene import Scene
+
+_WORTH = 4e-4  # share of the whole need that a turn must add to be flown
+_DIRECTIONS = 24  # candidate directions at each station
+_STATIONS = 160  # stations from which turns are considered
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Looks(Record):
+    """Turns of the camera at stations of a path, in the order of the path."""
+
+    station: Ints  # (L,) index of the station
+    quat_xyzw: Floats  # (L, 4)
+    gain: Floats  # (L,) need that each adds
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Detours(Record):
+    """Places off the path from which missed samples can be seen."""
+
+    positions: Floats  # (D, 3) m
+    quat_xyzw: Floats  # (D, 4)
+    station: Ints  # (D,) nearest station of the path
+    gain: Floats  # (D,)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class View(Record):
+    """What the search for views works on: the target's samples, and how much each is needed."""
+
+    cloud: Cloud  # surface samples of the target with normals
+    need: Floats  # (N,) m^2 of demonstrated surface that each sample answers for, 0 where none
+    camera: Camera
+    settings: VisibilitySettings
+    limits: RetimeSettings
+    scene: Scene
+
+    def seen(self, positions: Floats, quat_xyzw: Floats) -> Bools:
+        """(M, N) what these poses truly see of the needed samples; False for the others."""
+        needed = np.flatnonzero(self.need > 0)
+        cloud = _part(self.cloud, needed)
+        part = visible(positions, quat_xyzw, cloud, self.camera, self.settings, self.scene)
+        seen = np.zeros((len(positions), len(self.need)), bool)
+        seen[:, needed] = part.seen
+        return seen
+
+    def reach(self, positions: Floats, missing: Ints) -> Bools:
+        """(M, m) which missing samples these positions see with the camera turned anywhere."""
+        round_camera = replace(self.camera, hfov_deg=360.0, vfov_deg=180.0)
+        quats = np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
+        part = _part(self.cloud, missing)
+        return visible(positions, quats, part, round_camera, self.settings, self.scene).seen
+
+
+def find_looks(positions: Floats, quat_xyzw: Floats, covered: Bools, view: View) -> Looks:
+    """The fewest turns, greedily, that show what the path misses and could see.
+
+    Parameters
+    ----------
+    positions, quat_xyzw : array, shape (M, 3) and (M, 4)
+        Stations of the path and how the camera looks there.
+    covered : array of bool, shape (N,)
+        What is seen already.
+    view : View
+    """
+    missing = np.flatnonzero((view.need > 0) & ~covered)
+    stations = np.unique(np.linspace(0, len(positions) - 1, min(_STATIONS, len(positions))).astype(int))
+    if len(missing) == 0:
+        return _no_looks()
+    reach = view.reach(positions[stations], missing)
+    row_station, row_quat, row_shows = [], [], []
+    for index in np.flatnonzero(reach.any(axis=1)):
+        quats, shows = _directions(positions[stations[index]], reach[index], missing, view)
+        row_station.append(np.full(len(quats), stations[index]))
+        row_quat.append(quats)
+        row_shows.append(shows)
+    if not row_station:
+        return _no_looks()
+    station, quat = np.concatenate(row_station), np.concatenate(row_quat)
+    shows = np.concatenate(row_shows)
+    turn = _axis_angle(quat, quat_xyzw[station])
+    chosen, gain = _greedy(shows, view.need[missing], 1 - 0.3 * turn / np.pi, _WORTH * view.need.sum())
+    order = np.argsort(station[chosen], kind="stable")
+    return Looks(station[chosen][order], quat[chosen][order], gain[order])
+
+
+def find_detours(
+    positions: Floats, covered: Bools, view: View, standoff_m: float, allowed: Callable[[Floats], Bools]
+) -> Detours:
+    """Places near the path from which what no station can see is seen.
+
+    Parameters
+    ----------
+    positions : array, shape (M, 3), m
+    covered : array of bool, shape (N,)
+    view : View
+    standoff_m : float
+        Usual stand-off of the flight, m.
+    allowed : callable
+        Takes positions (K, 3), gives (K,) bool: free, high enough, inside the fence.
+    """
+    missing = np.flatnonzero((view.need > 0) & ~covered)
+    if len(missing) == 0:
+        return _no_detours()
+    places = _places(view.cloud, missing, standoff_m)
+    gap, station = _nearest(places, positions)
+    near = gap < 3 * standoff_m
+    places, gap, station = places[near], gap[near], station[near]
+    free = allowed(places) if len(places) else np.zeros(0, bool)
+    places, gap, station = places[free], gap[free], station[free]
+    if len(places) == 0:
+        return _no_detours()
+    reach = view.reach(places, missing)
+    rows, quats, shows = [], [], []
+    for index in np.flatnonzero(reach.any(axis=1)):
+        quat, shown = _directions(places[index], reach[index], missing, view, number=4)
+        rows.append(np.full(len(quat), index))
+        quats.append(quat)
+        shows.append(shown)
+    if not rows:
+        return _no_detours()
+    row, quat = np.concatenate(rows), np.concatenate(quats)
+    ease = 1 / (1 + gap[row] / standoff_m)
+    chosen, gain = _greedy(np.concatenate(shows), view.need[missing], ease, 2 * _WORTH * view.need.sum())
+    order = np.argsort(station[row[chosen]], kind="stable")
+    chosen, gain = chosen[order], gain[order]
+    return Detours(places[row[chosen]], quat[chosen], station[row[chosen]], gain)
+
+
+def bend(positions: Floats, detours: Detours) -> Floats:
+    """The path bent smoothly so that it passes through each detour at its station.
+
+    Each bend is a raised cosine over arc length, wide enough that it leaves the path at less than
+    about 30 degrees.
+    """
+    bent = np.array(positions)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    for place, station in zip(detours.positions, detours.station, strict=True):
+        offset = place - bent[station]
+        width = max(3.0 * float(np.linalg.norm(offset)), 1e-6)
+        distance = np.abs(along - along[station]) / width
+        bent += np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * distance), 0)[:, None] * offset
+    return bent
+
+
+def _directions(
+    position: Floats, reach: Bools, missing: Ints, view: View, number: int = _DIRECTIONS
+) -> tuple[Floats, Bools]:
+    """Candidate orientations at one place (C, 4), and which missing samples each shows (C, m)."""
+    rays = view.cloud.points[missing] - position
+    hit = np.flatnonzero(reach)
+    aims = np.unique(hit[np.linspace(0, len(hit) - 1, min(number, len(hit))).astype(int)])
+    centre = (rays[hit] * view.need[missing][hit, None]).sum(axis=0) / view.need[missing][hit].sum()
+    towards = np.vstack([centre, rays[aims]])
+    yaw = np.arctan2(towards[:, 1], towards[:, 0])
+    pitch = np.arctan2(towards[:, 2], np.hypot(towards[:, 0], towards[:, 1]))
+    low, high = np.radians([view.limits.min_gimbal_pitch_deg, view.limits.max_gimbal_pitch_deg])
+    quats = from_yaw_pitch(yaw, np.clip(pitch, low, high))
+    local = np.einsum("cji,mj->cmi", matrices(quats), rays[hit])
+    shown = np.zeros((len(quats), len(missing)), bool)
+    shown[:, hit] = _in_picture(local, view.camera)
+    return quats, shown
+
+
+def _in_picture(local: Floats, camera: Camera) -> Bools:
+    """Whether vectors in the camera frame (..., 3) fall well inside the picture."""
+    half_h, half_v = np.radians(camera.hfov_deg / 2) * 0.98, np.radians(camera.vfov_deg / 2) * 0.98
+    across = np.abs(np.arctan2(local[..., 1], local[..., 0]))
+    if camera.hfov_deg >= 180:
+        up = np.abs(np.arctan2(local[..., 2], np.hypot(local[..., 0], local[..., 1])))
+    else:
+        up = np.abs(np.arctan2(local[..., 2], local[..., 0]))
+    return (across <= half_h) & (up <= half_v)
+
+
+def _greedy(shows: Bools, need: Floats, ease: Floats, worth: float) -> tuple[Ints, Floats]:
+    """Rows chosen one after another by what they add times their ease, until none adds `worth`."""
+    left = np.array(need, float)
+    table = shows.astype(np.float32)
+    chosen, gains = [], []
+    while True:
+        gain = table @ left.astype(np.float32)
+        best = int(np.argmax(gain * ease))
+        if gain[best] <= worth:
+            return np.array(chosen, np.int64), np.array(gains)
+        chosen.append(best)
+        gains.append(float(gain[best]))
+        left[shows[best]] = 0.0
+
+
+def _places(cloud: Cloud, missing: Ints, standoff_m: float) -> Floats:
+    """Places to try in front of missed samples: along and beside their normals, at three distances."""
+    seeds = missing[np.unique(np.linspace(0, len(missing) - 1, min(60, len(missing))).astype(int))]
+    normals = cloud.normals[seeds]  # type: ignore[index]
+    helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    first = np.cross(normals, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(normals, first)
+    rays = [normals]
+    for tilt in np.radians([30.0, 55.0]):
+        for turn in np.arange(6) * np.pi / 3:
+            beside = np.cos(turn) * first + np.sin(turn) * second
+            rays.append(np.cos(tilt) * normals + np.sin(tilt) * beside)
+    lengths = standoff_m * np.array([1.0, 0.7, 1.3])
+    return np.concatenate([cloud.points[seeds] + length * ray for ray in rays for length in lengths])
+
+
+def _nearest(places: Floats, positions: Floats) -> tuple[Floats, Ints]:
+    gap = np.linalg.norm(places[:, None] - positions[None], axis=2)
+    station = gap.argmin(axis=1)
+    return gap[np.arange(len(places)), station], station
+
+
+def _axis_angle(a_xyzw: Floats, b_xyzw: Floats) -> Floats:
+    """Angle between the optical axes, rad."""
+    (yaw_a, pitch_a), (yaw_b, pitch_b) = yaw_pitch(a_xyzw), yaw_pitch(b_xyzw)
+    cosine = np.sin(pitch_a) * np.sin(pitch_b) + np.cos(pitch_a) * np.cos(pitch_b) * np.cos(yaw_a - yaw_b)
+    return np.arccos(np.clip(cosine, -1, 1))
+
+
+def _part(cloud: Cloud, index: Ints) -> Cloud:
+    normals = None if cloud.normals is None else cloud.normals[index]
+    return Cloud(points=cloud.points[index], normals=normals)
+
+
+def _no_looks() -> Looks:
+    return Looks(np.empty(0, np.int64), np.empty((0, 4)), np.empty(0))
+
+
+def _no_detours() -> Detours:
+    return Detours(np.empty((0, 3)), np.empty((0, 4)), np.empty(0, np.int64), np.empty(0))
