@@ -226,6 +226,22 @@ class Measures(Record):
     peak_acceleration_mps2: float = float("nan")
 
 
+#: What became of a piece of a structure's surface; `SurfaceStates.state` indexes this.
+SURFACE_STATES = ("other", "seen", "missed", "unattainable", "no counterpart")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceStates(Record):
+    """What became of each piece of a target's surface, for reports.
+
+    `other` was not inspected by the demonstration; `no counterpart` has no partner on its structure.
+    """
+
+    points: Floats  # (N, 3) m, target frame
+    state: Ints  # (N,) index into SURFACE_STATES
+    normals: Floats | None = None  # (N, 3) unit, outward
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Record):
     """What came of transferring one demonstration to one target: a trajectory, or a reason why not."""
@@ -243,6 +259,7 @@ class Plan(Record):
     measures: Measures = field(default_factory=Measures)
     counterpart_summary: str = ""
     warnings: tuple[str, ...] = ()
+    surface: SurfaceStates | None = None  # what the plan sees of the target, where it was computed
 
     @property
     def n_viewpoints(self) -> int:

@@ -1,0 +1,33 @@
+"""The colours of everything that is drawn, safe for colour-blind readers (Okabe and Ito, 2008)."""
+
+from __future__ import annotations
+
+BACKGROUND = "#ffffff"
+TEXT = "#1f2933"
+FAINT = "#6b7785"
+SURFACE = "#c7cdd6"
+
+DEMONSTRATED = "#e69f00"
+#: Colour of the path of each preset.
+PRESETS = {"recommended": "#0072b2", "paper": "#009e73", "baseline": "#cc79a7"}
+
+#: Colour of the surface by what became of it; the order is that of `records.SURFACE_STATES`.
+STATES = {
+    "other": SURFACE,
+    "seen": "#7db8e8",
+    "missed": "#d55e00",
+    "unattainable": "#f0e442",
+    "no counterpart": "#8c7a99",
+}
+
+
+def rgb(colour: str) -> tuple[float, float, float]:
+    """Red, green and blue in 0 .. 1 of ``#rrggbb``.
+
+    Examples
+    --------
+    >>> rgb("#ff0000")
+    (1.0, 0.0, 0.0)
+    """
+    red, green, blue = (int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5))
+    return red, green, blue

@@ -1,0 +1,246 @@
+"""PNG figures of structures and plans, without a display, OpenGL or a GPU: `upplied.scene` casts the rays."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from upplied.errors import SettingsError
+from upplied.outputs import tubes
+from upplied.outputs.canvas import Solid, picture, solid
+from upplied.outputs.colours import DEMONSTRATED, PRESETS, STATES, rgb
+from upplied.outputs.sheet import Panel, sheet_png
+from upplied.outputs.views import View, fitted, named_view, proportion
+from upplied.records import (
+    SURFACE_STATES,
+    Camera,
+    Demonstration,
+    Floats,
+    Plan,
+    Structure,
+    SurfaceStates,
+    Trajectory,
+)
+
+_WIDTH = 1400  # px of a figure
+_FRUSTA = 24  # at most so many along a path
+
+
+def structure_png(
+    structure: Structure,
+    views: Sequence[str | View] = ("three-quarter", "side", "top"),
+    *,
+    states: SurfaceStates | None = None,
+    trajectories: Sequence[tuple[str, Trajectory | Demonstration, str]] = (),
+    title: str = "",
+    width: int = _WIDTH,
+) -> bytes:
+    """A structure from several sides.
+
+    Parameters
+    ----------
+    structure : Structure
+    views : sequence of view names or View
+        See `upplied.outputs.views.VIEWS`; the first is drawn large.
+    states : SurfaceStates, optional
+        Colours the surface.
+    trajectories : sequence of (name, trajectory or demonstration, colour)
+        Drawn as tubes; a colour is ``#rrggbb``.
+    title : str
+        Default: id, kind and size.
+    width : int
+        Of the picture, px.
+
+    Returns
+    -------
+    bytes
+        A PNG; equal input gives equal bytes.
+    """
+    if not views:
+        raise SettingsError("views", "none given", "at least one")
+    body = solid(structure, states)
+    lines = [(path.positions, rgb(colour)) for _, path, colour in trajectories]
+    size = np.ptp(structure.vertices, axis=0)
+    head = (
+        title
+        or f"{structure.structure_id} · {structure.kind} · {size[0]:.1f} × {size[1]:.1f} × {size[2]:.1f} m"
+    )
+    boxes = _layout(len(views), width)
+    panels = []
+    for view, (x, y, wide, high) in zip(views, boxes, strict=True):
+        label = view if isinstance(view, str) else ""
+        panels.append(_panel(body, lines, [], named_view(view), (x, y, wide, high), label))
+    legend = [(name, colour, "line") for name, _, colour in trajectories] + _state_legend([states])
+    return sheet_png(panels, legend, head)
+
+
+def transfer_png(
+    source: Structure,
+    target: Structure,
+    demonstration: Demonstration,
+    plan: Plan,
+    *,
+    source_states: SurfaceStates | None = None,
+    view: str | View = "three-quarter",
+    frusta: bool = True,
+    title: str = "",
+    width: int = _WIDTH,
+) -> bytes:
+    """Two panels: the demonstration on its structure, and the plan on the target.
+
+    The target's surface is coloured by ``plan.surface`` where that is known. A refused plan shows
+    the target alone, with the reason. The same view serves both panels, each fitted to its own content.
+    """
+    chosen = named_view(view)
+    half = width // 2
+    shapes = [(source, demonstration.trajectory), (target, plan.trajectory)]
+    high = max(_height(chosen, _content(structure, [path]), half) for structure, path in shapes)
+    colour = rgb(PRESETS.get(plan.preset, DEMONSTRATED))
+    shown = _every(len(demonstration), _FRUSTA)
+    flown = (demonstration.positions[shown], demonstration.quat_xyzw[shown])
+    left = _panel(
+        solid(source, source_states),
+        [(demonstration.positions, rgb(DEMONSTRATED))],
+        [(*flown, demonstration.camera, rgb(DEMONSTRATED))] if frusta else [],
+        chosen,
+        (0, 0, half, high),
+        f"demonstrated on {source.structure_id}",
+    )
+    lines, cameras = _plan_lines(plan, demonstration.camera, colour, frusta)
+    note = f"{plan.preset} plan for {target.structure_id}"
+    right = _panel(solid(target, plan.surface), lines, cameras, chosen, (half, 0, half, high), note)
+    legend = [("demonstrated path", DEMONSTRATED, "line")]
+    if plan.trajectory is not None:
+        legend.append((f"planned path ({plan.preset})", PRESETS.get(plan.preset, DEMONSTRATED), "line"))
+    legend += _state_legend([source_states, plan.surface])
+    return sheet_png(
+        [left, right],
+        legend,
+        title or f"{demonstration.demonstration_id} → {target.structure_id}",
+        figures(plan),
+    )
+
+
+def comparison_png(
+    target: Structure,
+    plans: Sequence[Plan],
+    camera: Camera | None = None,
+    *,
+    view: str | View = "three-quarter",
+    frusta: bool = False,
+    title: str = "",
+    width: int = _WIDTH,
+) -> bytes:
+    """Several plans for one target side by side, for instance the presets, in the same frame."""
+    if not plans:
+        raise SettingsError("plans", "none given", "at least one")
+    camera = camera or Camera()
+    chosen = named_view(view)
+    wide = width // len(plans)
+    everything = _content(target, [plan.trajectory for plan in plans])
+    high = _height(chosen, everything, wide)
+    body = solid(target) if all(plan.surface is None for plan in plans) else None
+    panels = []
+    for at, plan in enumerate(plans):
+        colour = rgb(PRESETS.get(plan.preset, DEMONSTRATED))
+        lines, cameras = _plan_lines(plan, camera, colour, frusta)
+        box = (at * wide, 0, wide, high)
+        label = f"{plan.preset}: {figures(plan)}"
+        panels.append(
+            _panel(body or solid(target, plan.surface), lines, cameras, chosen, box, label, everything)
+        )
+    legend = [(plan.preset, PRESETS.get(plan.preset, DEMONSTRATED), "line") for plan in plans]
+    legend += _state_legend([plan.surface for plan in plans])
+    return sheet_png(panels, legend, title or f"{plans[0].demonstration_id} → {target.structure_id}")
+
+
+def save(path: str | Path, png: bytes) -> Path:
+    """Write a picture so that a reader never meets half of it; folders are made."""
+    goal = Path(path)
+    goal.parent.mkdir(parents=True, exist_ok=True)
+    partial = goal.with_name(f".{goal.name}.{os.getpid()}.partial")
+    partial.write_bytes(png)
+    partial.replace(goal)
+    return goal
+
+
+def figures(plan: Plan) -> str:
+    """The measures of a plan in one line, or why there is none."""
+    if plan.status != "ok":
+        return f"{plan.status}: {plan.reason}"
+    measures = plan.measures
+    parts = [
+        ("coverage", measures.coverage_paper_pct, "{:.1f} %"),
+        ("really seen", measures.coverage_seen_pct, "{:.1f} %"),
+        ("clearance", measures.min_clearance_m, "{:.1f} m"),
+        ("Fréchet", measures.frechet_z, "{:.2f}"),
+        ("length", measures.path_length_m, "{:.0f} m"),
+    ]
+    return " · ".join(f"{name} {form.format(value)}" for name, value, form in parts if np.isfinite(value))
+
+
+def _plan_lines(
+    plan: Plan, camera: Camera, colour: tuple[float, float, float], frusta: bool
+) -> tuple[list, list]:
+    if plan.trajectory is None:
+        return [], []
+    path = plan.trajectory
+    chosen = np.arange(len(path)) if plan.is_viewpoint is None else np.flatnonzero(plan.is_viewpoint)
+    chosen = chosen[_every(len(chosen), _FRUSTA)]
+    cameras = [(path.positions[chosen], path.quat_xyzw[chosen], camera, colour)] if frusta else []
+    return [(path.positions, colour)], cameras
+
+
+def _panel(
+    body: Solid,
+    lines: Sequence[tuple[Floats, tuple[float, float, float]]],
+    cameras: Sequence[tuple[Floats, Floats, Camera, tuple[float, float, float]]],
+    view: View,
+    box: tuple[int, int, int, int],
+    label: str,
+    shown: Floats | None = None,
+) -> Panel:
+    """One picture: first the frame, then tubes of a width that suits it."""
+    x, y, wide, high = box
+    everything = [body.vertices, *(positions for positions, _ in lines)] if shown is None else [shown]
+    frame = fitted(view, np.concatenate(everything), wide, high)
+    radius = 1.5 / frame.metre_px
+    depth = 26 / frame.metre_px
+    parts = [tubes.path(positions, radius, colour) for positions, colour in lines]
+    parts += [
+        tubes.frusta(positions, quats, camera, depth, radius / 2.2, colour)
+        for positions, quats, camera, colour in cameras
+    ]
+    return Panel(picture(body, tubes.joined(parts), frame), x, y, label, frame)
+
+
+def _content(structure: Structure, paths: Sequence[Trajectory | None]) -> Floats:
+    return np.concatenate([structure.vertices, *(path.positions for path in paths if path is not None)])
+
+
+def _height(view: View, content: Floats, wide: int) -> int:
+    """Of a panel that suits its content, with room for a label and a scale bar, px."""
+    return round(wide * float(np.clip(proportion(view, content), 0.35, 1.0))) + 50
+
+
+def _layout(count: int, width: int) -> list[tuple[int, int, int, int]]:
+    """The first view large on the left, the others stacked on its right."""
+    if count == 1:
+        return [(0, 0, width, round(width * 0.6))]
+    left = round(width * 0.62)
+    high = round(left * 0.72)
+    each = high // (count - 1)
+    return [(0, 0, left, high)] + [(left, at * each, width - left, each) for at in range(count - 1)]
+
+
+def _every(count: int, most: int) -> np.ndarray:
+    """At most so many indices, evenly spread, the ends among them."""
+    return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(int))
+
+
+def _state_legend(states: Sequence[SurfaceStates | None]) -> list[tuple[str, str, str]]:
+    present = {int(code) for each in states if each is not None for code in np.unique(each.state)} - {0}
+    return [(SURFACE_STATES[code], STATES[SURFACE_STATES[code]], "patch") for code in sorted(present)]

@@ -1,0 +1,116 @@
+"""Paths and camera frusta as slender triangle meshes, so that rays draw them like everything else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.poses import matrices
+from upplied.records import Camera, Floats, Ints
+
+_SIDES = 6
+
+
+@dataclass(frozen=True)
+class Tubes:
+    """Triangles (T, 3) over vertices (V, 3), m, with a colour (T, 3) in 0 .. 1 for each triangle."""
+
+    vertices: Floats
+    triangles: Ints
+    colours: Floats
+
+
+def joined(parts: list[Tubes]) -> Tubes:
+    """Several meshes as one."""
+    offsets = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    return Tubes(
+        np.concatenate([np.empty((0, 3)), *(part.vertices for part in parts)]),
+        np.concatenate(
+            [np.empty((0, 3), np.int64)]
+            + [part.triangles + offset for part, offset in zip(parts, offsets, strict=False)]
+        ),
+        np.concatenate([np.empty((0, 3)), *(part.colours for part in parts)]),
+    )
+
+
+def tubes(starts: Floats, ends: Floats, radius_m: float, colour: tuple[float, float, float]) -> Tubes:
+    """A six-sided tube with pointed caps around each segment.
+
+    Parameters
+    ----------
+    starts, ends : array, shape (N, 3), m
+    radius_m : float
+    colour : (red, green, blue) in 0 .. 1
+    """
+    along = ends - starts
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    long_enough = length[:, 0] > 1e-9
+    starts, ends, along = (
+        starts[long_enough],
+        ends[long_enough],
+        (along / np.maximum(length, 1e-9))[long_enough],
+    )
+    side = np.cross(along, np.where(np.abs(along[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    up = np.cross(along, side)
+    angle = np.arange(_SIDES) * 2 * np.pi / _SIDES
+    rim = radius_m * (np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * up[:, None])
+    tips = np.stack([starts - radius_m * along, ends + radius_m * along], axis=1)
+    vertices = np.concatenate([starts[:, None] + rim, ends[:, None] + rim, tips], axis=1)
+    here = np.arange(_SIDES)
+    after = (here + 1) % _SIDES
+    pattern = np.concatenate(
+        [
+            np.stack([here, after, here + _SIDES], axis=1),
+            np.stack([after, after + _SIDES, here + _SIDES], axis=1),
+            np.stack([after, here, np.full(_SIDES, 2 * _SIDES)], axis=1),
+            np.stack([here + _SIDES, after + _SIDES, np.full(_SIDES, 2 * _SIDES + 1)], axis=1),
+        ]
+    )
+    triangles = (np.arange(len(starts)) * (2 * _SIDES + 2))[:, None, None] + pattern
+    triangles = triangles.reshape(-1, 3)
+    return Tubes(vertices.reshape(-1, 3), triangles, np.tile(np.asarray(colour, float), (len(triangles), 1)))
+
+
+def path(positions: Floats, radius_m: float, colour: tuple[float, float, float]) -> Tubes:
+    """A polyline (N, 3), m, as tubes; pieces shorter than half the radius are left out."""
+    kept = thinned(positions, radius_m / 2)
+    if len(kept) < 2:
+        kept = kept + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1e-3]])
+    return tubes(kept[:-1], kept[1:], radius_m, colour)
+
+
+def thinned(positions: Floats, step_m: float) -> Floats:
+    """The first and last position, and between them those at least a step apart along the path."""
+    if len(positions) < 3 or step_m <= 0:
+        return positions
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    cell = np.floor(arc / step_m)
+    keep = np.concatenate([[True], np.diff(cell) > 0])
+    keep[-1] = True
+    return positions[keep]
+
+
+def frusta(
+    positions: Floats,
+    quat_xyzw: Floats,
+    camera: Camera,
+    depth_m: float,
+    radius_m: float,
+    colour: tuple[float, float, float],
+) -> Tubes:
+    """The edges of each camera's pyramid of sight, cut off at a depth."""
+    corners = frustum_corners(positions, quat_xyzw, camera, depth_m)
+    apex = np.repeat(positions[:, None], 4, axis=1)
+    starts = np.concatenate([apex.reshape(-1, 3), corners.reshape(-1, 3)])
+    ends = np.concatenate([corners.reshape(-1, 3), np.roll(corners, -1, axis=1).reshape(-1, 3)])
+    return tubes(starts, ends, radius_m, colour)
+
+
+def frustum_corners(positions: Floats, quat_xyzw: Floats, camera: Camera, depth_m: float) -> Floats:
+    """Where each pyramid of sight ends at a depth, (N, 4, 3), m; angles are held under 150 deg."""
+    half = np.tan(np.radians(np.minimum([camera.hfov_deg, camera.vfov_deg], 150.0)) / 2) * depth_m
+    signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half
+    local = np.concatenate([np.full((4, 1), depth_m), signs], axis=1)
+    return positions[:, None] + np.einsum("nij,kj->nki", matrices(quat_xyzw), local)
