@@ -1,0 +1,108 @@
+"""What ends a worker process ends one job, and nothing of it reaches the jobs beside it."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from upplied.fleet.workers import JobKilled, Limits, Workers
+
+
+def hang() -> None:
+    time.sleep(60)
+
+
+def exhaust() -> int:
+    return len(bytearray(64 * 2**30))
+
+
+def crash_natively() -> None:
+    ctypes.string_at(0)
+
+
+def end_abruptly() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def refuse() -> None:
+    raise ValueError("an ordinary error")
+
+
+def slow_square(number: int) -> int:
+    time.sleep(0.2)
+    return number * number
+
+
+@pytest.mark.parametrize(
+    ("culprit", "reason"),
+    [
+        (hang, "took longer than 2 s"),
+        (exhaust, "needed more memory than the 4 GiB"),
+        (crash_natively, "ended by SIGSEGV"),
+        (end_abruptly, "ended by SIGKILL"),
+    ],
+)
+def test_a_lost_process_costs_its_own_job_alone(culprit, reason):
+    with (
+        Workers(2, limits=Limits(timeout_s=2, memory_gib=4)) as workers,
+        ThreadPoolExecutor(4) as threads,
+    ):
+        lost = threads.submit(workers.run, culprit)
+        kept = [threads.submit(workers.run, slow_square, n) for n in range(12)]
+        assert [job.result() for job in kept] == [n * n for n in range(12)]
+        with pytest.raises(JobKilled, match=reason):
+            lost.result()
+
+
+def test_an_error_of_the_job_itself_comes_back_as_it_was_raised():
+    with Workers(1) as workers:
+        with pytest.raises(ValueError, match="ordinary"):
+            workers.run(refuse)
+        before = workers.run(os.getpid)
+        assert workers.run(os.getpid) == before, "an ordinary error must not cost the process"
+
+
+def test_a_worker_computes_on_one_thread_and_the_parent_keeps_its_environment():
+    before = dict(os.environ)
+    with Workers(1) as workers:
+        assert workers.run(os.getenv, "OMP_NUM_THREADS") == "1"
+    assert dict(os.environ) == before
+
+
+PARENT = """
+import os, time
+from upplied.fleet.workers import Workers
+if __name__ == "__main__":
+    workers = Workers(1)
+    print(workers.run(os.getpid), flush=True)
+    workers.run(time.sleep, 60)
+"""
+
+
+def test_workers_end_with_a_killed_parent(tmp_path: Path):
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    parent = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    deadline = time.monotonic() + 20
+    while time.monotonic() < deadline:
+        try:
+            os.kill(child, 0)
+        except ProcessLookupError:
+            return
+        if "Z" in Path(f"/proc/{child}/stat").read_text().rsplit(")", 1)[1].split()[:1]:
+            return  # ended; only its new parent has not looked yet
+        time.sleep(0.1)
+    pytest.fail(f"worker {child} outlived its parent")

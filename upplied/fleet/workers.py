@@ -1,0 +1,222 @@
+"""Processes that outlive what runs in them: a hang, a native crash or a full memory costs one job.
+
+Every worker is an executor of a single process. When that process dies, the job it held is the
+culprit, nobody else's, and the process is replaced; a job past its time is stopped by killing its
+process, since native code does not listen to anything gentler.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import queue
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import active_children, connection, get_context, parent_process
+from multiprocessing.process import BaseProcess
+from typing import Any, TypeVar
+
+log = logging.getLogger(__name__)
+
+Value = TypeVar("Value")
+
+# Every worker computes on one core: libraries that start a thread per core would only compete.
+ONE_THREAD = dict.fromkeys(
+    (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "NUMBA_NUM_THREADS",
+        "ARROW_CPU_THREADS",
+        "POLARS_MAX_THREADS",
+        "UPPLIED_THREADS",
+    ),
+    "1",
+)
+START_UP_S = 180.0  # a fresh process imports its libraries in 3 s; a loaded machine may need far longer
+
+_environment = threading.Lock()
+
+
+class JobKilled(Exception):
+    """The job ended with its process; the text says how."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one job may use before its process is stopped."""
+
+    timeout_s: float = 600.0
+    memory_gib: float | None = None  # address space of a worker; None: the machine's memory / workers
+
+    def memory_bytes(self, workers: int) -> int:
+        """The address space each of `workers` processes may use, bytes."""
+        if self.memory_gib is not None:
+            return int(self.memory_gib * 2**30)
+        machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        return max(machine // workers, 4 * 2**30)  # the libraries alone map 2 to 3 GiB
+
+
+class Workers:
+    """A fixed number of processes, each prepared by `setup`; `run` may be called from any thread.
+
+    Parameters
+    ----------
+    count : int
+        How many processes compute at the same time.
+    setup : callable
+        Called once in each fresh process with `setup_args`; must be importable.
+    limits : Limits
+        Time and memory of one job.
+
+    Examples
+    --------
+    >>> with Workers(1) as workers:
+    ...     workers.run(abs, -2)
+    2
+    """
+
+    def __init__(
+        self,
+        count: int,
+        setup: Callable[..., None] | None = None,
+        setup_args: tuple[Any, ...] = (),
+        limits: Limits | None = None,
+    ) -> None:
+        self.count = count
+        self.limits = limits or Limits()
+        arguments = (self.limits.memory_bytes(count), setup, setup_args)
+        self._all = [_Worker(arguments) for _ in range(count)]
+        self._free: queue.LifoQueue[_Worker] = queue.LifoQueue()
+        for worker in self._all:
+            self._free.put(worker)
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def run(self, function: Callable[..., Value], *args: Any) -> Value:
+        """Call ``function(*args)`` in a free worker and wait for its value.
+
+        Raises
+        ------
+        JobKilled
+            If the process died, ran out of memory or had to be stopped after the time limit.
+        """
+        worker = self._free.get()
+        try:
+            return worker.run(function, args, self.limits)
+        finally:
+            self._free.put(worker)
+
+    def close(self) -> None:
+        """Stop the processes; jobs that still run are lost."""
+        for worker in self._all:
+            worker.stop()
+
+
+class _Worker:
+    """One process, started when first needed and again after it was lost."""
+
+    def __init__(self, arguments: tuple[Any, ...]) -> None:
+        self._arguments = arguments
+        self._executor: ProcessPoolExecutor | None = None
+        self._process: BaseProcess | None = None
+
+    def run(self, function: Callable[..., Value], args: tuple[Any, ...], limits: Limits) -> Value:
+        executor = self._executor or self._start()
+        try:
+            future = executor.submit(function, *args)
+            if not wait([future], limits.timeout_s).done:
+                self.stop()
+                raise JobKilled(f"took longer than {limits.timeout_s:g} s and was stopped")
+            return future.result()
+        except MemoryError:
+            self.stop()  # what is left of its heap is nobody's guess
+            raise JobKilled(f"needed more memory than the {_gib(self._arguments[0])} of a worker") from None
+        except BrokenProcessPool:
+            reason = self._obituary()
+            self.stop()
+            raise JobKilled(reason) from None
+
+    def _start(self) -> ProcessPoolExecutor:
+        executor = ProcessPoolExecutor(1, get_context("spawn"), _prepare, self._arguments)
+        try:
+            with _single_threaded():
+                pid = executor.submit(os.getpid).result(START_UP_S)
+        except (BrokenProcessPool, TimeoutError):
+            executor.shutdown(wait=False, cancel_futures=True)
+            raise JobKilled("its worker process did not start") from None
+        self._process = next((child for child in active_children() if child.pid == pid), None)
+        self._executor = executor
+        return executor
+
+    def _obituary(self) -> str:
+        code = None
+        if self._process is not None:
+            self._process.join(5)
+            code = self._process.exitcode
+        if code is not None and code < 0:
+            return f"its process was ended by {signal.Signals(-code).name}"
+        return "its process ended" + ("" if code is None else f" with exit code {code}")
+
+    def stop(self) -> None:
+        if self._process is not None and self._process.is_alive():
+            self._process.kill()
+        if self._executor is not None:
+            self._executor.shutdown(wait=True, cancel_futures=True)
+        self._executor = self._process = None
+
+
+def _gib(size: int) -> str:
+    return f"{size / 2**30:g} GiB"
+
+
+@contextmanager
+def _single_threaded() -> Iterator[None]:
+    """The environment of a child that is started within; libraries read it while they load."""
+    with _environment:
+        before = {name: os.environ.get(name) for name in ONE_THREAD}
+        os.environ.update(ONE_THREAD)
+        try:
+            yield
+        finally:
+            for name, value in before.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
+
+
+def _prepare(memory_bytes: int, setup: Callable[..., None] | None, setup_args: tuple[Any, ...]) -> None:
+    """First thing in a fresh process: die with the parent, stay within memory, load what jobs need."""
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
+    _limit_memory(memory_bytes)
+    if setup is not None:
+        setup(*setup_args)
+
+
+def _die_with_parent() -> None:
+    """A killed parent says no farewell; its children must not compute on, nor hold its files."""
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+
+def _limit_memory(size: int) -> None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    resource.setrlimit(resource.RLIMIT_AS, (size if hard < 0 else min(size, hard), hard))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
