@@ -209,6 +209,19 @@ class Viewpoints(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class Waypoints(Record):
+    """Camera poses in the order of flight, before they have times of their own."""
+
+    positions: Floats  # (W, 3) m, structure frame
+    quat_xyzw: Floats  # (W, 4) unit, camera to structure
+    t_s: Floats  # (W,) s, time of the demonstration that each answers to; never decreases
+    is_viewpoint: Bools  # (W,)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Measures(Record):
     """What a plan is judged by; NaN where a measure was not computed (algorithm.md, section 8)."""
 
