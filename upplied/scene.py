@@ -65,7 +65,17 @@ class Scene:
         """
         starts = np.asarray(origins - self.origin, np.float32)
         ends = np.asarray(targets - self.origin, np.float32)
-        rays = np.concatenate([starts, ends - starts], axis=1)
+        return self.blocked(np.concatenate([starts, ends - starts], axis=1), slack)
+
+    def blocked(self, rays: np.ndarray, slack: float = 1e-3) -> Bools:
+        """`occluded` for rays made already: no copy, for callers that cast millions.
+
+        Parameters
+        ----------
+        rays : array of float32, shape (N, 6), m
+            Start, relative to `origin`, and the vector from there to the target.
+        slack : float
+        """
         hit = self._scene.test_occlusions(self._tensor(rays), tnear=0.0, tfar=1.0 - slack)
         return np.asarray(hit.numpy(), bool)
 
