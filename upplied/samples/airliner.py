@@ -1,0 +1,245 @@
+"""Meshes of airliners, gear up and hung at the height at which they stand on their gear.
+
+The structure frame has its origin on the ground below the middle of the length, +X to the nose and
++Y to the left wing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from upplied.records import Floats
+from upplied.samples.airliner_shapes import A320, B747, B777, BELUGA, AirlinerShape, Engine, Hump, Wing
+from upplied.samples.surfaces import (
+    Member,
+    Part,
+    Section,
+    assemble,
+    lifting_surface,
+    loft,
+    revolve,
+    smoothstep,
+    superellipse,
+)
+
+_UP, _ACROSS = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
+
+
+def airliner(shape: AirlinerShape, structure_id: str) -> Member:
+    """The mesh of an airliner: fuselage, fairing, wings, winglets, tail, engines and pylons."""
+    parts = [_fuselage(shape), _fairing(shape), _fin(shape)]
+    for side, name in ((1, "left"), (-1, "right")):
+        parts += [
+            _half_wing(shape.wing, f"wing_{name}", side),
+            _half_wing(shape.stabiliser, f"stabiliser_{name}", side),
+        ]
+        for engine in shape.engines:
+            parts += [_nacelle(engine, name, side), _pylon(shape.wing, engine, name, side)]
+        if shape.wing.winglet_m > 0:
+            parts.append(_winglet(shape.wing, name, side))
+        if shape.endplate_m > 0:
+            parts.append(_endplate(shape, name, side))
+    middle = np.array([shape.length_m / 2, 0.0, 0.0])
+    return assemble(
+        structure_id,
+        "airliner",
+        [Part(part.name, part.vertices + middle, part.triangles) for part in parts],
+        "parametric airliner",
+    )
+
+
+def random_airliner(structure_id: str, rng: np.random.Generator) -> Member:
+    """An airliner that nobody built: a sample at another size, with another wing and tail."""
+    base = (A320, BELUGA, B747, B777)[rng.integers(4)]
+    wing, stabiliser, fin = base.wing, base.stabiliser, base.fin
+    made = airliner(
+        replace(
+            base,
+            wing=replace(
+                wing,
+                span_m=wing.span_m * rng.uniform(0.88, 1.12),
+                sweep_deg=wing.sweep_deg + rng.uniform(-3, 3),
+                dihedral_deg=wing.dihedral_deg + rng.uniform(-1.5, 1.5),
+            ),
+            stabiliser=replace(stabiliser, span_m=stabiliser.span_m * rng.uniform(0.9, 1.1)),
+            fin=replace(fin, span_m=fin.span_m * rng.uniform(0.9, 1.1)),
+            engines=tuple(
+                replace(engine, diameter_m=engine.diameter_m * rng.uniform(0.9, 1.08))
+                for engine in base.engines
+            ),
+        ),
+        structure_id,
+    )
+    size = rng.uniform(0.85, 1.2)
+    return replace(made, structure=replace(made.structure, vertices=size * made.structure.vertices))
+
+
+def _fuselage(shape: AirlinerShape, around: int = 36) -> Part:
+    nose = shape.nose_m * (1 - np.cos(np.linspace(0.06, np.pi / 2, 13)[:-1]))
+    middle = np.linspace(shape.nose_m, shape.length_m - shape.tail_m, 23)[:-1]
+    tail = shape.length_m - shape.tail_m * np.cos(np.linspace(0, np.pi / 2, 15))
+    aft = np.concatenate([nose, middle, tail])
+    full, middle_z = _fullness(shape, aft)
+    lower = (full * shape.width_m / 2, full * shape.height_m / 2, np.zeros(len(aft)))
+    angle = 2 * np.pi * np.arange(around) / around
+    direction = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    radius = _reach(direction, *lower)
+    if shape.hump is not None:
+        radius = np.maximum(radius, _reach(direction, *_lobe(shape.hump, aft, lower)))
+    rings = np.empty((len(aft), around, 3))
+    rings[..., 0] = -aft[:, None]
+    rings[..., 1] = radius * direction[:, 0]
+    rings[..., 2] = middle_z[:, None] + radius * direction[:, 1]
+    tip = np.array([0.0, 0.0, middle_z[0]])
+    return loft("fuselage", rings, (tip, rings[-1].mean(axis=0)))
+
+
+def _fullness(shape: AirlinerShape, aft: Floats) -> tuple[Floats, Floats]:
+    """Share of the full section at each station, and the height of its middle above the ground."""
+    fore = np.clip(aft / shape.nose_m, 0, 1)
+    rear = np.clip((aft - shape.length_m + shape.tail_m) / shape.tail_m, 0, 1)
+    taper = 1 - 0.93 * (0.25 * rear + 0.75 * rear**1.9) * smoothstep(rear, -0.3, 0.35)
+    full = (1 - (1 - fore) ** 2) ** 0.58 * taper
+    droop = -0.17 * shape.height_m * (1 - fore) ** 2.2
+    # The top of the tail runs almost level, its belly sweeps up.
+    lift = 0.40 * shape.height_m * (1 - taper)
+    return full, shape.axis_z_m + droop + lift
+
+
+def _lobe(hump: Hump, aft: Floats, lower: tuple[Floats, Floats, Floats]) -> tuple[Floats, Floats, Floats]:
+    begins, whole, until, gone = hump.span_m
+    share = smoothstep(aft, begins, whole) * (1 - smoothstep(aft, until, gone))
+    width, height, _ = lower
+    return (
+        width + share * (hump.width_m / 2 - width),
+        height + share * (hump.height_m / 2 - height),
+        share * hump.rise_m,
+    )
+
+
+def _reach(direction: Floats, half_width: Floats, half_height: Floats, rise: Floats) -> Floats:
+    """Distance (S, K) from the fuselage's middle to an ellipse whose centre lies `rise` above it."""
+    y, z = direction[None, :, 0] / half_width[:, None], direction[None, :, 1] / half_height[:, None]
+    offset = (rise / half_height)[:, None]
+    a, b, c = y * y + z * z, -z * offset, offset**2 - 1
+    return np.asarray((-b + np.sqrt(np.maximum(b * b - a * c, 0))) / a)
+
+
+def _fairing(shape: AirlinerShape) -> Part:
+    """The belly fairing where the wings meet the fuselage."""
+    root = shape.wing.chords_m[0]
+    along = np.linspace(0, np.pi, 13)[1:-1]
+    aft = shape.wing.apex_m + root * (0.55 - 0.72 * np.cos(along))
+    swell = np.sin(along) ** 0.7
+    outline = superellipse(24, 2.6)
+    rings = np.empty((len(aft), 24, 3))
+    rings[..., 0] = -aft[:, None]
+    rings[..., 1] = 0.53 * shape.width_m * swell[:, None] * outline[:, 0]
+    rings[..., 2] = (
+        shape.axis_z_m - 0.36 * shape.height_m + 0.20 * shape.height_m * swell[:, None] * outline[:, 1]
+    )
+    return loft("fairing", rings)
+
+
+def _sections(wing: Wing, side: int) -> list[Section]:
+    sections = []
+    for share, chord in zip((0.0, wing.kink, 1.0), wing.chords_m, strict=True):
+        thick = wing.thickness[0] + share * (wing.thickness[1] - wing.thickness[0])
+        sections.append(Section(_leading(wing, share * wing.span_m, side), chord, thick))
+    return sections
+
+
+def _leading(wing: Wing, out: float, side: int) -> tuple[float, float, float]:
+    """Leading edge of the wing at a distance from the plane of symmetry."""
+    return (
+        -wing.apex_m - out * float(np.tan(np.radians(wing.sweep_deg))),
+        side * out,
+        wing.root_z_m + out * float(np.tan(np.radians(wing.dihedral_deg))),
+    )
+
+
+def _chord(wing: Wing, out: float) -> float:
+    return float(np.interp(out / wing.span_m, (0.0, wing.kink, 1.0), wing.chords_m))
+
+
+def _half_wing(wing: Wing, name: str, side: int) -> Part:
+    return lifting_surface(name, _sections(wing, side), _UP, stations=16)
+
+
+def _winglet(wing: Wing, name: str, side: int) -> Part:
+    x, y, z = _leading(wing, wing.span_m, side)
+    chord, height = wing.chords_m[2], wing.winglet_m
+    tip = (x - 0.15 * chord - 0.75 * height, y + side * 0.25 * height, z + height)
+    return lifting_surface(
+        f"winglet_{name}",
+        [
+            Section((x - 0.12 * chord, y - side * 0.02, z), 0.86 * chord, 0.09),
+            Section(tip, 0.4 * chord, 0.07),
+        ],
+        _ACROSS,
+        stations=5,
+    )
+
+
+def _fin(shape: AirlinerShape) -> Part:
+    fin = shape.fin
+    back = float(np.tan(np.radians(fin.sweep_deg)))
+    sections = [
+        Section(
+            (-fin.apex_m - share * fin.span_m * back, 0.0, fin.root_z_m + share * fin.span_m),
+            chord,
+            fin.thickness[0] + share * (fin.thickness[1] - fin.thickness[0]),
+        )
+        for share, chord in zip((0.0, fin.kink, 1.0), fin.chords_m, strict=True)
+    ]
+    return lifting_surface("fin", sections, _ACROSS, stations=12)
+
+
+def _endplate(shape: AirlinerShape, name: str, side: int) -> Part:
+    x, y, z = _leading(shape.stabiliser, shape.stabiliser.span_m, side)
+    chord, height = shape.stabiliser.chords_m[2], shape.endplate_m
+    sections = [
+        Section((x + 0.35 * chord - 0.35 * share * height, y, z + (share - 0.4) * height), size * chord, 0.09)
+        for share, size in ((0.0, 1.0), (0.45, 1.3), (1.0, 0.75))
+    ]
+    return lifting_surface(f"endplate_{name}", sections, _ACROSS, stations=8)
+
+
+# Distance aft and radius, as shares of the length and of the largest radius: from the tip of the spinner over
+# fan, intake, lip, cowl, fan nozzle and core nozzle to the tip of the plug.
+_COWL = np.array(
+    [
+        (0.13, 0.0), (0.16, 0.12), (0.21, 0.25), (0.22, 0.52), (0.22, 0.80), (0.11, 0.80), (0.03, 0.80),
+        (0.005, 0.83), (0.0, 0.87), (0.01, 0.905), (0.05, 0.95), (0.14, 0.99), (0.28, 1.0), (0.45, 0.98),
+        (0.60, 0.90), (0.72, 0.78), (0.725, 0.58), (0.82, 0.50), (0.90, 0.40), (0.905, 0.24), (0.96, 0.11),
+        (1.0, 0.0),
+    ]
+)  # fmt: skip
+
+
+def _axis_z(engine: Engine) -> float:
+    return engine.clearance_m + engine.diameter_m / 2
+
+
+def _nacelle(engine: Engine, name: str, side: int) -> Part:
+    origin = np.array([-engine.front_m, side * engine.out_m, _axis_z(engine)])
+    profile = _COWL * (engine.length_m, engine.diameter_m / 2)
+    return revolve(f"engine_{name}{engine.suffix}", profile, origin, np.array([-1.0, 0.0, 0.0]))
+
+
+def _pylon(wing: Wing, engine: Engine, name: str, side: int) -> Part:
+    """From inside the cowl to inside the wing."""
+    x, y, z = _leading(wing, engine.out_m, side)
+    chord = _chord(wing, engine.out_m)
+    low = _axis_z(engine) + 0.55 * engine.diameter_m / 2
+    crest = min(_axis_z(engine) + 0.53 * engine.diameter_m, z - 0.15 * (z - low))
+    front = -engine.front_m - 0.16 * engine.length_m
+    rear = x - 0.45 * chord
+    sections = [
+        Section((front, y, low), 0.72 * engine.length_m, 0.09),
+        Section((front - 0.02 * engine.length_m, y, crest), front - 0.02 * engine.length_m - rear, 0.06),
+        Section((x - 0.02 * chord, y, z), 0.5 * chord, 0.06),
+    ]
+    return lifting_surface(f"pylon_{name}{engine.suffix}", sections, _ACROSS, stations=6)

@@ -1,0 +1,20 @@
+"""Boxes of the size of buildings; every face is a part of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upplied.samples.surfaces import Member, assemble, box_faces
+
+
+def box(size_m: tuple[float, float, float], structure_id: str) -> Member:
+    """The mesh of a box (length along X, width, height) whose base has its middle on the origin."""
+    length, width, height = size_m
+    faces = box_faces((-length / 2, -width / 2, 0.0), (length / 2, width / 2, height), cells=12)
+    return assemble(structure_id, "box", faces, "box")
+
+
+def random_box(structure_id: str, rng: np.random.Generator) -> Member:
+    """A box of random size."""
+    x, y, z = rng.uniform(8, 30, 3)
+    return box((float(x), float(y), float(z)), structure_id)

@@ -1,0 +1,94 @@
+"""Parametric beam bridges: a deck with parapets on two piers between two abutments, the road along X."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.samples.surfaces import Member, Part, assemble, block, pillar
+
+
+@dataclass(frozen=True)
+class BridgeShape:
+    """Everything that tells one bridge from another."""
+
+    length_m: float
+    width_m: float
+    deck_z_m: float  # underside of the deck above the ground
+    deck_m: float  # thickness of the deck
+    spacing_m: float  # between the two piers
+    pier_m: tuple[float, float]  # size of a pier along and across the road
+    pier_exponent: float  # 2 round, 6 nearly square
+    taper: float = 0.0  # share by which a pier is narrower at its top
+
+
+BRIDGE_1 = BridgeShape(72.0, 11.0, 14.0, 1.4, 28.0, (3.0, 7.5), 6.0)
+BRIDGE_2 = BridgeShape(96.0, 13.5, 19.0, 2.0, 40.0, (4.0, 8.0), 2.2, 0.2)
+
+
+def bridge(shape: BridgeShape, structure_id: str) -> Member:
+    """The mesh of a bridge whose middle stands on the origin."""
+    parts = [_slab(shape), *_parapets(shape)]
+    for number, x in enumerate((-shape.spacing_m / 2, shape.spacing_m / 2), start=1):
+        parts += [_pier(shape, number, x), _cap(shape, number, x)]
+    return assemble(structure_id, "bridge", parts + _abutments(shape), "parametric beam bridge")
+
+
+def random_bridge(structure_id: str, rng: np.random.Generator) -> Member:
+    """A bridge that nobody built."""
+    spacing = rng.uniform(24, 50)
+    return bridge(
+        BridgeShape(
+            spacing * rng.uniform(2.2, 2.9),
+            rng.uniform(9, 16),
+            rng.uniform(12, 24),
+            rng.uniform(1.0, 2.4),
+            spacing,
+            (rng.uniform(2.0, 4.5), rng.uniform(5.0, 8.0)),
+            rng.uniform(2.0, 6.0),
+            rng.uniform(0.0, 0.25),
+        ),
+        structure_id,
+    )
+
+
+def _slab(shape: BridgeShape) -> Part:
+    half, wide = shape.length_m / 2, shape.width_m / 2
+    return block(
+        "deck", (-half, -wide, shape.deck_z_m), (half, wide, shape.deck_z_m + shape.deck_m), cells=16
+    )
+
+
+def _parapets(shape: BridgeShape) -> list[Part]:
+    half, wide, top = shape.length_m / 2, shape.width_m / 2, shape.deck_z_m + shape.deck_m
+    return [
+        block("parapet_left", (-half, wide - 0.4, top - 0.1), (half, wide, top + 1.1), cells=8),
+        block("parapet_right", (-half, -wide, top - 0.1), (half, 0.4 - wide, top + 1.1), cells=8),
+    ]
+
+
+def _pier(shape: BridgeShape, number: int, x: float) -> Part:
+    level = np.linspace(0, 1, 15)
+    half = np.array(shape.pier_m) / 2 * (1 - shape.taper * level[:, None])
+    return pillar(
+        f"pier_{number}", np.array([x, 0.0]), level * shape.deck_z_m, half, shape.pier_exponent, around=32
+    )
+
+
+def _cap(shape: BridgeShape, number: int, x: float) -> Part:
+    along, across = shape.pier_m[0] / 2 + 0.4, min(shape.width_m / 2 - 0.3, shape.pier_m[1] / 2 + 1.2)
+    return block(
+        f"cap_{number}",
+        (x - along, -across, shape.deck_z_m - 1.2),
+        (x + along, across, shape.deck_z_m + 0.1),
+        cells=3,
+    )
+
+
+def _abutments(shape: BridgeShape) -> list[Part]:
+    half, wide, top = shape.length_m / 2, shape.width_m / 2 + 0.3, shape.deck_z_m + shape.deck_m / 2
+    return [
+        block("abutment_back", (-half - 4.0, -wide, 0.0), (-half + 1.0, wide, top), cells=6),
+        block("abutment_front", (half - 1.0, -wide, 0.0), (half + 4.0, wide, top), cells=6),
+    ]

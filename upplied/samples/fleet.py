@@ -1,0 +1,70 @@
+"""The sample fleet: thirteen structures of five kinds, and members that nobody built."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache, partial
+
+import numpy as np
+
+from upplied.errors import InputError
+from upplied.records import Structure
+from upplied.samples.airliner import airliner, random_airliner
+from upplied.samples.airliner_shapes import A320, B747, B777, BELUGA
+from upplied.samples.box import box, random_box
+from upplied.samples.bridge import BRIDGE_1, BRIDGE_2, bridge, random_bridge
+from upplied.samples.ship import CRUISE, YACHT_1, YACHT_2, random_ship, ship
+from upplied.samples.surfaces import Member
+from upplied.samples.turbine import TURBINE_1, TURBINE_2, TURBINE_3, random_turbine, turbine
+
+_MAKERS: dict[str, Callable[[str], Member]] = {
+    "a320-v1": partial(airliner, A320),
+    "beluga-v1": partial(airliner, BELUGA),
+    "b747-v1": partial(airliner, B747),
+    "b777-v1": partial(airliner, B777),
+    "turbine-1-v1": partial(turbine, TURBINE_1),
+    "turbine-2-v1": partial(turbine, TURBINE_2),
+    "turbine-3-v1": partial(turbine, TURBINE_3),
+    "cruise-v1": partial(ship, CRUISE),
+    "yacht-1-v1": partial(ship, YACHT_1),
+    "yacht-2-v1": partial(ship, YACHT_2),
+    "cube-v1": partial(box, (12.0, 12.0, 12.0)),
+    "cuboid-v1": partial(box, (20.0, 12.0, 9.0)),
+    "bridge-1-v1": partial(bridge, BRIDGE_1),
+    "bridge-2-v1": partial(bridge, BRIDGE_2),
+}
+_RANDOM: dict[str, Callable[[str, np.random.Generator], Member]] = {
+    "airliner": random_airliner,
+    "wind_turbine": random_turbine,
+    "ship": random_ship,
+    "box": random_box,
+    "bridge": random_bridge,
+}
+
+
+def sample_structures() -> list[Structure]:
+    """Every structure of the sample fleet."""
+    return [member(structure_id).structure for structure_id in _MAKERS]
+
+
+@cache
+def member(structure_id: str) -> Member:
+    """A sample structure with its parts.
+
+    Raises
+    ------
+    InputError
+        If there is no sample of that id.
+    """
+    if structure_id not in _MAKERS:
+        raise InputError(
+            f"sample structure {structure_id!r}", "is unknown", f"one of {', '.join(sorted(_MAKERS))}"
+        )
+    return _MAKERS[structure_id](structure_id)
+
+
+def random_member(kind: str, seed: int) -> Member:
+    """A structure of the kind that is not in the fleet, the same for the same seed."""
+    if kind not in _RANDOM:
+        raise InputError(f"kind {kind!r}", "is unknown", f"one of {', '.join(sorted(_RANDOM))}")
+    return _RANDOM[kind](f"{kind}-random-{seed}", np.random.default_rng(seed))

@@ -1,0 +1,169 @@
+"""Parametric ships: a flared hull with raked bow and transom, and decks on top; the waterline at z = 0."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.records import Floats
+from upplied.samples.surfaces import Member, Part, assemble, block, loft, revolve, superellipse
+
+
+@dataclass(frozen=True)
+class ShipShape:
+    """Everything that tells one ship from another; shares count from the stern (0) to the bow (1)."""
+
+    length_m: float
+    beam_m: float
+    freeboard_m: float  # of the deck amidships above the water
+    draught_m: float  # of the hull shown below the water
+    sheer_m: float  # rise of the deck towards the bow
+    rake_m: float  # how far the deck overhangs the waterline at the bow
+    flare: float  # share by which the waterline is narrower than the deck
+    fullness: float  # 0.3 a sharp bow, 0.7 a blunt one
+    decks: tuple[tuple[float, float, float, float], ...]  # stern and bow share, share of beam, height m
+    mast_m: float
+    funnel: tuple[float, float, float] | None = None  # share, length m, height m
+    lifeboats: int = 0  # on each side
+
+
+CRUISE = ShipShape(
+    220.0, 30.0, 11.0, 1.5, 3.5, 10.0, 0.10, 0.42,
+    decks=((0.06, 0.86, 0.97, 6.5), (0.1, 0.8, 0.93, 6.0), (0.16, 0.76, 0.86, 5.5), (0.24, 0.72, 0.66, 3.2)),
+    mast_m=10.0, funnel=(0.30, 14.0, 11.0), lifeboats=7,
+)  # fmt: skip
+YACHT_1 = ShipShape(
+    46.0, 9.0, 3.0, 0.4, 1.3, 4.2, 0.12, 0.36,
+    decks=((0.12, 0.72, 0.90, 2.5), (0.20, 0.62, 0.80, 2.4), (0.30, 0.52, 0.62, 1.0)), mast_m=4.0,
+)  # fmt: skip
+YACHT_2 = ShipShape(
+    27.0, 6.6, 2.1, 0.3, 0.7, 3.2, 0.16, 0.34,
+    decks=((0.22, 0.66, 0.78, 1.9), (0.28, 0.52, 0.62, 1.1)), mast_m=2.2,
+)  # fmt: skip
+
+
+def ship(shape: ShipShape, structure_id: str) -> Member:
+    """The mesh of a ship whose waterline has its middle on the origin."""
+    parts = [_hull(shape)]
+    floor = shape.freeboard_m - 0.15
+    for number, (stern, bow, wide, high) in enumerate(shape.decks, start=1):
+        parts.append(_deck(shape, f"deck_{number}", (stern, bow), wide, floor, high))
+        floor += high
+    parts.append(_mast(shape, floor))
+    if shape.funnel is not None:
+        parts.append(_funnel(shape, floor))
+    parts += _lifeboats(shape)
+    return assemble(structure_id, "ship", parts, "parametric ship, from the waterline up")
+
+
+def random_ship(structure_id: str, rng: np.random.Generator) -> Member:
+    """A ship that nobody built."""
+    length = float(np.exp(rng.uniform(np.log(20), np.log(200))))
+    beam = length * rng.uniform(0.14, 0.22) * (1 - 0.15 * np.log(length / 20) / np.log(10))
+    freeboard = beam * rng.uniform(0.3, 0.4)
+    decks, stern, bow = [], rng.uniform(0.08, 0.2), rng.uniform(0.68, 0.84)
+    for tier in range(3):
+        decks.append((stern, bow, rng.uniform(0.84, 0.92) - 0.12 * tier, beam * rng.uniform(0.18, 0.26)))
+        stern, bow = stern + rng.uniform(0.03, 0.1), bow - rng.uniform(0.04, 0.1)
+    return ship(
+        ShipShape(
+            length,
+            beam,
+            freeboard,
+            0.1 * freeboard,
+            0.3 * freeboard,
+            length * rng.uniform(0.05, 0.1),
+            rng.uniform(0.08, 0.16),
+            rng.uniform(0.32, 0.46),
+            tuple(decks),
+            0.4 * freeboard,
+        ),
+        structure_id,
+    )
+
+
+def _hull(shape: ShipShape) -> Part:
+    """Stations from the transom to the stem; each a keel-to-deck outline of fixed grid."""
+    share = 1 - (1 - np.linspace(0, 1, 41)) ** 1.5
+    level = np.array([0.0, 0.12, 0.3, 0.5, 0.7, 0.88, 1.0])
+    deck_z = shape.freeboard_m + shape.sheer_m * np.clip((share - 0.45) / 0.55, 0, 1) ** 2
+    low_z = -shape.draught_m
+    beam_deck = shape.beam_m / 2 * _plan(share, shape.fullness, 0.92)
+    beam_low = shape.beam_m / 2 * (1 - shape.flare) * _plan(share, shape.fullness + 0.14, 0.84)
+    rings = np.empty((len(share), 2 * len(level) + 6, 3))
+    for row, at in enumerate(share):
+        half = beam_low[row] + (beam_deck[row] - beam_low[row]) * level**1.4
+        z = low_z + level * (deck_z[row] - low_z)
+        shift = -shape.length_m / 2 + at * (shape.length_m - shape.rake_m * (1 - level**1.2))
+        inner = np.array([0.66, 0.0, -0.66])
+        deck = np.column_stack([np.full(3, shift[-1]), inner * half[-1], np.full(3, z[-1])])
+        keel = np.column_stack([np.full(3, shift[0]), -inner * half[0], np.full(3, z[0])])
+        left = np.column_stack([shift, half, z])
+        right = np.column_stack([shift, -half, z])[::-1]
+        rings[row] = np.concatenate([left, deck, right, keel])
+    return loft("hull", rings)
+
+
+def _plan(share: Floats, fullness: float, transom: float) -> Floats:
+    """Half breadth along the ship as a share of the largest: the transom, full amidships, the bow."""
+    bow = np.clip((share - (1 - fullness * 1.15)) / (fullness * 1.15), 0, 1)
+    stern = np.clip(1 - share / 0.25, 0, 1)
+    return np.maximum((1 - bow**2.0) * (1 - (1 - transom) * stern**2), 0.012)
+
+
+def _deck(
+    shape: ShipShape, name: str, ends: tuple[float, float], wide: float, floor: float, high: float
+) -> Part:
+    """One tier of the superstructure, rounded at its ends and leaning back at the front."""
+    stern, bow = (shape.length_m * (share - 0.5) for share in ends)
+    outline = superellipse(48, 5.0)
+    level = np.linspace(0, 1, 7)
+    rings = np.empty((len(level), 48, 3))
+    for row, up in enumerate(level):
+        lean = 0.7 * high * up
+        middle, half = (stern + bow - lean) / 2, (bow - stern - lean) / 2
+        rings[row, :, 0] = middle + half * outline[:, 0]
+        breadth = _plan(rings[row, :, 0] / shape.length_m + 0.5, shape.fullness, 0.92)
+        rings[row, :, 1] = wide * (1 - 0.05 * up) * shape.beam_m / 2 * breadth * outline[:, 1]
+        rings[row, :, 2] = floor + high * up - 0.1 * (up == 0)
+    return loft(name, rings)
+
+
+def _mast(shape: ShipShape, floor: float) -> Part:
+    share = float(np.mean(shape.decks[-1][:2]))
+    radius = 0.035 * shape.mast_m + 0.08
+    top = shape.mast_m
+    profile = np.array(
+        [(-0.3, 0.0), (-0.29, 1.6 * radius), (top / 2, radius), (top, 0.6 * radius), (top + 0.01, 0.0)]
+    )
+    origin = np.array([shape.length_m * (share - 0.5), 0.0, floor])
+    return revolve("mast", profile, origin, np.array([0.0, 0.0, 1.0]), around=12)
+
+
+def _funnel(shape: ShipShape, floor: float) -> Part:
+    assert shape.funnel is not None
+    share, length, height = shape.funnel
+    level = np.linspace(0, 1, 6)
+    outline = superellipse(32, 2.6)
+    rings = np.empty((len(level), 32, 3))
+    for row, up in enumerate(level):
+        rings[row, :, 0] = (
+            shape.length_m * (share - 0.5) - 0.3 * height * up + length / 2 * (1 - 0.2 * up) * outline[:, 0]
+        )
+        rings[row, :, 1] = 0.3 * length * (1 - 0.2 * up) * outline[:, 1]
+        rings[row, :, 2] = floor - 0.2 + up * height
+    return loft("funnel", rings)
+
+
+def _lifeboats(shape: ShipShape) -> list[Part]:
+    boats = []
+    for side, name in ((1.0, "left"), (-1.0, "right")):
+        for number in range(shape.lifeboats):
+            x = shape.length_m * (-0.28 + 0.5 * number / max(shape.lifeboats - 1, 1))
+            y = side * shape.beam_m * 0.5
+            z = shape.freeboard_m + 2.2
+            size = np.array([4.6, 1.3, 1.3])
+            low, high = np.array([x, y, z]) - size, np.array([x, y, z]) + size
+            boats.append(block(f"lifeboat_{name}_{number + 1}", low.tolist(), high.tolist(), 2))
+    return boats

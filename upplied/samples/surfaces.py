@@ -1,0 +1,237 @@
+"""Lofts, surfaces of revolution, airfoils and boxes: closed parts with outward normals.
+
+Every primitive has a fixed grid, so that the same part of two members of a kind has the same
+triangles in the same order, and a point of the one has a known counterpart on the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.records import Floats, Ints, Record, Structure, Surroundings
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Part(Record):
+    """One closed part of a structure."""
+
+    name: str
+    vertices: Floats  # (V, 3) m, structure frame
+    triangles: Ints  # (T, 3) vertex indices, outward
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Member(Record):
+    """A structure of the sample fleet together with the part each of its triangles belongs to."""
+
+    structure: Structure
+    part_names: tuple[str, ...]
+    part_of_triangle: Ints  # (T,) index into `part_names`
+
+    def triangles_of(self, name: str) -> Ints:
+        """Indices of the triangles of a part, in the order of its grid; empty where it is lacking."""
+        if name not in self.part_names:
+            return np.empty(0, np.int64)
+        return np.flatnonzero(self.part_of_triangle == self.part_names.index(name))
+
+
+def assemble(structure_id: str, kind: str, parts: Sequence[Part], notes: str = "") -> Member:
+    """The member that consists of these parts and stands on ground (or water) at z = 0."""
+    whole = joined(structure_id, parts)
+    structure = Structure(
+        structure_id=structure_id,
+        kind=kind,
+        vertices=whole.vertices,
+        triangles=whole.triangles,
+        surroundings=Surroundings(ground_z_m=0.0),
+        notes=notes,
+    )
+    owner = np.repeat(np.arange(len(parts)), [len(part.triangles) for part in parts])
+    return Member(structure, tuple(part.name for part in parts), owner)
+
+
+def joined(name: str, parts: Sequence[Part]) -> Part:
+    """The parts as one, their vertices shared where they meet; the triangles keep their order."""
+    vertices = np.concatenate([part.vertices for part in parts])
+    offsets = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
+    triangles = np.concatenate([part.triangles + start for part, start in zip(parts, offsets, strict=True)])
+    _, first, place = np.unique(np.round(vertices, 9), axis=0, return_index=True, return_inverse=True)
+    order = np.sort(first)
+    rank = np.empty(len(order), np.int64)
+    rank[np.argsort(first)] = np.arange(len(order))
+    return Part(name, vertices[order], rank[place.reshape(-1)][triangles])
+
+
+def loft(name: str, rings: Floats, tips: tuple[Floats, Floats] | None = None) -> Part:
+    """A tube through closed rings, closed at both ends.
+
+    Parameters
+    ----------
+    name : str
+    rings : array, shape (S, K, 3), m
+        S sections of K points each, in the same order around.
+    tips : two arrays, shape (3,), m, optional
+        Where the end caps meet; the middles of the first and the last ring where not given.
+    """
+    sections, around, _ = rings.shape
+    first, last = tips if tips is not None else (rings[0].mean(axis=0), rings[-1].mean(axis=0))
+    vertices = np.concatenate([rings.reshape(-1, 3), [first], [last]])
+    s, k = np.meshgrid(np.arange(sections - 1), np.arange(around), indexing="ij")
+    a, b = s * around + k, s * around + (k + 1) % around
+    walls = np.stack([a, b, b + around, a, b + around, a + around], axis=-1).reshape(-1, 3)
+    ring, following = np.arange(around), (np.arange(around) + 1) % around
+    end = (sections - 1) * around
+    front = np.stack([np.full(around, sections * around), following, ring], axis=1)
+    back = np.stack([np.full(around, sections * around + 1), end + ring, end + following], axis=1)
+    return outward(Part(name, vertices, np.concatenate([walls, front, back])))
+
+
+def outward(part: Part) -> Part:
+    """The closed part with its normals to the outside."""
+    a, b, c = (part.vertices[part.triangles[:, corner]] for corner in range(3))
+    volume = np.einsum("ij,ij->i", a - part.vertices[0], np.cross(b - a, c - a)).sum()
+    return part if volume >= 0 else Part(part.name, part.vertices, part.triangles[:, ::-1])
+
+
+def revolve(name: str, profile: Floats, origin: Floats, axis: Floats, around: int = 24) -> Part:
+    """A surface of revolution that starts and ends on its axis.
+
+    Parameters
+    ----------
+    profile : array, shape (P, 2), m
+        Distance along the axis and radius; the first and last radius are 0.
+    origin, axis : array, shape (3,)
+        A point of the axis, m, and its unit direction.
+    """
+    side, other = frame_across(axis)
+    angle = 2 * np.pi * np.arange(around) / around
+    circle = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other
+    stations = origin + profile[:, :1] * axis
+    rings = stations[1:-1, None] + profile[1:-1, 1, None, None] * circle
+    return loft(name, rings, (stations[0], stations[-1]))
+
+
+def frame_across(axis: Floats) -> tuple[Floats, Floats]:
+    """Two unit vectors across an axis; the first is level where the axis is not upright."""
+    other = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    side = np.cross(other, axis)
+    side /= np.linalg.norm(side)
+    return side, np.cross(axis, side)
+
+
+def airfoil(half: int = 12, camber: float = 0.015) -> Floats:
+    """A four-digit airfoil of unit chord and unit thickness ratio: (2 half, 2), aft and up.
+
+    The thickness of the section is that times its thickness ratio (NACA report 460, Eq. 6, with the
+    closed trailing edge of 0.1036 for the last coefficient).
+    """
+    aft = (1 - np.cos(np.pi * np.arange(half + 1) / half)) / 2
+    thickness = 5 * (
+        0.2969 * np.sqrt(aft) - 0.126 * aft - 0.3516 * aft**2 + 0.2843 * aft**3 - 0.1036 * aft**4
+    )
+    mean = camber * 4 * aft * (1 - aft) / 0.12
+    upper = np.stack([aft, mean + thickness], axis=1)
+    lower = np.stack([aft, mean - thickness], axis=1)
+    return np.concatenate([upper[::-1], lower[1:-1]])
+
+
+@dataclass(frozen=True)
+class Section:
+    """One airfoil of a lifting surface."""
+
+    leading: tuple[float, float, float]  # leading edge, m
+    chord_m: float
+    thickness: float  # share of the chord
+
+
+def lifting_surface(
+    name: str, sections: Sequence[Section], up: tuple[float, float, float], stations: int = 12
+) -> Part:
+    """A wing, fin or pylon through airfoils whose chords run aft (-x) and whose thickness runs along `up`."""
+    corners = np.array([[*section.leading, section.chord_m, section.thickness] for section in sections])
+    travelled = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(corners[:, :3], axis=0), axis=1))])
+    wanted = _with_corners(travelled, stations)
+    table = np.column_stack([np.interp(wanted, travelled, corners[:, column]) for column in range(5)])
+    shape = airfoil(camber=0.0 if abs(up[2]) < 0.5 else 0.015)
+    aft = np.array([-1.0, 0.0, 0.0])
+    chord = table[:, 3, None, None]
+    rings = (
+        table[:, None, :3]
+        + chord * shape[:, :1] * aft
+        + chord * table[:, 4, None, None] * shape[:, 1:] * np.array(up)
+    )
+    return loft(name, rings)
+
+
+def _with_corners(travelled: Floats, stations: int) -> Floats:
+    """About `stations` distances along the corners, with every corner among them."""
+    pieces = len(travelled) - 1
+    each = max(1, stations // pieces)
+    steps = np.arange(each * pieces + 1) / each
+    return np.interp(steps, np.arange(pieces + 1), travelled)
+
+
+def superellipse(around: int, exponent: float) -> Floats:
+    """Points (around, 2) of the curve |y|^n + |z|^n = 1, anticlockwise from +y."""
+    angle = 2 * np.pi * (np.arange(around) + 0.5) / around
+    cosine, sine = np.cos(angle), np.sin(angle)
+    radius = (np.abs(cosine) ** exponent + np.abs(sine) ** exponent) ** (-1 / exponent)
+    return np.stack([radius * cosine, radius * sine], axis=1)
+
+
+def pillar(name: str, base: Floats, levels: Floats, half: Floats, exponent: float, around: int = 24) -> Part:
+    """An upright column of superellipses.
+
+    Parameters
+    ----------
+    base : array, shape (2,), m
+        Its middle in x and y.
+    levels : array, shape (S,), m
+        Heights of its sections, rising.
+    half : array, shape (S, 2), m
+        Half sizes along x and y at each.
+    """
+    outline = superellipse(around, exponent)
+    rings = np.empty((len(levels), around, 3))
+    rings[..., :2] = base + half[:, None] * outline
+    rings[..., 2] = levels[:, None]
+    return loft(name, rings)
+
+
+def box_face(name: str, corner: Floats, along: Floats, across: Floats, cells: int) -> Part:
+    """A flat rectangle of cells x cells squares, its normal along `along` x `across`."""
+    step = np.arange(cells + 1) / cells
+    grid = corner + step[:, None, None] * along + step[None, :, None] * across
+    i, j = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")
+    a = i * (cells + 1) + j
+    b = a + cells + 1
+    triangles = np.stack([a, b, b + 1, a, b + 1, a + 1], axis=-1).reshape(-1, 3)
+    return Part(name, grid.reshape(-1, 3), triangles)
+
+
+def block(name: str, low: Sequence[float], high: Sequence[float], cells: int = 4) -> Part:
+    """A closed box between two corners, m."""
+    return joined(name, box_faces(low, high, cells))
+
+
+def box_faces(low: Sequence[float], high: Sequence[float], cells: int) -> list[Part]:
+    """The six faces of a box as parts of their own: front (+x), back, left (+y), right, top, bottom."""
+    lo, hi = np.asarray(low, float), np.asarray(high, float)
+    x, y, z = np.diag(hi - lo)
+    return [
+        box_face("front", lo + x, y, z, cells),
+        box_face("back", lo, z, y, cells),
+        box_face("left", lo + y, z, x, cells),
+        box_face("right", lo, x, z, cells),
+        box_face("top", lo + z, x, y, cells),
+        box_face("bottom", lo, y, x, cells),
+    ]
+
+
+def smoothstep(value: Floats, start: float, stop: float) -> Floats:
+    """0 before `start`, 1 after `stop`, smooth between."""
+    t = np.clip((value - start) / (stop - start), 0, 1)
+    return t * t * (3 - 2 * t)
