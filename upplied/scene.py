@@ -171,3 +171,18 @@ def surfels(points: Floats, normals: Floats | None) -> tuple[Floats, Ints]:
     fan = np.stack([np.zeros(6, int), 1 + corner, 1 + (corner + 1) % 6], axis=1)
     triangles = (7 * np.arange(len(points)))[:, None, None] + fan
     return vertices, triangles.reshape(-1, 3)
+
+
+def simplified(vertices: Floats, triangles: Ints, count: int) -> tuple[Floats, Ints]:
+    """A coarser mesh of about `count` triangles, by quadric error; smaller meshes stay as they are."""
+    if len(triangles) <= count:
+        return vertices, triangles
+    origin = vertices.mean(axis=0)
+    mesh = open3d().geometry.TriangleMesh(
+        open3d().utility.Vector3dVector(vertices - origin),
+        open3d().utility.Vector3iVector(triangles.astype(np.int32)),
+    )
+    mesh.remove_duplicated_vertices()
+    coarse = mesh.simplify_quadric_decimation(count)
+    coarse.remove_unreferenced_vertices()
+    return np.asarray(coarse.vertices) + origin, np.asarray(coarse.triangles).astype(np.int64)
