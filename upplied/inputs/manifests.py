@@ -1,0 +1,202 @@
+"""Manifests: what people declare about the structures of a folder, in TOML or CSV.
+
+A mesh file says little about itself: no unit, no up axis, no heading that can be trusted. So they
+are declared once, in `structures.toml` (``[[structure]]`` tables) or a CSV with the same keys as
+columns. Lengths other than those of the file itself are metres in the structure frame.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from upplied.errors import InputError
+from upplied.inputs import manifest_keys as keys
+from upplied.records import Floats, Placement, Surroundings
+
+MAX_BYTES = 16 << 20  # a row is some 200 bytes: 80 000 structures
+
+
+@dataclass(frozen=True, eq=False)
+class StructureEntry:
+    """One structure as declared: where its file lies and how to understand it."""
+
+    structure_id: str
+    kind: str
+    path: Path
+    unit_m: float | None = None  # metres per unit of the file; None: the file itself declares it
+    up: str = "z"  # axis of the file that points up: x, y, z, -x, -y or -z
+    forward: str = "x"  # axis of the file that becomes +X: nose, bow, rotor hub, long axis
+    scale: float = 1.0  # of the whole, besides the unit (a scene file's scale, a toy model)
+    local_origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # subtracted first, units and axes of the file
+    site: str = ""
+    placement: Placement | None = None
+    surroundings: Surroundings = field(default_factory=Surroundings)
+    nominal_m: tuple[float | None, float | None, float | None] = (None, None, None)  # along x, y, z; checked
+    landmarks: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # structure frame, m
+    symmetric: bool = False  # no heading can be told from the shape
+    drop_hidden: bool = False  # drop parts that cannot be seen from outside
+    drop_outliers: bool = False  # drop parts far off the rest: billboards, wakes
+    clip_ground: bool = False  # cut off what lies below the declared ground
+    notes: str = ""
+
+
+def read_manifest(path: Path | str, allow_outside: bool = False) -> list[StructureEntry]:
+    """The structures that a manifest declares.
+
+    Parameters
+    ----------
+    path : path
+        A ``.toml`` file with ``[[structure]]`` tables, or a ``.csv`` with the same keys as columns.
+    allow_outside : bool
+        Also accept absolute paths and paths that leave the manifest's folder.
+
+    Raises
+    ------
+    InputError
+        Naming the manifest, the entry and the rule that it breaks. The files that it names are not
+        opened here.
+    """
+    path = Path(path)
+    text = _text(path)
+    rows = _toml_rows(path, text) if path.suffix.lower() == ".toml" else _csv_rows(path, text)
+    entries = []
+    seen: set[str] = set()
+    for what, row in rows:
+        entry = _entry(row, what, path.parent, allow_outside)
+        if entry.structure_id in seen:
+            raise InputError(what, f"the id {entry.structure_id!r} stands twice", "one entry per id")
+        seen.add(entry.structure_id)
+        entries.append(entry)
+    if not entries:
+        raise InputError(str(path), "declares no structure", "at least one [[structure]] table or CSV row")
+    return entries
+
+
+def _text(path: Path) -> str:
+    if path.suffix.lower() not in (".toml", ".csv"):
+        raise InputError(str(path), f"has the suffix {path.suffix!r}", "a manifest is a .toml or a .csv file")
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise InputError(
+            str(path), f"cannot be read: {error.strerror or error}", "", "check the path"
+        ) from None
+    if len(data) > MAX_BYTES:
+        raise InputError(str(path), f"is larger than {MAX_BYTES >> 20} MB", "smaller manifests", "split it")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            str(path), f"byte {error.start} is not UTF-8", "UTF-8 text", "save it as UTF-8"
+        ) from None
+
+
+def _toml_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    try:
+        document = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(str(path), f"is not TOML: {str(error)[:200]}", "", "correct the line") from None
+    for key in document:
+        if key != "structure":
+            raise InputError(str(path), f"unknown top-level key {key[:60]!r}", "[[structure]] tables only")
+    tables = document.get("structure", [])
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise InputError(
+            str(path), "`structure` is not an array of tables", "[[structure]], with two brackets"
+        )
+    for number, table in enumerate(tables, 1):
+        yield f"{path}, structure {number} ({str(table.get('id', 'without id'))[:64]!r})", table
+
+
+def _csv_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    try:
+        header = [name.strip() for name in next(reader, [])]
+        if len(set(header)) < len(header):
+            raise InputError(f"{path}, header", "names a column twice", "each column once")
+        for cells in reader:
+            what = f"{path}, line {reader.line_num}"
+            if not any(cell.strip() for cell in cells):
+                continue
+            if len(cells) != len(header):
+                raise InputError(what, f"has {len(cells)} cells", f"{len(header)}, as the header")
+            row = zip(header, cells, strict=True)
+            yield what, {name: cell.strip() for name, cell in row if cell.strip()}
+    except csv.Error as error:
+        raise InputError(f"{path}, line {reader.line_num}", f"is not CSV: {error}") from None
+
+
+def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool) -> StructureEntry:
+    given = keys.parse(row, what)
+    up, forward = keys.axes(given, what)
+    return StructureEntry(
+        structure_id=given["id"],
+        kind=given["kind"],
+        path=_inside(folder, given["path"], what, allow_outside),
+        unit_m=given["units"],
+        up=up,
+        forward=forward,
+        scale=given.get("scale", 1.0),
+        local_origin=given.get("local_origin", (0.0, 0.0, 0.0)),
+        site=given.get("site", ""),
+        placement=_placement(given, what),
+        surroundings=_surroundings(given),
+        nominal_m=tuple(given.get(f"nominal_{side}_m") for side in ("length", "width", "height")),  # type: ignore[arg-type]
+        landmarks=given.get("landmarks", {}),
+        symmetric=given.get("symmetric", False),
+        drop_hidden=given.get("drop_hidden", False),
+        drop_outliers=given.get("drop_outliers", False),
+        clip_ground=given.get("clip_ground", False),
+        notes=given.get("notes", ""),
+    )
+
+
+def _inside(folder: Path, name: str, what: str, allow_outside: bool) -> Path:
+    path = Path(name)
+    if allow_outside:
+        return folder / path
+    root = folder.resolve()
+    if path.is_absolute() or not (root / path).resolve().is_relative_to(root):
+        raise InputError(
+            what,
+            f"the path {name[:120]!r} leaves the manifest's folder",
+            "paths relative to the manifest, inside its folder",
+            "move the file there, or allow outside paths explicitly",
+        )
+    return folder / path
+
+
+def _placement(given: Mapping[str, Any], what: str) -> Placement | None:
+    parts = ("lat", "lon", "alt", "heading")
+    missing = [key for key in parts if key not in given]
+    if len(missing) == len(parts):
+        return None
+    if missing:
+        raise InputError(
+            what,
+            f"has no {' and no '.join(missing)}",
+            "lat, lon, alt and heading (deg of +X, clockwise from north) are given together or not at all",
+        )
+    datum = given.get("datum", "ellipsoid")
+    return Placement(given["lat"], given["lon"], given["alt"], given["heading"], datum)
+
+
+def _surroundings(given: Mapping[str, Any]) -> Surroundings:
+    def array(key: str, empty: tuple[int, ...]) -> Floats:
+        return np.asarray(given[key], float) if key in given else np.empty(empty)
+
+    return Surroundings(
+        ground_z_m=given.get("ground_z"),
+        keep_out_m=array("keep_out", (0, 2, 3)),
+        geofence_m=array("geofence", (0, 2)),
+        ceiling_z_m=given.get("ceiling_z"),
+    )
