@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from upplied.planning.look import Looks, View, bend, find_detours, find_looks
-from upplied.records import Bools, Floats, Waypoints
+from upplied.planning.frechet import spread
+from upplied.planning.look import Detours, Looks, View, bend, find_detours, find_looks
+from upplied.records import Bools, Floats, Ints, Waypoints
 
 _ROUNDS = 3  # bends of the path; each leaves less to see, and two suffice on most structures
 
@@ -15,7 +16,7 @@ _ROUNDS = 3  # bends of the path; each leaves less to see, and two suffice on mo
 def complete(
     path: Waypoints,
     view: View,
-    standoff_m: float,
+    deviation: float,
     safe: Callable[[Floats], Floats],
     allowed: Callable[[Floats], Bools],
 ) -> Waypoints:
@@ -27,8 +28,9 @@ def complete(
         The carried flight, target frame.
     view : View
         What is to be seen, and by which camera.
-    standoff_m : float
-        Usual distance from the surface, m, at which detours are looked for.
+    deviation : float
+        How far bends may lead from the carried flight along each axis, in units of its own spread
+        there: what they may add to `frechet_z`.
     safe : callable
         Takes positions (M, 3), gives as many that keep the safety distance, also between them.
     allowed : callable
@@ -40,16 +42,48 @@ def complete(
         With a further waypoint for each turn of the camera, flagged as viewpoint.
     """
     positions = safe(path.positions)
+    base, reach_m = positions, deviation * spread(path.positions)[1]
+
+    def within(tried: Floats, changed: Ints) -> bool:
+        strayed = np.linalg.norm((tried[changed] - base[changed]) / reach_m, axis=1)
+        return bool((strayed <= 1.0 + 1e-9).all() and allowed(tried[changed]).all())
+
     for _ in range(_ROUNDS):
-        covered = view.seen(positions, path.quat_xyzw).any(axis=0)
-        looks = find_looks(positions, path.quat_xyzw, covered, view)
-        covered |= view.seen(positions[looks.station], looks.quat_xyzw).any(axis=0)
-        detours = find_detours(positions, covered, view, standoff_m, allowed)
-        if len(detours.station) == 0:
-            return with_looks(path, positions, looks)
-        positions = safe(bend(positions, detours))
+        seen = view.seen(positions, path.quat_xyzw)
+        looks = find_looks(positions, path.quat_xyzw, seen.any(axis=0), view)
+        turned = view.seen(positions[looks.station], looks.quat_xyzw).any(axis=0)
+        covered = seen.any(axis=0) | turned
+        detours = find_detours(positions, covered, view, reach_m, allowed)
+        bent = _bent(positions, path.quat_xyzw, seen, detours, view, within)
+        if bent is positions:
+            break
+        positions = safe(bent)
     covered = view.seen(positions, path.quat_xyzw).any(axis=0)
     return with_looks(path, positions, find_looks(positions, path.quat_xyzw, covered, view))
+
+
+def _bent(
+    positions: Floats,
+    quat_xyzw: Floats,
+    seen: Bools,
+    detours: Detours,
+    view: View,
+    within: Callable[[Floats, Ints], bool],
+) -> Floats:
+    """The path with each bend that shows more than it hides; the same array where none does."""
+    shown = np.zeros(seen.shape[1], bool)
+    for place, quat, station in zip(detours.positions, detours.quat_xyzw, detours.station, strict=True):
+        tried = bend(positions, place, int(station))
+        changed = np.flatnonzero(np.abs(tried - positions).max(axis=1) > 1e-9)
+        if not within(tried, changed):
+            continue
+        rows = np.array(seen)
+        rows[changed] = view.seen(tried[changed], quat_xyzw[changed])
+        there = view.seen(place[None], quat[None])[0]
+        before = view.need[seen.any(axis=0) | shown].sum()
+        if view.need[rows.any(axis=0) | shown | there].sum() > before:
+            positions, seen, shown = tried, rows, shown | there
+    return positions
 
 
 def with_looks(path: Waypoints, positions: Floats, looks: Looks) -> Waypoints:

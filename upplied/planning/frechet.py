@@ -80,15 +80,26 @@ def zscored(path: Floats) -> Floats:
     array([[-1.7321,  0.    ],
            [ 1.7321,  0.    ]])
     """
+    mean, deviation = spread(path)
+    return (path - mean) / deviation
+
+
+def spread(path: Floats) -> tuple[Floats, Floats]:
+    """Mean and deviation (D,) of a curve by length, as `zscored` uses them; 1 where all is one point.
+
+    Parameters
+    ----------
+    path : array, shape (N, D)
+    """
     path = check_finite(path, (None, None), "path")
     legs, middle = np.diff(path, axis=0), (path[1:] + path[:-1]) / 2
     length = np.linalg.norm(legs, axis=1)
     if length.sum() == 0:
-        return path - path.mean(axis=0)
+        return path.mean(axis=0), np.ones(path.shape[1])
     weight = length / length.sum()
     mean = weight @ middle
     deviation = np.sqrt(weight @ ((middle - mean) ** 2 + legs**2 / 12))
-    return (path - mean) / np.maximum(deviation, _SMALLEST_SHARE * deviation.max())
+    return mean, np.maximum(deviation, _SMALLEST_SHARE * deviation.max())
 
 
 @njit(cache=True)

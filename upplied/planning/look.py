@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.visibility import visible
@@ -21,6 +22,8 @@ from upplied.scene import Scene
 _WORTH = 4e-4  # share of the whole need that a turn must add to be flown
 _DIRECTIONS = 24  # candidate directions at each station
 _STATIONS = 160  # stations from which turns are considered
+_SEEDS = 60  # missed samples from which detours are sought
+_PLACES = 80  # of the places to try, the most promising
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,7 +37,7 @@ class Looks(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Detours(Record):
-    """Places off the path from which missed samples can be seen."""
+    """Places off the path from which missed samples can be seen, the most useful first."""
 
     positions: Floats  # (D, 3) m
     quat_xyzw: Floats  # (D, 4)
@@ -103,34 +106,33 @@ def find_looks(positions: Floats, quat_xyzw: Floats, covered: Bools, view: View)
 
 
 def find_detours(
-    positions: Floats, covered: Bools, view: View, standoff_m: float, allowed: Callable[[Floats], Bools]
+    positions: Floats, covered: Bools, view: View, reach_m: Floats, allowed: Callable[[Floats], Bools]
 ) -> Detours:
-    """Places near the path from which what no station can see is seen.
+    """Places near the path from which what no station can see is seen, the most useful first.
 
     Parameters
     ----------
     positions : array, shape (M, 3), m
     covered : array of bool, shape (N,)
     view : View
-    standoff_m : float
-        Usual stand-off of the flight, m.
+    reach_m : array, shape (3,), m
+        How far a detour may lead from the path along each axis (an ellipsoid).
     allowed : callable
         Takes positions (K, 3), gives (K,) bool: free, high enough, inside the fence.
     """
     missing = np.flatnonzero((view.need > 0) & ~covered)
     if len(missing) == 0:
         return _no_detours()
-    places = _places(view.cloud, missing, standoff_m)
-    gap, station = _nearest(places, positions)
-    near = gap < 3 * standoff_m
-    places, gap, station = places[near], gap[near], station[near]
-    free = allowed(places) if len(places) else np.zeros(0, bool)
-    places, gap, station = places[free], gap[free], station[free]
-    if len(places) == 0:
-        return _no_detours()
+    places, station = _places(view.cloud, missing, positions, reach_m)
+    free = allowed(places)
+    places, station = places[free], station[free]
     reach = view.reach(places, missing)
+    ease = 1 / (1 + 4 * np.sum(((places - positions[station]) / reach_m) ** 2, axis=1))
+    promise = (reach @ view.need[missing]) * ease
     rows, quats, shows = [], [], []
-    for index in np.flatnonzero(reach.any(axis=1)):
+    for index in np.argsort(-promise, kind="stable")[:_PLACES]:
+        if promise[index] <= 0:
+            break
         quat, shown = _directions(places[index], reach[index], missing, view, number=4)
         rows.append(np.full(len(quat), index))
         quats.append(quat)
@@ -138,27 +140,22 @@ def find_detours(
     if not rows:
         return _no_detours()
     row, quat = np.concatenate(rows), np.concatenate(quats)
-    ease = 1 / (1 + gap[row] / standoff_m)
-    chosen, gain = _greedy(np.concatenate(shows), view.need[missing], ease, 2 * _WORTH * view.need.sum())
-    order = np.argsort(station[row[chosen]], kind="stable")
-    chosen, gain = chosen[order], gain[order]
+    worth = 2 * _WORTH * view.need.sum()
+    chosen, gain = _greedy(np.concatenate(shows), view.need[missing], ease[row], worth)
     return Detours(places[row[chosen]], quat[chosen], station[row[chosen]], gain)
 
 
-def bend(positions: Floats, detours: Detours) -> Floats:
-    """The path bent smoothly so that it passes through each detour at its station.
+def bend(positions: Floats, place: Floats, station: int) -> Floats:
+    """The path bent smoothly so that it passes through a place at one of its stations.
 
-    Each bend is a raised cosine over arc length, wide enough that it leaves the path at less than
+    The bend is a raised cosine over arc length, wide enough that it leaves the path at less than
     about 30 degrees.
     """
-    bent = np.array(positions)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
-    for place, station in zip(detours.positions, detours.station, strict=True):
-        offset = place - bent[station]
-        width = max(3.0 * float(np.linalg.norm(offset)), 1e-6)
-        distance = np.abs(along - along[station]) / width
-        bent += np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * distance), 0)[:, None] * offset
-    return bent
+    offset = place - positions[station]
+    width = max(3.0 * float(np.linalg.norm(offset)), 1e-6)
+    distance = np.abs(along - along[station]) / width
+    return positions + np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * distance), 0)[:, None] * offset
 
 
 def _directions(
@@ -206,27 +203,32 @@ def _greedy(shows: Bools, need: Floats, ease: Floats, worth: float) -> tuple[Int
         left[shows[best]] = 0.0
 
 
-def _places(cloud: Cloud, missing: Ints, standoff_m: float) -> Floats:
-    """Places to try in front of missed samples: along and beside their normals, at three distances."""
-    seeds = missing[np.unique(np.linspace(0, len(missing) - 1, min(60, len(missing))).astype(int))]
+def _places(cloud: Cloud, missing: Ints, positions: Floats, reach_m: Floats) -> tuple[Floats, Ints]:
+    """Places to try for missed samples, and the station each is bent from.
+
+    From the stations nearest to where a sample is seen straight and aslant, part of the way towards
+    there: the smallest move that helps is the best.
+    """
+    seeds = missing[np.unique(np.linspace(0, len(missing) - 1, min(_SEEDS, len(missing))).astype(int))]
     normals = cloud.normals[seeds]  # type: ignore[index]
     helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(normals, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(normals, first)
     rays = [normals]
-    for tilt in np.radians([30.0, 55.0]):
-        for turn in np.arange(6) * np.pi / 3:
-            beside = np.cos(turn) * first + np.sin(turn) * second
-            rays.append(np.cos(tilt) * normals + np.sin(tilt) * beside)
-    lengths = standoff_m * np.array([1.0, 0.7, 1.3])
-    return np.concatenate([cloud.points[seeds] + length * ray for ray in rays for length in lengths])
-
-
-def _nearest(places: Floats, positions: Floats) -> tuple[Floats, Ints]:
-    gap = np.linalg.norm(places[:, None] - positions[None], axis=2)
-    station = gap.argmin(axis=1)
-    return gap[np.arange(len(places)), station], station
+    for turn in np.arange(6) * np.pi / 3:
+        beside = np.cos(turn) * first + np.sin(turn) * second
+        rays.append(np.cos(0.8) * normals + np.sin(0.8) * beside)
+    tree = cKDTree(positions)
+    distance = tree.query(cloud.points[seeds])[0][:, None]
+    ideal = np.concatenate([cloud.points[seeds] + distance * ray for ray in rays])
+    station = np.asarray(tree.query(ideal)[1], np.int64)
+    move = ideal - positions[station]
+    length = np.maximum(np.linalg.norm(move / reach_m, axis=1, keepdims=True), 1e-9)
+    furthest = move / np.maximum(length, 1.0)
+    shares = (0.25, 0.5, 0.75, 1.0)
+    places = np.concatenate([positions[station] + share * furthest for share in shares])
+    return places, np.tile(station, len(shares))
 
 
 def _axis_angle(a_xyzw: Floats, b_xyzw: Floats) -> Floats:
