@@ -41,12 +41,16 @@ class Scene:
     triangles : array, shape (T, 3), vertex indices
     threads : int
         Threads of each call; 0 lets the library choose. Results do not depend on it.
+    grain_m : float
+        How coarsely the triangles stand for the surface: 0 for a mesh, the discs' radius for a
+        sampled cloud. A sight line that comes this near to its target has arrived.
     """
 
-    def __init__(self, vertices: Floats, triangles: Ints, threads: int = 0) -> None:
+    def __init__(self, vertices: Floats, triangles: Ints, threads: int = 0, grain_m: float = 0.0) -> None:
         core = open3d().core
         self.origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
         self.threads = threads
+        self.grain_m = grain_m
         self._scene = open3d().t.geometry.RaycastingScene(nthreads=threads)
         self._scene.add_triangles(
             core.Tensor(np.ascontiguousarray(vertices - self.origin, np.float32)),
@@ -131,7 +135,9 @@ def scene_of(structure: Structure, threads: int = 0) -> Scene:
     """The scene of a structure's mesh, or of oriented discs where it is a point cloud."""
     if len(structure.triangles):
         return Scene(structure.vertices, structure.triangles, threads)
-    return Scene(*surfels(structure.vertices, structure.normals), threads)
+    vertices, triangles = surfels(structure.vertices, structure.normals)
+    radius = np.linalg.norm(vertices[1::7] - vertices[0::7], axis=1)  # each disc: its centre, then its rim
+    return Scene(vertices, triangles, threads, grain_m=float(np.median(radius)))
 
 
 def surfels(points: Floats, normals: Floats | None) -> tuple[Floats, Ints]:

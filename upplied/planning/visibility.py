@@ -83,7 +83,7 @@ def visible(
     pairs = np.empty(len(rays), np.int64)
     pose = 0
     while pose < len(cameras):
-        pose, count = _gather(cameras, axes, points, normals, limits, pose, rays, pairs)
+        pose, count = _gather(cameras, axes, points, normals, limits, scene.grain_m, pose, rays, pairs)
         free = ~scene.blocked(rays[:count])
         seen.reshape(-1)[pairs[:count][free]] = True
     return Visibility(seen)
@@ -168,11 +168,15 @@ def _gather(
     points: Floats,
     normals: Floats,
     limits: Floats,
+    grain: float,
     pose: int,
     rays: Floats,
     pairs: Ints,
 ) -> tuple[int, int]:
-    """Rays of as many whole poses as fit, from `pose` on; the next pose, and how many rays there are."""
+    """Rays of as many whole poses as fit, from `pose` on; the next pose, and how many rays there are.
+
+    Each ray ends `grain` short of its point.
+    """
     count, number = 0, len(points)
     while pose < len(cameras) and count + number <= len(rays):
         for index in range(number):
@@ -183,9 +187,13 @@ def _gather(
                 rays[count, 0] = cameras[pose, 0]
                 rays[count, 1] = cameras[pose, 1]
                 rays[count, 2] = cameras[pose, 2]
-                rays[count, 3] = ray_x
-                rays[count, 4] = ray_y
-                rays[count, 5] = ray_z
+                share = 1.0
+                if grain > 0:
+                    length = np.sqrt(ray_x * ray_x + ray_y * ray_y + ray_z * ray_z)
+                    share = max(1.0 - grain / max(length, 1e-12), 0.0)
+                rays[count, 3] = ray_x * share
+                rays[count, 4] = ray_y * share
+                rays[count, 5] = ray_z * share
                 pairs[count] = pose * number + index
                 count += 1
         pose += 1
