@@ -1,8 +1,8 @@
 """How near a whole path comes to the structure: along its legs, not only at its waypoints.
 
-The distance from a surface changes by at most one metre per metre flown. So where the middle of a
-piece is far enough, the whole piece is, and only the pieces that could still matter are halved: all
-of them at once, on the unsigned distance (real meshes are seldom watertight).
+Around a point at distance d from the surface, the ball of radius d is free. So the balls of both ends
+of a piece of a leg bound the clearance of all of it, and only the pieces that could still matter are
+halved: all of them at once, on the unsigned distance (real meshes are seldom watertight).
 """
 
 from __future__ import annotations
@@ -48,16 +48,15 @@ def path_clearance(scene: Scene, positions: Floats, tolerance_m: float = _TOLERA
     Nearest
     """
     positions = np.asarray(positions, float).reshape(-1, 3)
-    at_waypoint = scene.distance(positions)
-    best = int(at_waypoint.argmin())
-    distance, place, leg = float(at_waypoint[best]), positions[best], max(min(best, len(positions) - 2), 0)
-    pieces = _Pieces.of(positions)
+    free = scene.distance(positions)
+    best = int(free.argmin())
+    distance, place, leg = float(free[best]), positions[best], max(min(best, len(positions) - 2), 0)
+    pieces = _Pieces.of(positions, free)
     while len(pieces.leg):
-        at_middle = scene.distance(pieces.middle)
-        low = int(at_middle.argmin())
-        if at_middle[low] < distance:
-            distance, place, leg = float(at_middle[low]), pieces.middle[low], int(pieces.leg[low])
-        pieces = pieces.halved(at_middle - pieces.half_m < distance - tolerance_m)
+        pieces = pieces.kept(pieces.bound_m() < distance - tolerance_m).halved(scene)
+        if len(pieces.leg) and pieces.free_b.min() < distance:
+            best = int(pieces.free_b.argmin())
+            distance, place, leg = float(pieces.free_b[best]), pieces.b[best], int(pieces.leg[best])
     return Nearest(distance, np.array(place), leg, tolerance_m)
 
 
@@ -73,45 +72,56 @@ def legs_below(scene: Scene, positions: Floats, limit_m: float, tolerance_m: flo
     limit_m, tolerance_m : float
     """
     positions = np.asarray(positions, float)
-    below = np.zeros(max(len(positions) - 1, 0), bool)
-    near = scene.distance(positions) < limit_m
-    below |= near[:-1] | near[1:]
-    pieces = _Pieces.of(positions)
-    pieces = pieces.kept(~below[pieces.leg])
+    free = scene.distance(positions)
+    below = (free[:-1] < limit_m) | (free[1:] < limit_m)
+    pieces = _Pieces.of(positions, free)
     while len(pieces.leg):
-        at_middle = scene.distance(pieces.middle)
-        too_near = (at_middle < limit_m) | (
-            (at_middle - pieces.half_m < limit_m) & (pieces.half_m <= tolerance_m)
-        )
-        below[pieces.leg[too_near]] = True
-        pieces = pieces.halved((at_middle - pieces.half_m < limit_m) & ~below[pieces.leg])
+        pieces = pieces.kept((pieces.bound_m() < limit_m) & ~below[pieces.leg])
+        below[pieces.leg[pieces.length_m() <= tolerance_m]] = True
+        pieces = pieces.kept(~below[pieces.leg]).halved(scene)
+        below[pieces.leg[pieces.free_b < limit_m]] = True
     return below
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Pieces(Record):
-    """Pieces of legs, by middle and half their vector."""
+    """Straight pieces from a to b with the distance of their ends from the surface."""
 
-    middle: Floats  # (K, 3) m
-    half: Floats  # (K, 3) m
+    a: Floats  # (K, 3) m
+    b: Floats  # (K, 3) m
+    free_a: Floats  # (K,) m
+    free_b: Floats  # (K,) m
     leg: Ints  # (K,)
 
     @classmethod
-    def of(cls, positions: Floats) -> _Pieces:
-        half = np.diff(positions, axis=0) / 2
-        return cls(positions[:-1] + half, half, np.arange(len(half)))
+    def of(cls, positions: Floats, free: Floats) -> _Pieces:
+        return cls(positions[:-1], positions[1:], free[:-1], free[1:], np.arange(len(positions) - 1))
 
-    @property
-    def half_m(self) -> Floats:
-        return np.linalg.norm(self.half, axis=1)
+    def length_m(self) -> Floats:
+        return np.linalg.norm(self.b - self.a, axis=1)
+
+    def bound_m(self) -> Floats:
+        """No point of the piece is nearer: the surface lies outside both balls, so beyond the circle
+        in which they meet, unless one ball holds the other's share of the piece.
+        """
+        length = np.maximum(self.length_m(), 1e-12)
+        plane = (length**2 + self.free_a**2 - self.free_b**2) / (2 * length)  # of the circle, from a
+        circle = np.sqrt(np.maximum(self.free_a**2 - plane**2, 0))
+        return np.where(plane <= 0, self.free_a, np.where(plane >= length, self.free_b, circle))
 
     def kept(self, which: Bools) -> _Pieces:
-        return _Pieces(self.middle[which], self.half[which], self.leg[which])
+        return _Pieces(self.a[which], self.b[which], self.free_a[which], self.free_b[which], self.leg[which])
 
-    def halved(self, which: Bools) -> _Pieces:
-        middle, half = self.middle[which], self.half[which] / 2
+    def halved(self, scene: Scene) -> _Pieces:
+        """Both halves of each piece; the first halves come first and end in the new points."""
+        if len(self.leg) == 0:
+            return self
+        middle = (self.a + self.b) / 2
+        free = scene.distance(middle)
         return _Pieces(
-            np.concatenate([middle - half, middle + half]),
-            np.concatenate([half, half]),
-            np.concatenate([self.leg[which], self.leg[which]]),
+            np.concatenate([self.a, middle]),
+            np.concatenate([middle, self.b]),
+            np.concatenate([self.free_a, free]),
+            np.concatenate([free, self.free_b]),
+            np.concatenate([self.leg, self.leg]),
         )
