@@ -1,4 +1,4 @@
-"""The sample fleet: thirteen structures of five kinds, and members that nobody built."""
+"""The sample fleet: fourteen structures of five kinds, and members that nobody built."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from functools import cache, partial
 import numpy as np
 
 from upplied.errors import InputError
-from upplied.records import Structure
+from upplied.records import Demonstration, Structure
 from upplied.samples.airliner import airliner, random_airliner
 from upplied.samples.airliner_shapes import A320, B747, B777, BELUGA
 from upplied.samples.box import box, random_box
 from upplied.samples.bridge import BRIDGE_1, BRIDGE_2, bridge, random_bridge
+from upplied.samples.pilot import fly
 from upplied.samples.ship import CRUISE, YACHT_1, YACHT_2, random_ship, ship
 from upplied.samples.surfaces import Member
 from upplied.samples.turbine import TURBINE_1, TURBINE_2, TURBINE_3, random_turbine, turbine
@@ -40,6 +41,24 @@ _RANDOM: dict[str, Callable[[str, np.random.Generator], Member]] = {
     "box": random_box,
     "bridge": random_bridge,
 }
+# The demonstrations of the paper's tables.
+_FLIGHTS = (
+    ("a320-v1", "fuselage"),
+    ("a320-v1", "wings"),
+    ("a320-v1", "engine_left"),
+    ("turbine-1-v1", "tower"),
+    ("cruise-v1", "hull"),
+    ("cube-v1", "sides"),
+    ("bridge-1-v1", "piers"),
+)
+
+
+def sample_demonstrations() -> list[Demonstration]:
+    """The flights of the paper's tables round the sample fleet, such as ``a320-fuselage-v1``."""
+    return [
+        fly(member(structure_id).structure, inspection, seed=number)
+        for number, (structure_id, inspection) in enumerate(_FLIGHTS)
+    ]
 
 
 def sample_structures() -> list[Structure]:

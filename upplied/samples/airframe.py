@@ -1,0 +1,199 @@
+"""What a pilot recognises on an airplane: fuselage, wings and nacelles, found by rays on any mesh.
+
+Nothing is known of the mesh but its frame: nose along +X, Z up, the plane of symmetry at y = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import grey_dilation, label, median_filter
+
+from upplied.errors import RefusedError
+from upplied.records import Bools, Floats, Structure
+from upplied.scene import Scene, scene_of
+
+_ROWS, _COLUMNS = 161, 321  # of the height map, across and along
+
+
+@dataclass(frozen=True)
+class Nacelle:
+    """One engine seen from ahead."""
+
+    centre: tuple[float, float, float]  # middle of its length, m
+    radius_m: float
+    length_m: float
+
+
+@dataclass(frozen=True)
+class Airframe:
+    """The measures of an airplane that its inspection needs, m, structure frame."""
+
+    nose_x: float
+    tail_x: float
+    axis_z: float
+    half_width: float
+    half_height: float
+    semi_span: float
+    wing_y: Floats  # (W,) distances from the plane of symmetry, rising
+    leading_x: Floats  # (W,) of the wing there
+    trailing_x: Floats  # (W,)
+    wing_z: Floats  # (W,) its upper side
+    map_x: Floats  # (C,) of the height map, rising
+    map_y: Floats  # (R,)
+    map_z: Floats  # (R, C) highest surface, -inf where there is none
+
+    def height_near(self, x: Floats, y: Floats, reach_m: float) -> Floats:
+        """Highest surface within about `reach_m` of points in plan, -inf where there is none."""
+        rows = int(np.ceil(reach_m / (self.map_y[1] - self.map_y[0])))
+        columns = int(np.ceil(reach_m / (self.map_x[1] - self.map_x[0])))
+        wide = grey_dilation(self.map_z, size=(2 * rows + 1, 2 * columns + 1))
+        row = np.clip(np.searchsorted(self.map_y, y), 0, len(self.map_y) - 1)
+        column = np.clip(np.searchsorted(self.map_x, x), 0, len(self.map_x) - 1)
+        return np.asarray(wide[row, column])
+
+
+def airframe(structure: Structure, scene: Scene | None = None) -> Airframe:
+    """Find the fuselage and the wings.
+
+    Raises
+    ------
+    RefusedError
+        If there is no body with a wing on each side of the plane of symmetry.
+    """
+    scene = scene or scene_of(structure)
+    low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
+    axis_z, half_width, half_height = _body(structure.structure_id, scene, low, high)
+    map_x = np.linspace(low[0] - 4, high[0] + 4, _COLUMNS)
+    map_y = np.linspace(low[1] - 4, high[1] + 4, _ROWS)
+    grid_y, grid_x = np.meshgrid(map_y, map_x, indexing="ij")
+    start = np.column_stack([grid_x.ravel(), grid_y.ravel(), np.full(grid_x.size, high[2] + 5)])
+    reach, _, _ = scene.cast(start, np.broadcast_to([0.0, 0.0, -1.0], start.shape))
+    map_z = np.where(np.isfinite(reach), start[:, 2] - reach, -np.inf).reshape(grid_x.shape)
+    semi_span = float(high[1])
+    wing_y, leading, trailing, wing_z = _wing(map_x, map_y, map_z, half_width, semi_span)
+    if len(wing_y) < 5:
+        raise RefusedError(structure.structure_id, "no wing was found", "an airplane with its nose along +X")
+    return Airframe(
+        float(high[0]), float(low[0]), axis_z, half_width, half_height, semi_span,
+        wing_y, leading, trailing, wing_z, map_x, map_y, map_z,
+    )  # fmt: skip
+
+
+def _body(name: str, scene: Scene, low: Floats, high: Floats) -> tuple[float, float, float]:
+    """Height of the fuselage's axis, its half width and half height, between nose and wings."""
+    length = high[0] - low[0]
+    x = high[0] - length * np.linspace(0.13, 0.23, 11)
+    zero = np.zeros_like(x)
+    above = np.column_stack([x, zero + 0.01, zero + high[2] + 1])
+    below = np.column_stack([x, zero + 0.01, zero + low[2] - 1])
+    down, _, _ = scene.cast(above, np.broadcast_to([0.0, 0.0, -1.0], above.shape))
+    up, _, _ = scene.cast(below, np.broadcast_to([0.0, 0.0, 1.0], below.shape))
+    top, bottom = np.median(high[2] + 1 - down), np.median(low[2] - 1 + up)
+    axis = (top + bottom) / 2
+    beside = np.column_stack([x, zero + high[1] + 1, zero + axis])
+    across, _, _ = scene.cast(beside, np.broadcast_to([0.0, -1.0, 0.0], beside.shape))
+    half_width = np.median(high[1] + 1 - across)
+    if not np.isfinite([top, bottom, half_width]).all() or half_width <= 0:
+        raise RefusedError(name, "no fuselage was found", "an airplane with its nose along +X")
+    return float(axis), float(half_width), float(top - bottom) / 2
+
+
+def _wing(
+    map_x: Floats, map_y: Floats, map_z: Floats, half_width: float, semi_span: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Edges of the left wing, followed from three quarters of its span inwards and outwards."""
+    rows = np.flatnonzero((map_y > 1.25 * half_width) & (map_y < 0.985 * semi_span))
+    start = rows[np.argmin(np.abs(map_y[rows] - 0.72 * semi_span))] if len(rows) else 0
+    found: dict[int, tuple[int, int]] = {}
+    for step in (-1, 1):
+        run: tuple[int, int] | None = None
+        for row in rows[rows <= start][::-1] if step < 0 else rows[rows >= start]:
+            run = _overlapping_run(np.isfinite(map_z[row]), run)
+            if run is None:
+                break
+            found[int(row)] = run
+    kept = sorted(found)
+    y = map_y[kept]
+    trailing = median_filter(map_x[[found[row][0] for row in kept]], size=9, mode="nearest")
+    leading = _straight(y, map_x[[found[row][1] for row in kept]])
+    middle = [(found[row][0] + found[row][1]) // 2 for row in kept]
+    height = median_filter(map_z[kept, middle], size=5, mode="nearest") if kept else np.empty(0)
+    return y, leading, np.minimum(trailing, leading - 0.3), height
+
+
+def _overlapping_run(covered: Bools, before: tuple[int, int] | None) -> tuple[int, int] | None:
+    """The run of covered cells that overlaps the one before most, or the longest."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], covered.astype(int), [0]])))
+    runs = [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
+    if not runs:
+        return None
+    if before is None:
+        return max(runs, key=lambda run: run[1] - run[0])
+    best = max(runs, key=lambda run: min(run[1], before[1]) - max(run[0], before[0]))
+    return best if min(best[1], before[1]) >= max(best[0], before[0]) else None
+
+
+def _straight(y: Floats, x: Floats) -> Floats:
+    """The line through most of the points (Theil and Sen): nacelles that stick out do not count."""
+    i, j = np.triu_indices(len(y), k=1)
+    if len(i) == 0:
+        return x
+    slope = np.median((x[j] - x[i]) / (y[j] - y[i]))
+    return np.asarray(np.median(x - slope * y) + slope * y)
+
+
+def left_nacelle(structure: Structure, frame: Airframe, scene: Scene) -> Nacelle:
+    """The left engine; of two, the inner one.
+
+    Ahead of the wing or, where there is none, beside the tail.
+
+    Raises
+    ------
+    RefusedError
+        If nothing like an engine stands out.
+    """
+    low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
+    cell = frame.semi_span / 240
+    y = np.arange(1.12 * frame.half_width, 0.9 * frame.semi_span, cell)
+    z = np.arange(low[2], frame.axis_z + 2.2 * frame.half_height, cell)
+    grid_y, grid_z = np.meshgrid(y, z, indexing="ij")
+    start = np.column_stack([np.full(grid_y.size, high[0] + 5), grid_y.ravel(), grid_z.ravel()])
+    reach, _, _ = scene.cast(start, np.broadcast_to([-1.0, 0.0, 0.0], start.shape))
+    front = (start[:, 0] - reach).reshape(grid_y.shape)
+    apart = 0.022 * (frame.nose_x - frame.tail_x)
+    leading = np.interp(grid_y, frame.wing_y, frame.leading_x)
+    trailing = np.interp(grid_y, frame.wing_y, frame.trailing_x)
+    beside = (grid_y < 3.2 * frame.half_width) & (grid_z > frame.axis_z - frame.half_height)
+    for stands_out in (front > leading + apart, np.isfinite(front) & (front < trailing - apart) & beside):
+        spot = _inner_spot(stands_out, least=(0.25 * frame.half_width / cell) ** 2)
+        if spot is not None:
+            return _measured(scene, y, z, front, spot, apart)
+    raise RefusedError(structure.structure_id, "no engine was found on the left", "an airplane with engines")
+
+
+def _inner_spot(stands_out: Bools, least: float) -> Bools | None:
+    """The connected spot nearest the fuselage among those nearly as large as the largest."""
+    spots, count = label(stands_out)
+    sizes = np.bincount(spots.ravel(), minlength=count + 1)[1:]
+    large = [number + 1 for number in range(count) if sizes[number] >= max(least, 0.4 * sizes.max())]
+    return spots == large[0] if large else None  # labels rise with y
+
+
+def _measured(scene: Scene, y: Floats, z: Floats, front: Floats, spot: Bools, apart: float) -> Nacelle:
+    rows, columns = np.nonzero(spot)
+    y_low, y_high = y[rows.min()], y[rows.max()]
+    z_low, z_high = z[columns.min()], z[columns.max()]
+    middle_y, middle_z = (y_low + y_high) / 2, (z_low + z_high) / 2
+    radius = max((y_high - y_low) / 2, (z_high - z_low) / 2)
+    lip = float(front[spot].max())
+    # How far aft the flank runs: rays from outboard, at the height of the axis.
+    x = np.arange(lip - 0.1, lip - 6 * radius, -apart / 8)
+    outboard = np.column_stack([x, np.full(len(x), y_high + radius), np.full(len(x), middle_z)])
+    reach, _, _ = scene.cast(outboard, np.broadcast_to([0.0, -1.0, 0.0], outboard.shape))
+    flank = reach < 2.2 * radius
+    gap = np.flatnonzero(~flank[len(x) // 12 :])
+    length = lip - (x[gap[0] + len(x) // 12] if len(gap) else x[-1])
+    length = float(np.clip(length, 1.5 * radius, 5 * radius))
+    return Nacelle((lip - length / 2, float(middle_y), float(middle_z)), float(radius), length)

@@ -1,0 +1,81 @@
+"""A simulated pilot who flies the paper's inspections round any structure of a kind."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+
+from upplied.poses import normalised
+from upplied.records import Camera, Demonstration, Structure
+from upplied.samples.hand import Hand, fly_route
+from upplied.samples.inspections import route_of
+from upplied.scene import scene_of
+
+_FIRST_DAY_NS = 1_767_600_000_000_000_000  # 5 January 2026, 08:00 UTC
+_HOUR_NS = 3_600_000_000_000
+
+
+def fly(
+    structure: Structure,
+    inspection: str,
+    seed: int = 0,
+    camera: Camera | None = None,
+    hand: Hand | None = None,
+) -> Demonstration:
+    """Demonstrate an inspection.
+
+    The pilot knows nothing of the structure but its surface: he finds fuselage, wings, engine, tower
+    or piers by looking, so that he flies round real meshes as well as round the samples.
+
+    Parameters
+    ----------
+    structure : Structure
+        In metres, Z up, nose, bow, hub or road along +X.
+    inspection : {"fuselage", "wings", "engine_left", "tower", "hull", "sides", "piers"}
+    seed : int
+        Of the hand; the same seed gives the same flight.
+    camera : Camera, optional
+        The paper's, where not given.
+    hand : Hand, optional
+        How unsteady he is.
+
+    Returns
+    -------
+    Demonstration
+        Named after structure and inspection, e.g. ``a320-fuselage-v1``. The whole path keeps 2 m from
+        the surface and 1 m from the ground.
+
+    Raises
+    ------
+    RefusedError
+        If the structure lacks what the inspection asks for, or there is no room to fly.
+    """
+    scene = scene_of(structure)
+    ground = structure.surroundings.ground_z_m
+    floor = float(structure.vertices[:, 2].min()) if ground is None else ground
+    name = _named(structure.structure_id, inspection)
+    rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+    flown = fly_route(route_of(structure, inspection, scene, floor), scene, floor, hand or Hand(), rng)
+    jitter = rng.integers(-1_500_000, 1_500_000, len(flown))
+    start = _FIRST_DAY_NS + (seed % 1000) * _HOUR_NS
+    return Demonstration(
+        demonstration_id=name,
+        structure_id=structure.structure_id,
+        t_ns=start + np.round(flown.t_s * 1e9).astype(np.int64) + jitter,
+        positions=flown.positions,
+        quat_xyzw=normalised(flown.quat_xyzw),
+        camera=camera or Camera(width_px=1440, height_px=1440),
+        operator="simulated pilot",
+        site=structure.site,
+        clock="header",
+        notes=f"{inspection.replace('_', ' ')} inspection, simulated",
+    )
+
+
+def _named(structure_id: str, inspection: str) -> str:
+    stem, dash, version = structure_id.rpartition("-")
+    word = inspection.replace("_", "-")
+    if dash and version[:1] == "v" and version[1:].isdigit():
+        return f"{stem}-{word}-{version}"[:64]
+    return f"{structure_id}-{word}"[:64]
