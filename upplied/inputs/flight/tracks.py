@@ -1,0 +1,153 @@
+"""A track: timed poses of one thing as a log tells them, before they are cleaned."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from upplied.inputs.mcap.tables import Table
+from upplied.poses import normalised
+from upplied.records import Bools, Floats, Ints, Record
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Track(Record):
+    """Poses of a frame in another: positions and quaternions ``x y z w`` of `child` in `parent`.
+
+    ENU or another frame with z up, and bodies with x forward, y left, z up. Samples that are
+    marked invalid by their source hold NaN.
+    """
+
+    t_ns: Ints  # (N,) ns, clock of `clock`
+    positions: Floats  # (N, 3) m
+    quat_xyzw: Floats  # (N, 4)
+    log_ns: Ints  # (N,) ns, when the recorder received it
+    parent: str = ""  # names of the frames in the log
+    child: str = ""
+    clock: str = "header"
+    epoch: Ints | None = None  # (N,) number that changes where the estimator was reset
+    dropped: Counter[str] = field(default_factory=Counter)
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def take(self, index: Ints | Bools) -> Track:
+        """The samples of this index."""
+        epoch = None if self.epoch is None else self.epoch[index]
+        return replace(
+            self,
+            t_ns=self.t_ns[index],
+            positions=self.positions[index],
+            quat_xyzw=self.quat_xyzw[index],
+            log_ns=self.log_ns[index],
+            epoch=epoch,
+        )
+
+
+def source_times(table: Table, stamp_ns: Ints | None) -> tuple[Ints, str]:
+    """The stamps to use and their clock: of the source, else when sent, else when received.
+
+    A clock that stands still is no clock: stamps that are all zero, or all the same, are passed over.
+    """
+    for clock, times in (("header", stamp_ns), ("publish", table.publish_ns), ("log", table.log_ns)):
+        if times is not None and len(times) and (times.any() and (len(times) == 1 or np.ptp(times) > 0)):
+            return times, clock
+    return table.log_ns, "log"
+
+
+def stamps(table: Table, prefix: str) -> Ints | None:
+    """Stamps of ``<prefix>.sec`` and ``<prefix>.nanosec``, ns; None where the messages have none."""
+    sec, nanosec = f"{prefix}.sec", f"{prefix}.nanosec"
+    if sec not in table or nanosec not in table:
+        return None
+    seconds, rest = (np.nan_to_num(np.asarray(table[name], float)) for name in (sec, nanosec))
+    exact = np.asarray(table[sec]) if np.asarray(table[sec]).dtype.kind in "iu" else seconds.clip(0, 9e9)
+    return exact.astype(np.int64).clip(0, 9_000_000_000) * 1_000_000_000 + rest.astype(np.int64)
+
+
+def at_times(track: Track, t_ns: Ints, gap_s: float) -> tuple[Floats, Floats]:
+    """A clean track at other times: linear and spherical in between, NaN outside and in gaps.
+
+    Parameters
+    ----------
+    track : Track
+        Strictly increasing in time, finite.
+    t_ns : array, shape (M,), ns
+    gap_s : float
+        No value is made across a longer silence or across a reset.
+
+    Returns
+    -------
+    positions : array, shape (M, 3)
+    quat_xyzw : array, shape (M, 4)
+    """
+    positions, quats = np.full((len(t_ns), 3), np.nan), np.full((len(t_ns), 4), np.nan)
+    if len(track) < 2:
+        return positions, quats
+    right = np.clip(np.searchsorted(track.t_ns, t_ns, side="left"), 1, len(track) - 1)
+    left = right - 1
+    inside = (t_ns >= track.t_ns[0]) & (t_ns <= track.t_ns[-1])
+    hit = (track.t_ns[left] == t_ns) | (track.t_ns[right] == t_ns)
+    close = (track.t_ns[right] - track.t_ns[left]) <= gap_s * 1e9
+    if track.epoch is not None:
+        close &= track.epoch[left] == track.epoch[right]
+    good = inside & (close | hit)
+    if not good.any():
+        return positions, quats
+    origin = track.t_ns[0]
+    known, asked = (track.t_ns - origin) * 1e-9, (t_ns[good] - origin) * 1e-9
+    positions[good] = np.column_stack(
+        [np.interp(asked, known, track.positions[:, axis]) for axis in range(3)]
+    )
+    turns = Slerp(known, Rotation.from_quat(track.quat_xyzw))
+    quats[good] = normalised(turns(np.clip(asked, known[0], known[-1])).as_quat())
+    return positions, quats
+
+
+_AXES, _TURNS = ("x", "y", "z"), ("x", "y", "z", "w")
+
+
+def pose_paths(position: str, rotation: str) -> tuple[str, ...]:
+    """The seven paths of a pose whose parts are named x y z and x y z w."""
+    return (*(f"{position}.{axis}" for axis in _AXES), *(f"{rotation}.{turn}" for turn in _TURNS))
+
+
+def pose_track(table: Table, stamp: str, position: str, rotation: str, parent: str, child: str = "") -> Track:
+    """The track of a table that holds one pose a row; poses of other frames than most are dropped.
+
+    Parameters
+    ----------
+    table : Table
+    stamp, position, rotation, parent, child : str
+        Paths of the stamp, the two parts of the pose and the names of its frames.
+    """
+    times, clock = source_times(table, stamps(table, stamp))
+    parents, children = names(table, parent), names(table, child)
+    whole = all(path in table for path in pose_paths(position, rotation))
+    nothing = np.full((len(table), 7), np.nan)
+    values = table.stack(*pose_paths(position, rotation)) if whole else nothing
+    track = Track(
+        times, values[:, :3], values[:, 3:], table.log_ns, clock=clock, dropped=Counter(table.dropped)
+    )
+    if not len(table):
+        return track
+    pairs, which, count = np.unique(
+        np.char.add(np.char.add(parents, "\n"), children), return_inverse=True, return_counts=True
+    )
+    most = int(np.argmax(count))
+    if len(pairs) > 1:
+        track = track.take(which == most)
+        track.dropped["other frame"] += int(count.sum() - count[most])
+    first, second = str(pairs[most]).split("\n", 1)
+    return replace(track, parent=first, child=second)
+
+
+def names(table: Table, path: str) -> np.ndarray:
+    """The names of frames in a column, without a leading slash; empty where there are none."""
+    if path not in table or np.asarray(table[path]).dtype.kind != "U":
+        return np.full(len(table), "")
+    return np.char.lstrip(np.char.replace(table[path], "\n", " "), "/")

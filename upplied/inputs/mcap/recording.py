@@ -1,0 +1,219 @@
+"""The container of a log: an MCAP file's channels, metadata and messages, within bounds.
+
+A sound log is read through its chunk index, so that chunks without a wanted channel are never
+touched. One whose index cannot be used is read from front to back (`upplied.inputs.mcap.salvage`).
+Whatever the file says of its own sizes is checked before memory is taken for it.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from upplied.errors import InputError
+from upplied.inputs.mcap import records as mcap
+from upplied.inputs.mcap.salvage import scan
+
+MAX_UNPACKED = (2**30, 400)  # unpacked bytes in all: so many, plus so many times the file
+MAX_MESSAGES = 20_000_000  # of the wanted channels
+
+_OTHER_FORMATS = {
+    b"#ROSBAG V": ("it is a ROS 1 bag", "convert it: mcap convert in.bag out.mcap"),
+    b"SQLite fo": ("it is a ROS 2 bag in SQLite", "convert it: ros2 bag convert, storage mcap"),
+    b"ULog\x01\x12\x35": ("it is a PX4 ULog", "convert it to MCAP, or record /fmu/out with ros2 bag"),
+    b"\x28\xb5\x2f\xfd": ("it is compressed as a whole", "unpack it first: zstd -d"),
+    b"version ht": ("it is a pointer of git LFS", "fetch the file itself: git lfs pull"),
+}
+
+
+class _NoIndexError(mcap.DamagedError):
+    """The log was written without an index, as recorders may."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One stream of messages of one schema."""
+
+    channel_id: int
+    topic: str
+    encoding: str  # of the messages: cdr, ros1, protobuf, json
+    schema_name: str = ""
+    schema_encoding: str = ""
+    schema: bytes = b""
+
+
+@dataclass
+class Recording:
+    """What an MCAP file holds; `losses` say in words what could not be read."""
+
+    path: Path
+    size: int
+    schemas: dict[int, mcap.SchemaRecord] = field(default_factory=dict)
+    channels: dict[int, mcap.ChannelRecord] = field(default_factory=dict)
+    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    chunks: list[mcap.ChunkRef] = field(default_factory=list)
+    loose: list[mcap.ChunkRef] = field(default_factory=list)  # messages outside of chunks
+    counts: dict[int, int] = field(default_factory=dict)  # messages by channel, as the statistics say
+    losses: list[str] = field(default_factory=list)
+
+    def channel(self, channel_id: int) -> Channel | None:
+        """The channel of this id with its schema, or None where the log does not define it."""
+        record = self.channels.get(channel_id)
+        if record is None:
+            return None
+        schema = self.schemas.get(record.schema_id, mcap.SchemaRecord(0, "", "", b""))
+        return Channel(channel_id, record.topic, record.encoding, schema.name, schema.encoding, schema.data)
+
+    def add(self, opcode: int, content: bytes) -> None:
+        """Keep a schema, channel or metadata record."""
+        if opcode == mcap.SCHEMA:
+            schema = mcap.read_schema(content)
+            self.schemas.setdefault(schema.schema_id, schema)
+        elif opcode == mcap.CHANNEL:
+            channel = mcap.read_channel(content)
+            self.channels.setdefault(channel.channel_id, channel)
+        elif opcode == mcap.METADATA:
+            self.metadata.append(mcap.read_metadata(content))
+
+    def messages(self, wanted: Callable[[Channel], bool]) -> Iterator[mcap.Message]:
+        """The messages of the wanted channels in the order of the file; damaged chunks are skipped."""
+        choice: dict[int, bool] = {}
+        found: Counter[int] = Counter()
+        for message in self._all(wanted, choice):
+            found[message.channel_id] += 1
+            if found.total() > MAX_MESSAGES:
+                raise InputError(str(self.path), f"holds more than {MAX_MESSAGES} messages", "fewer")
+            yield message
+        missing = {i: n - found[i] for i, n in self.counts.items() if choice.get(i) and n > found[i]}
+        if missing and not self.losses:
+            self.losses.append(f"{sum(missing.values())} messages that the log counts are not in it")
+
+    def _all(self, wanted: Callable[[Channel], bool], choice: dict[int, bool]) -> Iterator[mcap.Message]:
+        def chosen(channel_id: int) -> bool:
+            if channel_id not in choice:
+                channel = self.channel(channel_id)
+                choice[channel_id] = channel is not None and wanted(channel)
+            return choice[channel_id]
+
+        lost, unpacked = Counter[str](), 0
+        with self.path.open("rb") as stream:
+            for ref in self.chunks:
+                if ref.channel_ids is not None and not any(map(chosen, ref.channel_ids)):
+                    continue
+                try:
+                    content = _content(stream, ref)
+                    unpacked += mcap.unpacked_size(content)
+                    self._check_unpacked(unpacked)
+                    yield from self._in_chunk(mcap.unpack_chunk(content), chosen)
+                except mcap.DamagedError as error:
+                    lost[str(error)] += 1
+            for ref in self.loose:
+                if any(map(chosen, ref.channel_ids or ())):
+                    yield mcap.message_at(_content(stream, ref), 0, ref.length)
+        for reason, number in lost.items():
+            self.losses.append(f"{number} of {len(self.chunks)} chunks lost: {reason}")
+
+    def _in_chunk(self, records: bytes, chosen: Callable[[int], bool]) -> list[mcap.Message]:
+        found = []
+        for opcode, start, stop in mcap.spans(records):
+            if opcode == mcap.MESSAGE:
+                if stop - start >= 22 and chosen(records[start] | records[start + 1] << 8):
+                    found.append(mcap.message_at(records, start, stop))
+            elif opcode in (mcap.SCHEMA, mcap.CHANNEL):
+                self.add(opcode, records[start:stop])
+        return found
+
+    def _check_unpacked(self, unpacked: int) -> None:
+        limit = MAX_UNPACKED[0] + MAX_UNPACKED[1] * self.size
+        if unpacked > limit:
+            raise InputError(
+                str(self.path),
+                f"unpacks to more than {limit} bytes",
+                "a log of honest compression",
+                "check where it is from",
+            )
+
+
+def open_recording(path: Path) -> Recording:
+    """What an MCAP file holds, through its index or else by reading it from front to back.
+
+    Raises
+    ------
+    InputError
+        If it is missing, empty or no MCAP file.
+    """
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as stream:
+            start = stream.read(10)
+            if not start.startswith(mcap.MAGIC):
+                raise _not_mcap(path, start)
+            recording = Recording(path, size)
+            try:
+                _read_summary(stream, recording)
+            except (mcap.DamagedError, UnicodeDecodeError) as error:
+                recording = Recording(path, size)
+                scan(stream, recording, "" if isinstance(error, _NoIndexError) else str(error))
+            return recording
+    except OSError as error:
+        raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None
+
+
+def _not_mcap(path: Path, start: bytes) -> InputError:
+    if not start:
+        return InputError(str(path), "is empty", "an MCAP log", "copy it again from the recorder")
+    for magic, (found, remedy) in _OTHER_FORMATS.items():
+        if start.startswith(magic):
+            return InputError(str(path), found, "an MCAP log", remedy)
+    return InputError(
+        str(path), "does not start as an MCAP file", "an MCAP log", "check that it is the right file"
+    )
+
+
+def _read_summary(stream: BinaryIO, recording: Recording) -> None:
+    footer_at = recording.size - 8 - 29
+    tail = _content(stream, mcap.ChunkRef(footer_at, 37)) if footer_at >= 8 else b""
+    if len(tail) < 37 or tail[29:] != mcap.MAGIC or tail[0] != mcap.FOOTER:
+        raise mcap.DamagedError("the log was not closed")
+    cursor = mcap.Cursor(tail[9:29])
+    start, _, crc = cursor.number(8), cursor.number(8), cursor.number(4)
+    if start == 0:
+        raise _NoIndexError
+    if not 8 <= start < footer_at or footer_at - start > 16 * mcap.MAX_RECORD_BYTES:
+        raise mcap.DamagedError("the summary is not where the log says")
+    summary = _content(stream, mcap.ChunkRef(start, footer_at - start))
+    if crc and zlib.crc32(tail[:25], zlib.crc32(summary)) != crc:
+        raise mcap.DamagedError("the summary fails its CRC")
+    _index(stream, summary, recording)
+
+
+def _index(stream: BinaryIO, summary: bytes, recording: Recording) -> None:
+    refs = {}
+    for opcode, start, stop in mcap.spans(summary):
+        content = summary[start:stop]
+        if opcode == mcap.CHUNK_INDEX:
+            ref = mcap.read_chunk_index(content)
+            refs[ref.offset] = ref
+        elif opcode == mcap.STATISTICS:
+            recording.counts = mcap.read_counts(content)
+        elif opcode == mcap.METADATA_INDEX:
+            recording.add(mcap.METADATA, _content(stream, mcap.read_metadata_index(content)))
+        else:
+            recording.add(opcode, content)
+    if not refs or not recording.channels:
+        raise _NoIndexError
+    recording.chunks = [refs[offset] for offset in sorted(refs)]
+
+
+def _content(stream: BinaryIO, ref: mcap.ChunkRef) -> bytes:
+    if ref.length > 2 * mcap.MAX_CHUNK_BYTES:
+        raise mcap.DamagedError(f"a record of {ref.length} bytes")
+    stream.seek(ref.offset)
+    content = stream.read(ref.length)
+    if len(content) < ref.length:
+        raise mcap.DamagedError("a record reaches beyond the end of the log")
+    return content

@@ -1,0 +1,219 @@
+"""Records of an MCAP file, each read within its own bytes and within bounds.
+
+The format: https://mcap.dev/spec. A record is an opcode (1 byte), a length (8 bytes) and its
+content; a chunk holds records of its own, compressed as a whole.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import lz4.frame
+import zstandard
+
+MAGIC = b"\x89MCAP0\r\n"
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
+CHUNK_INDEX, STATISTICS, METADATA, METADATA_INDEX, DATA_END = 8, 0x0B, 0x0C, 0x0D, 0x0F
+
+MAX_CHUNK_BYTES = 256 * 2**20  # of one chunk, unpacked; recorders write 1 to 16 MiB
+MAX_RECORD_BYTES = 16 * 2**20  # of a schema, channel, metadata or index record
+
+Span = tuple[int, int, int]  # opcode, start and stop of the content
+
+
+class DamagedError(ValueError):
+    """A record that cannot be what it says it is."""
+
+
+class SchemaRecord(NamedTuple):
+    """A definition of messages."""
+
+    schema_id: int
+    name: str
+    encoding: str
+    data: bytes
+
+
+class ChannelRecord(NamedTuple):
+    """A stream of messages."""
+
+    channel_id: int
+    schema_id: int
+    topic: str
+    encoding: str
+
+
+class ChunkRef(NamedTuple):
+    """Where a chunk's record lies and, where an index tells, which channels it holds."""
+
+    offset: int  # of its content
+    length: int
+    channel_ids: frozenset[int] | None = None
+
+
+class Message(NamedTuple):
+    """One message as recorded."""
+
+    channel_id: int
+    log_ns: int
+    publish_ns: int
+    payload: bytes
+
+
+class Cursor:
+    """Reads numbers and strings from the content of one record and never beyond it."""
+
+    def __init__(self, content: bytes) -> None:
+        self._content, self._at = content, 0
+
+    def take(self, size: int) -> bytes:
+        """The next `size` bytes."""
+        stop = self._at + size
+        if stop > len(self._content):
+            raise DamagedError("a record ends before its content")
+        piece, self._at = self._content[self._at : stop], stop
+        return piece
+
+    def number(self, size: int) -> int:
+        """An unsigned number of `size` bytes."""
+        return int.from_bytes(self.take(size), "little")
+
+    def text(self) -> str:
+        """A string with its length before it."""
+        return self.take(self.number(4)).decode("utf-8")
+
+    def mapping(self) -> dict[str, str]:
+        """A map of strings to strings."""
+        inner = Cursor(self.take(self.number(4)))
+        found = {}
+        while inner.left:
+            key = inner.text()
+            found[key] = inner.text()
+        return found
+
+    @property
+    def left(self) -> int:
+        """How many bytes are left."""
+        return len(self._content) - self._at
+
+
+def read_schema(content: bytes) -> SchemaRecord:
+    """A schema record."""
+    cursor = Cursor(content)
+    return SchemaRecord(cursor.number(2), cursor.text(), cursor.text(), cursor.take(cursor.number(4)))
+
+
+def read_channel(content: bytes) -> ChannelRecord:
+    """A channel record; its own metadata is not kept."""
+    cursor = Cursor(content)
+    return ChannelRecord(cursor.number(2), cursor.number(2), cursor.text(), cursor.text())
+
+
+def read_metadata(content: bytes) -> tuple[str, dict[str, str]]:
+    """Name and content of a metadata record."""
+    cursor = Cursor(content)
+    return cursor.text(), cursor.mapping()
+
+
+def read_chunk_index(content: bytes) -> ChunkRef:
+    """Where a chunk lies; offset and length are those of its content."""
+    cursor = Cursor(content)
+    cursor.take(16)
+    offset, length = cursor.number(8), cursor.number(8)
+    offsets = cursor.take(cursor.number(4))
+    ids = frozenset(
+        channel_id for channel_id, _ in struct.iter_unpack("<HQ", offsets[: len(offsets) // 10 * 10])
+    )
+    return ChunkRef(offset + 9, length - 9, ids or None)
+
+
+def read_counts(content: bytes) -> dict[int, int]:
+    """Messages by channel, from a statistics record."""
+    cursor = Cursor(content)
+    cursor.take(8 + 2 + 4 + 4 + 4 + 4 + 8 + 8)
+    counts = cursor.take(cursor.number(4))
+    return dict(struct.iter_unpack("<HQ", counts[: len(counts) // 10 * 10]))
+
+
+def read_metadata_index(content: bytes) -> ChunkRef:
+    """Where a metadata record lies; offset and length are those of its content."""
+    cursor = Cursor(content)
+    offset, length = cursor.number(8), cursor.number(8)
+    return ChunkRef(offset + 9, length - 9)
+
+
+def unpacked_size(content: bytes) -> int:
+    """How large a chunk says it is, unpacked."""
+    if len(content) < 32:
+        raise DamagedError("a chunk's header is cut off")
+    return int.from_bytes(content[16:24], "little")
+
+
+def unpack_chunk(content: bytes) -> bytes:
+    """The records of a chunk, decompressed and checked against its CRC.
+
+    Raises
+    ------
+    DamagedError
+        If size, compression or CRC do not fit.
+    """
+    size = unpacked_size(content)
+    if size > MAX_CHUNK_BYTES:
+        raise DamagedError(f"a chunk of {size} bytes exceeds {MAX_CHUNK_BYTES}")
+    cursor = Cursor(content)
+    cursor.take(24)
+    crc, compression, length = cursor.number(4), cursor.text(), cursor.number(8)
+    try:
+        records = _decompressed(cursor.take(length), compression, size)
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
+        raise DamagedError(f"a chunk does not unpack ({error})") from None
+    if len(records) != size:
+        raise DamagedError(f"a chunk unpacks to {len(records)} bytes instead of {size}")
+    if crc and zlib.crc32(records) != crc:
+        raise DamagedError("a chunk fails its CRC")
+    return records
+
+
+def spans(records: bytes) -> Iterator[Span]:
+    """The records of an unpacked chunk.
+
+    Raises
+    ------
+    DamagedError
+        If a record reaches beyond the chunk.
+    """
+    at, end = 0, len(records)
+    while at + 9 <= end:
+        opcode, length = _RECORD.unpack_from(records, at)
+        start = at + 9
+        at = start + length
+        if at > end:
+            raise DamagedError("a record reaches beyond its chunk")
+        yield opcode, start, at
+
+
+def message_at(records: bytes, start: int, stop: int) -> Message:
+    """The message whose content lies from `start` to `stop`."""
+    channel_id, _, log_ns, publish_ns = _MESSAGE.unpack_from(records, start)
+    return Message(channel_id, log_ns, publish_ns, records[start + _MESSAGE.size : stop])
+
+
+def _decompressed(data: bytes, compression: str, size: int) -> bytes:
+    if compression == "":
+        return data
+    if compression == "zstd":
+        frame = zstandard.get_frame_parameters(data).content_size
+        if frame not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+            raise DamagedError(f"a chunk unpacks to {frame} bytes instead of {size}")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
+    if compression == "lz4":
+        decoder = lz4.frame.LZ4FrameDecompressor()
+        return decoder.decompress(data, max_length=size + 1)
+    raise DamagedError(f"unknown compression {compression[:20]!r}")
+
+
+_RECORD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
