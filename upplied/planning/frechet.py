@@ -14,7 +14,7 @@ from upplied.checks import check_finite
 from upplied.records import Floats
 
 _RELATIVE = 1e-10  # of the distance: where the bisection ends
-_SMALLEST_SHARE = 0.1  # see `zscored`
+_SMALLEST_SHARE = 0.1  # see `spread`
 
 
 def frechet(first: Floats, second: Floats) -> float:
@@ -62,13 +62,7 @@ def frechet_z(demonstrated: Floats, planned: Floats) -> float:
 
 
 def zscored(path: Floats) -> Floats:
-    """A path with mean 0 and deviation 1 along each axis.
-
-    Mean and deviation are those of the curve, by length, not of its vertices: a pilot who hovers, or
-    a plan with fewer waypoints, changes nothing. The deviation of an axis counts as at least a tenth
-    of the path's largest, since on a level flight the plain z-score would divide centimetres of
-    unsteadiness by centimetres and let them decide the distance. A path that stays in one point
-    is only centred.
+    """A path with mean 0 and deviation 1 along each axis, by its own `spread`.
 
     Parameters
     ----------
@@ -85,11 +79,21 @@ def zscored(path: Floats) -> Floats:
 
 
 def spread(path: Floats) -> tuple[Floats, Floats]:
-    """Mean and deviation (D,) of a curve by length, as `zscored` uses them; 1 where all is one point.
+    """Mean and deviation of a path along each axis, by which it is standardised.
+
+    They are those of the curve, by length, not of its vertices: a pilot who hovers, or a plan with
+    fewer waypoints, changes nothing. The deviation of an axis counts as at least a tenth of the
+    path's largest, since on a level flight the plain z-score would divide centimetres of
+    unsteadiness by centimetres and let them decide the distance. A path that stays in one point
+    has deviation 1.
 
     Parameters
     ----------
     path : array, shape (N, D)
+
+    Returns
+    -------
+    mean, deviation : array, shape (D,), in the unit of the path
     """
     path = check_finite(path, (None, None), "path")
     legs, middle = np.diff(path, axis=0), (path[1:] + path[:-1]) / 2
