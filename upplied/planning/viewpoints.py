@@ -14,7 +14,7 @@ from upplied.records import Ints, Trajectory, Viewpoints, Visibility
 def find_viewpoints(
     flight: Trajectory, visibility: Visibility, settings: ViewpointSettings, breaks: Ints | None = None
 ) -> Viewpoints:
-    """One viewpoint for each stretch of the flight that looks at one region.
+    """One viewpoint for each stretch of the flight that looks at one region (or for each pose, if set so).
 
     The position is the centroid of the segment's positions, the orientation the mean of its
     rotations, the visible set the union over the segment.
@@ -29,7 +29,10 @@ def find_viewpoints(
     breaks : array of int, optional
         Poses that start a new part after a gap in the log; they always start a segment.
     """
-    bounds = segment(visibility, settings.shared, breaks)
+    if settings.method == "poses":
+        bounds = np.arange(len(flight) + 1)
+    else:
+        bounds = segment(visibility, settings.shared, breaks)
     spans = list(itertools.pairwise(bounds))
     return Viewpoints(
         positions=np.array([flight.positions[a:b].mean(axis=0) for a, b in spans]),

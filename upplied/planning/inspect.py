@@ -1,0 +1,90 @@
+"""What the expert looked at, and the viewpoints of the flight (paper, Alg. 2, lines 1 to 13)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.config import Settings
+from upplied.planning.measure import BY_FRUSTUM, TRULY, Views, views
+from upplied.planning.pair import Memo, Pair, content_key, no_memo
+from upplied.planning.viewpoints import find_viewpoints
+from upplied.planning.visibility import visible
+from upplied.poses import interpolate
+from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Inspection(Record):
+    """A demonstration as the planner sees it."""
+
+    flight: Trajectory  # M poses
+    camera: Camera
+    visibility: Visibility  # (M, N) of the cloud that the preset plans on
+    viewpoints: Viewpoints
+    by_frustum: Views  # of the voxel cloud: what the paper's coverage counts
+    truly: Views  # of the surface samples
+
+
+def inspect_demonstration(
+    demonstration: Demonstration, pair: Pair, settings: Settings, memo: Memo = no_memo
+) -> Inspection:
+    """Visibility along the flight, and its viewpoints, remembered by content."""
+    flight, breaks = prepared(demonstration, settings)
+    camera = demonstration.camera
+    fit = pair.fit_for(settings)
+    facts = (demonstration.sha256, pair.source.sha256, settings.clouds)
+    key = content_key(
+        "visibility", *facts, settings.visibility, settings.viewpoints.most_poses, settings.refine.method
+    )
+    seen = memo(
+        "visibility",
+        Visibility,
+        key,
+        lambda: visible(
+            flight.positions, flight.quat_xyzw, fit.source, camera, settings.visibility, pair.source_scene
+        ),
+    )
+    whole = demonstration.trajectory
+    return Inspection(
+        flight=flight,
+        camera=camera,
+        visibility=seen,
+        viewpoints=find_viewpoints(flight, seen, settings.viewpoints, breaks),
+        by_frustum=memo(
+            "views",
+            Views,
+            content_key("frustum", *facts),
+            lambda: views(whole, pair.voxels.source, camera, BY_FRUSTUM),
+        ),
+        truly=memo(
+            "views",
+            Views,
+            content_key("truly", *facts),
+            lambda: views(whole, pair.surface.source, camera, TRULY, pair.source_scene),
+        ),
+    )
+
+
+def prepared(demonstration: Demonstration, settings: Settings) -> tuple[Trajectory, Ints]:
+    """The flight to plan on, and the poses that start a new part after a gap.
+
+    The paper assumes a demonstration free of noise, so its preset takes the poses as they are; a
+    flight of more than `most_poses` is thinned evenly.
+    """
+    flight = demonstration.trajectory
+    if settings.refine.method == "view":
+        return _evenly_spaced(flight, 160), np.empty(0, np.int64)
+    keep = np.arange(len(flight))
+    if len(flight) > settings.viewpoints.most_poses:
+        keep = np.unique(np.linspace(0, len(flight) - 1, settings.viewpoints.most_poses).astype(np.int64))
+    starts = np.unique(np.searchsorted(keep, demonstration.breaks))
+    thinned = Trajectory(flight.t_s[keep], flight.positions[keep], flight.quat_xyzw[keep])
+    return thinned, starts[(starts > 0) & (starts < len(keep))]
+
+
+def _evenly_spaced(flight: Trajectory, number: int) -> Trajectory:
+    step = np.linalg.norm(np.diff(flight.positions, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(step + 1e-9)])
+    return interpolate(flight, np.interp(np.linspace(0, along[-1], number), along, flight.t_s))

@@ -1,0 +1,127 @@
+"""What is found out once about a pair of structures, whoever flew and whatever was inspected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeVar
+
+from upplied.config import CloudSettings, Settings, digest, settings_for
+from upplied.planning.clouds import voxel_cloud
+from upplied.planning.correspond import correspond
+from upplied.planning.register import register
+from upplied.planning.surface import surface_samples
+from upplied.records import Cloud, Correspondences, Record, Registration, Structure
+from upplied.scene import Scene, scene_of
+
+METHOD_VERSION = "1"  # raised with every change that may alter a result
+
+R = TypeVar("R")
+
+
+class Memo(Protocol):
+    """Remembers results by content: the catalog's cache, or nothing at all."""
+
+    def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
+        """The remembered record of this stage and key, or the computed one."""
+
+
+def no_memo(stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
+    """Computes every time."""
+    return compute()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Record):
+    """Two clouds of one sort, and how one lies on the other."""
+
+    source: Cloud
+    target: Cloud
+    registration: Registration
+    correspondences: Correspondences  # from source to target
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Pair(Record):
+    """Two structures and how they fit.
+
+    `voxels` are the paper's clouds and what follows from them. `surface` is the ruler by which
+    every plan is measured, whatever its preset, and what `recommended` plans on.
+    """
+
+    source: Structure
+    target: Structure
+    source_scene: Scene
+    target_scene: Scene
+    voxels: Fit
+    surface: Fit
+
+    def fit_for(self, settings: Settings) -> Fit:
+        """The fit that a preset plans on: with normals where it asks what is truly seen."""
+        return self.surface if settings.visibility.occlusion else self.voxels
+
+
+def study_pair(source: Structure, target: Structure, settings: Settings, memo: Memo = no_memo) -> Pair:
+    """Clouds, registration and correspondences of a pair (paper, Alg. 1), remembered by content."""
+    if not (source.sha256 and target.sha256):
+        memo = no_memo  # nothing to remember by
+    scenes = scene_of(source), scene_of(target)
+    voxels = _voxels(source, settings.clouds, memo), _voxels(target, settings.clouds, memo)
+    samples = (
+        _samples(source, scenes[0], settings.clouds, memo),
+        _samples(target, scenes[1], settings.clouds, memo),
+    )
+    hashes = (source.sha256, target.sha256)
+    return Pair(
+        source,
+        target,
+        *scenes,
+        voxels=_fit("voxels", voxels, hashes, voxel_settings(settings), memo),
+        surface=_fit("surface", samples, hashes, surface_settings(settings), memo),
+    )
+
+
+def voxel_settings(settings: Settings) -> Settings:
+    """How the paper's clouds are fitted: as the preset says if it plans on them, else as published."""
+    return settings if not settings.visibility.occlusion else _with_clouds("paper", settings)
+
+
+def surface_settings(settings: Settings) -> Settings:
+    """How the surfaces are fitted, the ruler of every preset: as `recommended` does."""
+    if settings.visibility.occlusion:
+        return settings
+    recommended = _with_clouds("recommended", settings)
+    wanted = replace(recommended.correspondence, counterparts=settings.correspondence.counterparts)
+    return replace(recommended, correspondence=wanted)
+
+
+def content_key(*parts: Any) -> str:
+    """Key of a result in the cache: the method's version and all that went in."""
+    return digest({"method": METHOD_VERSION, "parts": [digest(part) for part in parts]})
+
+
+def _with_clouds(preset: str, settings: Settings) -> Settings:
+    return replace(settings_for(preset), clouds=settings.clouds)
+
+
+def _voxels(structure: Structure, clouds: CloudSettings, memo: Memo) -> Cloud:
+    key = content_key("voxels", structure.sha256, clouds)
+    return memo("clouds", Cloud, key, lambda: voxel_cloud(structure, clouds))
+
+
+def _samples(structure: Structure, scene: Scene, clouds: CloudSettings, memo: Memo) -> Cloud:
+    key = content_key("surface", structure.sha256, clouds)
+    return memo("clouds", Cloud, key, lambda: surface_samples(structure, scene, clouds))
+
+
+def _fit(
+    sort: str, clouds: tuple[Cloud, Cloud], hashes: tuple[str, str], settings: Settings, memo: Memo
+) -> Fit:
+    facts = (sort, *hashes, settings.clouds, settings.registration)
+    key = content_key("register", *facts)
+    found = memo("registration", Registration, key, lambda: register(*clouds, settings.registration))
+    key = content_key("correspond", *facts, settings.correspondence)
+    matched = memo(
+        "correspondences", Correspondences, key, lambda: correspond(*clouds, found, settings.correspondence)
+    )
+    return Fit(*clouds, found, matched)

@@ -1,0 +1,85 @@
+"""The whole method on one page: one demonstration, one target, one plan (paper, Fig. 2)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from upplied.config import Settings, digest
+from upplied.errors import RefusedError
+from upplied.planning.inspect import inspect_demonstration
+from upplied.planning.judge import judge
+from upplied.planning.pair import METHOD_VERSION, Memo, no_memo, study_pair
+from upplied.planning.propose import propose
+from upplied.records import Demonstration, Plan, Structure
+
+
+def plan_transfer(
+    demonstration: Demonstration,
+    source: Structure,
+    target: Structure,
+    settings: Settings,
+    memo: Memo = no_memo,
+) -> Plan:
+    """Plan the demonstrated inspection of one structure on another.
+
+    Parameters
+    ----------
+    demonstration : Demonstration
+        Flown on `source`.
+    source, target : Structure
+    settings : Settings
+        From `upplied.config.settings_for`: preset `paper`, `recommended` or `baseline`.
+    memo : callable, optional
+        Remembers what is found out about structures and pairs; see `upplied.planning.pair.Memo`.
+
+    Returns
+    -------
+    Plan
+        With status ``ok``, or ``refused`` and a reason in words.
+    """
+    plan = Plan(
+        demonstration_id=demonstration.demonstration_id,
+        source_id=source.structure_id,
+        target_id=target.structure_id,
+        kind=target.kind,
+        preset=settings.preset,
+        status="ok",
+    )
+    # Do the structures fit, and what on one answers to what on the other? (Algorithm 1)
+    pair = study_pair(source, target, settings, memo)
+    plan = replace(
+        plan,
+        registration=pair.fit_for(settings).registration,
+        counterpart_summary=pair.surface.correspondences.summary,
+    )
+    if not pair.fit_for(settings).registration.accepted:
+        return replace(plan, status="refused", reason=pair.fit_for(settings).registration.reason)
+    # What did the expert look at, and from which viewpoints? (Algorithm 2, lines 1 to 13)
+    inspection = inspect_demonstration(demonstration, pair, settings, memo)
+    # From where does the target show the same? (lines 14 to 18)
+    try:
+        trajectory, is_viewpoint = propose(inspection, pair, settings, memo)
+    except RefusedError as refusal:
+        return replace(plan, status="refused", reason=str(refusal))
+    # How good is it? The same measures for every preset.
+    return replace(
+        plan,
+        trajectory=trajectory,
+        is_viewpoint=is_viewpoint,
+        measures=judge(trajectory, inspection, pair, settings, memo),
+    )
+
+
+def transfer_key(
+    demonstration: Demonstration, source: Structure, target: Structure, settings: Settings
+) -> str:
+    """Hex digest of all that a plan depends on: same key, same plan."""
+    return digest(
+        {
+            "method": METHOD_VERSION,
+            "demonstration": [demonstration.demonstration_id, demonstration.sha256],
+            "source": [source.structure_id, source.sha256],
+            "target": [target.structure_id, target.sha256],
+            "settings": settings.sha256,
+        }
+    )

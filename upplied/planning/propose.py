@@ -1,0 +1,95 @@
+"""From the demonstrated viewpoints to a timed trajectory on the target (paper, Alg. 2, lines 14 to 18)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upplied.config import Settings
+from upplied.planning.complete import complete
+from upplied.planning.follow import follow_counterparts
+from upplied.planning.inspect import Inspection
+from upplied.planning.look import View
+from upplied.planning.measure import sought
+from upplied.planning.pair import Memo, Pair, no_memo
+from upplied.planning.refine import gauss_newton
+from upplied.planning.transfer import aimed, box_map, registered_map, zscore_map
+from upplied.records import Bools, Floats, Trajectory, Waypoints
+
+
+def propose(
+    inspection: Inspection, pair: Pair, settings: Settings, memo: Memo = no_memo
+) -> tuple[Trajectory, Bools]:
+    """The planned trajectory, and which of its waypoints are viewpoints.
+
+    Raises
+    ------
+    RefusedError
+        If no path keeps what the settings demand.
+    """
+    way = completed if settings.refine.method == "view" else published
+    waypoints = way(inspection, pair, settings)
+    return with_demonstrated_speed(waypoints, inspection.flight), waypoints.is_viewpoint
+
+
+def published(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoints:
+    """The paper's way, and its baseline's: viewpoints carried by an axis map, refined one by one."""
+    viewpoints, fit = inspection.viewpoints, pair.fit_for(settings)
+    carry = zscore_map if settings.transfer.method == "zscore" else box_map
+    carrier = carry(fit.source, fit.target)
+    positions = carrier.points(viewpoints.positions)
+    quats = carrier.orientations(viewpoints.quat_xyzw)
+    if settings.refine.method == "gauss-newton":
+        positions = gauss_newton(
+            positions, viewpoints, fit.source, fit.target, fit.correspondences, settings.refine
+        )
+        before, now = _centres_of_view(inspection, pair, settings)
+        quats = aimed(quats, positions, now, viewpoints.quat_xyzw, before - viewpoints.positions)
+    return Waypoints(positions, quats, viewpoints.t_s, np.ones(len(viewpoints), bool))
+
+
+def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoints:
+    """Ours: the whole flight carried to the counterparts, made safe, and completed by turns and bends."""
+    flight, fit, camera = inspection.flight, pair.surface, inspection.camera
+    clearance = settings.route.clearance_m
+    positions, quats = follow_counterparts(
+        flight,
+        inspection.visibility,
+        fit.source,
+        fit.correspondences,
+        registered_map(fit.registration),
+        settings.transfer,
+        camera,
+        clearance,
+    )
+    wanted = sought(fit.source, fit.target, fit.correspondences, inspection.truly)
+    view = View(fit.target, wanted.need, camera, settings.visibility, settings.retime, pair.target_scene)
+    is_viewpoint = np.zeros(len(flight), bool)
+    is_viewpoint[(inspection.viewpoints.start + inspection.viewpoints.stop - 1) // 2] = True
+    path = Waypoints(positions, quats, flight.t_s, is_viewpoint)
+
+    def allowed(places: Floats) -> Bools:
+        return np.asarray(pair.target_scene.distance(places) > clearance * 1.1, bool)
+
+    return complete(path, view, settings.refine.deviation, lambda places: places, allowed)
+
+
+def with_demonstrated_speed(waypoints: Waypoints, flight: Trajectory) -> Trajectory:
+    """Time stamps such that each leg is flown as fast as the expert flew between the same viewpoints."""
+    flown = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(flight.positions, axis=0), axis=1))])
+    demo = np.diff(np.interp(waypoints.t_s, flight.t_s, flown))
+    spent = np.diff(waypoints.t_s)
+    leg = np.linalg.norm(np.diff(waypoints.positions, axis=0), axis=1)
+    overall = max(flown[-1] / max(flight.t_s[-1], 1e-9), 1e-3)
+    speed = np.where(demo > 1e-6, demo / np.maximum(spent, 1e-9), overall)
+    step = np.maximum(leg / np.maximum(speed, 0.05), 1e-3)
+    return Trajectory(np.concatenate([[0.0], np.cumsum(step)]), waypoints.positions, waypoints.quat_xyzw)
+
+
+def _centres_of_view(inspection: Inspection, pair: Pair, settings: Settings) -> tuple[Floats, Floats]:
+    """Centre of what each viewpoint saw, and of its counterparts on the target, (K, 3) each; NaN for none."""
+    fit = pair.fit_for(settings)
+    known = fit.correspondences.target_index >= 0
+    weight = inspection.viewpoints.seen[:, known].astype(float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        weight /= weight.sum(axis=1, keepdims=True)
+    return weight @ fit.source.points[known], weight @ fit.correspondences.target_points[known]
