@@ -1,0 +1,43 @@
+"""The jobs of a fleet without any engine: ingest, decide, transfer, publish.
+
+The command line calls these functions directly; the flows call the same ones from Prefect's tasks.
+"""
+
+from __future__ import annotations
+
+import logging
+import uuid
+from datetime import UTC, datetime
+
+from upplied.fleet.decide import Decision, Job, Wish, decide
+from upplied.fleet.ingest import Ingested, check_structures, ingest_demonstrations, ingest_structures
+from upplied.fleet.ledger import Result
+from upplied.fleet.session import Resources, Session, shard_name, transfer
+from upplied.fleet.workers import Limits
+from upplied.outputs.publish import publish
+
+__all__ = [
+    "Decision",
+    "Ingested",
+    "Job",
+    "Limits",
+    "Resources",
+    "Result",
+    "Session",
+    "Wish",
+    "check_structures",
+    "decide",
+    "ingest_demonstrations",
+    "ingest_structures",
+    "new_run_id",
+    "publish",
+    "shard_name",
+    "transfer",
+]
+
+logging.getLogger("upplied").addHandler(logging.NullHandler())
+
+
+def new_run_id() -> str:
+    """A name for a run outside Prefect: when it began, and something unique."""
+    return f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{uuid.uuid4().hex[:8]}"

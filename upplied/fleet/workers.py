@@ -47,6 +47,10 @@ class JobKilled(Exception):
     """The job ended with its process; the text says how."""
 
 
+class WorkersClosed(Exception):
+    """The workers were closed while the job ran; nothing is known about the job."""
+
+
 @dataclass(frozen=True)
 class Limits:
     """What one job may use before its process is stopped."""
@@ -91,6 +95,7 @@ class Workers:
         self.count = count
         self.limits = limits or Limits()
         arguments = (self.limits.memory_bytes(count), setup, setup_args)
+        self._closed = False
         self._all = [_Worker(arguments) for _ in range(count)]
         self._free: queue.LifoQueue[_Worker] = queue.LifoQueue()
         for worker in self._all:
@@ -109,15 +114,24 @@ class Workers:
         ------
         JobKilled
             If the process died, ran out of memory or had to be stopped after the time limit.
+        WorkersClosed
+            If `close` was called before the job was done.
         """
         worker = self._free.get()
         try:
+            if self._closed:
+                raise WorkersClosed
             return worker.run(function, args, self.limits)
+        except JobKilled:
+            if self._closed:
+                raise WorkersClosed from None
+            raise
         finally:
             self._free.put(worker)
 
     def close(self) -> None:
         """Stop the processes; jobs that still run are lost."""
+        self._closed = True
         for worker in self._all:
             worker.stop()
 
@@ -168,11 +182,12 @@ class _Worker:
         return "its process ended" + ("" if code is None else f" with exit code {code}")
 
     def stop(self) -> None:
-        if self._process is not None and self._process.is_alive():
-            self._process.kill()
-        if self._executor is not None:
-            self._executor.shutdown(wait=True, cancel_futures=True)
-        self._executor = self._process = None
+        process, self._process = self._process, None
+        executor, self._executor = self._executor, None
+        if process is not None and process.is_alive():
+            process.kill()
+        if executor is not None:
+            executor.shutdown(wait=True, cancel_futures=True)
 
 
 def _gib(size: int) -> str:

@@ -1,0 +1,50 @@
+"""The parameters of the flows: wrong ones are refused when a run is submitted, not when it runs."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Annotated, Any, Literal, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, Field, create_model
+
+from upplied import fleet
+from upplied.config import Preset, Settings
+
+Id = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
+Location = Annotated[str, Field(min_length=1, description="A folder, or the URI of an object store.")]
+Presets = Annotated[list[Preset], Field(min_length=1)]
+Engine = Literal["local", "dask", "ray"]
+
+
+def _changes() -> type[BaseModel]:
+    """A model of the settings in which everything may be left out: what is given replaces the preset's."""
+    strict = ConfigDict(extra="forbid")
+    stages: dict[str, Any] = {}
+    for name, stage in get_type_hints(Settings).items():
+        if name != "preset":
+            hints = get_type_hints(stage)
+            values = {item.name: (hints[item.name] | None, None) for item in fields(stage)}
+            model = create_model(stage.__name__, __config__=strict, __doc__=stage.__doc__, **values)  # type: ignore[call-overload]
+            stages[name] = (model | None, None)
+    model = create_model("Changes", __config__=strict, **stages)
+    model.__doc__ = "Settings that differ from the preset's, by stage."
+    return model
+
+
+Changes = _changes()
+
+
+class Resources(BaseModel):
+    """What a run may use."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    workers: int = Field(0, ge=0, le=1024, description="Processes; 0 takes one per core.")
+    timeout_s: float = Field(600, gt=0, description="After this a target is stopped and marked failed.")
+    memory_gib: float | None = Field(None, gt=0, description="Of a worker; empty: its share of it.")
+    engine: Engine = Field("local", description="Where targets are planned: local processes, Dask or Ray.")
+    address: str = Field("", description="Of the running Dask or Ray cluster.")
+
+    def of_fleet(self) -> fleet.Resources:
+        """The same for `upplied.fleet`."""
+        return fleet.Resources(self.workers, fleet.Limits(self.timeout_s, self.memory_gib))

@@ -1,0 +1,102 @@
+"""`make quickstart`: the real flows on a sample fleet, against a private Prefect server."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+from rich.console import Console
+from rich.table import Table
+
+from flows.environment import ROOT
+from flows.server import ServerError, private_server
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SAMPLES, CATALOG, REPORTS = "samples", "catalog", "reports"
+PRESETS = ("paper", "recommended", "baseline")
+
+
+def main() -> int:
+    """Make the fleet while the server starts, then run the flows in a process that knows the server."""
+    began = time.monotonic()
+    console = Console(highlight=False)
+    console.print("[bold]1/4[/] A sample fleet and a private Prefect server")
+    try:
+        with private_server(ROOT / ".cache" / "quickstart-prefect") as server:
+            write_samples(console)
+            server.wait()
+            code = subprocess.run(
+                [sys.executable, "-m", "flows.quickstart", "--flows"],
+                env=server.environment,
+                cwd=ROOT,
+                check=False,
+            ).returncode
+    except ServerError as error:
+        console.print(str(error), markup=False)
+        return 1
+    if code in (0, 1):
+        console.print(f"Done in {time.monotonic() - began:.0f} s.")
+    return code
+
+
+def write_samples(console: Console) -> None:
+    """Meshes, manifest and logs of the sample fleet."""
+    from upplied.outputs.sample_fleet import write_sample_fleet
+
+    with console.status("a simulated pilot flies the demonstrations"):
+        write_sample_fleet(ROOT / SAMPLES)
+
+
+def run_flows() -> int:
+    """The four flows, one after the other, and what came of them."""
+    from flows.ingest_demonstrations import ingest_demonstrations
+    from flows.ingest_structures import ingest_structures
+    from flows.transfer_fleet import transfer_fleet
+
+    console = Console(highlight=False)
+    console.print("[bold]2/4[/] Structures and demonstrations into the catalog")
+    ingest_structures(f"{SAMPLES}/structures.toml", CATALOG)
+    ingest_demonstrations([SAMPLES], CATALOG)
+    console.print("[bold]3/4[/] Every demonstration to every structure of its kind")
+    transfer_fleet(CATALOG, REPORTS, presets=list(PRESETS))
+    console.print("[bold]4/4[/] What came of it")
+    return show_results(console)
+
+
+def show_results(console: Console) -> int:
+    """The table of transfers, and what to open next; 1 where one of them did not succeed."""
+    import upplied
+
+    transfers = upplied.open_catalog(ROOT / CATALOG).transfers()
+    table = Table(box=None)
+    for name in ("demonstration", "target"):
+        table.add_column(name)
+    for name in ("coverage\npaper", "\nours", "\nbaseline", "Frechet\npaper", "\nours"):
+        table.add_column(name, justify="right")
+    for (demonstration, target), rows in transfers.groupby(["demonstration_id", "target_id"]):
+        by = rows.set_index("preset")
+        coverage = [percent(by, preset) for preset in PRESETS]
+        frechet = [number(by, preset) for preset in PRESETS[:2]]
+        table.add_row(demonstration, target, *coverage, *frechet)
+    console.print(table)
+    console.print(f"Open {REPORTS}/index.html, or: pd.read_parquet('{REPORTS}/transfers.parquet')")
+    return int((transfers["status"] != "ok").any())
+
+
+def percent(by: pd.DataFrame, preset: str) -> str:
+    """Coverage of one preset, or its status where it has none."""
+    value = by["coverage_paper_pct"].get(preset)
+    return by["status"].get(preset, "") if value is None or value != value else f"{value:.1f} %"
+
+
+def number(by: pd.DataFrame, preset: str) -> str:
+    """Frechet distance of one preset."""
+    value = by["frechet_z"].get(preset)
+    return "" if value is None or value != value else f"{value:.2f}"
+
+
+if __name__ == "__main__":
+    sys.exit(run_flows() if sys.argv[1:] == ["--flows"] else main())

@@ -1,0 +1,39 @@
+"""The tasks: each calls one function of `upplied.fleet` and hands on nothing but names and counts.
+
+Data lives in the catalog and its cache. Prefect keeps no results of ours (`NO_CACHE`), and its task
+table is not the record of what is done: the catalog is.
+"""
+
+from __future__ import annotations
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from upplied import fleet
+from upplied.catalog import open_catalog
+
+SESSIONS: dict[str, fleet.Session] = {}  # of the runs in this process, by run id
+
+
+@task(name="ingest-structures", task_run_name="ingest {manifest}", cache_policy=NO_CACHE)
+def ingest_structures(catalog: str, manifest: str, workers: int) -> list[dict[str, str]]:
+    """Every structure of a manifest into the catalog; a bad file stops itself alone."""
+    return [vars(item) for item in fleet.ingest_structures(open_catalog(catalog), manifest, workers)]
+
+
+@task(name="ingest-demonstrations", task_run_name="ingest {logs}", cache_policy=NO_CACHE)
+def ingest_demonstrations(catalog: str, logs: list[str], workers: int) -> list[dict[str, str]]:
+    """Every log into the catalog; a bad log stops itself alone."""
+    return [vars(item) for item in fleet.ingest_demonstrations(open_catalog(catalog), logs, workers)]
+
+
+@task(name="plan", task_run_name="{name}", cache_policy=NO_CACHE)
+def plan_shard(name: str, run_id: str, shard: int) -> None:
+    """Plan one shard of a run in its worker processes."""
+    SESSIONS[run_id].work(shard)
+
+
+@task(name="publish-reports", task_run_name="publish to {folder}", cache_policy=NO_CACHE)
+def publish_reports(catalog: str, folder: str) -> None:
+    """Write the published tables, pages and pictures."""
+    fleet.publish(open_catalog(catalog), folder)

@@ -1,0 +1,91 @@
+"""Every demonstration to every structure of its kind, touching only what changed."""
+
+from __future__ import annotations
+
+from prefect import flow, runtime
+from prefect.states import Completed, State
+from prefect.task_runners import ThreadPoolTaskRunner
+
+from flows import tasks
+from flows.artifacts import transfer_artifacts
+from flows.ingest_demonstrations import ingest_demonstrations
+from flows.ingest_structures import ingest_structures
+from flows.parameters import Changes, Id, Location, Presets, Resources
+from flows.progress import progress
+from upplied import fleet
+from upplied.catalog import open_catalog
+
+NO_CHANGES, ALL_CORES = Changes(), Resources()
+
+
+def run_name() -> str:
+    """What a run does, in words."""
+    given = runtime.flow_run.parameters
+    flown = ", ".join(given.get("demonstrations") or []) or "every demonstration"
+    targets = ", ".join(given.get("targets") or []) or "the fleet"
+    return f"{flown} to {targets}"[:200]
+
+
+@flow(name="transfer-fleet", flow_run_name=run_name)
+def transfer_fleet(
+    catalog: Location = "catalog",
+    reports: str = "reports",
+    manifest: str = "",
+    logs: list[Location] | None = None,
+    demonstrations: list[Id] | None = None,
+    targets: list[Id] | None = None,
+    presets: Presets = ("recommended", "baseline"),
+    changes: Changes = NO_CHANGES,
+    retry_failed: bool = False,
+    resources: Resources = ALL_CORES,
+) -> State:
+    """Plan every pair whose inputs changed since it was planned, and publish.
+
+    Args:
+        catalog: Folder or object-store URI.
+        reports: Folder to publish to; empty publishes nothing.
+        manifest: Structures to read first; empty reads none.
+        logs: Logs, or folders of them, to read first.
+        demonstrations: Ids; none means every one.
+        targets: Ids; none means every structure of the demonstration's kind.
+        presets: What to plan for each pair.
+        changes: Settings that differ from the presets'.
+        retry_failed: Also plan again what failed before.
+        resources: Processes, time and memory.
+    """
+    if manifest:
+        ingest_structures(manifest, catalog, resources.workers)
+    if logs:
+        ingest_demonstrations(logs, catalog, resources.workers)
+    wish = fleet.Wish(
+        tuple(presets),
+        changes.model_dump(exclude_unset=True),
+        tuple(demonstrations or ()),
+        tuple(targets or ()),
+        retry_failed,
+    )
+    decision = fleet.decide(open_catalog(catalog), wish)
+    result = plan(catalog, decision.jobs, resources)
+    if reports:
+        tasks.publish_reports(catalog, reports)
+    return Completed(message=transfer_artifacts(decision, result, reports))
+
+
+def plan(catalog: str, jobs: list[fleet.Job], resources: Resources) -> fleet.Result:
+    """Plan the jobs, a task to a shard; the tasks feed one crew of worker processes."""
+    run_id = str(runtime.flow_run.id)
+    session = fleet.Session(open_catalog(catalog), jobs, run_id, resources.of_fleet())
+    tasks.SESSIONS[run_id] = session
+    try:
+        with ThreadPoolTaskRunner(max_workers=session.threads) as runner, session, progress(session):
+            submitted = [
+                runner.submit(
+                    tasks.plan_shard, {"name": fleet.shard_name(shard), "run_id": run_id, "shard": number}
+                )
+                for number, shard in enumerate(session.shards)
+            ]
+            for future in submitted:
+                future.result()
+    finally:
+        del tasks.SESSIONS[run_id]
+    return session.result

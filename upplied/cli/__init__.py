@@ -1,0 +1,83 @@
+"""The `upplied` command. Heavy imports stay inside the commands, so that help answers at once.
+
+Exit codes: 0 all is well, 1 some files or targets were refused or failed, 2 the command was wrong,
+3 a fault of the program itself.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+from cyclopts import App, CycloptsError
+from rich.markup import escape
+
+import upplied
+from upplied.cli import (
+    catalog,
+    demonstrations,
+    doctor,
+    fleet,
+    quickstart,
+    report,
+    samples,
+    structures,
+    transfer,
+)
+from upplied.cli.terminal import console, errors
+from upplied.errors import UppliedError
+
+app = App(
+    name="upplied",
+    help="Plan the inspection of every structure of a kind from one expert's flight.",
+    version=upplied.__version__,
+    console=console,
+    error_console=errors,
+    result_action="return_value",
+)
+for command in (
+    quickstart.app,
+    samples.app,
+    structures.app,
+    demonstrations.app,
+    transfer.app,
+    transfer.plan,
+    report.app,
+    catalog.app,
+    fleet.app,
+    doctor.app,
+):
+    app.command(command)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    try:
+        tokens = _catalog_last(list(sys.argv[1:] if arguments is None else arguments))
+        return app(tokens, exit_on_error=False, print_error=False) or 0
+    except CycloptsError as error:
+        errors.print(f"[red]error:[/] {escape(str(error))} Try --help.", soft_wrap=True)
+        return 2
+    except UppliedError as error:
+        errors.print(f"[red]error:[/] {escape(str(error))}", soft_wrap=True)
+        return 2
+    except KeyboardInterrupt:
+        errors.print("stopped; what was finished is kept")
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains at its exit
+        return 0
+    except Exception as error:
+        if os.environ.get("UPPLIED_DEBUG"):
+            raise
+        errors.print(f"[red]fault:[/] {escape(f'{type(error).__name__}: {error}')}", soft_wrap=True)
+        errors.print("This should not happen. UPPLIED_DEBUG=1 shows where it did.", soft_wrap=True)
+        return 3
+
+
+def _catalog_last(tokens: list[str]) -> list[str]:
+    """Allow ``upplied --catalog PATH command``: the option belongs to the commands."""
+    if tokens[:1] == ["--catalog"] and len(tokens) > 2:
+        return [*tokens[2:], *tokens[:2]]
+    return tokens

@@ -1,0 +1,110 @@
+"""`upplied doctor`: whether this machine can do the work, in words."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+
+from cyclopts import App
+
+from upplied.cli.terminal import CatalogOption, JsonOption, opened, show
+
+app = App(name="doctor", help="Check that this machine can do the work.")
+
+
+@app.default
+def doctor(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+    """Try everything that planning needs and say what is missing and what to do."""
+    checks: dict[str, Callable[[], str]] = {
+        "Python": _python,
+        "packages": _packages,
+        "Open3D": _open3d,
+        "numba": _numba,
+        "memory": _memory,
+        "disk": _disk,
+        "catalog": lambda: _catalog(catalog),
+    }
+    rows = [{"check": name, **_tried(check)} for name, check in checks.items()]
+    show("doctor", rows, json)
+    return int(any(row["result"] == "bad" for row in rows))
+
+
+def _tried(check: Callable[[], str]) -> dict[str, str]:
+    try:
+        return {"result": "good", "found": check()}
+    except Exception as error:
+        return {"result": "bad", "found": f"{error}"}
+
+
+def _python() -> str:
+    return f"{sys.version.split()[0]} at {sys.executable}"
+
+
+def _packages() -> str:
+    """Prefect breaks silently with newer ones of these; a locked install never has them."""
+    wrong = [
+        f"{name} {version(name)} (needs {text})"
+        for name, bound, text in (("sqlalchemy", (2, 1), "< 2.1"), ("fastapi", (0, 151), "< 0.151"))
+        if _installed(name) >= bound
+    ]
+    if wrong:
+        raise RuntimeError(f"{', '.join(wrong)}: install from requirements.lock (make quickstart does)")
+    return f"upplied {version('upplied')}, prefect {version('prefect')}, open3d {_open3d_version()}"
+
+
+def _installed(name: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in version(name).split(".")[:2])
+
+
+def _open3d_version() -> str:
+    for name in ("open3d-cpu", "open3d"):
+        try:
+            return version(name)
+        except PackageNotFoundError:
+            continue
+    raise RuntimeError("Open3D is not installed: pip install open3d-cpu (or open3d)")
+
+
+def _open3d() -> str:
+    """One ray that must hit."""
+    import numpy as np
+
+    from upplied.scene import Scene
+
+    corners = np.array([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 2.0]])
+    scene = Scene(corners, np.array([[0, 1, 2]]))
+    hit = scene.occluded(np.array([[-1.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]]))
+    if not hit.all():
+        raise RuntimeError("a ray went through a triangle: the ray caster does not work on this processor")
+    return "casts rays"
+
+
+def _numba() -> str:
+    import numba
+
+    if numba.njit(lambda number: number + 1)(1) != 2:
+        raise RuntimeError("compiled code gives wrong results: reinstall numba and llvmlite")
+    return f"{numba.__version__} compiles"
+
+
+def _memory() -> str:
+    gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    if gib < 3:
+        raise RuntimeError(f"{gib:.1f} GiB; each worker needs about 1.5 GiB: use --workers 1")
+    return f"{gib:.0f} GiB, {os.cpu_count()} cores"
+
+
+def _disk() -> str:
+    free = shutil.disk_usage(".").free / 2**30
+    if free < 1:
+        raise RuntimeError(f"{free:.1f} GiB free here; the caches of a small fleet need 1 GiB")
+    return f"{free:.0f} GiB free"
+
+
+def _catalog(location: str) -> str:
+    store = opened(location)
+    structures, demonstrations = len(store.structures()), len(store.demonstrations())
+    return f"{store.location}: {structures} structures, {demonstrations} demonstrations"

@@ -1,0 +1,27 @@
+"""`upplied samples`: a fleet to try things on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cyclopts import App
+
+from upplied.cli.terminal import console
+
+app = App(name="samples", help="A sample fleet to try things on.")
+
+
+@app.command
+def write(folder: Path = Path("samples")) -> int:
+    """Write meshes, their manifest and a simulated pilot's logs.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to; created when missing.
+    """
+    from upplied.outputs.sample_fleet import write_sample_fleet
+
+    write_sample_fleet(folder)
+    console.print(f"{folder / 'structures.toml'} and the logs beside it", soft_wrap=True)
+    return 0

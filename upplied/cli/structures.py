@@ -1,0 +1,60 @@
+"""`upplied structures`: what the fleet consists of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cyclopts import App
+
+from upplied.cli.terminal import (
+    CatalogOption,
+    JsonOption,
+    WorkersOption,
+    ingested_report,
+    opened,
+    progress,
+    show,
+)
+
+app = App(name="structures", help="The structures of the catalog.")
+
+
+@app.command
+def add(manifest: Path, /, *, catalog: CatalogOption = "catalog", workers: WorkersOption = 0) -> int:
+    """Read the meshes that a manifest names into the catalog.
+
+    Parameters
+    ----------
+    manifest : Path
+        `structures.toml` or a CSV: id, kind, path, units, up, forward, ...
+    """
+    from upplied import fleet
+
+    with progress("reading structures", None) as advance:
+        ingested = fleet.ingest_structures(opened(catalog), manifest, workers, lambda _: advance())
+    return ingested_report(ingested)
+
+
+@app.command(name="list")
+def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+    """List the structures of the catalog."""
+    table = opened(catalog).structures()
+    show("structures", table[["structure_id", "kind"]].to_dict("records"), json)
+    return 0
+
+
+@app.command
+def check(manifest: Path, /, *, json: JsonOption = False, workers: WorkersOption = 0) -> int:
+    """Read what a manifest names and say what is wrong with it; nothing is kept.
+
+    Parameters
+    ----------
+    manifest : Path
+        `structures.toml` or a CSV.
+    """
+    from upplied import fleet
+
+    with progress("checking structures", None) as advance:
+        found = fleet.check_structures(manifest, workers, lambda _: advance())
+    show("structures", [vars(item) for item in found], json)
+    return int(any(item.status == "failed" for item in found))

@@ -1,0 +1,173 @@
+"""`upplied transfer` and `upplied plan`: from demonstrations to flights, and what a run would do."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, Parameter
+
+from upplied.cli.terminal import (
+    CatalogOption,
+    JsonOption,
+    WorkersOption,
+    console,
+    opened,
+    progress,
+    show,
+)
+
+if TYPE_CHECKING:
+    from upplied.catalog import Catalog
+    from upplied.fleet import Decision, Result
+
+app = App(name="transfer", help="Carry a demonstration to other structures.")
+plan = App(name="plan", help="Say what a run over the fleet would plan, and why; or plan it.")
+
+PresetOption = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--preset", negative="", consume_multiple=True, help="paper, recommended, baseline; several."
+    ),
+]
+SetOption = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--set",
+        negative="",
+        show_default=False,
+        help="A setting that differs, as STAGE.NAME=VALUE; repeatable.",
+    ),
+]
+TimeoutOption = Annotated[float, Parameter(name="--timeout", help="Seconds after which a target is stopped.")]
+DEFAULT_PRESETS = ("recommended", "baseline")
+
+
+@app.default
+def transfer(
+    demonstration: str,
+    /,
+    *,
+    to: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="", show_default=False)] = (),
+    preset: PresetOption = DEFAULT_PRESETS,
+    set_: SetOption = (),
+    catalog: CatalogOption = "catalog",
+    workers: WorkersOption = 0,
+    timeout: TimeoutOption = 600.0,
+    json: JsonOption = False,
+) -> int:
+    """Carry one demonstration to targets; plans that exist are not made again.
+
+    Parameters
+    ----------
+    demonstration : str
+        Its id in the catalog.
+    to : tuple of str
+        Ids of the targets; none: every other structure of the kind.
+    """
+    from upplied import fleet
+
+    opened_catalog = opened(catalog)
+    wish = fleet.Wish(preset, changes(set_), (demonstration,), to)
+    run(opened_catalog, fleet.decide(opened_catalog, wish), workers, timeout)
+    rows = current(opened_catalog, demonstration, to, preset)
+    show(f"transfers of {demonstration}", rows, json)
+    return int(any(row["status"] != "ok" for row in rows))
+
+
+@plan.default
+def plan_fleet(
+    *,
+    dry_run: Annotated[bool, Parameter(negative="", help="Only say what would be planned.")] = False,
+    preset: PresetOption = DEFAULT_PRESETS,
+    set_: SetOption = (),
+    retry_failed: Annotated[bool, Parameter(negative="", help="Also plan again what failed.")] = False,
+    catalog: CatalogOption = "catalog",
+    workers: WorkersOption = 0,
+    timeout: TimeoutOption = 600.0,
+    json: JsonOption = False,
+) -> int:
+    """Plan every pair whose inputs changed since it was planned, or say which those are."""
+    from upplied import fleet
+
+    opened_catalog = opened(catalog)
+    decision = fleet.decide(opened_catalog, fleet.Wish(preset, changes(set_), retry_failed=retry_failed))
+    if dry_run:
+        show_decision(decision, json)
+        return 0
+    result = run(opened_catalog, decision, workers, timeout)
+    console.print(f"{result}, {decision.unchanged} unchanged")
+    return int(result.ok < result.total)
+
+
+def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+    """``route.clearance_m=3`` and the like as stage -> setting -> value."""
+    import json
+
+    from upplied.errors import SettingsError
+
+    stages: dict[str, dict[str, Any]] = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        stage, dot, setting = name.partition(".")
+        if not (equals and dot):
+            raise SettingsError(f"--set {text}", "cannot be read", "STAGE.NAME=VALUE")
+        try:
+            stages.setdefault(stage, {})[setting] = json.loads(value)
+        except ValueError:
+            stages.setdefault(stage, {})[setting] = value
+    return stages
+
+
+def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> Result:
+    """Plan what was decided, with a bar."""
+    from upplied import fleet
+
+    resources = fleet.Resources(workers, fleet.Limits(timeout))
+    with progress("planning", len(decision.jobs)) as advance:
+        return fleet.transfer(catalog, decision.jobs, fleet.new_run_id(), resources, lambda _: advance())
+
+
+SHOWN = (
+    "target_id",
+    "preset",
+    "status",
+    "coverage_paper_pct",
+    "frechet_z",
+    "min_clearance_m",
+    "duration_s",
+    "reason",
+)
+
+
+def current(
+    catalog: Catalog, demonstration: str, to: tuple[str, ...], presets: tuple[str, ...]
+) -> list[dict]:
+    """The catalog's newest plans of a demonstration, ready to be shown."""
+    table = catalog.transfers()
+    wanted = (table["demonstration_id"] == demonstration) & table["preset"].isin(presets)
+    if to:
+        wanted &= table["target_id"].isin(to)
+    rows = table.loc[wanted].sort_values(["target_id", "preset"])[["transfer_id", *SHOWN]]
+    return rows.astype(object).where(rows.notna(), None).to_dict("records")
+
+
+def show_decision(decision: Decision, as_json: bool) -> None:
+    """What would be planned and why."""
+    rows = [
+        {
+            "demonstration": job.demonstration_id,
+            "target": job.target_id,
+            "preset": job.settings.preset,
+            "why": job.why,
+        }
+        for job in decision.jobs
+    ]
+    if not as_json:
+        rows, more = rows[:40], len(rows) - 40
+    show("would be planned", rows, as_json)
+    if not as_json:
+        if more > 0:
+            console.print(f"... and {more} more; --json lists them all")
+        for why, count in decision.reasons.items():
+            console.print(f"{count:6d}  {why}")
+        console.print(f"{decision.unchanged:6d}  unchanged")

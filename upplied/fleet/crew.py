@@ -1,0 +1,125 @@
+"""Worker processes that plan from one catalog; whatever happens to a job, an outcome comes back."""
+
+from __future__ import annotations
+
+import os
+import time
+import traceback
+from dataclasses import dataclass
+from functools import lru_cache
+
+from upplied.catalog import Catalog, open_catalog
+from upplied.errors import RefusedError, UppliedError
+from upplied.fleet.decide import Job
+from upplied.fleet.workers import JobKilled, Limits, Workers
+from upplied.planning.plan import plan_transfer
+from upplied.records import Demonstration, Plan, Structure
+from upplied.scene import open3d
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one job."""
+
+    job: Job
+    plan: Plan
+    seconds: float
+    detail: str = ""  # the traceback of an error nobody foresaw, for developers
+
+
+class Crew:
+    """Worker processes that plan from one catalog.
+
+    Parameters
+    ----------
+    location : str
+        Of the catalog; each worker opens it itself.
+    count : int
+        Number of processes; 0 takes one per core.
+    limits : Limits
+        Time and memory of one job.
+    """
+
+    def __init__(self, location: str, count: int = 0, limits: Limits | None = None) -> None:
+        self.count = count or cores()
+        self._workers = Workers(self.count, _open, (location,), limits)
+
+    def close(self) -> None:
+        """Stop the processes; jobs under way are given up and leave no row."""
+        self._workers.close()
+
+    def plan(self, job: Job) -> Outcome:
+        """Plan one job and wait for it; whatever happens to it, an outcome comes back.
+
+        Raises
+        ------
+        WorkersClosed
+            If the crew was closed meanwhile.
+        """
+        began = time.monotonic()
+        try:
+            return self._workers.run(_plan, job)
+        except JobKilled as death:
+            return Outcome(job, _without_path(job, "failed", str(death)), time.monotonic() - began)
+
+
+def cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+# Below: in the worker process.
+
+_catalog: Catalog | None = None
+
+
+def _open(location: str) -> None:
+    """Open the catalog and load what planning needs, once per process."""
+    global _catalog
+    _catalog = open_catalog(location)
+    open3d()
+
+
+@lru_cache(maxsize=4)
+def _structure(structure_id: str) -> Structure:
+    assert _catalog is not None
+    return _catalog.structure(structure_id)
+
+
+@lru_cache(maxsize=16)
+def _demonstration(demonstration_id: str) -> Demonstration:
+    assert _catalog is not None
+    return _catalog.demonstration(demonstration_id)
+
+
+def _plan(job: Job) -> Outcome:
+    """Plan one job in this process; errors become plans with a reason."""
+    assert _catalog is not None
+    began = time.monotonic()
+    detail = ""
+    try:
+        demonstration = _demonstration(job.demonstration_id)
+        source, target = _structure(job.source_id), _structure(job.target_id)
+        plan = plan_transfer(demonstration, source, target, job.settings, _catalog.cache)
+    except MemoryError:
+        raise  # the worker says so, and is replaced
+    except RefusedError as refusal:
+        plan = _without_path(job, "refused", str(refusal))
+    except UppliedError as error:
+        plan = _without_path(job, "failed", str(error))
+    except Exception as error:
+        plan = _without_path(job, "failed", f"{type(error).__name__}: {error}")
+        detail = traceback.format_exc()
+    return Outcome(job, plan, time.monotonic() - began, detail)
+
+
+def _without_path(job: Job, status: str, reason: str) -> Plan:
+    return Plan(
+        demonstration_id=job.demonstration_id,
+        source_id=job.source_id,
+        target_id=job.target_id,
+        kind=job.kind,
+        preset=job.settings.preset,
+        status=status,
+        reason=reason,
+    )

@@ -1,0 +1,202 @@
+"""What has to be planned, and why: the pairs whose inputs the catalog has no plan for.
+
+A plan is named by the hash of everything it depends on (`upplied.planning.plan.transfer_key`), so
+a pair is up to date exactly when the catalog holds a plan of that name. Nothing else is compared;
+the other columns only serve to say in words what changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from upplied.catalog import Catalog
+from upplied.config import Settings, settings_for
+from upplied.errors import InputError
+from upplied.planning.plan import METHOD_VERSION, transfer_key
+from upplied.records import Demonstration, Structure
+
+
+@dataclass(frozen=True)
+class Wish:
+    """Which plans the fleet should have; empty tuples mean every one."""
+
+    presets: tuple[str, ...] = ("recommended", "baseline")
+    changes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # stage -> setting -> value
+    demonstrations: tuple[str, ...] = ()
+    targets: tuple[str, ...] = ()
+    retry_failed: bool = False
+
+    def settings(self) -> list[Settings]:
+        """The settings of every preset, with the changes applied."""
+        return [settings_for(preset, **self.changes) for preset in self.presets]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One demonstration to carry to one target with one preset."""
+
+    demonstration_id: str
+    source_id: str
+    target_id: str
+    kind: str
+    settings: Settings
+    key: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.demonstration_id} to {self.target_id} ({self.settings.preset})"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a run would do."""
+
+    jobs: list[Job]
+    unchanged: int
+
+    @property
+    def reasons(self) -> dict[str, int]:
+        """How many jobs there are for each reason, most frequent first."""
+        counted: dict[str, int] = {}
+        for job in self.jobs:
+            counted[job.why] = counted.get(job.why, 0) + 1
+        return dict(sorted(counted.items(), key=lambda item: (-item[1], item[0])))
+
+
+def decide(catalog: Catalog, wish: Wish | None = None) -> Decision:
+    """Which plans are missing.
+
+    Every demonstration goes to every other structure of the kind it was flown on, or to the targets
+    that the wish names; a target that is the demonstration's own structure must be named.
+
+    Raises
+    ------
+    InputError
+        If the wish names a demonstration or target that the catalog does not hold.
+    """
+    wish = wish or Wish()
+    structures = _structures(catalog)
+    demonstrations = _demonstrations(catalog)
+    _check_known("demonstration", wish.demonstrations, demonstrations)
+    _check_known("structure", wish.targets, structures)
+    past = _Past(catalog.transfers(), wish.retry_failed)
+    jobs, unchanged = [], 0
+    for settings in wish.settings():
+        for demonstration, source, target in _pairs(demonstrations, structures, wish):
+            key = transfer_key(demonstration, source, target, settings)
+            if key in past.done:
+                unchanged += 1
+                continue
+            why = past.why(demonstration, source, target, settings, key)
+            names = (demonstration.demonstration_id, source.structure_id, target.structure_id)
+            jobs.append(Job(*names, target.kind, settings, key, why))
+    jobs.sort(key=lambda job: (job.demonstration_id, job.target_id, job.settings.preset))
+    return Decision(jobs, unchanged)
+
+
+class _Past:
+    """What the catalog's plans were made from."""
+
+    def __init__(self, transfers: pd.DataFrame, retry_failed: bool) -> None:
+        counted = transfers[transfers["status"] != "failed"] if retry_failed else transfers
+        self.done = set(counted["key"])
+        newest = transfers.sort_values("planned_at", kind="stable").drop_duplicates(
+            ["demonstration_id", "target_id", "preset"], keep="last"
+        )
+        self._rows = {
+            (row.demonstration_id, row.target_id, row.preset): row
+            for row in newest[list(_COMPARED)].itertuples(index=False)
+        }
+
+    def why(
+        self, demonstration: Demonstration, source: Structure, target: Structure, settings: Settings, key: str
+    ) -> str:
+        """What changed since the newest plan of the pair, in words."""
+        row = self._rows.get((demonstration.demonstration_id, target.structure_id, settings.preset))
+        if row is None:
+            return "new pair"
+        if row.key == key:
+            return "failed before"
+        changed = {
+            "demonstration changed": row.demonstration_sha256 != demonstration.sha256,
+            "source changed": row.source_sha256 != source.sha256,
+            "target changed": row.target_sha256 != target.sha256,
+            "settings changed": row.settings_sha256 != settings.sha256,
+            f"method {row.method_version} became {METHOD_VERSION}": row.method_version != METHOD_VERSION,
+        }
+        return ", ".join(text for text, is_so in changed.items() if is_so) or "an older version is back"
+
+
+_COMPARED = (
+    "demonstration_id",
+    "target_id",
+    "preset",
+    "key",
+    "demonstration_sha256",
+    "source_sha256",
+    "target_sha256",
+    "settings_sha256",
+    "method_version",
+)
+
+
+def _pairs(
+    demonstrations: Mapping[str, Demonstration], structures: Mapping[str, Structure], wish: Wish
+) -> Iterator[tuple[Demonstration, Structure, Structure]]:
+    for demonstration_id in wish.demonstrations or demonstrations:
+        demonstration = demonstrations[demonstration_id]
+        source = structures.get(demonstration.structure_id)
+        if source is None:
+            if wish.demonstrations:
+                raise InputError(
+                    f"demonstration {demonstration_id}",
+                    f"was flown on {demonstration.structure_id}, which the catalog does not hold",
+                    remedy="add that structure first",
+                )
+            continue
+        for target_id in wish.targets or structures:
+            target = structures[target_id]
+            if target.kind == source.kind and (target is not source or wish.targets):
+                yield demonstration, source, target
+
+
+def _check_known(what: str, wanted: tuple[str, ...], known: Mapping[str, object]) -> None:
+    for name in wanted:
+        if name not in known:
+            some = ", ".join(sorted(known)[:10]) or "none"
+            raise InputError(f"{what} {name!r}", "is not in the catalog", f"known: {some}")
+
+
+def _structures(catalog: Catalog) -> dict[str, Structure]:
+    """The structures by id, without their shapes: their hashes are all that is compared."""
+    table = catalog.structures()
+    return {
+        row.structure_id: Structure(
+            row.structure_id, row.kind, np.empty((0, 3)), _NO_TRIANGLES, sha256=row.sha256
+        )
+        for row in table[["structure_id", "kind", "sha256"]].itertuples(index=False)
+    }
+
+
+def _demonstrations(catalog: Catalog) -> dict[str, Demonstration]:
+    table = catalog.demonstrations()
+    return {
+        row.demonstration_id: Demonstration(
+            row.demonstration_id,
+            row.structure_id,
+            _NO_TIMES,
+            np.empty((0, 3)),
+            np.empty((0, 4)),
+            sha256=row.sha256,
+        )
+        for row in table[["demonstration_id", "structure_id", "sha256"]].itertuples(index=False)
+    }
+
+
+_NO_TRIANGLES = np.empty((0, 3), np.int64)
+_NO_TIMES = np.empty(0, np.int64)

@@ -1,0 +1,169 @@
+"""Files into the catalog: a bad one stops itself alone, an unchanged one is left as it is.
+
+Files are read in worker processes: a file that crashes a reader costs itself alone, and many are
+read at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TypeVar
+
+import pandas as pd
+
+from upplied.catalog import Catalog
+from upplied.errors import InputError, UppliedError
+from upplied.fleet.crew import cores
+from upplied.fleet.workers import JobKilled, Workers
+from upplied.inputs.logs import read_demonstration
+from upplied.inputs.manifests import StructureEntry, read_manifest
+from upplied.inputs.meshes import read_structure
+from upplied.records import Demonstration, Structure
+
+BATCH = 50  # files read before what they hold is committed together
+
+Item = TypeVar("Item")
+Kept = TypeVar("Kept", Structure, Demonstration)
+
+
+@dataclass(frozen=True)
+class Ingested:
+    """What became of one file."""
+
+    name: str  # the id, or the file where no id is known
+    status: str  # "added", "unchanged" or "failed"
+    reason: str = ""
+
+
+Progress = Callable[[Ingested], None]
+
+
+def _silent(ingested: Ingested) -> None:
+    """Nobody watches."""
+
+
+def ingest_structures(
+    catalog: Catalog, manifest: str | Path, workers: int = 0, progress: Progress = _silent
+) -> list[Ingested]:
+    """Read the structures of a manifest and keep those that are new or changed.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    manifest : path
+        `structures.toml` or a CSV.
+    workers : int
+        Processes; 0 takes one per core.
+    progress : callable
+        Called with what became of each file.
+
+    Raises
+    ------
+    InputError
+        If the manifest itself cannot be read.
+    """
+    known = dict(zip(*_columns(catalog.structures(), "structure_id"), strict=True))
+    entries = read_manifest(manifest)
+    reads = _each(read_structure, entries, lambda entry: entry.structure_id, workers)
+    return _keep(reads, known, lambda it: it.structure_id, catalog.add_structures, progress)
+
+
+def ingest_demonstrations(
+    catalog: Catalog, logs: Iterable[str | Path], workers: int = 0, progress: Progress = _silent
+) -> list[Ingested]:
+    """Read logs, or folders of them, and keep those that are new or changed; parameters as above."""
+    known = dict(zip(*_columns(catalog.demonstrations(), "demonstration_id"), strict=True))
+    reads = _each(read_demonstration, find_logs(logs), str, workers)
+    return _keep(reads, known, lambda it: it.demonstration_id, catalog.add_demonstrations, progress)
+
+
+def check_structures(manifest: str | Path, workers: int = 0, progress: Progress = _silent) -> list[Ingested]:
+    """Read the structures of a manifest and say what is wrong; nothing is kept."""
+    found = []
+    for name, read in _each(_checked, read_manifest(manifest), lambda entry: entry.structure_id, workers):
+        found.append(Ingested(name, "failed", read) if isinstance(read, str) else read)
+        progress(found[-1])
+    return found
+
+
+def find_logs(logs: Iterable[str | Path]) -> list[Path]:
+    """The MCAP files that are named, or lie in the folders that are named.
+
+    Raises
+    ------
+    InputError
+        If a name does not exist, or there is no log at all.
+    """
+    names = [Path(log) for log in logs]
+    found = []
+    for name in names:
+        if not name.exists():
+            raise InputError(str(name), "does not exist", remedy="check the path")
+        found += sorted(name.rglob("*.mcap")) if name.is_dir() else [name]
+    if not found:
+        raise InputError(", ".join(map(str, names)) or "logs", "no MCAP file was found", "at least one .mcap")
+    return found
+
+
+def _columns(table: pd.DataFrame, key: str) -> tuple[list[str], list[str]]:
+    return table[key].tolist(), table["sha256"].tolist()
+
+
+def _checked(entry: StructureEntry) -> Ingested:
+    structure = read_structure(entry)
+    length, width, height = structure.vertices.max(axis=0) - structure.vertices.min(axis=0)
+    size = f"{length:.1f} x {width:.1f} x {height:.1f} m, {len(structure.triangles)} triangles"
+    return Ingested(entry.structure_id, "good", size)
+
+
+def _each(
+    read: Callable[[Item], Kept], items: Sequence[Item], name: Callable[[Item], str], workers: int
+) -> Iterator[tuple[str, Kept | str]]:
+    """Name and record of each file, in order; where there is no record, the reason."""
+    count = max(1, min(workers or cores(), len(items)))
+    with Workers(count) as pool, ThreadPoolExecutor(count) as threads:
+
+        def one(item: Item) -> tuple[str, Kept | str]:
+            try:
+                return name(item), pool.run(read, item)
+            except (JobKilled, UppliedError) as error:
+                return name(item), f"{name(item)}: {error}" if isinstance(error, JobKilled) else str(error)
+            except Exception as error:
+                return name(item), f"{name(item)}: {type(error).__name__}: {error}"
+
+        remaining = iter(items)
+        while batch := list(islice(remaining, BATCH)):
+            yield from threads.map(one, batch)
+
+
+def _keep(
+    reads: Iterator[tuple[str, Kept | str]],
+    known: Mapping[str, str],
+    identify: Callable[[Kept], str],
+    add: Callable[[list[Kept]], object],
+    progress: Progress,
+) -> list[Ingested]:
+    ingested: list[Ingested] = []
+    waiting: list[Kept] = []
+    seen: dict[str, str] = {}
+    for name, read in reads:
+        if isinstance(read, str):
+            ingested.append(Ingested(name, "failed", read))
+        elif (first := seen.setdefault(identify(read), name)) is not name:
+            ingested.append(Ingested(name, "failed", f"{name}: its id {identify(read)!r} is that of {first}"))
+        elif known.get(identify(read)) == read.sha256:
+            ingested.append(Ingested(identify(read), "unchanged"))
+        else:
+            ingested.append(Ingested(identify(read), "added"))
+            waiting.append(read)
+        progress(ingested[-1])
+        if len(waiting) >= BATCH:
+            add(waiting)
+            waiting = []
+    if waiting:
+        add(waiting)
+    return ingested

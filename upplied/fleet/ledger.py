@@ -1,0 +1,83 @@
+"""Keeps what came of the jobs of a run: counted at once, committed a batch at a time."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from dataclasses import dataclass, field
+
+import upplied
+from upplied.catalog import Catalog
+from upplied.fleet.crew import Outcome
+
+log = logging.getLogger(__name__)
+
+
+class Ledger:
+    """Collects outcomes from any thread and commits them together.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    run_id : str
+        Of the run that plans, kept with every row.
+    batch : int
+        A commit is made when this many outcomes wait ...
+    every_s : float
+        ... or when the last one is this long ago, so that a killed run loses little.
+    """
+
+    def __init__(self, catalog: Catalog, run_id: str, batch: int = 100, every_s: float = 10.0) -> None:
+        self._catalog, self._run_id, self._batch, self._every_s = catalog, run_id, batch, every_s
+        self._waiting: list[Outcome] = []
+        self._last = time.monotonic()
+        self._lock = threading.Lock()
+        self.result = Result()
+
+    def add(self, outcome: Outcome) -> None:
+        """Take one outcome in."""
+        if outcome.detail:
+            log.error("%s: %s\n%s", outcome.job, outcome.plan.reason, outcome.detail)
+        with self._lock:
+            self._waiting.append(outcome)
+            self.result.count(outcome)
+            if len(self._waiting) >= self._batch or time.monotonic() - self._last > self._every_s:
+                self._commit()
+
+    def close(self) -> None:
+        """Commit what still waits."""
+        with self._lock:
+            self._commit()
+
+    def _commit(self) -> None:
+        provenance = {"run_id": self._run_id, "code_version": upplied.__version__}
+        ordered = sorted(self._waiting, key=lambda outcome: outcome.job.key)
+        if ordered:
+            self._catalog.add_plans([(o.job.key, o.plan, provenance) for o in ordered])
+        self._waiting, self._last = [], time.monotonic()
+
+
+@dataclass
+class Result:
+    """Counts of a run, and what did not succeed."""
+
+    ok: int = 0
+    refused: int = 0
+    failed: int = 0
+    troubles: list[tuple[str, str, str]] = field(default_factory=list)  # job, status, reason
+
+    def count(self, outcome: Outcome) -> None:
+        """Count one outcome."""
+        status = outcome.plan.status
+        setattr(self, status, getattr(self, status) + 1)
+        if status != "ok":
+            self.troubles.append((str(outcome.job), status, outcome.plan.reason))
+
+    @property
+    def total(self) -> int:
+        """All outcomes."""
+        return self.ok + self.refused + self.failed
+
+    def __str__(self) -> str:
+        return f"{self.ok} ok, {self.refused} refused, {self.failed} failed"
