@@ -55,18 +55,25 @@ def gauss_newton(
 
 
 def _solve(camera: Floats, points: Floats, wanted: Floats, iterations: int) -> Floats:
-    """Plain Gauss-Newton with the least-norm step; the start is kept where it runs off."""
-    here = camera
-    for _ in range(iterations):
+    """Plain Gauss-Newton with the least-norm step; of all iterates the one with the least residual.
+
+    Without that choice single viewpoints run off by kilometres where the points in view lie in a plane.
+    """
+    here, best, least = camera, camera, np.inf
+    for _ in range(iterations + 1):
         ray = here - points
         distance = np.maximum(np.linalg.norm(ray, axis=1), 1e-12)
-        step = np.linalg.lstsq(ray / distance[:, None], distance - wanted, rcond=1e-6)[0]
-        here = here - step
-        if not np.isfinite(here).all() or np.abs(here).max() > 1e6:
-            return camera
+        residual = distance - wanted
+        size = float(residual @ residual)
+        if not np.isfinite(size):
+            break
+        if size < least:
+            best, least = here, size
+        step = np.linalg.lstsq(ray / distance[:, None], residual, rcond=1e-6)[0]
         if np.abs(step).max() < 1e-10:
             break
-    return here
+        here = here - step
+    return best
 
 
 def _deviation(cloud: Cloud) -> Floats:
