@@ -28,7 +28,8 @@ def transfer_artifacts(decision: fleet.Decision, result: fleet.Result, reports: 
     summary = f"{result}, {decision.unchanged} unchanged"
     why = "\n".join(f"* {count}: {reason}" for reason, count in decision.reasons.items())
     troubles = [{"name": job, "status": status, "reason": reason} for job, status, reason in result.troubles]
-    create_table_artifact(result.rows[:MOST_ROWS], key="transfer-fleet-result")
+    rows = troubles or [{"name": "every plan", "status": "ok", "reason": ""}]
+    create_table_artifact(rows[:MOST_ROWS], key="transfer-fleet-result")
     create_markdown_artifact(
         f"## transfer-fleet\n\n{summary}\n\n{why}\n\n{_listed(troubles)}\n\nReports: {reports}/index.html",
         key="transfer-fleet",

@@ -100,6 +100,9 @@ def _plan(job: Job) -> Outcome:
     try:
         demonstration = _demonstration(job.demonstration_id)
         source, target = _structure(job.source_id), _structure(job.target_id)
+        if (demonstration.sha256, source.sha256, target.sha256) != job.sha256:
+            reason = "its inputs changed after the run began; the next run plans it"
+            return Outcome(job, _without_path(job, "superseded", reason), time.monotonic() - began)
         plan = plan_transfer(demonstration, source, target, job.settings, _catalog.cache)
     except MemoryError:
         raise  # the worker says so, and is replaced

@@ -47,6 +47,7 @@ class Job:
     settings: Settings
     key: str
     why: str
+    sha256: tuple[str, str, str]  # of the demonstration, the source and the target
 
     def __str__(self) -> str:
         return f"{self.demonstration_id} to {self.target_id} ({self.settings.preset})"
@@ -94,7 +95,8 @@ def decide(catalog: Catalog, wish: Wish | None = None) -> Decision:
                 continue
             why = past.why(demonstration, source, target, settings, key)
             names = (demonstration.demonstration_id, source.structure_id, target.structure_id)
-            jobs.append(Job(*names, target.kind, settings, key, why))
+            hashes = (demonstration.sha256, source.sha256, target.sha256)
+            jobs.append(Job(*names, target.kind, settings, key, why, hashes))
     jobs.sort(key=lambda job: (job.demonstration_id, job.target_id, job.settings.preset))
     return Decision(jobs, unchanged)
 

@@ -6,10 +6,12 @@ import logging
 import threading
 import time
 from dataclasses import dataclass, field
+from typing import Any
 
 import upplied
 from upplied.catalog import Catalog
 from upplied.fleet.crew import Outcome
+from upplied.planning.pair import METHOD_VERSION
 
 log = logging.getLogger(__name__)
 
@@ -40,8 +42,9 @@ class Ledger:
         if outcome.detail:
             log.error("%s: %s\n%s", outcome.job, outcome.plan.reason, outcome.detail)
         with self._lock:
-            self._waiting.append(outcome)
             self.result.count(outcome)
+            if outcome.plan.status != "superseded":
+                self._waiting.append(outcome)
             if len(self._waiting) >= self._batch or time.monotonic() - self._last > self._every_s:
                 self._commit()
 
@@ -51,11 +54,21 @@ class Ledger:
             self._commit()
 
     def _commit(self) -> None:
-        provenance = {"run_id": self._run_id, "code_version": upplied.__version__}
         ordered = sorted(self._waiting, key=lambda outcome: outcome.job.key)
         if ordered:
-            self._catalog.add_plans([(o.job.key, o.plan, provenance) for o in ordered])
+            self._catalog.add_plans([(o.job.key, o.plan, self._provenance(o)) for o in ordered])
         self._waiting, self._last = [], time.monotonic()
+
+    def _provenance(self, outcome: Outcome) -> dict[str, Any]:
+        hashes = ("demonstration_sha256", "source_sha256", "target_sha256")
+        return {
+            "run_id": self._run_id,
+            "code_version": upplied.__version__,
+            "method_version": METHOD_VERSION,
+            "planning_s": outcome.seconds,
+            "settings": outcome.job.settings,
+            **dict(zip(hashes, outcome.job.sha256, strict=True)),
+        }
 
 
 @dataclass
@@ -65,6 +78,7 @@ class Result:
     ok: int = 0
     refused: int = 0
     failed: int = 0
+    superseded: int = 0  # their inputs changed while the run was under way: the next run plans them
     troubles: list[tuple[str, str, str]] = field(default_factory=list)  # job, status, reason
 
     def count(self, outcome: Outcome) -> None:
@@ -77,7 +91,8 @@ class Result:
     @property
     def total(self) -> int:
         """All outcomes."""
-        return self.ok + self.refused + self.failed
+        return self.ok + self.refused + self.failed + self.superseded
 
     def __str__(self) -> str:
-        return f"{self.ok} ok, {self.refused} refused, {self.failed} failed"
+        counted = f"{self.ok} ok, {self.refused} refused, {self.failed} failed"
+        return counted + (f", {self.superseded} superseded" if self.superseded else "")

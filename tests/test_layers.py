@@ -1,0 +1,119 @@
+"""Imports point one way, and heavy or foreign packages stay behind their doors."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+# What a module of each room may import of `upplied`; the rooms are in the order of the layers.
+FOUNDATION = {"errors", "records", "config", "checks", "poses", "scene"}
+ALLOWED = {
+    "errors": set(),
+    "records": {"errors"},
+    "config": {"errors"},
+    "checks": {"errors", "records", "config"},
+    "poses": {"errors", "records", "config", "checks"},
+    "scene": FOUNDATION,
+    "planning": FOUNDATION | {"planning"},
+    "samples": FOUNDATION | {"planning", "samples"},
+    "inputs": FOUNDATION | {"inputs"},
+    "catalog": FOUNDATION | {"catalog"},
+    "outputs": FOUNDATION | {"outputs", "inputs", "samples", "catalog"},
+    "fleet": FOUNDATION | {"planning", "inputs", "catalog", "outputs", "fleet"},
+    "cli": FOUNDATION | {"planning", "samples", "inputs", "catalog", "outputs", "fleet", "cli"},
+}
+# The only rooms or modules that may import a package; None means nowhere in `upplied`.
+DOORS = {
+    "prefect": (),
+    "flows": (),
+    "open3d": ("scene",),
+    "cyclopts": ("cli",),
+    "deltalake": ("catalog",),
+    "mcap": ("inputs", "outputs"),
+    "pickle": (),
+}
+FOREIGN_TO_PLANNING = {"pathlib", "pyarrow", "pandas", "mcap", "prefect", "deltalake", "os", "io", "shutil"}
+
+
+def modules() -> list[Path]:
+    return sorted((ROOT / "upplied").rglob("*.py"))
+
+
+def room_of(path: Path) -> str:
+    first = path.relative_to(ROOT / "upplied").parts[0]
+    return first.removesuffix(".py")
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Full names of what a module imports anywhere in it, but for what only type checkers see."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    unseen = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+        for inner in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        if id(node) in unseen:
+            continue
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: imports are absolute"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def named(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("path", modules(), ids=named)
+def test_imports_point_one_way(path: Path):
+    room = room_of(path)
+    if room == "__init__":
+        return  # the public names, loaded when asked for
+    for name in imports(path):
+        parts = name.split(".")
+        if (
+            parts[0] == "upplied"
+            and len(parts) > 1
+            and (ROOT / "upplied" / parts[1]).exists() | (ROOT / "upplied" / f"{parts[1]}.py").exists()
+        ):
+            assert parts[1] in ALLOWED[room] | {room}, f"{room} imports {name}"
+        elif parts[0] in DOORS:
+            assert room in DOORS[parts[0]], f"{name} is imported outside {DOORS[parts[0]]}"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "upplied" / "planning").rglob("*.py")), ids=named)
+def test_planning_knows_no_files(path: Path):
+    assert not {name.split(".")[0] for name in imports(path)} & FOREIGN_TO_PLANNING
+    calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+    assert not [
+        call for call in calls if isinstance(call.func, ast.Name) and call.func.id in ("open", "print")
+    ]
+
+
+def test_every_room_has_its_rule():
+    assert {room_of(path) for path in modules()} - {"__init__"} <= set(ALLOWED)
+
+
+@pytest.mark.parametrize(
+    ("statement", "unwanted"),
+    [
+        ("import upplied", ("open3d", "prefect", "numba", "pyarrow")),
+        ("import upplied.cli", ("open3d", "prefect", "numba", "numpy", "pandas")),
+        ("import upplied.catalog", ("open3d", "prefect", "numba")),
+        ("import upplied.fleet", ("open3d", "prefect")),
+    ],
+)
+def test_what_an_import_must_not_load(statement: str, unwanted: tuple[str, ...]):
+    code = f"{statement}; import sys; print([name for name in {unwanted} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
