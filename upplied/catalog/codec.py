@@ -1,0 +1,191 @@
+"""Any record of arrays and scalars as one Parquet file, and back.
+
+One row. Each array is a column: numbers as a list, truth values as packed bits, with the shape in
+the field's metadata. What is not an array stands as JSON in the file's metadata, beside the hash of
+the whole content, so that a changed byte is noticed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import types
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from functools import lru_cache
+from io import BytesIO
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from upplied.errors import CatalogError
+
+R = TypeVar("R")
+Array = NDArray[Any]
+
+_MAX_BYTES = 4 << 30  # of one decoded array: a broken file must not make us allocate more
+
+
+def encode(record: Any) -> bytes:
+    """The bytes of a Parquet file; equal records, equal bytes."""
+    plain, arrays = _parts(record)
+    metadata = {b"record": plain.encode(), b"sha256": content_sha256(plain, arrays).encode()}
+    schema_fields, columns = [], []
+    for name, array in arrays.items():
+        column = _column(array)
+        said = {"shape": json.dumps(array.shape), "dtype": array.dtype.str}
+        schema_fields.append(pa.field(name, column.type, metadata=said))
+        columns.append(column)
+    table = pa.table(columns, schema=pa.schema(schema_fields, metadata=metadata))
+    sink = BytesIO()
+    pq.write_table(
+        table, sink, compression="zstd", compression_level=1, use_dictionary=False, write_statistics=False
+    )
+    return sink.getvalue()
+
+
+def decode(content: bytes, record_type: type[R]) -> R:
+    """The record of such bytes.
+
+    Raises
+    ------
+    CatalogError
+        If the bytes are not such a file, are damaged, or hold another type of record.
+    """
+    try:
+        table = pq.read_table(pa.BufferReader(content))
+        metadata = table.schema.metadata or {}
+        plain = metadata[b"record"].decode()
+        arrays = {field.name: _array(table.column(field.name), field) for field in table.schema}
+        if content_sha256(plain, arrays) != metadata[b"sha256"].decode():
+            raise CatalogError(record_type.__name__, "the stored content does not match its hash")
+        record: R = _record(json.loads(plain), record_type, "", arrays)
+    except (pa.ArrowException, OSError, KeyError, ValueError, TypeError, UnicodeDecodeError) as error:
+        raise CatalogError(record_type.__name__, f"the stored content is damaged: {error}") from None
+    return record
+
+
+def sha256_of(record: Any) -> str:
+    """Hash of all that a record holds, as `encode` writes it beside the content."""
+    return content_sha256(*_parts(record))
+
+
+def _parts(record: Any) -> tuple[str, dict[str, Array]]:
+    arrays: dict[str, Array] = {}
+    return json.dumps(_plain(record, "", arrays), sort_keys=True), arrays
+
+
+def content_sha256(plain: str, arrays: Mapping[str, Array]) -> str:
+    """Hash of all that a record holds, the same on every machine."""
+    hashed = hashlib.sha256(plain.encode())
+    for name, array in arrays.items():
+        values = _little_endian(array)
+        hashed.update(f"\0{name}\0{values.dtype.str}\0{values.shape}\0".encode())
+        hashed.update(np.ascontiguousarray(values).data)
+    return hashed.hexdigest()
+
+
+def _plain(value: Any, path: str, arrays: dict[str, Array]) -> Any:
+    """JSON of a value; arrays are set aside under their path."""
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind not in "biuf":
+            raise TypeError(f"{path}: an array of {value.dtype} cannot be kept")
+        arrays[path] = _little_endian(value)
+        return {"array": path}
+    if isinstance(value, np.generic):
+        return _plain(value.item(), path, arrays)
+    if is_dataclass(value) and not isinstance(value, type):
+        inner = {f.name: _plain(getattr(value, f.name), _join(path, f.name), arrays) for f in fields(value)}
+        return {"fields": inner, "type": type(value).__name__}
+    if isinstance(value, tuple | list):
+        return {"items": [_plain(item, _join(path, str(i)), arrays) for i, item in enumerate(value)]}
+    if isinstance(value, Mapping):
+        return {"map": [[key, _plain(item, _join(path, key), arrays)] for key, item in value.items()]}
+    if isinstance(value, float) and not math.isfinite(value):
+        return {"float": str(value)}
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise TypeError(f"{path}: a {type(value).__name__} cannot be kept")
+
+
+def _record(plain: Any, hint: Any, path: str, arrays: Mapping[str, Array]) -> Any:
+    """The value of JSON from `_plain`, of the type that the record declares."""
+    if not isinstance(plain, dict):
+        return plain
+    if "array" in plain:
+        return arrays[plain["array"]]
+    if "float" in plain:
+        return float(plain["float"])
+    if "items" in plain:
+        hints = get_args(hint)
+        each = [
+            _record(item, _item_hint(hints, i), _join(path, str(i)), arrays)
+            for i, item in enumerate(plain["items"])
+        ]
+        return each if get_origin(hint) is list or hint is list else tuple(each)
+    if "map" in plain:
+        inner_hint = (*get_args(hint), None, None)[1]
+        return {key: _record(item, inner_hint, _join(path, key), arrays) for key, item in plain["map"]}
+    record_type = _class_named(plain["type"], hint)
+    hints_of = _hints(record_type)
+    given = {
+        name: _record(item, hints_of[name], _join(path, name), arrays)
+        for name, item in plain["fields"].items()
+    }
+    return record_type(**given)
+
+
+def _class_named(name: str, hint: Any) -> type:
+    """The record class among those that the declaration allows; no other is ever made."""
+    options = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+    for option in options:
+        if isinstance(option, type) and is_dataclass(option) and option.__name__ == name:
+            return option
+    raise ValueError(f"holds a {name}, wanted {hint}")
+
+
+def _item_hint(hints: tuple[Any, ...], index: int) -> Any:
+    if not hints:
+        return None
+    if len(hints) == 1 or hints[-1] is Ellipsis:
+        return hints[0]
+    return hints[min(index, len(hints) - 1)]
+
+
+@lru_cache(maxsize=64)
+def _hints(record_type: type) -> dict[str, Any]:
+    return get_type_hints(record_type)
+
+
+def _join(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _little_endian(array: Array) -> Array:
+    return array.astype(array.dtype.newbyteorder("<"), copy=False)
+
+
+def _column(array: Array) -> pa.Array:
+    flat = np.ascontiguousarray(array).reshape(-1)
+    if array.dtype.kind == "b":
+        return pa.array([np.packbits(flat).tobytes()], pa.large_binary())
+    values = pa.array(flat)
+    return pa.LargeListArray.from_arrays(pa.array([0, len(flat)], pa.int64()), values)
+
+
+def _array(column: pa.ChunkedArray, field: pa.Field) -> Array:
+    shape = tuple(json.loads(field.metadata[b"shape"]))
+    dtype = np.dtype(field.metadata[b"dtype"].decode())
+    count = math.prod(shape)
+    if dtype.kind not in "biuf" or count * dtype.itemsize > _MAX_BYTES or min(shape, default=0) < 0:
+        raise ValueError(f"{field.name} has shape {shape} of {dtype}")
+    value = column.combine_chunks()
+    if dtype.kind == "b":
+        bits = np.frombuffer(value[0].as_py(), np.uint8)
+        return np.unpackbits(bits, count=count).astype(bool).reshape(shape)
+    # A copy, since Arrow's memory is read-only and compiled code is specialised on that.
+    return np.array(value.flatten().to_numpy(zero_copy_only=False), dtype).reshape(shape)

@@ -1,0 +1,199 @@
+"""One Delta table: whole commits or none, many writers, and readers that see one moment.
+
+Rows are only ever appended, so writers never contradict each other; what delta-rs still raises
+when many commit at once (or while a table is compacted) is tried again here, since otherwise rows
+would be lost.
+"""
+
+from __future__ import annotations
+
+import logging
+import random
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import pyarrow as pa
+import pyarrow.dataset as ds
+from deltalake import CommitProperties, DeltaTable, WriterProperties, write_deltalake
+from deltalake.exceptions import CommitFailedError, DeltaError, SchemaMismatchError, TableNotFoundError
+
+from upplied.catalog.tables import SCHEMA_VERSION, Table
+from upplied.errors import CatalogError
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+_VERSION_KEY = "upplied.schemaVersion"
+_PATIENCE_S = 60.0  # of conflicts, before a writer gives up
+_WRITER = WriterProperties(compression="ZSTD", compression_level=3, max_row_group_size=16_384)
+
+
+class StoredTable:
+    """One table of a catalog.
+
+    Parameters
+    ----------
+    root : str
+        Folder or object-store URI of the catalog.
+    declared : Table
+    """
+
+    def __init__(self, root: str, declared: Table) -> None:
+        self.declared = declared
+        self.uri = f"{root.rstrip('/')}/{declared.name}"
+        self._lock = threading.Lock()
+        self._delta: DeltaTable | None = None
+        self._dataset: tuple[int, ds.Dataset] | None = None
+
+    def dataset(self, version: int | None = None) -> ds.Dataset | None:
+        """The rows as of the newest commit, or of an older version; None where nothing was committed."""
+        if version is not None:
+            return self._older(version)
+        with self._lock:
+            delta = self._refreshed()
+            if delta is None:
+                return None
+            if self._dataset is None or self._dataset[0] != delta.version():
+                self._dataset = (delta.version(), delta.to_pyarrow_dataset())
+            return self._dataset[1]
+
+    def read(
+        self,
+        where: ds.Expression | None = None,
+        columns: list[str] | None = None,
+        version: int | None = None,
+    ) -> pa.Table:
+        """The rows that fit, in the declared columns and types; those an older program lacked are null."""
+        schema = self.declared.schema
+        wanted = schema if columns is None else pa.schema([schema.field(name) for name in columns])
+        dataset = self.dataset(version)
+        if dataset is None:
+            return wanted.empty_table()
+        present = [name for name in wanted.names if name in dataset.schema.names]
+        found = _told(self.uri, lambda: dataset.to_table(columns=present, filter=where))
+        return pa.table(
+            [
+                found[field.name].cast(field.type)
+                if field.name in present
+                else pa.nulls(len(found), field.type)
+                for field in wanted
+            ],
+            schema=wanted,
+        )
+
+    def append(self, rows: pa.Table) -> None:
+        """Commit rows, all or none; returns when they are there to stay.
+
+        Raises
+        ------
+        CatalogError
+            If the place cannot be written, or was made by a newer program.
+        """
+        give_up = time.monotonic() + _PATIENCE_S
+        while True:
+            try:
+                return _told(self.uri, lambda: self._append(rows), CommitFailedError)
+            except CommitFailedError as conflict:
+                if time.monotonic() > give_up:
+                    raise CatalogError(
+                        self.uri, f"other writers were always faster: {conflict}", "", "try again later"
+                    ) from None
+                log.debug("%s: another writer was faster, trying again", self.uri)
+                time.sleep(random.uniform(0.01, 0.25))
+
+    def _append(self, rows: pa.Table) -> None:
+        with self._lock:
+            delta = self._refreshed() or self._created()
+            known = {field.name for field in delta.schema().fields}
+            write_deltalake(
+                delta,
+                rows,
+                mode="append",
+                schema_mode=None if known >= set(rows.column_names) else "merge",
+                writer_properties=_WRITER,
+                commit_properties=CommitProperties(max_commit_retries=30),
+            )
+
+    def delta(self) -> DeltaTable | None:
+        """The table itself, as of its newest commit, for maintenance; None where there is none."""
+        with self._lock:
+            return self._refreshed()
+
+    def _refreshed(self) -> DeltaTable | None:
+        if self._delta is None:
+            self._delta = _told(self.uri, lambda: _opened(self.uri))
+        else:
+            _told(self.uri, self._delta.update_incremental)
+        return self._delta
+
+    def _created(self) -> DeltaTable:
+        local = "://" not in self.uri
+        if local:
+            Path(self.uri).mkdir(parents=True, exist_ok=True)
+        self._delta = DeltaTable.create(
+            self.uri,
+            self.declared.schema,
+            mode="ignore",
+            name=self.declared.name,
+            description=self.declared.meaning,
+            configuration={_VERSION_KEY: str(SCHEMA_VERSION), "delta.checkpointInterval": "50"},
+            raise_if_key_not_exists=False,
+        )
+        return self._delta
+
+    def _older(self, version: int) -> ds.Dataset | None:
+        current = self.delta()
+        if current is None:
+            return None
+        if not 0 <= version <= current.version():
+            raise CatalogError(f"{self.uri} version {version}", "does not exist", f"0 to {current.version()}")
+        return _told(
+            f"{self.uri} version {version}", lambda: DeltaTable(self.uri, version).to_pyarrow_dataset()
+        )
+
+
+def _opened(uri: str) -> DeltaTable | None:
+    try:
+        delta = DeltaTable(uri)
+    except TableNotFoundError:
+        return None
+    version = delta.metadata().configuration.get(_VERSION_KEY, "")
+    if not version.isdigit() or int(version) > SCHEMA_VERSION:
+        raise CatalogError(
+            uri,
+            f"has schema version {version or 'unknown'}",
+            f"at most {SCHEMA_VERSION}",
+            "use a newer version of upplied",
+        )
+    return delta
+
+
+def _told(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:
+    """Do it; what the storage raises becomes an error that people read."""
+    try:
+        return act()
+    except passed:
+        raise
+    except CatalogError:
+        raise
+    except SchemaMismatchError as error:
+        raise CatalogError(what, f"has other columns: {_brief(error)}", "", "use a newer version") from None
+    except (DeltaError, OSError, pa.ArrowException) as error:
+        raise CatalogError(what, _brief(error), "", _remedy(str(error))) from None
+
+
+def _brief(error: Exception) -> str:
+    """The first line of what the storage said, at a length that fits a screen."""
+    return str(error).strip().split("\n")[0][:300]
+
+
+def _remedy(said: str) -> str:
+    if "No space" in said or "os error 28" in said or "File too large" in said:
+        return "free some space; nothing was changed"
+    if "ermission" in said or "ead-only" in said:
+        return "ask for the right to write there; nothing was changed"
+    return ""

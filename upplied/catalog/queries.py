@@ -1,0 +1,226 @@
+"""Questions to the catalog, answered with pandas.
+
+Rows are only ever appended. What is current, and how the catalog stood at an earlier moment, are
+therefore questions over the rows themselves: the newest per name, among those added until then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.dataset as ds
+
+from upplied import poses
+from upplied.catalog import rows
+from upplied.catalog.delta import StoredTable
+from upplied.catalog.rows import Row
+from upplied.catalog.tables import TABLES
+from upplied.errors import CatalogError, SettingsError
+from upplied.records import Floats, Trajectory
+
+When = datetime | str
+
+
+class PlannedTrajectory(Trajectory):
+    """A trajectory that can be asked for its pose at any time."""
+
+    def at(self, t_s: float | Floats) -> Trajectory:
+        """Poses at other times, s: linear in position, spherical in orientation; the ends are held."""
+        return poses.interpolate(self, np.atleast_1d(np.asarray(t_s, float)))
+
+
+@dataclass(frozen=True)
+class Which:
+    """Which rows of `transfers`.
+
+    With `every` false, only the newest plan of each demonstration, target and preset is considered,
+    and `status` and `since` then choose among those.
+    """
+
+    kind: str | None = None
+    site: str | None = None  # of the target
+    structure: str | None = None  # the target
+    demonstration: str | None = None
+    preset: str | None = None
+    status: str | None = None
+    since: When | None = None  # planned at or after
+    until: When | None = None  # planned at or before: the same as `as_of`
+    as_of: When | None = None
+    version: int | None = None  # of the table, as `history` lists them
+    every: bool = False  # older plans of a pair as well
+    columns: tuple[str, ...] | list[str] | None = None
+
+
+def structures(
+    table: StoredTable, kind: str | None, site: str | None, every_version: bool, as_of: When | None
+) -> pd.DataFrame:
+    """Rows of `structures`; see `Catalog.structures`."""
+    return _versions(table, {"kind": kind, "site": site}, every_version, as_of)
+
+
+def demonstrations(
+    table: StoredTable, structure: str | None, site: str | None, every_version: bool, as_of: When | None
+) -> pd.DataFrame:
+    """Rows of `demonstrations`; see `Catalog.demonstrations`."""
+    return _versions(table, {"structure_id": structure, "site": site}, every_version, as_of)
+
+
+def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
+    """Rows of `transfers`, ordered by demonstration, target, preset and time."""
+    declared = TABLES["transfers"]
+    wanted = declared.names if which.columns is None else _known_columns(declared.names, which.columns)
+    sorting = ["demonstration_id", "target_id", "preset", "planned_at", "transfer_id", "status", "kind"]
+    table = tables["transfers"].read(
+        _pair_filter(tables, which), [n for n in declared.names if n in {*wanted, *sorting}], which.version
+    )
+    found = frame(table)
+    found = _one_per_plan(found)
+    if not which.every:
+        found = found.drop_duplicates(["demonstration_id", "target_id", "preset"], keep="last")
+    if which.status is not None:
+        found = found[found["status"] == which.status]
+    if which.since is not None:
+        found = found[found["planned_at"] >= moment(which.since)]
+    return found[list(wanted)].reset_index(drop=True)
+
+
+def steps(table: StoredTable, name: str, row: Row, count: int) -> pa.Table:
+    """The waypoints or poses that one row owns, in order.
+
+    Raises
+    ------
+    CatalogError
+        If they are not as many as the row says.
+    """
+    what = f"{name} {row[name]}"
+    if not count:
+        return table.declared.schema.empty_table()
+    found = table.read((pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name]))
+    order = pc.sort_indices(found["seq"])
+    found = found.take(order)
+    if len(found) != count or not np.array_equal(found["seq"].to_numpy(), np.arange(count)):
+        raise CatalogError(
+            what, f"has {len(found)} steps, its row says {count}", "", "run: upplied catalog verify"
+        )
+    return found
+
+
+def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> list[Row]:
+    """The current version of each id, retired ones too, in the order of their ids."""
+    name = table.declared.names[0]
+    newest: dict[str, Row] = {}
+    for row in rows.rows_of(table.read(where)):
+        before = newest.get(row[name])
+        if before is None or _order(row) >= _order(before):
+            newest[row[name]] = row
+    return [newest[key] for key in sorted(newest)]
+
+
+def known_keys(table: StoredTable, keys: Iterable[str], settled: bool = False) -> set[str]:
+    """Those of the keys that have a row; with `settled`, one that is not a failure."""
+    asked = list(keys)
+    where = pc.field("transfer_id").isin([rows.transfer_id(key) for key in asked])
+    if settled:
+        where &= pc.field("status") != "failed"
+    found = set(table.read(where, ["key"])["key"].to_pylist()) if asked else set()
+    return found & set(asked)
+
+
+def settled_first(same_plan: list[Row]) -> Row:
+    """The row that stands for a plan: one that is not a failure, and of those the first."""
+    return min(same_plan, key=lambda row: (row["status"] == "failed", row["planned_at"], row["commit_id"]))
+
+
+def frame(table: pa.Table) -> pd.DataFrame:
+    """A DataFrame; the unit of each column is in ``frame.attrs["units"]``."""
+    made = table.to_pandas()
+    made.attrs["units"] = {
+        field.name: field.metadata[b"unit"].decode() for field in table.schema if field.metadata
+    }
+    return made
+
+
+def moment(when: When) -> pd.Timestamp:
+    """A moment in UTC; a text without a zone is UTC."""
+    try:
+        stamp = pd.Timestamp(when)
+    except ValueError:
+        raise SettingsError(
+            f"moment {when!r}", "cannot be read", "like 2026-11-21 or 2026-11-21T02:00:00Z"
+        ) from None
+    return stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
+
+
+def _versions(
+    table: StoredTable, equal: Mapping[str, str | None], every_version: bool, as_of: When | None
+) -> pd.DataFrame:
+    """Versions of each id counted in the order of time, then narrowed to what was asked."""
+    name = table.declared.names[0]
+    where = None if as_of is None else pc.field("added_at") <= pa.scalar(moment(as_of))
+    found = frame(table.read(where)).sort_values([name, "added_at", "commit_id"], kind="stable")
+    content = [name, "sha256", f"{_CONTENT[table.declared.name]}_sha256", "retired"]
+    repeated = (found[content] == found[content].shift()).all(axis=1)
+    found = found[~repeated]  # two writers may add the same version at once
+    found["version"] = found.groupby(name).cumcount() + 1
+    if not every_version:
+        found = found.drop_duplicates(name, keep="last")
+        found = found[~found["retired"].astype(bool)]
+    for column, value in equal.items():
+        if value is not None:
+            found = found[found[column] == value]
+    return found.reset_index(drop=True)
+
+
+_CONTENT = {"structures": "mesh", "demonstrations": "poses"}
+
+
+def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expression | None:
+    """What may be left out before asking which plan of a pair is the newest."""
+    parts = [
+        pc.field(column) == value
+        for column, value in (
+            ("kind", which.kind),
+            ("target_id", which.structure),
+            ("demonstration_id", which.demonstration),
+            ("preset", which.preset),
+        )
+        if value is not None
+    ]
+    for until in (which.until, which.as_of):
+        if until is not None:
+            parts.append(pc.field("planned_at") <= pa.scalar(moment(until)))
+    if which.site is not None:
+        there = structures(tables["structures"], None, which.site, False, which.as_of)
+        parts.append(pc.field("target_id").isin(list(there["structure_id"])))
+    joined: ds.Expression | None = None
+    for part in parts:
+        joined = part if joined is None else joined & part
+    return joined
+
+
+def _one_per_plan(found: pd.DataFrame) -> pd.DataFrame:
+    """One row per plan, in order: writers that raced may have added it twice, a failure may be followed."""
+    found = found.assign(_failed=found["status"] == "failed")
+    found = found.sort_values(["transfer_id", "_failed", "planned_at"], kind="stable")
+    found = found.drop_duplicates("transfer_id").drop(columns="_failed")
+    order = ["demonstration_id", "target_id", "preset", "planned_at", "transfer_id"]
+    return found.sort_values(order, kind="stable")
+
+
+def _known_columns(names: list[str], asked: Iterable[str]) -> list[str]:
+    wanted = list(asked)
+    for name in wanted:
+        if name not in names:
+            raise SettingsError(f"column {name!r}", "does not exist", f"one of {', '.join(names)}")
+    return wanted
+
+
+def _order(row: Row) -> tuple[Any, ...]:
+    return row["added_at"], row["commit_id"]
