@@ -47,6 +47,7 @@ def airliner(shape: AirlinerShape, structure_id: str) -> Member:
         "airliner",
         [Part(part.name, part.vertices + middle, part.triangles) for part in parts],
         "parametric airliner",
+        landmarks=("engine", "fin"),
     )
 
 
@@ -72,8 +73,10 @@ def random_airliner(structure_id: str, rng: np.random.Generator) -> Member:
         ),
         structure_id,
     )
-    size = rng.uniform(0.85, 1.2)
-    return replace(made, structure=replace(made.structure, vertices=size * made.structure.vertices))
+    size = float(rng.uniform(0.85, 1.2))
+    landmarks = {name: (size * x, size * y, size * z) for name, (x, y, z) in made.structure.landmarks.items()}
+    grown = replace(made.structure, vertices=size * made.structure.vertices, landmarks=landmarks)
+    return replace(made, structure=grown)
 
 
 def _fuselage(shape: AirlinerShape, around: int = 36) -> Part:
@@ -145,7 +148,8 @@ def _fairing(shape: AirlinerShape) -> Part:
 
 def _sections(wing: Wing, side: int) -> list[Section]:
     sections = []
-    for share, chord in zip((0.0, wing.kink, 1.0), wing.chords_m, strict=True):
+    # The halves begin inside the fuselage, a little off the plane of symmetry: their roots do not coincide.
+    for share, chord in zip((0.02, wing.kink, 1.0), wing.chords_m, strict=True):
         thick = wing.thickness[0] + share * (wing.thickness[1] - wing.thickness[0])
         sections.append(Section(_leading(wing, share * wing.span_m, side), chord, thick))
     return sections

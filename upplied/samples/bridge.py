@@ -32,7 +32,8 @@ def bridge(shape: BridgeShape, structure_id: str) -> Member:
     parts = [_slab(shape), *_parapets(shape)]
     for number, x in enumerate((-shape.spacing_m / 2, shape.spacing_m / 2), start=1):
         parts += [_pier(shape, number, x), _cap(shape, number, x)]
-    return assemble(structure_id, "bridge", parts + _abutments(shape), "parametric beam bridge")
+    parts += _abutments(shape)
+    return assemble(structure_id, "bridge", parts, "parametric beam bridge", landmarks=("pier",))
 
 
 def random_bridge(structure_id: str, rng: np.random.Generator) -> Member:

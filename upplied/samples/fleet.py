@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
 
 from upplied.errors import InputError
-from upplied.records import Demonstration, Structure
+from upplied.records import Demonstration, Placement, Structure
 from upplied.samples.airliner import airliner, random_airliner
 from upplied.samples.airliner_shapes import A320, B747, B777, BELUGA
 from upplied.samples.box import box, random_box
@@ -40,6 +41,14 @@ _RANDOM: dict[str, Callable[[str, np.random.Generator], Member]] = {
     "ship": random_ship,
     "box": random_box,
     "bridge": random_bridge,
+}
+# Where they would stand: on an airfield, in a wind park, in a harbour, in a town.
+_SITES = {
+    "airliner": ("Finkenwerder apron", 53.5352, 9.8350, 48.2),
+    "wind_turbine": ("Marsh wind park", 53.8900, 9.1000, 42.6),
+    "ship": ("Elbe roads", 53.5420, 9.9360, 43.9),
+    "box": ("Old town", 53.5500, 9.9900, 52.0),
+    "bridge": ("River crossing", 53.4700, 9.9800, 45.5),
 }
 # The demonstrations of the paper's tables.
 _FLIGHTS = (
@@ -79,7 +88,11 @@ def member(structure_id: str) -> Member:
         raise InputError(
             f"sample structure {structure_id!r}", "is unknown", f"one of {', '.join(sorted(_MAKERS))}"
         )
-    return _MAKERS[structure_id](structure_id)
+    made = _MAKERS[structure_id](structure_id)
+    site, lat, lon, alt = _SITES[made.structure.kind]
+    row = list(_MAKERS).index(structure_id)
+    placement = Placement(lat, round(lon + 0.002 * row, 6), alt, (75.0 + 23.0 * row) % 360)
+    return replace(made, structure=replace(made.structure, site=site, placement=placement))
 
 
 def random_member(kind: str, seed: int) -> Member:

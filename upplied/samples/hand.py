@@ -100,7 +100,7 @@ def _pace(length_m: float, hand: Hand, rng: np.random.Generator) -> tuple[Floats
     s -= s[0]
     last = int(np.searchsorted(s, length_m))
     s = np.minimum(s[: last + 1], length_m)
-    return np.arange(len(s)) * dt, np.asarray(s)
+    return np.arange(len(s), dtype=float) * dt, np.asarray(s, float)
 
 
 def _drift(count: int, hand: Hand, rng: np.random.Generator) -> Floats:

@@ -38,8 +38,16 @@ class Member(Record):
         return np.flatnonzero(self.part_of_triangle == self.part_names.index(name))
 
 
-def assemble(structure_id: str, kind: str, parts: Sequence[Part], notes: str = "") -> Member:
-    """The member that consists of these parts and stands on ground (or water) at z = 0."""
+def assemble(
+    structure_id: str, kind: str, parts: Sequence[Part], notes: str = "", landmarks: Sequence[str] = ()
+) -> Member:
+    """The member that consists of these parts and stands on ground (or water) at z = 0.
+
+    Parameters
+    ----------
+    landmarks : sequence of str
+        How the names of the parts begin whose middles become landmarks.
+    """
     whole = joined(structure_id, parts)
     structure = Structure(
         structure_id=structure_id,
@@ -47,10 +55,20 @@ def assemble(structure_id: str, kind: str, parts: Sequence[Part], notes: str = "
         vertices=whole.vertices,
         triangles=whole.triangles,
         surroundings=Surroundings(ground_z_m=0.0),
+        landmarks={
+            part.name: _middle(part)
+            for part in parts
+            if any(part.name.startswith(name) for name in landmarks)
+        },
         notes=notes,
     )
     owner = np.repeat(np.arange(len(parts)), [len(part.triangles) for part in parts])
     return Member(structure, tuple(part.name for part in parts), owner)
+
+
+def _middle(part: Part) -> tuple[float, float, float]:
+    x, y, z = (part.vertices.min(axis=0) + part.vertices.max(axis=0)) / 2
+    return float(x), float(y), float(z)
 
 
 def joined(name: str, parts: Sequence[Part]) -> Part:

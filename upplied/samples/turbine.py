@@ -42,6 +42,7 @@ def turbine(shape: TurbineShape, structure_id: str) -> Member:
         "wind_turbine",
         [_tower(shape), _nacelle(shape, hub, axis), _hub(shape, hub, axis), *blades],
         "parametric wind turbine",
+        landmarks=("hub",),
     )
 
 

@@ -1,0 +1,289 @@
+"""A demonstration as an MCAP log, as a drone's ROS 2 recorder leaves it.
+
+The structure stands moved and turned in the log's fixed frame; a metadata record ``inspection``
+says where, which structure it is and how the camera sits. The bytes depend on the demonstration and
+the arguments alone.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from mcap_ros2.writer import Writer
+from scipy.spatial.transform import Rotation
+
+from upplied.errors import SettingsError
+from upplied.outputs import ros2_schemas
+from upplied.outputs.camera_pictures import camera_picture
+from upplied.outputs.files import replace_file
+from upplied.poses import interpolate, moved
+from upplied.records import Camera, Demonstration, Floats, Structure, Trajectory
+
+Encoding = Literal["pose_stamped", "odometry", "tf"]
+
+CAMERA_FRAME, BODY_FRAME = "camera_optical_frame", "base_link"
+_OPTICAL_XYZW = (-0.5, 0.5, -0.5, 0.5)  # ROS optical frame (z forward, y down) to camera (x forward, z up)
+_LATENCY_NS = 4_000_000  # from measurement to recorder
+_SECOND_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class LogFrame:
+    """The log's fixed frame: its name, and where the structure stands in it."""
+
+    frame_id: str = "map"
+    position_m: tuple[float, float, float] = (41.5, -17.25, 0.8)
+    heading_deg: float = 32.0  # of the structure's +X, counter-clockwise from the frame's x
+
+    @property
+    def rotation(self) -> Rotation:
+        """Structure to log frame."""
+        return Rotation.from_euler("z", self.heading_deg, degrees=True)
+
+
+@dataclass(frozen=True)
+class Mount:
+    """How the camera sits on the body (x forward, y left, z up)."""
+
+    position_m: tuple[float, float, float] = (0.11, 0.0, -0.06)
+    pitch_deg: float = 10.0  # of the optical axis, upwards
+
+    @property
+    def rotation(self) -> Rotation:
+        """Camera to body."""
+        return Rotation.from_euler("y", -self.pitch_deg, degrees=True)
+
+
+def write_log(
+    path: str | Path,
+    demonstration: Demonstration,
+    structure: Structure | None = None,
+    heavy_topic: bool = True,
+    frame: LogFrame | None = None,
+    encoding: Encoding = "pose_stamped",
+) -> Path:
+    """Write a demonstration as an MCAP log.
+
+    Parameters
+    ----------
+    path : path
+    demonstration : Demonstration
+    structure : Structure, optional
+        What the camera's pictures show, and the kind that the log names.
+    heavy_topic : bool
+        Also write pictures: what the camera sees, or noise where no structure is given.
+    frame : LogFrame, optional
+    encoding : {"pose_stamped", "odometry", "tf"}
+        Poses of the camera as PoseStamped; of the body as Odometry, or as transforms.
+
+    Returns
+    -------
+    Path
+        The file, complete.
+    """
+    frame, mount = frame or LogFrame(), Mount()
+    in_log = moved(demonstration.trajectory, frame.rotation.as_matrix(), np.array(frame.position_m))
+    poses = in_log if encoding == "pose_stamped" else _of_body(in_log, mount)
+    messages = _static(demonstration, encoding, mount)
+    messages += _poses(demonstration, poses, frame, encoding)
+    messages += _calibration(demonstration)
+    if heavy_topic:
+        messages += _pictures(demonstration, structure)
+    messages.sort(key=lambda message: message[0])
+    buffer = io.BytesIO()
+    writer = Writer(buffer)
+    schemas = {name: writer.register_msgdef(name, text) for name, text in _SCHEMAS.items()}
+    writer.add_metadata("inspection", _facts(demonstration, structure, frame, encoding, mount))
+    for number, (stamp, topic, schema, message) in enumerate(messages):
+        writer.write_message(
+            topic,
+            schemas[schema],
+            message,
+            log_time=stamp + _LATENCY_NS,
+            publish_time=stamp + _LATENCY_NS // 2,
+            sequence=number,
+        )
+    writer.finish()
+    return replace_file(path, buffer.getvalue())
+
+
+_SCHEMAS = {
+    "geometry_msgs/msg/PoseStamped": ros2_schemas.POSE_STAMPED,
+    "nav_msgs/msg/Odometry": ros2_schemas.ODOMETRY,
+    "tf2_msgs/msg/TFMessage": ros2_schemas.TF,
+    "sensor_msgs/msg/CameraInfo": ros2_schemas.CAMERA_INFO,
+    "sensor_msgs/msg/CompressedImage": ros2_schemas.COMPRESSED_IMAGE,
+}
+_Message = tuple[int, str, str, dict[str, Any]]  # stamp in ns, topic, schema, fields
+
+
+def _of_body(camera: Trajectory, mount: Mount) -> Trajectory:
+    """Poses of the body that carries the camera."""
+    body = Rotation.from_quat(camera.quat_xyzw) * mount.rotation.inv()
+    return Trajectory(
+        camera.t_s, camera.positions - body.apply(np.array(mount.position_m)), np.asarray(body.as_quat())
+    )
+
+
+def _facts(
+    demonstration: Demonstration,
+    structure: Structure | None,
+    frame: LogFrame,
+    encoding: Encoding,
+    mount: Mount,
+) -> dict[str, str]:
+    camera = demonstration.camera
+    facts = {
+        "schema_version": "1",
+        "structure_id": demonstration.structure_id,
+        "demonstration_id": demonstration.demonstration_id,
+        "operator": demonstration.operator,
+        "site": demonstration.site,
+        "kind": structure.kind if structure is not None else "",
+        "frame_id": frame.frame_id,
+        "structure_position_m": _numbers(frame.position_m),
+        "structure_quat_xyzw": _numbers(frame.rotation.as_quat()),
+        "camera_min_range_m": repr(float(camera.min_range_m)),
+        "camera_max_range_m": repr(float(camera.max_range_m)),
+        "body_frame": {"pose_stamped": "camera", "odometry": "body", "tf": "optical"}[encoding],
+        "notes": demonstration.notes,
+    }
+    if encoding == "odometry":
+        facts["body_T_camera_position_m"] = _numbers(mount.position_m)
+        facts["body_T_camera_quat_xyzw"] = _numbers(mount.rotation.as_quat())
+    return facts
+
+
+def _numbers(values: Any) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _static(demonstration: Demonstration, encoding: Encoding, mount: Mount) -> list[_Message]:
+    """Where the camera's optical frame hangs: on the body, or on the tracked camera."""
+    optical = Rotation.from_quat(_OPTICAL_XYZW)
+    parent, position, rotation = "camera_link", np.zeros(3), optical
+    if encoding != "pose_stamped":
+        parent, position, rotation = BODY_FRAME, np.array(mount.position_m), mount.rotation * optical
+    stamp = int(demonstration.t_ns[0])
+    link = _transform(stamp, parent, CAMERA_FRAME, position, rotation.as_quat())
+    return [(stamp, "/tf_static", "tf2_msgs/msg/TFMessage", {"transforms": [link]})]
+
+
+def _poses(
+    demonstration: Demonstration, poses: Trajectory, frame: LogFrame, encoding: Encoding
+) -> list[_Message]:
+    if encoding not in _TOPICS:
+        raise SettingsError(f"encoding {encoding!r}", "is unknown", f"one of {', '.join(_TOPICS)}")
+    topic, schema = _TOPICS[encoding]
+    messages = []
+    for stamp, position, quat in zip(
+        demonstration.t_ns.tolist(), poses.positions, poses.quat_xyzw, strict=True
+    ):
+        pose = {"position": _xyz(position), "orientation": _xyzw(quat)}
+        header = _header(stamp, frame.frame_id)
+        if encoding == "pose_stamped":
+            message: dict[str, Any] = {"header": header, "pose": pose}
+        elif encoding == "odometry":
+            message = {
+                "header": header,
+                "child_frame_id": BODY_FRAME,
+                "pose": {"pose": pose, "covariance": [0.0] * 36},
+                "twist": {"twist": {"linear": _xyz(_ZERO), "angular": _xyz(_ZERO)}, "covariance": [0.0] * 36},
+            }
+        else:
+            message = {"transforms": [_transform(stamp, frame.frame_id, BODY_FRAME, position, quat)]}
+        messages.append((stamp, topic, schema, message))
+    return messages
+
+
+_ZERO = np.zeros(3)
+_TOPICS = {
+    "pose_stamped": ("/drone/camera/pose", "geometry_msgs/msg/PoseStamped"),
+    "odometry": ("/drone/odom", "nav_msgs/msg/Odometry"),
+    "tf": ("/tf", "tf2_msgs/msg/TFMessage"),
+}
+
+
+def _transform(stamp: int, parent: str, child: str, position: Floats, quat: Floats) -> dict[str, Any]:
+    return {
+        "header": _header(stamp, parent),
+        "child_frame_id": child,
+        "transform": {"translation": _xyz(position), "rotation": _xyzw(quat)},
+    }
+
+
+def _header(stamp: int, frame_id: str) -> dict[str, Any]:
+    return {"stamp": {"sec": stamp // _SECOND_NS, "nanosec": stamp % _SECOND_NS}, "frame_id": frame_id}
+
+
+def _xyz(vector: Floats) -> dict[str, float]:
+    return dict(zip("xyz", (float(value) for value in vector), strict=True))
+
+
+def _xyzw(quat: Floats) -> dict[str, float]:
+    return dict(zip("xyzw", (float(value) for value in quat), strict=True))
+
+
+def _calibration(demonstration: Demonstration, every_s: float = 1.0) -> list[_Message]:
+    camera = demonstration.camera
+    width, height = camera.width_px or 1000, camera.height_px or 1000
+    model, fx, fy = _focal(camera, width, height)
+    k = [fx, 0.0, width / 2, 0.0, fy, height / 2, 0.0, 0.0, 1.0]
+    message = {
+        "height": height,
+        "width": width,
+        "distortion_model": model,
+        "d": [0.0] * (4 if model == "equidistant" else 5),
+        "k": k,
+        "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        "p": [fx, 0.0, width / 2, 0.0, 0.0, fy, height / 2, 0.0, 0.0, 0.0, 1.0, 0.0],
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},
+    }
+    return [
+        (
+            stamp,
+            "/camera/camera_info",
+            "sensor_msgs/msg/CameraInfo",
+            {"header": _header(stamp, CAMERA_FRAME), **message},
+        )
+        for stamp in _stamps(demonstration, every_s)
+    ]
+
+
+def _focal(camera: Camera, width: int, height: int) -> tuple[str, float, float]:
+    """Model and focal lengths, px: a pinhole, or a fisheye where a pinhole cannot be."""
+    half = np.radians([camera.hfov_deg, camera.vfov_deg]) / 2
+    if half.max() < np.radians(80):
+        fx, fy = np.array([width, height]) / 2 / np.tan(half)
+        return "plumb_bob", float(fx), float(fy)
+    fx, fy = np.array([width, height]) / 2 / half
+    return "equidistant", float(fx), float(fy)
+
+
+def _stamps(demonstration: Demonstration, every_s: float) -> list[int]:
+    first, last = int(demonstration.t_ns[0]), int(demonstration.t_ns[-1])
+    return list(range(first, last + 1, int(every_s * _SECOND_NS)))
+
+
+def _pictures(
+    demonstration: Demonstration, structure: Structure | None, every_s: float = 2.0
+) -> list[_Message]:
+    stamps = _stamps(demonstration, every_s)
+    t_s = (np.array(stamps) - demonstration.t_ns[0]) * 1e-9
+    seen = interpolate(demonstration.trajectory, t_s)
+    pictures = camera_picture(structure, seen, demonstration.camera)
+    return [
+        (
+            stamp,
+            "/camera/image/compressed",
+            "sensor_msgs/msg/CompressedImage",
+            {"header": _header(stamp, CAMERA_FRAME), "format": "jpeg", "data": picture},
+        )
+        for stamp, picture in zip(stamps, pictures, strict=True)
+    ]

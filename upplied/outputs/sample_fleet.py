@@ -1,0 +1,130 @@
+"""The sample fleet as people would bring it: mesh files in mixed formats, a manifest, and flight logs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from upplied.outputs.files import replace_file
+from upplied.outputs.logs import Encoding, write_log
+from upplied.records import Demonstration, Floats, Structure
+from upplied.samples.fleet import member, sample_demonstrations, sample_structures
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How a file keeps a structure: format, metres per unit, and which of its axes are up and forward."""
+
+    suffix: str
+    units: str
+    unit_m: float
+    up: str
+    forward: str
+
+
+_FORMS = (
+    _Form("ply", "m", 1.0, "z", "x"),
+    _Form("glb", "m", 1.0, "y", "z"),  # glTF: metres, +Y up, +Z forward
+    _Form("stl", "mm", 0.001, "z", "x"),
+    _Form("obj", "cm", 0.01, "z", "-y"),
+)
+_ENCODINGS: tuple[Encoding, ...] = ("pose_stamped", "odometry", "tf")
+
+
+def write_sample_fleet(folder: str | Path, progress: Callable[[str], None] | None = None) -> Path:
+    """Write meshes, `structures.toml` and one MCAP log per demonstration.
+
+    Parameters
+    ----------
+    folder : path
+        Made where it does not exist; files of the same names are replaced.
+    progress : callable, optional
+        Is told the name of each file once it stands.
+
+    Returns
+    -------
+    Path
+        The manifest.
+    """
+    root = Path(folder)
+    told = progress or (lambda name: None)
+    entries = []
+    for number, structure in enumerate(sample_structures()):
+        form = _FORMS[number % len(_FORMS)]
+        name = f"meshes/{structure.structure_id}.{form.suffix}"
+        replace_file(root / name, _mesh_bytes(structure, form))
+        entries.append(_entry(structure, name, form))
+        told(name)
+    for number, demonstration in enumerate(sample_demonstrations()):
+        told(_write_flight(root, demonstration, _ENCODINGS[number % len(_ENCODINGS)]))
+    return replace_file(root / "structures.toml", _HEAD + "\n".join(entries))
+
+
+def _write_flight(root: Path, demonstration: Demonstration, encoding: Encoding) -> str:
+    name = f"logs/{demonstration.demonstration_id}.mcap"
+    structure = member(demonstration.structure_id).structure
+    write_log(root / name, demonstration, structure, encoding=encoding)
+    return name
+
+
+_HEAD = """\
+# The sample fleet: parametric structures, each in one of the formats, units and axes that people use.
+
+"""
+
+
+def _entry(structure: Structure, name: str, form: _Form) -> str:
+    size = np.ptp(structure.vertices, axis=0)
+    lines = [
+        "[[structure]]",
+        *(f"{key} = {json.dumps(value)}" for key, value in _texts(structure, name, form)),
+        f"ground_z = {structure.surroundings.ground_z_m or 0.0}",
+        *(
+            f"nominal_{side}_m = {value:.2f}"
+            for side, value in zip(("length", "width", "height"), size, strict=True)
+        ),
+    ]
+    if structure.placement is not None:
+        place = structure.placement
+        lines += [f"lat = {place.lat_deg}", f"lon = {place.lon_deg}", f"alt = {place.alt_m}"]
+        lines += [f"heading = {place.heading_deg}", f"datum = {json.dumps(place.datum)}"]
+    if structure.landmarks:
+        lines.append("[structure.landmarks]")
+        lines += [f"{key} = {[round(value, 3) for value in xyz]}" for key, xyz in structure.landmarks.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _texts(structure: Structure, name: str, form: _Form) -> Iterator[tuple[str, str]]:
+    yield "id", structure.structure_id
+    yield "kind", structure.kind
+    yield "path", name
+    yield "units", form.units
+    yield "up", form.up
+    yield "forward", form.forward
+    if structure.site:
+        yield "site", structure.site
+    if structure.notes:
+        yield "notes", structure.notes
+
+
+def _mesh_bytes(structure: Structure, form: _Form) -> bytes:
+    import trimesh
+
+    vertices = structure.vertices @ _axes(form) / form.unit_m
+    mesh = trimesh.Trimesh(vertices, structure.triangles, process=False)
+    content = mesh.export(file_type=form.suffix)
+    return content.encode() if isinstance(content, str) else bytes(content)
+
+
+def _axes(form: _Form) -> Floats:
+    """Rows: the file's axes along which the structure's x, y and z run."""
+    forward, up = _axis(form.forward), _axis(form.up)
+    return np.stack([forward, np.cross(up, forward), up])
+
+
+def _axis(name: str) -> Floats:
+    return np.eye(3)["xyz".index(name[-1])] * (-1.0 if name.startswith("-") else 1.0)
