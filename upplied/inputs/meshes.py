@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-from pathlib import Path
-
 import numpy as np
 
 from upplied.checks import check_finite, check_id
 from upplied.config import digest
 from upplied.errors import InputError
-from upplied.inputs.cleaning import clean
 from upplied.inputs.formats.raw import RawMesh
-from upplied.inputs.formats.scenes import read_scene
+from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifests import StructureEntry
+from upplied.inputs.repair import clean
 from upplied.records import Floats, Structure
 
-MAX_BYTES = 2 << 30
 NOMINAL_TOLERANCE = 0.07  # passes nearly every good model of a type and flags toys and wrong units
 
 
@@ -39,8 +35,7 @@ def read_structure(entry: StructureEntry) -> Structure:
         Where the file is empty, truncated, mislabelled, of another format, or not of the nominal size.
     """
     check_id(entry.structure_id, "structure id")
-    data = _bytes(entry.path)
-    raw = read_scene(data, entry.path.suffix.lower().removeprefix("."), str(entry.path))
+    raw, sha256 = read_raw(entry.path)
     vertices = structure_frame(raw, entry)
     triangles = np.asarray(raw.triangles, np.int64)
     if not len(triangles):
@@ -55,7 +50,7 @@ def read_structure(entry: StructureEntry) -> Structure:
         vertices=vertices,
         triangles=triangles,
         site=entry.site,
-        sha256=_sha256(data, entry),
+        sha256=_sha256(sha256, entry),
         placement=entry.placement,
         surroundings=entry.surroundings,
         landmarks=dict(entry.landmarks),
@@ -91,17 +86,6 @@ def _axis(name: str) -> Floats:
     return (-1.0 if name.startswith("-") else 1.0) * np.eye(3)["xyz".index(name[-1])]
 
 
-def _bytes(path: Path) -> bytes:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(str(path), f"is larger than {MAX_BYTES >> 30} GB", "", "decimate the mesh")
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(
-            str(path), f"cannot be read: {error.strerror or error}", "", "check the path"
-        ) from None
-
-
 def _check_nominal(vertices: Floats, entry: StructureEntry) -> None:
     size = np.ptp(vertices, axis=0)
     for side, have, want in zip(
@@ -116,10 +100,10 @@ def _check_nominal(vertices: Floats, entry: StructureEntry) -> None:
             )
 
 
-def _sha256(data: bytes, entry: StructureEntry) -> str:
+def _sha256(file: str, entry: StructureEntry) -> str:
     surroundings, placement = entry.surroundings, entry.placement
     said = {
-        "file": hashlib.sha256(data).hexdigest(),
+        "file": file,
         "id": entry.structure_id,
         "kind": entry.kind,
         "geometry": [entry.unit_m, entry.up, entry.forward, entry.scale, list(entry.local_origin)],

@@ -1,0 +1,227 @@
+"""COLLADA (.dae): geometries, and a scene of nodes that places them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from defusedxml import ElementTree
+
+from upplied.inputs.formats.polygons import triangulate
+from upplied.inputs.formats.raw import Assembly, RawMesh, Source
+from upplied.inputs.formats.text import integers, numbers
+from upplied.inputs.formats.tree import flatten
+from upplied.records import Floats, Ints
+
+_UP = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
+_FACES = ("triangles", "polylist", "polygons", "trifans", "tristrips")
+_LINES = ("lines", "linestrips")
+
+
+def read_collada(source: Source) -> RawMesh:
+    """The scene of a COLLADA file, flattened; each instance of a geometry is a part."""
+    try:
+        root = ElementTree.fromstring(source.data, forbid_dtd=True)
+    except Exception as error:  # expat, entities and encodings each raise their own
+        raise source.error(
+            f"its XML cannot be read: {type(error).__name__}", "well-formed XML without DTD and entities"
+        ) from None
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]
+    if root.tag != "COLLADA":
+        raise source.error(f"is XML of {root.tag[:40]!r}", "COLLADA")
+    return _Reader(source, root).read()
+
+
+class _Reader:
+    def __init__(self, source: Source, root: Any) -> None:
+        self._source, self._root = source, root
+        self._by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
+        self._geometries: dict[int, tuple[Floats, Ints]] = {}
+        self._counts: dict[str, int] = {}
+
+    def read(self) -> RawMesh:
+        assembly = Assembly(self._source)
+        for element, matrix in flatten(self._source, self._roots(), self._children):
+            if element.tag == "geometry":
+                vertices, triangles = self._geometry(element)
+                name = element.get("name") or element.get("id") or ""
+                assembly.add(vertices, triangles, matrix, name[:80])
+        unit, up = self._root.find("asset/unit"), self._root.findtext("asset/up_axis", "").strip()
+        return assembly.mesh(
+            unit_m=1.0 if unit is None else float(unit.get("meter", "1")),
+            up=_UP.get(up, "y"),
+            remarks=tuple(f"{count} {what}" for what, count in self._counts.items()),
+        )
+
+    def _roots(self) -> list[tuple[Any, Floats]]:
+        instance = self._root.find("scene/instance_visual_scene")
+        scene = self._root.find(".//visual_scene") if instance is None else self._target(instance)
+        elements = self._root.findall(".//geometry") if scene is None else scene.findall("node")
+        return [(element, self._placed(element)) for element in elements]
+
+    def _children(self, element: Any) -> list[tuple[Any, Floats]]:
+        """Nodes, and what a node or a controller stands for."""
+        found = []
+        for child in element:
+            if child.tag == "node":
+                found.append(child)
+            elif child.tag in ("instance_geometry", "instance_node", "instance_controller"):
+                found.append(self._target(child))
+            elif child.tag in ("skin", "morph") and element.tag == "controller":
+                self._count("skinned meshes taken in their pose of rest", 1)
+                found.append(self._target(child, "source"))
+        return [(child, self._placed(child)) for child in found]
+
+    def _target(self, element: Any, attribute: str = "url") -> Any:
+        url = element.get(attribute, "")
+        if not url.startswith("#") or url[1:] not in self._by_id:
+            raise self._source.error(
+                f"refers to {url[:80]!r}, which it does not hold", "a file complete in itself"
+            )
+        return self._by_id[url[1:]]
+
+    def _placed(self, element: Any) -> Floats:
+        """Product of the transforms of a node, in their order."""
+        matrix = np.eye(4)
+        if element.tag == "node":
+            for child in element:
+                if child.tag in _TRANSFORMS:
+                    matrix = matrix @ _TRANSFORMS[child.tag](numbers((child.text or "").encode()))
+                elif child.tag == "skew":
+                    raise self._source.error("a node is skewed", "matrix, translate, rotate, scale or lookat")
+        return matrix
+
+    def _geometry(self, element: Any) -> tuple[Floats, Ints]:
+        if id(element) not in self._geometries:
+            mesh = element.find("mesh")
+            if mesh is None:
+                raise self._source.error(
+                    "holds a geometry that is no mesh", "polygon meshes", "tessellate it on export"
+                )
+            self._geometries[id(element)] = self._mesh(mesh)
+        return self._geometries[id(element)]
+
+    def _mesh(self, mesh: Any) -> tuple[Floats, Ints]:
+        vertices: list[Floats] = []
+        triangles: list[Ints] = []
+        known: dict[str, int] = {}
+        for group in mesh:
+            if group.tag in _LINES:
+                self._count("groups of lines left aside", 1)
+            if group.tag not in _FACES:
+                continue
+            positions = self._input(mesh, group)
+            if positions.get("id") not in known:
+                known[positions.get("id")] = sum(map(len, vertices))
+                vertices.append(self._positions(positions))
+            at = known[positions.get("id")]
+            corners, sizes = self._corners(group)
+            every = np.concatenate(vertices)
+            if len(corners) and not 0 <= corners.min() <= corners.max() < len(every) - at:
+                raise self._source.error(
+                    "its faces refer to vertices that do not exist", f"0 to {len(every) - at - 1}"
+                )
+            if group.tag in ("trifans", "tristrips"):
+                triangles.append(_strips(corners, sizes, group.tag) + at)
+                continue
+            self._count("polygons triangulated", int((sizes > 3).sum()))
+            triangles.append(triangulate(every, corners + at, sizes)[0])
+        return np.concatenate([np.empty((0, 3)), *vertices]), np.concatenate(
+            [np.empty((0, 3), np.int64), *triangles]
+        )
+
+    def _input(self, mesh: Any, group: Any) -> Any:
+        """The source of the positions of a group of faces."""
+        for item in group.findall("input"):
+            if item.get("semantic") == "VERTEX":
+                for inner in self._target(item, "source").findall("input"):
+                    if inner.get("semantic") == "POSITION":
+                        return self._target(inner, "source")
+        raise self._source.error("holds faces without positions", "an input VERTEX with an input POSITION")
+
+    def _positions(self, element: Any) -> Floats:
+        accessor = element.find("technique_common/accessor")
+        values = numbers((element.findtext("float_array") or "").encode())
+        count, stride, offset = (
+            int(accessor.get(name, default))
+            for name, default in (("count", "0"), ("stride", "1"), ("offset", "0"))
+        )
+        if stride < 3 or min(count, offset) < 0 or offset + count * stride > len(values):
+            raise self._source.error("its positions are fewer than it says", f"{count} triples")
+        return values[offset : offset + count * stride].reshape(count, stride)[:, :3]
+
+    def _corners(self, group: Any) -> tuple[Ints, Ints]:
+        """Vertex indices and the number of corners of each face of a group."""
+        stride = 1 + max(int(item.get("offset", "0")) for item in group.findall("input"))
+        offset = next(
+            int(item.get("offset", "0"))
+            for item in group.findall("input")
+            if item.get("semantic") == "VERTEX"
+        )
+        if stride > 64 or offset < 0:
+            raise ValueError("offsets out of all proportion")
+        rings = group.findall("p") + group.findall("ph/p")
+        self._count("holes in polygons closed", len(group.findall("ph/h")))
+        lists = [integers((ring.text or "").encode()).reshape(-1, stride)[:, offset] for ring in rings]
+        corners = np.concatenate([np.empty(0, np.int64), *lists])
+        if group.tag == "triangles":
+            sizes = np.full(len(corners) // 3, 3)
+        elif group.tag == "polylist":
+            sizes = integers((group.findtext("vcount") or "").encode())
+        else:
+            sizes = np.array([len(ring) for ring in lists], np.int64)
+        said = int(group.get("count", len(sizes)))
+        if (sizes < 0).any() or sizes.sum() != len(corners) or said != len(sizes):
+            raise self._source.error(f"a group says {said} faces, it holds {len(sizes)}", "a complete file")
+        return corners, sizes
+
+    def _count(self, what: str, number: int) -> None:
+        if number:
+            self._counts[what] = self._counts.get(what, 0) + number
+
+
+def _strips(corners: Ints, sizes: Ints, tag: str) -> Ints:
+    found = [np.empty((0, 3), np.int64)]
+    for ring in np.split(corners, np.cumsum(sizes)[:-1]):
+        step = np.arange(max(len(ring) - 2, 0))
+        odd = step % 2 if tag == "tristrips" else 0 * step
+        first = ring[step] if tag == "tristrips" else np.broadcast_to(ring[:1], len(step))
+        found.append(np.stack([first, ring[step + 1 + odd], ring[step + 2 - odd]], axis=1))
+    return np.concatenate(found)
+
+
+def _translate(values: Floats) -> Floats:
+    matrix = np.eye(4)
+    matrix[:3, 3] = values
+    return matrix
+
+
+def _scale(values: Floats) -> Floats:
+    return np.diag([*values.reshape(3), 1.0])
+
+
+def _rotate(values: Floats) -> Floats:
+    from scipy.spatial.transform import Rotation
+
+    axis, matrix = values[:3] / np.linalg.norm(values[:3]), np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec(axis * np.radians(values[3])).as_matrix()
+    return matrix
+
+
+def _lookat(values: Floats) -> Floats:
+    eye, target, up = values.reshape(3, 3)
+    back = (eye - target) / np.linalg.norm(eye - target)
+    right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
+    matrix = np.eye(4)
+    matrix[:3] = np.column_stack([right, np.cross(back, right), back, eye])
+    return matrix
+
+
+_TRANSFORMS = {
+    "matrix": lambda values: values.reshape(4, 4),
+    "translate": _translate,
+    "rotate": _rotate,
+    "scale": _scale,
+    "lookat": _lookat,
+}

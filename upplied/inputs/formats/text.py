@@ -1,0 +1,43 @@
+"""Numbers in text files."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from upplied.records import Floats
+
+
+def numbers(text: bytes) -> Floats:
+    """All numbers of a text that white space separates.
+
+    Raises
+    ------
+    ValueError
+        Where something else stands among them.
+
+    Examples
+    --------
+    >>> numbers(b"1 2.5\\n-3e1")
+    array([  1. ,   2.5, -30. ])
+    """
+    text = text.strip()
+    if not text:
+        return np.empty(0)
+    if b"\0" in text or b"," in text:
+        raise ValueError("not a number")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # older numpy warns where newer raises
+        try:
+            return np.fromstring(text.decode("latin-1"), sep=" ")
+        except DeprecationWarning as error:
+            raise ValueError(str(error)) from None
+
+
+def integers(text: bytes) -> np.ndarray:
+    """All whole numbers of a text that white space separates, int64."""
+    values = numbers(text)
+    if not (np.abs(values) < 2**53).all() or (values != np.rint(values)).any():
+        raise ValueError("not a whole number")
+    return values.astype(np.int64)
