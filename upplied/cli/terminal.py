@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 if TYPE_CHECKING:
-    from upplied.catalog import Catalog
+    from upplied.catalog.database import Catalog
     from upplied.fleet import Ingested
 
 console = Console(highlight=False)
@@ -33,7 +33,7 @@ Advance = Callable[[], None]
 
 def opened(location: str) -> Catalog:
     """The catalog at a location."""
-    from upplied.catalog import open_catalog
+    from upplied.catalog.database import open_catalog
 
     return open_catalog(location)
 

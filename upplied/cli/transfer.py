@@ -17,7 +17,7 @@ from upplied.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from upplied.catalog import Catalog
+    from upplied.catalog.database import Catalog
     from upplied.fleet import Decision, Result
 
 app = App(name="transfer", help="Carry a demonstration to other structures.")

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import pandas as pd
 
-from upplied.catalog import Catalog
+from upplied.catalog.database import Catalog
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.crew import cores
 from upplied.fleet.workers import JobKilled, Workers
