@@ -8,7 +8,7 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.measure import BY_FRUSTUM, TRULY, Views, views
-from upplied.planning.pair import Memo, Pair, content_key, no_memo
+from upplied.planning.pair import Memo, Pair, content_key, no_memo, remembering
 from upplied.planning.viewpoints import find_viewpoints
 from upplied.planning.visibility import visible
 from upplied.poses import interpolate
@@ -31,6 +31,7 @@ def inspect_demonstration(
     demonstration: Demonstration, pair: Pair, settings: Settings, memo: Memo = no_memo
 ) -> Inspection:
     """Visibility along the flight, and its viewpoints, remembered by content."""
+    memo = remembering(memo, demonstration.sha256, pair.source.sha256)
     flight, breaks = prepared(demonstration, settings)
     camera = demonstration.camera
     fit = pair.fit_for(settings)

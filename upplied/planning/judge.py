@@ -6,22 +6,23 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.inspect import Inspection
-from upplied.planning.measure import BY_FRUSTUM, TRULY, measure, sought, views
+from upplied.planning.measure import BY_FRUSTUM, TRULY, measure, sought, surface_states, views
 from upplied.planning.pair import Memo, Pair, no_memo
 from upplied.planning.transfer import box_map, registered_map
-from upplied.records import Floats, Measures, Trajectory
+from upplied.records import Floats, Measures, SurfaceStates, Trajectory
 
 
 def judge(
     trajectory: Trajectory, inspection: Inspection, pair: Pair, settings: Settings, memo: Memo = no_memo
-) -> Measures:
-    """All measures of a planned trajectory (algorithm.md, section 8)."""
+) -> tuple[Measures, SurfaceStates | None]:
+    """All measures of a planned trajectory, and what becomes of the target's surface."""
     camera = inspection.camera
     voxels, surface = pair.voxels, pair.surface
     paper = (
         sought(voxels.source, voxels.target, voxels.correspondences, inspection.by_frustum),
         views(trajectory, voxels.target, camera, BY_FRUSTUM),
     )
+    carried = demonstrated_on_target(inspection, pair)
     carrier = registered_map(surface.registration)
     true = (
         sought(
@@ -29,13 +30,10 @@ def judge(
         ),
         views(trajectory, surface.target, camera, TRULY, pair.target_scene),
     )
-    return measure(
-        trajectory,
-        demonstrated_on_target(inspection, pair),
-        pair.target_scene,
-        paper,
-        true if surface.registration.accepted else None,
-    )
+    if not surface.registration.accepted:
+        return measure(trajectory, carried, pair.target_scene, paper), None
+    states = surface_states(true[0], true[1].total)
+    return measure(trajectory, carried, pair.target_scene, paper, true), states
 
 
 def demonstrated_on_target(inspection: Inspection, pair: Pair) -> Floats:

@@ -31,6 +31,11 @@ def no_memo(stage: str, record_type: type[R], key: str, compute: Callable[[], R]
     return compute()
 
 
+def remembering(memo: Memo, *hashes: str) -> Memo:
+    """The memo where all inputs have a hash to remember them by, else none."""
+    return memo if all(hashes) else no_memo
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(Record):
     """Two clouds of one sort, and how one lies on the other."""
@@ -63,8 +68,7 @@ class Pair(Record):
 
 def study_pair(source: Structure, target: Structure, settings: Settings, memo: Memo = no_memo) -> Pair:
     """Clouds, registration and correspondences of a pair (paper, Alg. 1), remembered by content."""
-    if not (source.sha256 and target.sha256):
-        memo = no_memo  # nothing to remember by
+    memo = remembering(memo, source.sha256, target.sha256)
     scenes = scene_of(source), scene_of(target)
     voxels = _voxels(source, settings.clouds, memo), _voxels(target, settings.clouds, memo)
     samples = (

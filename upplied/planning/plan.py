@@ -62,12 +62,8 @@ def plan_transfer(
     except RefusedError as refusal:
         return replace(plan, status="refused", reason=str(refusal))
     # How good is it? The same measures for every preset.
-    return replace(
-        plan,
-        trajectory=trajectory,
-        is_viewpoint=is_viewpoint,
-        measures=judge(trajectory, inspection, pair, settings, memo),
-    )
+    measures, surface = judge(trajectory, inspection, pair, settings, memo)
+    return replace(plan, trajectory=trajectory, is_viewpoint=is_viewpoint, measures=measures, surface=surface)
 
 
 def transfer_key(

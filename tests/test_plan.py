@@ -1,0 +1,121 @@
+"""Laws of the whole method: what must hold for any structure and any flight."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from upplied.config import settings_for
+from upplied.planning.plan import plan_transfer, transfer_key
+from upplied.poses import angle_between, moved
+from upplied.samples.fleet import sample_structures
+from upplied.samples.pilot import fly
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    return {structure.structure_id: structure for structure in sample_structures()}
+
+
+@pytest.fixture(scope="module")
+def around_cube(fleet):
+    return fly(fleet["cube-v1"], "sides", seed=3)
+
+
+def shifted(structure, turn, shift):
+    return replace(structure, vertices=structure.vertices @ turn.T + shift)
+
+
+def same_plan(a, b, atol):
+    np.testing.assert_allclose(a.trajectory.positions, b.trajectory.positions, atol=atol)
+    assert angle_between(a.trajectory.quat_xyzw, b.trajectory.quat_xyzw).max() < max(atol, 1e-6)
+
+
+@pytest.mark.parametrize("preset", ["paper", "recommended", "baseline"])
+def test_on_the_demonstrated_structure_itself_everything_is_seen_again(fleet, around_cube, preset):
+    cube = fleet["cube-v1"]
+    plan = plan_transfer(around_cube, cube, cube, settings_for(preset))
+    assert plan.status == "ok", plan.reason
+    assert plan.measures.coverage_paper_pct == 100
+    assert plan.registration.score_m2 == pytest.approx(0, abs=1e-9)
+    if preset != "paper":
+        assert plan.measures.coverage_seen_pct > 99.9
+        assert plan.measures.frechet_z < 0.05
+
+
+def test_paper_gives_the_demonstrated_viewpoints_back_on_the_same_structure(fleet, around_cube):
+    from upplied.planning.inspect import inspect_demonstration
+    from upplied.planning.pair import study_pair
+
+    cube, settings = fleet["cube-v1"], settings_for("paper")
+    plan = plan_transfer(around_cube, cube, cube, settings)
+    found = inspect_demonstration(around_cube, study_pair(cube, cube, settings), settings).viewpoints
+    np.testing.assert_allclose(plan.trajectory.positions, found.positions, atol=1e-6)
+    assert angle_between(plan.trajectory.quat_xyzw, found.quat_xyzw).max() < 1e-6
+
+
+@pytest.mark.parametrize("preset", ["paper", "recommended", "baseline"])
+def test_shifting_both_structures_shifts_the_plan(fleet, around_cube, preset):
+    cube, cuboid = fleet["cube-v1"], fleet["cuboid-v1"]
+    shift_d, shift_t, turn = np.array([64.0, -32.0, 8.0]), np.array([-16.0, 48.0, 4.0]), np.eye(3)
+    settings = settings_for(preset)
+    flown = moved(around_cube.trajectory, turn, shift_d)
+    there = plan_transfer(
+        replace(around_cube, positions=flown.positions),
+        without_ground(shifted(cube, turn, shift_d)),
+        without_ground(shifted(cuboid, turn, shift_t)),
+        settings,
+    )
+    here = plan_transfer(around_cube, without_ground(cube), without_ground(cuboid), settings)
+    back = moved(there.trajectory, turn, -shift_t)
+    same_plan(here, replace(there, trajectory=back), atol=2e-3)
+
+
+def without_ground(structure):
+    return replace(structure, surroundings=type(structure.surroundings)())
+
+
+def test_the_same_inputs_give_the_same_bytes(fleet, around_cube):
+    first = plan_transfer(around_cube, fleet["cube-v1"], fleet["cuboid-v1"], settings_for("recommended"))
+    again = plan_transfer(around_cube, fleet["cube-v1"], fleet["cuboid-v1"], settings_for("recommended"))
+    assert first.trajectory.positions.tobytes() == again.trajectory.positions.tobytes()
+    assert first.trajectory.quat_xyzw.tobytes() == again.trajectory.quat_xyzw.tobytes()
+    assert first.trajectory.t_s.tobytes() == again.trajectory.t_s.tobytes()
+    assert first.measures == again.measures or repr(first.measures) == repr(again.measures)
+
+
+def test_remembered_results_give_the_same_plan(fleet, around_cube):
+    store = {}
+
+    def memo(stage, record_type, key, compute):
+        found = store.setdefault((stage, key), None) or compute()
+        assert isinstance(found, record_type)
+        store[stage, key] = found
+        return found
+
+    cube, cuboid = replace(fleet["cube-v1"], sha256="c1"), replace(fleet["cuboid-v1"], sha256="c2")
+    flown = replace(around_cube, sha256="f1")
+    cold = plan_transfer(flown, cube, cuboid, settings_for("recommended"), memo)
+    entries = len(store)
+    warm = plan_transfer(flown, cube, cuboid, settings_for("recommended"), memo)
+    assert entries >= 6 and len(store) == entries
+    same_plan(cold, warm, atol=0)
+
+
+def test_another_kind_is_refused_with_a_reason(fleet, around_cube):
+    plan = plan_transfer(around_cube, fleet["cube-v1"], fleet["turbine-1-v1"], settings_for("recommended"))
+    assert plan.status == "refused" and plan.trajectory is None
+    assert len(plan.reason) > 20
+
+
+def test_the_key_depends_on_all_that_goes_in(fleet, around_cube):
+    cube, cuboid, settings = fleet["cube-v1"], fleet["cuboid-v1"], settings_for("paper")
+    keys = {
+        transfer_key(around_cube, cube, cuboid, settings),
+        transfer_key(replace(around_cube, sha256="other"), cube, cuboid, settings),
+        transfer_key(around_cube, replace(cube, sha256="other"), cuboid, settings),
+        transfer_key(around_cube, cube, replace(cuboid, sha256="other"), settings),
+        transfer_key(around_cube, cube, cuboid, settings_for("paper", route={"clearance_m": 3.0})),
+        transfer_key(around_cube, cube, cuboid, settings_for("baseline")),
+    }
+    assert len(keys) == 6
