@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from upplied.errors import SettingsError
 from upplied.outputs import tubes
 from upplied.outputs.canvas import Solid, picture, solid
 from upplied.outputs.colours import DEMONSTRATED, PRESETS, STATES, rgb
+from upplied.outputs.files import replace_file
 from upplied.outputs.sheet import Panel, sheet_png
 from upplied.outputs.views import View, fitted, named_view, proportion
 from upplied.records import (
@@ -159,12 +159,7 @@ def comparison_png(
 
 def save(path: str | Path, png: bytes) -> Path:
     """Write a picture so that a reader never meets half of it; folders are made."""
-    goal = Path(path)
-    goal.parent.mkdir(parents=True, exist_ok=True)
-    partial = goal.with_name(f".{goal.name}.{os.getpid()}.partial")
-    partial.write_bytes(png)
-    partial.replace(goal)
-    return goal
+    return replace_file(path, png)
 
 
 def figures(plan: Plan) -> str:

@@ -1,0 +1,94 @@
+"""Structures as a browser shows them: few triangles, small enough to carry the colour of their state."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.records import Floats, Ints, Structure, SurfaceStates
+from upplied.scene import simplified
+
+_MOST_TRIANGLES = 18_000
+_MOST_POINTS = 12_000
+_ROUNDS = 24
+
+
+def display_mesh(structure: Structure) -> tuple[Floats, Ints]:
+    """Vertices (V, 3), m, and triangles (T, 3) to show; for a point cloud vertices alone.
+
+    Fine meshes are simplified, large triangles split, so that a colour for each triangle says
+    where the surface is seen.
+    """
+    if not len(structure.triangles):
+        kept = np.linspace(0, len(structure.vertices) - 1, min(len(structure.vertices), _MOST_POINTS))
+        return structure.vertices[kept.astype(int)], np.empty((0, 3), np.int64)
+    vertices, triangles = simplified(structure.vertices, structure.triangles, _MOST_TRIANGLES * 3 // 4)
+    return _split(vertices, triangles, structure.diagonal_m / 60)
+
+
+def _split(vertices: Floats, triangles: Ints, longest_m: float) -> tuple[Floats, Ints]:
+    """Halve the longest edges, worst first, until all are short enough or there are enough triangles."""
+    for _ in range(_ROUNDS):
+        corners = vertices[triangles]
+        edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        length = edges.max(axis=1)
+        room = _MOST_TRIANGLES - len(triangles)
+        wanted = np.flatnonzero(length > longest_m)
+        wanted = wanted[np.argsort(-length[wanted], kind="stable")][:room]
+        if not len(wanted):
+            break
+        first = edges[wanted].argmax(axis=1)
+        a, b, c = (triangles[wanted, (first + step) % 3] for step in range(3))
+        ends, place = np.unique(np.sort(np.stack([a, b], axis=1), axis=1), axis=0, return_inverse=True)
+        middle = len(vertices) + place.reshape(-1)
+        vertices = np.concatenate([vertices, vertices[ends].mean(axis=1)])
+        triangles = triangles.copy()
+        triangles[wanted] = np.stack([a, middle, c], axis=1)
+        triangles = np.concatenate([triangles, np.stack([middle, b, c], axis=1)])
+    return vertices, triangles
+
+
+def display_states(mesh: tuple[Floats, Ints], states: SurfaceStates) -> np.ndarray:
+    """State (T,) of each triangle, or (V,) of each point of a cloud, uint8: that of the nearest sample.
+
+    Samples on the other skin of a thin wing are farther than any on the same side.
+    """
+    vertices, triangles = mesh
+    if not len(states.points):
+        return np.zeros(len(triangles) or len(vertices), np.uint8)
+    if not len(triangles):
+        return states.state[cKDTree(states.points).query(vertices)[1]].astype(np.uint8)
+    corners = vertices[triangles]
+    centres = corners.mean(axis=1)
+    if states.normals is None:
+        return states.state[cKDTree(states.points).query(centres)[1]].astype(np.uint8)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    apart = 0.04 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    tree = cKDTree(np.concatenate([states.points, apart * states.normals], axis=1))
+    return states.state[tree.query(np.concatenate([centres, apart * normals], axis=1))[1]].astype(np.uint8)
+
+
+def structure_data(structure: Structure) -> dict[str, Any]:
+    """What a page needs to draw a structure; coordinates are relative to `origin`."""
+    vertices, triangles = display_mesh(structure)
+    origin = ((vertices.min(axis=0) + vertices.max(axis=0)) / 2).round(3)
+    index = triangles.astype(np.uint16 if len(vertices) < 65536 else np.uint32)
+    return {
+        "id": structure.structure_id,
+        "kind": structure.kind,
+        "origin": origin.tolist(),
+        "size_m": np.ptp(structure.vertices, axis=0).round(2).tolist(),
+        "vertices": packed((vertices - origin).astype(np.float32)),
+        "triangles": packed(index),
+    }
+
+
+def packed(array: np.ndarray) -> dict[str, str]:
+    """An array as its type and base64 of its little-endian bytes, row by row."""
+    plain = np.ascontiguousarray(array)
+    little = plain.astype(plain.dtype.newbyteorder("<"))
+    return {"type": little.dtype.str.lstrip("<|"), "data": base64.b64encode(little.tobytes()).decode()}

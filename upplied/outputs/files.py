@@ -1,0 +1,19 @@
+"""Files that a reader never meets half written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+
+def replace_file(path: str | Path, content: bytes | str) -> Path:
+    """Write beside the goal, then rename over it; folders are made."""
+    goal = Path(path)
+    goal.parent.mkdir(parents=True, exist_ok=True)
+    partial = goal.with_name(f".{goal.name}.{os.getpid()}.partial")
+    try:
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+        partial.replace(goal)
+    finally:
+        partial.unlink(missing_ok=True)
+    return goal

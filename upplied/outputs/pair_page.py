@@ -1,0 +1,121 @@
+"""The data of a transfer's page: both paths with what happens along them, and the figures of each preset."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from upplied.outputs.along import Profile
+from upplied.outputs.display import packed
+from upplied.outputs.pairs import MEANING, PRESETS, Pair, change, number, stamp
+from upplied.records import Demonstration, Floats, Measures
+
+_PROVENANCE = (
+    "transfer_id", "planned_at", "run_id", "code_version", "icp_score_m2",
+    "demonstration_sha256", "source_sha256", "target_sha256", "settings_sha256",
+)  # fmt: skip
+
+
+def demonstration_data(demonstration: Demonstration, profile: Profile, origin: Floats) -> dict[str, Any]:
+    """The demonstrated path and who flew it; coordinates relative to the structure's `origin`, m."""
+    camera = demonstration.camera
+    return {
+        "id": demonstration.demonstration_id,
+        "source": demonstration.structure_id,
+        "operator": demonstration.operator,
+        "site": demonstration.site,
+        "notes": demonstration.notes,
+        "poses": len(demonstration),
+        "camera": {"hfov_deg": camera.hfov_deg, "vfov_deg": camera.vfov_deg, "range_m": camera.max_range_m},
+        "path": path_data(profile, origin),
+    }
+
+
+def pair_data(
+    pair: Pair, demonstration: dict[str, Any], paths: Mapping[str, dict[str, Any]]
+) -> dict[str, Any]:
+    """The whole page: `paths` holds, by preset, the planned path as `planned_data` gives it."""
+    return {
+        "pair": pair.name,
+        "source": pair.source_id,
+        "target": pair.target_id,
+        "kind": pair.kind,
+        "change": change(pair),
+        "demonstration": demonstration,
+        "plans": [_plan(preset, row, paths.get(preset, {})) for preset, row in _ordered(pair)],
+    }
+
+
+def planned_data(
+    profile: Profile, viewpoints: Floats, origin: Floats, states: np.ndarray | None
+) -> dict[str, Any]:
+    """A planned path, its viewpoints (K, 7) as x y z and quaternion, and the state of each triangle."""
+    shifted = np.concatenate([viewpoints[:, :3] - origin, viewpoints[:, 3:]], axis=1)
+    data: dict[str, Any] = {
+        "path": path_data(profile, origin),
+        "viewpoints": packed(shifted.astype(np.float32)),
+    }
+    if states is not None:
+        data["states"] = packed(states)
+    return data
+
+
+def path_data(profile: Profile, origin: Floats) -> dict[str, Any]:
+    """Times, poses and values along a path as arrays of single precision."""
+    path = profile.path
+    columns = {
+        "t": path.t_s,
+        "xyz": path.positions - origin,
+        "quat": path.quat_xyzw,
+        "speed": profile.speed_mps,
+        "clearance": profile.clearance_m,
+        "standoff": profile.standoff_m,
+    }
+    return {name: packed(values.astype(np.float32)) for name, values in columns.items()}
+
+
+def _ordered(pair: Pair) -> list[tuple[str, Mapping[str, Any]]]:
+    known = [preset for preset in PRESETS if preset in pair.plans]
+    return [(preset, pair.plans[preset]) for preset in known + sorted(set(pair.plans) - set(PRESETS))]
+
+
+def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
+    status = str(row["status"])
+    return {
+        "preset": preset,
+        "status": status,
+        "meaning": MEANING.get(status, ""),
+        "reason": _text(row.get("reason")),
+        "counterparts": _text(row.get("counterpart_summary")),
+        "warnings": _warnings(row.get("warnings")),
+        "measures": {item.name: number(row, item.name) for item in fields(Measures)}
+        | {name: number(row, name) for name in ("n_viewpoints", "n_waypoints")},
+        "provenance": {name: _shown(name, row[name]) for name in _PROVENANCE if name in row},
+        **path,
+    }
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _warnings(value: Any) -> str:
+    """Warnings as sentences; the catalog keeps them as a JSON list."""
+    try:
+        found = json.loads(value) if isinstance(value, str) and value else []
+    except ValueError:
+        found = [value]
+    return " ".join(str(part) for part in found) if isinstance(found, list) else str(found)
+
+
+def _shown(name: str, value: Any) -> str:
+    if name == "planned_at":
+        return f"{stamp(value)} UTC"
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.4g}"
+    return "" if value is None or value is pd.NaT else str(value)

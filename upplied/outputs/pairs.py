@@ -1,0 +1,153 @@
+"""The fleet as pages show it: one row per demonstration and target, the presets side by side, worst first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import pandas as pd
+
+PRESETS = ("recommended", "paper", "baseline")
+_ATTENTION = {"failed": 0, "refused": 1, "ok": 2}
+
+#: What a reader should make of each status; the plan's own reason stands beside it.
+MEANING = {
+    "ok": "",
+    "refused": "No path was made for this target: the inputs are sound, but no honest plan follows. "
+    "Nothing should be flown here until the reason is dealt with.",
+    "failed": "Planning stopped with an error. Other targets are not affected; run it again once the "
+    "cause is removed.",
+}
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One demonstration on one target: the newest row of each preset, and the one before it."""
+
+    demonstration_id: str
+    source_id: str
+    target_id: str
+    kind: str
+    plans: Mapping[str, Mapping[str, Any]]  # preset -> row of the table of transfers
+    earlier: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Safe as a file name and in a URL; stays the same when the pair is planned anew."""
+        return f"{self.demonstration_id}--{self.target_id}"
+
+    @property
+    def main(self) -> Mapping[str, Any]:
+        """The row of the preset that is flown."""
+        return next(self.plans[preset] for preset in (*PRESETS, *self.plans) if preset in self.plans)
+
+
+def pairs_of(transfers: pd.DataFrame) -> list[Pair]:
+    """The pairs of a table of transfers, which may hold older plans too, those that need attention first."""
+    if not len(transfers):
+        return []
+    ordered = transfers.sort_values(["planned_at", "transfer_id"], kind="stable")
+    pairs = []
+    for (demonstration_id, target_id), rows in ordered.groupby(["demonstration_id", "target_id"], sort=True):
+        plans: dict[str, dict[str, Any]] = {}
+        earlier: dict[str, dict[str, Any]] = {}
+        for row in rows.to_dict("records"):
+            preset = str(row["preset"])
+            if preset in plans:
+                earlier[preset] = plans[preset]
+            plans[preset] = {str(key): value for key, value in row.items()}
+        newest = rows.iloc[-1]
+        pairs.append(
+            Pair(
+                str(demonstration_id),
+                str(newest["source_id"]),
+                str(target_id),
+                str(newest["kind"]),
+                plans,
+                earlier,
+            )
+        )
+    return sorted(pairs, key=attention)
+
+
+def attention(pair: Pair) -> tuple[float, float, float, str]:
+    """Sorts what needs a person first: failed, refused, then by what is really seen, then by clearance."""
+    row = pair.main
+    seen = coverage(row)
+    clearance = number(row, "min_clearance_m")
+    return (
+        _ATTENTION.get(str(row["status"]), 0),
+        -1.0 if seen is None else seen,
+        -1.0 if clearance is None else clearance,
+        pair.name,
+    )
+
+
+def coverage(row: Mapping[str, Any]) -> float | None:
+    """The most honest coverage that was computed, percent."""
+    seen = number(row, "coverage_seen_pct")
+    return number(row, "coverage_paper_pct") if seen is None else seen
+
+
+def number(row: Mapping[str, Any], name: str) -> float | None:
+    """A finite number of a row, or None."""
+    value = row.get(name)
+    if value is None or isinstance(value, str) or not math.isfinite(value):
+        return None
+    return float(value)
+
+
+def change(pair: Pair) -> str:
+    """What is different from the plan before, in a few words; empty where nothing is."""
+    row = pair.main
+    before = pair.earlier.get(str(row["preset"]))
+    if before is None:
+        return ""
+    if before["status"] != row["status"]:
+        return f"{before['status']} → {row['status']}"
+    parts = []
+    for name, label, unit, least in (
+        ("coverage", "coverage", "%", 0.05),
+        ("min_clearance_m", "clearance", " m", 0.05),
+    ):
+        now, then = (coverage(each) if name == "coverage" else number(each, name) for each in (row, before))
+        if now is not None and then is not None and abs(now - then) >= least:
+            parts.append(f"{label} {now - then:+.1f}{unit}")
+    return ", ".join(parts)
+
+
+def fleet_data(pairs: list[Pair], title: str) -> dict[str, Any]:
+    """What the fleet page needs: columns by name, and rows in order of attention."""
+    columns = [
+        "pair", "status", "demonstration", "source", "target", "kind", "coverage", "attainable", "paper",
+        "baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason",
+    ]  # fmt: skip
+    return {"title": title, "columns": columns, "rows": [_fleet_row(pair) for pair in pairs]}
+
+
+def _fleet_row(pair: Pair) -> list[Any]:
+    row = pair.main
+    peers = [number(pair.plans.get(preset, {}), "coverage_paper_pct") for preset in ("paper", "baseline")]
+    if number(row, "coverage_seen_pct") is not None:
+        peers = [number(pair.plans.get(preset, {}), "coverage_seen_pct") for preset in ("paper", "baseline")]
+    values = [coverage(row), number(row, "coverage_attainable_pct"), *peers]
+    values += [number(row, name) for name in ("min_clearance_m", "frechet_z", "path_length_m", "duration_s")]
+    return [
+        pair.name,
+        str(row["status"]),
+        pair.demonstration_id,
+        pair.source_id,
+        pair.target_id,
+        pair.kind,
+        *(None if value is None else round(value, 3) for value in values),
+        change(pair),
+        stamp(row.get("planned_at")),
+        str(row.get("reason") or ""),
+    ]
+
+
+def stamp(value: Any) -> str:
+    """A time as ``2026-11-21 09:30`` UTC, empty where there is none."""
+    return "" if value is None or pd.isna(value) else pd.Timestamp(value).strftime("%Y-%m-%d %H:%M")

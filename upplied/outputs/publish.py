@@ -1,0 +1,202 @@
+"""The report folder: tables, pages and pictures, each replaced whole and only where something changed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from upplied import __version__
+from upplied.catalog.database import Catalog
+from upplied.catalog.published import export_tables
+from upplied.config import digest
+from upplied.errors import SettingsError, UppliedError
+from upplied.outputs import pages
+from upplied.outputs.files import replace_file
+from upplied.outputs.pairs import Pair, fleet_data, pairs_of
+from upplied.outputs.reports import Reader, Source
+
+TITLE = "Inspection fleet"
+_RECORD = ".published.json"
+_MAILED = 60  # pairs that one file may hold
+
+
+@dataclass(frozen=True)
+class Published:
+    """What a publication did."""
+
+    index: Path
+    written: tuple[str, ...]  # files, relative to the folder
+    kept: int  # files that were up to date
+    removed: tuple[str, ...]
+    problems: tuple[str, ...]  # pairs whose page could not be made, and why
+
+
+@dataclass
+class _Folder:
+    """A report folder that remembers what each of its files was made from."""
+
+    root: Path
+    before: dict[str, str]
+    now: dict[str, str] = field(default_factory=dict)
+    written: list[str] = field(default_factory=list)
+
+    def put(self, name: str, key: str, make: Callable[[], bytes | str]) -> None:
+        """Make a file unless it stands there, made from the same."""
+        if name in self.now:
+            return
+        if self.before.get(name) != key or not (self.root / name).is_file():
+            replace_file(self.root / name, make())
+            self.written.append(name)
+        self.now[name] = key
+
+    def remove_others(self) -> list[str]:
+        """Remove files that an earlier publication made and this one does not have."""
+        gone = [name for name in self.before if name not in self.now and _inside(self.root, name)]
+        for name in gone:
+            (self.root / name).unlink(missing_ok=True)
+        return gone
+
+
+def publish(
+    catalog: Catalog,
+    folder: str | Path,
+    *,
+    title: str = TITLE,
+    pictures: bool = True,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Published:
+    """Write tables, pages and pictures of everything in a catalog.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    folder : path
+        ``index.html`` is what a person opens, ``transfers.parquet`` what pandas reads. Files there
+        that we did not make are left alone.
+    title : str
+    pictures : bool
+        Also a PNG for each pair, for documents.
+    progress : callable
+        Told the name of each pair when it is done.
+    """
+    export_tables(catalog, folder)
+    return publish_pages(catalog, folder, title=title, pictures=pictures, progress=progress)
+
+
+def publish_pages(
+    source: Source,
+    folder: str | Path,
+    *,
+    title: str = TITLE,
+    pictures: bool = True,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Published:
+    """The pages and pictures alone, as `publish` writes them, of anything that answers like a catalog."""
+    reader = Reader(source)
+    pairs = pairs_of(source.transfers(every=True))
+    place = _Folder(Path(folder), _recorded(Path(folder)))
+    code = digest([__version__, {name: digest(text) for name, text in pages.assets().items()}])
+    for name, text in pages.assets().items():
+        place.put(f"assets/{name}", digest(text), partial(str, text))
+    problems = []
+    for pair in pairs:
+        try:
+            _put_pair(place, reader, pair, code, pictures)
+        except UppliedError as error:
+            problems.append(f"{pair.name}: {error}")
+        progress(pair.name)
+    data = {"fleet": fleet_data(pairs, title)}
+    fallback = (
+        f"{title}: {len(pairs)} transfers. The tables are in transfers.parquet; this page needs scripts."
+    )
+    html = pages.page(title, data, fallback, "")
+    place.put("index.html", digest(html), lambda: html)
+    removed = place.remove_others()
+    replace_file(place.root / _RECORD, json.dumps(place.now, indent=0, sort_keys=True) + "\n")
+    kept = len(place.now) - len(place.written)
+    return Published(place.root / "index.html", tuple(place.written), kept, tuple(removed), tuple(problems))
+
+
+def publish_file(
+    source: Source,
+    path: str | Path,
+    *,
+    demonstration_id: str | None = None,
+    target_id: str | None = None,
+    title: str = TITLE,
+) -> Path:
+    """One HTML file with everything inside, for mail.
+
+    Raises
+    ------
+    SettingsError
+        If nothing matches, or more pairs than a mail can carry.
+    """
+    chosen = [
+        pair
+        for pair in pairs_of(source.transfers(every=True))
+        if demonstration_id in (None, pair.demonstration_id) and target_id in (None, pair.target_id)
+    ]
+    if not 0 < len(chosen) <= _MAILED:
+        raise SettingsError(
+            "single-file report",
+            f"{len(chosen)} transfers chosen",
+            f"1 to {_MAILED}",
+            "choose a demonstration",
+        )
+    reader = Reader(source)
+    used = sorted({name for pair in chosen for name in (pair.source_id, pair.target_id)})
+    data = {
+        "fleet": fleet_data(chosen, title),
+        "pairs": {pair.name: reader.pair_data(pair) for pair in chosen},
+        "structures": {name: reader.structure_data(name) for name in used},
+    }
+    return replace_file(path, pages.single_page(title, data, f"{title}: this page needs scripts."))
+
+
+def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, pictures: bool) -> None:
+    used = list(dict.fromkeys((pair.source_id, pair.target_id)))
+    hashes = [reader.sha256("structures", name) for name in used]
+    for name, sha256 in zip(used, hashes, strict=True):
+        place.put(f"data/{name}.js", digest([code, name, sha256]), partial(_structure_script, reader, name))
+    flown = reader.sha256("demonstrations", pair.demonstration_id)
+    key = digest([code, _plain(pair.plans), _plain(pair.earlier), hashes, flown])
+    scripts = [f"data/{name}.js" for name in used]
+    place.put(f"transfers/{pair.name}.html", key, lambda: _pair_html(reader, pair, scripts))
+    if pictures:
+        place.put(f"pictures/{pair.name}.png", key, lambda: reader.picture(pair))
+
+
+def _structure_script(reader: Reader, structure_id: str) -> str:
+    return pages.structure_script(reader.structure_data(structure_id))
+
+
+def _pair_html(reader: Reader, pair: Pair, scripts: list[str]) -> str:
+    title = f"{pair.demonstration_id} → {pair.target_id}"
+    fallback = f"{title}: {pair.main['status']}. {pair.main.get('reason') or ''} This page needs scripts."
+    data = {"transfer": reader.pair_data(pair), "back": "../index.html"}
+    return pages.page(title, data, fallback, "../", scripts)
+
+
+def _plain(rows: Any) -> dict[str, dict[str, str]]:
+    return {preset: {name: str(value) for name, value in row.items()} for preset, row in rows.items()}
+
+
+def _recorded(root: Path) -> dict[str, str]:
+    """What the last publication noted; an unreadable note means that everything is made anew."""
+    try:
+        noted = json.loads((root / _RECORD).read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return {str(key): str(value) for key, value in noted.items()} if isinstance(noted, dict) else {}
+
+
+def _inside(root: Path, name: str) -> bool:
+    """Whether a noted name is one of the kinds of file we write, below the folder."""
+    path = root / name
+    known = (root / "transfers", root / "pictures", root / "data", root / "assets")
+    return path.parent in known and not path.is_symlink()

@@ -1,0 +1,136 @@
+"""What the pages of a fleet are made of, read from the catalog; each expensive part once."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+
+from upplied.outputs import figures
+from upplied.outputs.along import profile
+from upplied.outputs.display import display_mesh, display_states, structure_data
+from upplied.outputs.pair_page import demonstration_data, pair_data, planned_data
+from upplied.outputs.pairs import Pair, number
+from upplied.records import Demonstration, Floats, Measures, Plan, Structure, SurfaceStates, Trajectory
+from upplied.scene import Scene, scene_of
+
+_POSE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
+
+
+class Source(Protocol):
+    """What reports read: the catalog, or anything that answers like it."""
+
+    def transfers(self, *, every: bool = False) -> pd.DataFrame:
+        """One row per plan, refused and failed ones too; with `every`, the older ones as well."""
+
+    def structures(self) -> pd.DataFrame:
+        """One row per structure, with its `sha256`."""
+
+    def demonstrations(self) -> pd.DataFrame:
+        """One row per demonstration, with its `sha256`."""
+
+    def waypoints(self, transfer_id: str) -> pd.DataFrame:
+        """The steps of one plan, in order."""
+
+    def structure(self, structure_id: str) -> Structure:
+        """One structure with its mesh."""
+
+    def demonstration(self, demonstration_id: str) -> Demonstration:
+        """One demonstrated flight."""
+
+
+class Reader:
+    """Reads a source for reports and keeps the last few structures at hand."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.structure = lru_cache(4)(source.structure)
+        self.demonstration = lru_cache(4)(source.demonstration)
+        self._hashes = lru_cache(2)(self._hashes_of)
+        self._scene = lru_cache(4)(self._scene_of)
+        self._data = lru_cache(4)(self._data_of)
+        self._flown = lru_cache(2)(self._flown_of)
+
+    def sha256(self, table: str, name: str) -> str:
+        """Hash of a structure or demonstration as it stands now; empty where it is not known."""
+        return self._hashes(table).get(name, "")
+
+    def structure_data(self, structure_id: str) -> dict[str, Any]:
+        """What a page needs to draw a structure."""
+        return self._data(structure_id)
+
+    def pair_data(self, pair: Pair) -> dict[str, Any]:
+        """What a transfer's page shows."""
+        origin = np.array(self._data(pair.target_id)["origin"])
+        paths = {}
+        for preset, row in pair.plans.items():
+            if row["status"] == "ok":
+                steps = self.source.waypoints(str(row["transfer_id"]))
+                if len(steps):
+                    states = self._states(row, pair.target_id)
+                    path = profile(trajectory_of(steps), self._scene(pair.target_id))
+                    paths[preset] = planned_data(path, viewpoints_of(steps), origin, states)
+        return pair_data(pair, self._flown(pair.demonstration_id), paths)
+
+    def picture(self, pair: Pair, width: int = 1200) -> bytes:
+        """PNG of the demonstration and of the plan that is flown."""
+        plan = self.plan(pair.main)
+        source, target = self.structure(pair.source_id), self.structure(pair.target_id)
+        return figures.transfer_png(
+            source, target, self.demonstration(pair.demonstration_id), plan, width=width
+        )
+
+    def plan(self, row: Any) -> Plan:
+        """The plan of a row of the table of transfers."""
+        done = row["status"] == "ok"
+        steps = self.source.waypoints(str(row["transfer_id"])) if done else pd.DataFrame()
+        given = {name: number(row, name) for name in Measures.__dataclass_fields__}
+        return Plan(
+            str(row["demonstration_id"]),
+            str(row["source_id"]),
+            str(row["target_id"]),
+            str(row["kind"]),
+            str(row["preset"]),
+            str(row["status"]),
+            reason=str(row.get("reason") or ""),
+            trajectory=trajectory_of(steps) if len(steps) else None,
+            is_viewpoint=steps["is_viewpoint"].to_numpy(bool) if len(steps) else None,
+            measures=Measures(**{name: value for name, value in given.items() if value is not None}),
+            surface=self._surface(row) if done else None,
+        )
+
+    def _surface(self, row: Any) -> SurfaceStates | None:
+        read = getattr(self.source, "surface", None)
+        return read(str(row["transfer_id"])) if read is not None else None
+
+    def _states(self, row: Any, target_id: str) -> np.ndarray | None:
+        surface = self._surface(row)
+        return None if surface is None else display_states(display_mesh(self.structure(target_id)), surface)
+
+    def _hashes_of(self, table: str) -> dict[str, str]:
+        rows = getattr(self.source, table)()
+        return dict(zip(rows[f"{table[:-1]}_id"], rows["sha256"], strict=True)) if len(rows) else {}
+
+    def _scene_of(self, structure_id: str) -> Scene:
+        return scene_of(self.structure(structure_id))
+
+    def _data_of(self, structure_id: str) -> dict[str, Any]:
+        return structure_data(self.structure(structure_id))
+
+    def _flown_of(self, demonstration_id: str) -> dict[str, Any]:
+        flown = self.demonstration(demonstration_id)
+        origin = np.array(self._data(flown.structure_id)["origin"])
+        return demonstration_data(flown, profile(flown.trajectory, self._scene(flown.structure_id)), origin)
+
+
+def trajectory_of(steps: pd.DataFrame) -> Trajectory:
+    """The trajectory of a table of waypoints."""
+    values = steps[_POSE].to_numpy(float)
+    return Trajectory(steps["t_s"].to_numpy(float), values[:, :3], values[:, 3:])
+
+
+def viewpoints_of(steps: pd.DataFrame) -> Floats:
+    """Position and quaternion (K, 7) of the viewpoints among waypoints."""
+    return steps.loc[steps["is_viewpoint"].to_numpy(bool), _POSE].to_numpy(float)

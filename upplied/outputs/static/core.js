@@ -1,0 +1,52 @@
+// Shared by all pages: the data, small constructors of elements, numbers in words. All text enters as text.
+"use strict";
+
+const upplied = { structures: {}, pages: {} };
+
+upplied.COLOURS = {
+  demonstration: "#e69f00", recommended: "#0072b2", paper: "#009e73", baseline: "#cc79a7",
+};
+upplied.STATES = [
+  ["not inspected", "#c7cdd6"], ["seen", "#7db8e8"], ["missed", "#d55e00"],
+  ["unattainable", "#f0e442"], ["no counterpart", "#8c7a99"],
+];
+upplied.SIGNS = { ok: "✓", refused: "!", failed: "×" };
+
+// element("div", {class: "row", onclick: f}, "text", child, ...)
+upplied.element = function (tag, attributes, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes || {})) {
+    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
+    else if (value === true) made.setAttribute(name, "");
+    else if (value !== false && value !== null && value !== undefined) made.setAttribute(name, value);
+  }
+  return upplied.fill(made, ...children);
+};
+
+upplied.fill = function (parent, ...children) {
+  parent.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined));
+  return parent;
+};
+
+upplied.badge = function (status) {
+  const known = status in upplied.SIGNS ? status : "failed";
+  return upplied.element("span", { class: "badge " + known }, (upplied.SIGNS[status] || "?") + " " + status);
+};
+
+upplied.format = function (value, digits, unit) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  return value.toFixed(digits) + (unit || "");
+};
+
+upplied.duration = function (seconds) {
+  if (seconds === null || !Number.isFinite(seconds)) return "–";
+  const whole = Math.round(seconds);
+  return Math.floor(whole / 60) + ":" + String(whole % 60).padStart(2, "0");
+};
+
+// Arrays travel as base64 of their little-endian bytes.
+upplied.unpack = function (packed) {
+  const bytes = Uint8Array.from(atob(packed.data), (letter) => letter.charCodeAt(0));
+  const kinds = { f4: Float32Array, u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
+  return new kinds[packed.type](bytes.buffer);
+};

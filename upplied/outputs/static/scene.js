@@ -1,0 +1,148 @@
+// One 3-D view: a structure, paths, camera frusta, and a camera that flies.
+"use strict";
+
+(function () {
+  const { unpack, STATES } = upplied;
+  const FOV = Math.PI / 4; // of the viewer's own eye
+
+  // A path as arrays, with poses at any share 0 .. 1 of its duration.
+  upplied.path = function (data) {
+    const path = {};
+    for (const [name, packed] of Object.entries(data)) path[name] = unpack(packed);
+    path.count = path.t.length;
+    path.duration = path.count ? path.t[path.count - 1] : 0;
+    path.at = function (share) {
+      const time = share * path.duration;
+      let low = 0, high = path.count - 1;
+      while (high - low > 1) {
+        const middle = (low + high) >> 1;
+        if (path.t[middle] <= time) low = middle; else high = middle;
+      }
+      const step = path.t[high] - path.t[low];
+      const part = step > 0 ? Math.min(1, Math.max(0, (time - path.t[low]) / step)) : 0;
+      const mix = (values, width, axis) => values[low * width + axis] * (1 - part) + values[high * width + axis] * part;
+      let q = [0, 1, 2, 3].map((axis) => mix(path.quat, 4, axis));
+      const dot = [0, 1, 2, 3].reduce((sum, axis) => sum + path.quat[low * 4 + axis] * path.quat[high * 4 + axis], 0);
+      if (dot < 0) q = [0, 1, 2, 3].map((axis) => path.quat[low * 4 + axis] * (1 - part) - path.quat[high * 4 + axis] * part);
+      const length = Math.hypot(...q) || 1;
+      return {
+        time, xyz: [0, 1, 2].map((axis) => mix(path.xyz, 3, axis)), quat: q.map((value) => value / length),
+        speed: mix(path.speed, 1, 0), clearance: mix(path.clearance, 1, 0), standoff: mix(path.standoff, 1, 0),
+      };
+    };
+    return path;
+  };
+
+  // The vector v in the camera frame (forward, left, up), turned by the quaternion x y z w.
+  function turned([x, y, z, w], [a, b, c]) {
+    const [p, q, r] = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
+    return [a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p];
+  }
+
+  function corners(xyz, quat, camera, depth) {
+    const across = Math.tan((Math.min(camera.hfov_deg, 150) * Math.PI) / 360) * depth;
+    const upward = Math.tan((Math.min(camera.vfov_deg, 150) * Math.PI) / 360) * depth;
+    return [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([left, up]) => turned(quat, [depth, left * across, up * upward]).map((value, axis) => value + xyz[axis]));
+  }
+
+  // Edges of pyramids as one broken line.
+  function pyramids(poses, camera, depth) {
+    const line = { x: [], y: [], z: [] };
+    const add = (point) => { ["x", "y", "z"].forEach((axis, at) => line[axis].push(point ? point[at] : null)); };
+    for (const { xyz, quat } of poses) {
+      const [a, b, c, d] = corners(xyz, quat, camera, depth);
+      for (const point of [a, b, c, d, a, xyz, b, null, c, xyz, d, null]) add(point);
+    }
+    return line;
+  }
+
+  function surface(structure, states) {
+    const vertices = unpack(structure.vertices), triangles = unpack(structure.triangles);
+    const axis = (values, at) => { const out = new Float32Array(values.length / 3); for (let i = 0; i < out.length; i++) out[i] = values[3 * i + at]; return out; };
+    const [x, y, z] = [0, 1, 2].map((at) => axis(vertices, at));
+    const colorscale = STATES.flatMap(([, colour], at) => [[at / STATES.length, colour], [(at + 1) / STATES.length, colour]]);
+    const scale = { cmin: -0.5, cmax: STATES.length - 0.5, colorscale, showscale: false };
+    if (!triangles.length) {
+      return { type: "scatter3d", mode: "markers", x, y, z, hoverinfo: "skip", showlegend: false,
+        marker: { size: 2.5, color: states || new Uint8Array(x.length), ...scale } };
+    }
+    const corner = (at) => { const out = new Int32Array(triangles.length / 3); for (let i = 0; i < out.length; i++) out[i] = triangles[3 * i + at]; return out; };
+    return { type: "mesh3d", x, y, z, i: corner(0), j: corner(1), k: corner(2), intensitymode: "cell",
+      intensity: states || new Uint8Array(triangles.length / 3), ...scale, flatshading: true, hoverinfo: "skip", showlegend: false,
+      lighting: { ambient: 0.62, diffuse: 0.55, specular: 0.08, roughness: 0.9, fresnel: 0.05, vertexnormalsepsilon: 1e-12, facenormalsepsilon: 1e-12 },
+      lightposition: { x: -20000, y: -60000, z: 90000 } };
+  }
+
+  // scene(root, structure, camera, tracks): tracks are {name, colour, path, viewpoints, states, dash}.
+  upplied.scene = function (root, structure, camera, tracks) {
+    const bounds = [0, 1, 2].map((axis) => extent(axis, unpack(structure.vertices), tracks));
+    const size = bounds.map(([low, high]) => Math.max(high - low, 1e-3));
+    const longest = Math.max(...size);
+    const middle = bounds.map(([low, high]) => (low + high) / 2);
+    const states = tracks.map((track) => track.states).find(Boolean) || null;
+    const traces = [surface(structure, states)];
+    const groups = tracks.map((track) => {
+      const own = { line: traces.length, frusta: traces.length + 1, flying: traces.length + 2 };
+      const xyz = { x: [], y: [], z: [] };
+      for (let i = 0; i < track.path.count; i++) ["x", "y", "z"].forEach((axis, at) => xyz[axis].push(track.path.xyz[3 * i + at]));
+      const shared = { type: "scatter3d", mode: "lines", showlegend: false };
+      const label = Array.from({ length: track.path.count }, (_, i) => track.name + "<br>" + track.path.t[i].toFixed(1) + " s, clearance " + upplied.format(track.path.clearance[i], 1, " m"));
+      traces.push({ ...shared, ...xyz, line: { color: track.colour, width: 5 }, text: label, hoverinfo: "text" });
+      traces.push({ ...shared, ...pyramids(track.viewpoints, camera, 0.045 * longest), line: { color: track.colour, width: 2 }, opacity: 0.75, hoverinfo: "skip" });
+      traces.push({ ...shared, ...pyramids([track.path.at(0)], camera, 0.1 * longest), line: { color: "#111820", width: 6 }, hoverinfo: "skip" });
+      return own;
+    });
+    const radius = Math.hypot(...size) / 2 / longest;
+    const far = (0.74 * radius) / Math.sin(FOV / 2);
+    const home = { eye: { x: 0.562 * far, y: -0.719 * far, z: 0.407 * far }, center: { x: 0, y: 0, z: 0 }, up: { x: 0, y: 0, z: 1 } };
+    const axis = (at) => ({ visible: false, autorange: false, range: bounds[at] });
+    const layout = {
+      margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, hoverlabel: { font: { size: 12 } },
+      scene: { xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", camera: home,
+        aspectratio: { x: size[0] / longest, y: size[1] / longest, z: size[2] / longest } },
+    };
+    const ready = Plotly.newPlot(root, traces, layout, { displaylogo: false, responsive: true, displayModeBar: false, scrollZoom: true });
+
+    // Views are exact: the eye of the plot in its own units, from metres.
+    const inPlot = (point) => ({ x: (point[0] - middle[0]) / longest, y: (point[1] - middle[1]) / longest, z: (point[2] - middle[2]) / longest });
+    return {
+      ready,
+      async fly(share, aboard, chosen) {
+        await ready;
+        const tips = { x: [], y: [], z: [] };
+        const poses = tracks.map((track) => track.path.at(share));
+        for (const pose of poses) {
+          const line = pyramids(aboard ? [] : [pose], camera, 0.1 * longest);
+          for (const name of ["x", "y", "z"]) tips[name].push(line[name]);
+        }
+        if (groups.length) await Plotly.restyle(root, tips, groups.map((own) => own.flying));
+        if (aboard && poses[chosen]) await Plotly.relayout(root, { "scene.camera": aboardCamera(poses[chosen]) });
+        return poses;
+      },
+      async home() { await ready; await Plotly.relayout(root, { "scene.camera": home }); },
+      async visible(at, path, frusta) {
+        await ready;
+        await Plotly.restyle(root, { visible: [path, path && frusta, path] }, [groups[at].line, groups[at].frusta, groups[at].flying]);
+      },
+      async coloured(codes) { await ready; await Plotly.restyle(root, structure.triangles.data ? { intensity: [codes] } : { "marker.color": [codes] }, [0]); },
+      purge() { Plotly.purge(root); },
+    };
+
+    function aboardCamera({ xyz, quat }) {
+      const ahead = turned(quat, [0.2 * longest, 0, 0]).map((value, at) => value + xyz[at]);
+      const [x, y, z] = turned(quat, [0, 0, 1]);
+      return { eye: inPlot(xyz), center: inPlot(ahead), up: { x, y, z } };
+    }
+  };
+
+  function extent(axis, vertices, tracks) {
+    let low = Infinity, high = -Infinity;
+    for (const values of [vertices, ...tracks.map((track) => track.path.xyz)]) {
+      for (let i = axis; i < values.length; i += 3) {
+        if (values[i] < low) low = values[i];
+        if (values[i] > high) high = values[i];
+      }
+    }
+    return [low, high];
+  }
+})();

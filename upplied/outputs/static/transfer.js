@@ -1,0 +1,152 @@
+// A transfer's page: two 3-D views that fly together, what happens along the paths, and every figure.
+"use strict";
+
+(function () {
+  const { element, badge, format, COLOURS, STATES } = upplied;
+  const MEASURES = [
+    ["coverage_seen_pct", "Really seen", 1, " %", "Share of the demonstrated surface's counterparts that the plan sees: in view and range, not hidden, not too oblique"],
+    ["coverage_attainable_pct", "Attainable", 1, " %", "What any free viewpoint could see"],
+    ["coverage_paper_pct", "Coverage as in the paper", 1, " %", "By camera frustum alone, nothing hides"],
+    ["min_clearance_m", "Least clearance", 2, " m", "Of the whole path from the structure"],
+    ["frechet_z", "Fréchet, standardised", 2, "", "Continuous, of the standardised paths"],
+    ["frechet_m", "Fréchet, metres", 2, " m", "Continuous, after the boxes are matched"],
+    ["standoff_ratio_p50", "Stand-off ratio, median", 2, "", "Planned over demonstrated"],
+    ["incidence_p95_deg", "Incidence, 95th percentile", 0, "°", "0° looks straight at the surface"],
+    ["path_length_m", "Path length", 0, " m", ""], ["duration_s", "Duration", 0, " s", ""],
+    ["peak_speed_mps", "Peak speed", 1, " m/s", ""], ["peak_acceleration_mps2", "Peak acceleration", 1, " m/s²", ""],
+    ["n_viewpoints", "Viewpoints", 0, "", ""], ["n_waypoints", "Waypoints", 0, "", ""],
+  ];
+  const CHARTS = [["speed", "Speed, m/s"], ["clearance", "Clearance, m"], ["standoff", "Stand-off, m"]];
+  const AXIS = { gridcolor: "#e3e7ec", zeroline: false, automargin: true };
+
+  upplied.pages.transfer = function (app, data, back) {
+    const demonstration = data.demonstration;
+    const flown = upplied.path(demonstration.path);
+    const planned = data.plans.filter((plan) => plan.path).map((plan) => ({
+      name: plan.preset, colour: COLOURS[plan.preset] || COLOURS.recommended, path: upplied.path(plan.path),
+      viewpoints: viewpoints(upplied.unpack(plan.viewpoints)), states: plan.states ? upplied.unpack(plan.states) : null,
+    }));
+    const main = data.plans[0];
+    document.title = demonstration.id + " → " + data.target;
+
+    const panes = [0, 1].map(() => element("div", { class: "canvas" }));
+    const readouts = [0, 1].map(() => element("p", { class: "readout" }));
+    const charts = element("div", { class: "charts", id: "charts" });
+    const slider = element("input", { type: "range", id: "time", min: 0, max: 1000, value: 0, step: 1, "aria-label": "Time along the flight" });
+    const clock = element("output", { class: "clock", for: "time" });
+    const play = element("button", { type: "button", id: "play" }, "Play");
+    const aboard = element("input", { type: "checkbox", id: "aboard" });
+    const frusta = element("input", { type: "checkbox", id: "frusta", checked: true });
+    const toggles = planned.map((track, at) => element("input", { type: "checkbox", id: "show-" + track.name, checked: at === 0 }));
+    const colourBy = element("select", { id: "colour-by", "aria-label": "Colour the surface by" },
+      element("option", { value: "" }, "plain surface"),
+      planned.map((track, at) => (track.states ? element("option", { value: at, selected: at === 0 }, "surface by " + track.name) : null)));
+
+    upplied.fill(app,
+      element("header", { class: "page" },
+        element("a", { class: "back", href: back }, "All transfers"),
+        element("h1", {}, demonstration.id, element("span", { class: "arrow" }, " → "), data.target, " ", badge(main.status)),
+        element("p", { class: "sub" }, data.kind + ", demonstrated on " + data.source + (demonstration.operator ? " by " + demonstration.operator : "") + (demonstration.site ? ", " + demonstration.site : ""))),
+      data.plans.filter((plan) => plan.status !== "ok").map((plan) => element("section", { class: "refusal " + plan.status },
+        element("h2", {}, plan.preset + ": " + plan.status), element("p", {}, plan.meaning), element("p", { class: "why" }, plan.reason || "No reason was recorded."))),
+      data.change ? element("p", { class: "note" }, "Since the plan before: " + data.change) : null,
+      element("section", { class: "views" },
+        element("figure", {}, element("figcaption", {}, line(COLOURS.demonstration), "demonstrated on " + data.source), panes[0], readouts[0]),
+        element("figure", {}, element("figcaption", {}, "planned for " + data.target, planned.map((track, at) => element("label", { class: "check" }, toggles[at], line(track.colour), track.name))), panes[1], readouts[1])),
+      element("div", { class: "flight" }, play, slider, clock,
+        element("label", { class: "check" }, aboard, "through the camera"),
+        element("label", { class: "check" }, frusta, "viewpoints"),
+        planned.some((track) => track.states) ? colourBy : null),
+      planned.some((track) => track.states) ? element("p", { class: "legend" }, STATES.map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name))) : null,
+      charts, measures(data.plans), remarks(data));
+
+    const left = upplied.scene(panes[0], upplied.structures[data.source], demonstration.camera,
+      [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown, viewpoints: every(flown, 24), states: null }]);
+    const right = upplied.scene(panes[1], upplied.structures[data.target], demonstration.camera, planned);
+    const drawn = drawCharts(charts, [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown }, ...planned]);
+
+    let timer = null, busy = false, again = false;
+    async function fly() {
+      if (busy) { again = true; return; }
+      busy = true;
+      const share = slider.value / 1000;
+      const first = Math.max(0, toggles.findIndex((toggle) => toggle.checked));
+      const [one, many] = [await left.fly(share, aboard.checked, 0), await right.fly(share, aboard.checked, first)];
+      readouts[0].textContent = reading(one[0]);
+      readouts[1].textContent = many[first] ? reading(many[first]) : "no path";
+      clock.textContent = (100 * share).toFixed(0) + " %";
+      await drawn;
+      await Plotly.relayout(charts, { "shapes[0].x0": 100 * share, "shapes[0].x1": 100 * share });
+      busy = false;
+      if (again) { again = false; fly(); }
+    }
+    function stop() { clearInterval(timer); timer = null; play.textContent = "Play"; }
+    slider.addEventListener("input", fly);
+    play.addEventListener("click", () => {
+      if (timer) { stop(); return; }
+      if (Number(slider.value) >= 1000) slider.value = 0;
+      play.textContent = "Pause";
+      timer = setInterval(() => { slider.value = Number(slider.value) + 3; fly(); if (Number(slider.value) >= 1000) stop(); }, 60);
+    });
+    aboard.addEventListener("change", async () => { if (!aboard.checked) { await left.home(); await right.home(); } fly(); });
+    const repaint = () => { left.visible(0, true, frusta.checked); toggles.forEach((toggle, at) => right.visible(at, toggle.checked, frusta.checked)); };
+    [frusta, ...toggles].forEach((input) => input.addEventListener("change", () => { repaint(); fly(); }));
+    colourBy.addEventListener("change", () => right.coloured(colourBy.value === "" ? new Uint8Array(upplied.unpack(upplied.structures[data.target].triangles).length / 3) : planned[colourBy.value].states));
+    Promise.all([left.ready, right.ready, drawn]).then(() => { repaint(); return fly(); }).then(() => app.setAttribute("data-drawn", "true"));
+    return () => { stop(); left.purge(); right.purge(); Plotly.purge(charts); app.removeAttribute("data-drawn"); };
+  };
+
+  function reading(pose) {
+    return pose.time.toFixed(1) + " s · " + format(pose.speed, 1, " m/s") + " · clearance " + format(pose.clearance, 1, " m") + " · stand-off " + format(pose.standoff, 1, " m");
+  }
+  const line = (colour) => { const made = element("i", { class: "line" }); made.style.background = colour; return made; };
+  const swatch = (colour) => { const made = element("i", { class: "swatch" }); made.style.background = colour; return made; };
+
+  function every(path, most) {
+    const count = Math.min(most, path.count);
+    return Array.from({ length: count }, (_, at) => path.at(count > 1 ? at / (count - 1) : 0));
+  }
+  function viewpoints(values) {
+    const all = Array.from({ length: values.length / 7 }, (_, at) => ({ xyz: Array.from(values.slice(7 * at, 7 * at + 3)), quat: Array.from(values.slice(7 * at + 3, 7 * at + 7)) }));
+    const step = Math.max(1, Math.ceil(all.length / 60));
+    return all.filter((_, at) => at % step === 0);
+  }
+
+  function drawCharts(root, tracks) {
+    const traces = CHARTS.flatMap(([key], row) => tracks.map((track) => ({
+      x: Array.from(track.path.t, (time) => (100 * time) / (track.path.duration || 1)),
+      y: Array.from(track.path[key], (value) => (Number.isFinite(value) ? value : null)),
+      mode: "lines", name: track.name, legendgroup: track.name, showlegend: row === 0, yaxis: "y" + (row ? row + 1 : ""),
+      line: { color: track.colour, width: track.name === "demonstrated" ? 1.6 : 2, dash: { paper: "dash", baseline: "dot" }[track.name] || "solid" },
+      hovertemplate: "%{y:.2f}",
+    })));
+    const height = 0.27, gap = 0.095;
+    const layout = { height: 500, margin: { l: 50, r: 10, t: 56, b: 40 }, hovermode: "x unified", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+      font: { family: "system-ui, sans-serif", size: 12, color: "#1f2933" }, legend: { orientation: "h", y: 1.06, yanchor: "bottom" },
+      xaxis: { ...AXIS, title: { text: "share of the flight, %" }, range: [0, 100], anchor: "y3" },
+      shapes: [{ type: "line", xref: "x", yref: "paper", x0: 0, x1: 0, y0: 0, y1: 1, line: { color: "#111820", width: 1 } }], annotations: [] };
+    CHARTS.forEach(([, title], row) => {
+      const top = 1 - row * (height + gap);
+      layout["yaxis" + (row ? row + 1 : "")] = { ...AXIS, domain: [Math.max(0, top - height), top], rangemode: "tozero" };
+      layout.annotations.push({ text: title, xref: "paper", yref: "paper", x: 0, y: top, xanchor: "left", yanchor: "bottom", showarrow: false });
+    });
+    return Plotly.newPlot(root, traces, layout, { displaylogo: false, responsive: true, displayModeBar: false });
+  }
+
+  function measures(plans) {
+    const rows = MEASURES.filter(([key]) => plans.some((plan) => plan.measures[key] !== null));
+    return element("section", {}, element("h2", {}, "Figures"), element("div", { class: "scroll" }, element("table", { class: "figures" },
+      element("thead", {}, element("tr", {}, element("th", { scope: "col" }, "Measure"), plans.map((plan) => element("th", { scope: "col" }, line(COLOURS[plan.preset] || "#888888"), plan.preset)))),
+      element("tbody", {},
+        element("tr", {}, element("th", { scope: "row" }, "Status"), plans.map((plan) => element("td", {}, badge(plan.status)))),
+        rows.map(([key, label, digits, unit, help]) => element("tr", {}, element("th", { scope: "row", title: help }, label), plans.map((plan) => element("td", {}, format(plan.measures[key], digits, unit)))))))));
+  }
+
+  function remarks(data) {
+    const facts = (pairs) => element("dl", {}, pairs.filter(([, value]) => value).flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)]));
+    return element("section", {}, element("h2", {}, "Where this comes from"),
+      facts([["Demonstration", data.demonstration.id + ", " + data.demonstration.poses + " poses"], ["Notes", data.demonstration.notes]]),
+      data.plans.map((plan) => element("details", { open: plan === data.plans[0] }, element("summary", {}, plan.preset),
+        facts([["Counterparts", plan.counterparts], ["Warnings", plan.warnings], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
+  }
+})();
