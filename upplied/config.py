@@ -99,6 +99,7 @@ class RouteSettings:
 
     enforce: bool = False
     clearance_m: float = 2.0
+    ground_clearance_m: float = 1.0  # least height above known ground
 
 
 @dataclass(frozen=True)

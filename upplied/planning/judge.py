@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from upplied.config import Settings
+from upplied.planning.airspace import Airspace
+from upplied.planning.attainable import attainable
 from upplied.planning.inspect import Inspection
 from upplied.planning.measure import BY_FRUSTUM, TRULY, measure, sought, surface_states, views
-from upplied.planning.pair import Memo, Pair, no_memo
+from upplied.planning.pair import Memo, Pair, content_key, no_memo, remembering
 from upplied.planning.transfer import box_map, registered_map
-from upplied.records import Floats, Measures, SurfaceStates, Trajectory
+from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
 
 
 def judge(
@@ -32,8 +34,29 @@ def judge(
     )
     if not surface.registration.accepted:
         return measure(trajectory, carried, pair.target_scene, paper), None
-    states = surface_states(true[0], true[1].total)
-    return measure(trajectory, carried, pair.target_scene, paper, true), states
+    possible = attainable_samples(pair, camera, settings, memo)
+    states = surface_states(true[0], true[1].total, possible)
+    return measure(trajectory, carried, pair.target_scene, paper, true, possible), states
+
+
+def attainable_samples(pair: Pair, camera: Camera, settings: Settings, memo: Memo = no_memo) -> Bools:
+    """Which surface samples of the target some allowed pose could see, (N,), remembered by content."""
+    memo = remembering(memo, pair.target.sha256)
+    airspace = airspace_of(pair, settings)
+    facts = (pair.target.sha256, settings.clouds, camera, settings.route)
+    found = memo(
+        "attainable",
+        Visibility,
+        content_key("attainable", *facts),
+        lambda: Visibility(attainable(pair.surface.target, airspace, camera, TRULY)[None]),
+    )
+    return found.total
+
+
+def airspace_of(pair: Pair, settings: Settings) -> Airspace:
+    """Where the vehicle may be at the target."""
+    route = settings.route
+    return Airspace(pair.target_scene, route.clearance_m, pair.target.surroundings, route.ground_clearance_m)
 
 
 def demonstrated_on_target(inspection: Inspection, pair: Pair) -> Floats:

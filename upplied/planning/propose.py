@@ -8,6 +8,7 @@ from upplied.config import Settings
 from upplied.planning.complete import complete
 from upplied.planning.follow import follow_counterparts
 from upplied.planning.inspect import Inspection
+from upplied.planning.judge import airspace_of
 from upplied.planning.look import View
 from upplied.planning.measure import sought
 from upplied.planning.pair import Memo, Pair, no_memo
@@ -50,7 +51,6 @@ def published(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
 def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoints:
     """Ours: the whole flight carried to the counterparts, made safe, and completed by turns and bends."""
     flight, fit, camera = inspection.flight, pair.surface, inspection.camera
-    clearance = settings.route.clearance_m
     positions, quats = follow_counterparts(
         flight,
         inspection.visibility,
@@ -59,7 +59,7 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
         registered_map(fit.registration),
         settings.transfer,
         camera,
-        clearance,
+        settings.route.clearance_m,
     )
     wanted = sought(fit.source, fit.target, fit.correspondences, inspection.truly)
     view = View(fit.target, wanted.need, camera, settings.visibility, settings.retime, pair.target_scene)
@@ -67,10 +67,8 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
     is_viewpoint[(inspection.viewpoints.start + inspection.viewpoints.stop - 1) // 2] = True
     path = Waypoints(positions, quats, flight.t_s, is_viewpoint)
 
-    def allowed(places: Floats) -> Bools:
-        return np.asarray(pair.target_scene.distance(places) > clearance * 1.1, bool)
-
-    return complete(path, view, settings.refine.deviation, lambda places: places, allowed)
+    airspace = airspace_of(pair, settings)
+    return complete(path, view, settings.refine.deviation, lambda places: places, airspace.allowed)
 
 
 def with_demonstrated_speed(waypoints: Waypoints, flight: Trajectory) -> Trajectory:
