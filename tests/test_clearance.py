@@ -31,7 +31,7 @@ def test_a_leg_between_safe_waypoints_is_found_to_touch() -> None:
     nearest = path_clearance(tiny([3.0, 1.5, 0]), path)
     assert nearest.distance_m == pytest.approx(1.5, abs=0.006)
     assert nearest.leg == 0 and nearest.position == pytest.approx([3, 0, 0], abs=0.2)
-    assert legs_below(tiny([3.0, 1.5, 0]), path, 2.0).tolist() == [True, False]
+    assert legs_below(tiny([3.0, 1.5, 0]), path[:-1], path[1:], 2.0).tolist() == [True, False]
 
 
 def test_a_path_through_the_surface_has_no_clearance() -> None:
@@ -43,8 +43,9 @@ def test_paths_of_one_point_and_hovering() -> None:
     scene = tiny([0.0, 0, 0])
     assert path_clearance(scene, np.array([[3.0, 4, 0]])).distance_m == pytest.approx(5, abs=1e-4)
     assert path_clearance(scene, np.array([[3.0, 4, 0]] * 3)).distance_m == pytest.approx(5, abs=1e-4)
-    assert legs_below(scene, np.array([[3.0, 4, 0]] * 3), 4.9).tolist() == [False, False]
-    assert legs_below(scene, np.array([[3.0, 4, 0]]), 9.0).tolist() == []
+    still = np.array([[3.0, 4, 0]] * 2)
+    assert legs_below(scene, still, still, 4.9).tolist() == [False, False]
+    assert legs_below(scene, still[:0], still[:0], 9.0).tolist() == []
 
 
 @settings(max_examples=40, deadline=None)
@@ -62,7 +63,7 @@ def test_agrees_with_dense_sampling(seed: int) -> None:
     assert nearest.certain_m <= sampled.min() + 1e-5
     assert scene.distance(nearest.position)[0] == pytest.approx(nearest.distance_m, abs=1e-4)
     for limit in (0.5, 2.0, 5.0):
-        below = legs_below(scene, path, limit)
+        below = legs_below(scene, path[:-1], path[1:], limit)
         assert below[sampled < limit].all()
         assert not below[sampled > limit + 0.006 + spacing / 2].any()
 

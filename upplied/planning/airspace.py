@@ -48,13 +48,17 @@ class Airspace(Record):
 
     def broken(self, positions: Floats) -> Bools:
         """Which legs (N - 1,) of a path break a rule somewhere between or at their ends."""
-        bad = ~self.in_bounds(positions)
-        broken = bad[:-1] | bad[1:]
-        start, end = positions[:-1], positions[1:]
+        return self.broken_legs(positions[:-1], positions[1:])
+
+    def broken_legs(self, start: Floats, end: Floats) -> Bools:
+        """Which straight legs (N,) from `start` to `end` break a rule."""
+        broken = ~(self.in_bounds(start) & self.in_bounds(end))
         for low, high in self.surroundings.keep_out_m:
             broken |= crosses_box(start, end, low, high)
         broken |= crosses_fence(self.surroundings.geofence_m, start, end)
-        return np.asarray(broken | legs_below(self.scene, positions, self.clearance_m), bool)
+        fine = np.flatnonzero(~broken)
+        broken[fine] = legs_below(self.scene, start[fine], end[fine], self.clearance_m)
+        return np.asarray(broken, bool)
 
     def why(self, position: Floats) -> str:
         """What is wrong with a position, in words; empty where nothing is."""

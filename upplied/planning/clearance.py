@@ -60,21 +60,23 @@ def path_clearance(scene: Scene, positions: Floats, tolerance_m: float = _TOLERA
     return Nearest(distance, np.array(place), leg, tolerance_m)
 
 
-def legs_below(scene: Scene, positions: Floats, limit_m: float, tolerance_m: float = _TOLERANCE_M) -> Bools:
-    """Which legs come nearer to the structure than a limit, (N - 1,).
+def legs_below(
+    scene: Scene, start: Floats, end: Floats, limit_m: float, tolerance_m: float = _TOLERANCE_M
+) -> Bools:
+    """Which straight legs come nearer to the structure than a limit, (N,).
 
     A leg that stays within `tolerance_m` above the limit may be called too near, never the reverse.
 
     Parameters
     ----------
     scene : Scene
-    positions : array, shape (N, 3), m, structure frame
+    start, end : array, shape (N, 3), m, structure frame
     limit_m, tolerance_m : float
     """
-    positions = np.asarray(positions, float)
-    free = scene.distance(positions)
-    below = (free[:-1] < limit_m) | (free[1:] < limit_m)
-    pieces = _Pieces.of(positions, free)
+    free = scene.distance(np.concatenate([start, end]))
+    free_a, free_b = free[: len(start)], free[len(start) :]
+    below = (free_a < limit_m) | (free_b < limit_m)
+    pieces = _Pieces(start, end, free_a, free_b, np.arange(len(start)))
     while len(pieces.leg):
         pieces = pieces.kept((pieces.bound_m() < limit_m) & ~below[pieces.leg])
         below[pieces.leg[pieces.length_m() <= tolerance_m]] = True
