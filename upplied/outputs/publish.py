@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from upplied import __version__
-from upplied.catalog.database import Catalog
-from upplied.catalog.published import export_tables
+from upplied.catalog import Catalog, export_tables
 from upplied.config import digest
 from upplied.errors import SettingsError, UppliedError
 from upplied.outputs import pages

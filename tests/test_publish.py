@@ -1,0 +1,179 @@
+"""The report folder: it follows the catalog, is written only where it changed, and nothing foreign runs."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_catalog import FakeCatalog
+
+from upplied.errors import InputError, SettingsError
+from upplied.outputs.publish import publish_file, publish_pages
+
+EVIL = "</script><script>document.title='broken'</script>"
+
+
+class Page(HTMLParser):
+    """Scripts, policy and data of a page, as a browser would cut it up."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.scripts: list[tuple[dict, str]] = []
+        self.policy = ""
+        self.tags: set[str] = set()
+        self.links: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.tags.add(tag)
+        self.links += [given[name] for name in ("src", "href") if name in given]
+        if tag == "meta" and "content-security-policy" in given.get("http-equiv", "").lower():
+            self.policy = given["content"]
+        if tag == "script":
+            self.scripts.append((given, ""))
+
+    def handle_data(self, data):
+        if self.scripts and self.cdata_elem == "script":
+            attributes, text = self.scripts[-1]
+            self.scripts[-1] = (attributes, text + data)
+
+    @property
+    def data(self) -> dict:
+        return json.loads(next(text for given, text in self.scripts if given.get("id") == "data"))
+
+
+@pytest.fixture(scope="module")
+def catalog() -> FakeCatalog:
+    return FakeCatalog(targets=2)
+
+
+@pytest.fixture(scope="module")
+def folder(catalog, tmp_path_factory) -> Path:
+    root = tmp_path_factory.mktemp("reports")
+    publish_pages(catalog, root)
+    return root
+
+
+def page(path: Path) -> Page:
+    return Page(path.read_text("utf-8"))
+
+
+def contents(root: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
+
+
+def test_every_pair_has_a_page_and_a_picture(folder):
+    names = {"orbit-1--cuboid-0", "orbit-1--cuboid-1", "orbit-1--odd"}
+    assert {path.stem for path in (folder / "transfers").iterdir()} == names
+    assert {path.stem for path in (folder / "pictures").iterdir()} == names
+
+
+def test_links_stay_inside_the_folder_and_lead_somewhere(folder):
+    for path in [folder / "index.html", *(folder / "transfers").iterdir()]:
+        for link in page(path).links:
+            goal = (path.parent / link).resolve()
+            assert goal.is_relative_to(folder.resolve()) and goal.is_file(), link
+
+
+def test_the_worst_come_first_and_refusals_keep_their_reason(folder):
+    fleet = page(folder / "index.html").data["fleet"]
+    rows = [dict(zip(fleet["columns"], row, strict=True)) for row in fleet["rows"]]
+    assert [row["target"] for row in rows] == ["odd", "cuboid-1", "cuboid-0"]
+    assert "above gamma" in rows[0]["reason"] and rows[0]["coverage"] is None
+    assert rows[1]["coverage"] == 91.0 and rows[1]["baseline"] == 86.0
+
+
+def test_what_a_page_draws_is_what_the_catalog_holds(folder, catalog):
+    transfer = page(folder / "transfers" / "orbit-1--cuboid-1.html").data["transfer"]
+    plan = next(each for each in transfer["plans"] if each["preset"] == "recommended")
+    script = (folder / "data" / "cuboid-1.js").read_text()
+    origin = np.array(json.loads(re.search(r"= (\{.*\});", script)[1])["origin"])
+    drawn = np.frombuffer(base64.b64decode(plan["path"]["xyz"]["data"]), "<f4").reshape(-1, 3) + origin
+    steps = catalog.waypoints(plan["provenance"]["transfer_id"])
+    assert np.allclose(drawn, steps[["x_m", "y_m", "z_m"]], atol=1e-4)
+    assert plan["measures"]["frechet_z"] is None and plan["measures"]["coverage_paper_pct"] == 94.0
+
+
+def test_no_text_of_a_log_becomes_markup(folder):
+    for path in folder.rglob("*.html"):
+        text = path.read_text("utf-8")
+        parsed = Page(text)
+        assert "img" not in parsed.tags and "b" not in parsed.tags
+        assert EVIL not in text
+        assert all(given.get("src") or given.get("type") == "application/json" for given, _ in parsed.scripts)
+        assert "script-src 'self';" in parsed.policy and "default-src 'none'" in parsed.policy
+    assert page(folder / "transfers" / "orbit-1--odd.html").data["transfer"]["demonstration"]["notes"] == EVIL
+
+
+def test_publishing_again_writes_nothing_and_equal_catalogs_give_equal_bytes(folder, catalog, tmp_path):
+    again = publish_pages(catalog, folder)
+    assert not again.written and not again.removed and again.kept
+    publish_pages(FakeCatalog(targets=2), tmp_path)
+    assert contents(tmp_path) == contents(folder)
+
+
+def test_only_what_changed_is_written_and_what_is_gone_is_removed(tmp_path):
+    catalog = FakeCatalog(targets=2)
+    publish_pages(catalog, tmp_path, pictures=False)
+    (tmp_path / "mine.txt").write_text("not ours")
+    catalog.add(catalog.planned("cuboid-0", "recommended", 80.0), "2026-11-21T02:00:00Z")
+    news = publish_pages(catalog, tmp_path, pictures=False)
+    assert set(news.written) == {"transfers/orbit-1--cuboid-0.html", "index.html"}
+    fleet = page(tmp_path / "index.html").data["fleet"]
+    row = next(dict(zip(fleet["columns"], row, strict=True)) for row in fleet["rows"] if "cuboid-0" in row[0])
+    assert row["change"] == "coverage -15.0%"
+    catalog.rows = [row for row in catalog.rows if row["target_id"] != "cuboid-1"]
+    news = publish_pages(catalog, tmp_path, pictures=False)
+    assert set(news.removed) == {"transfers/orbit-1--cuboid-1.html", "data/cuboid-1.js"}
+    assert (tmp_path / "mine.txt").exists()
+
+
+@pytest.mark.parametrize("record", ["", "[]", '{"../../victim": "x", "victim": "x"}', "\x00"])
+def test_a_damaged_record_costs_time_but_no_file_of_others(tmp_path, record):
+    root = tmp_path / "reports"
+    root.mkdir()
+    for victim in (tmp_path / "victim", root / "victim"):
+        victim.write_text("keep")
+    (root / ".published.json").write_text(record)
+    publish_pages(FakeCatalog(targets=1), root, pictures=False)
+    assert (tmp_path / "victim").exists() and (root / "victim").exists() and (root / "index.html").exists()
+
+
+def test_one_broken_structure_costs_its_own_page_only(tmp_path):
+    class Broken(FakeCatalog):
+        def structure(self, structure_id):
+            if structure_id == "cuboid-0":
+                raise InputError("cuboid-0", "its mesh is gone")
+            return super().structure(structure_id)
+
+    done = publish_pages(Broken(targets=2), tmp_path, pictures=False)
+    assert len(done.problems) == 1 and "cuboid-0" in done.problems[0]
+    assert (tmp_path / "transfers" / "orbit-1--cuboid-1.html").exists()
+
+
+def test_an_empty_catalog_has_an_empty_page(tmp_path):
+    catalog = FakeCatalog(targets=1)
+    catalog.rows.clear()
+    publish_pages(catalog, tmp_path)
+    assert page(tmp_path / "index.html").data["fleet"]["rows"] == []
+
+
+def test_the_mailed_file_needs_nothing_and_runs_only_our_scripts(catalog, tmp_path):
+    parsed = page(publish_file(catalog, tmp_path / "report.html"))
+    assert not [link for link in parsed.links if not link.startswith("#")]
+    code = [text for given, text in parsed.scripts if given.get("type") != "application/json"]
+    allowed = re.findall(r"'sha256-([^']+)'", parsed.policy)
+    assert [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in code] == allowed
+    assert set(parsed.data["pairs"]) == {"orbit-1--cuboid-0", "orbit-1--cuboid-1", "orbit-1--odd"}
+    assert set(parsed.data["structures"]) == {"cube", "cuboid-0", "cuboid-1", "odd"}
+    one = page(publish_file(catalog, tmp_path / "one.html", target_id="odd"))
+    assert set(one.data["pairs"]) == {"orbit-1--odd"}
+    with pytest.raises(SettingsError, match="0 transfers"):
+        publish_file(catalog, tmp_path / "none.html", target_id="nothing")
