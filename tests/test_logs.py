@@ -139,11 +139,19 @@ def test_bad_samples_are_counted_and_too_many_refused(tmp_path: Path) -> None:
 
 
 def test_several_sources_are_listed_and_one_can_be_named(tmp_path: Path) -> None:
-    topics = [poses("/a/pose", SCHEMAS[0], flight()), poses("/b/odom", SCHEMAS[3], flight(100, 10))]
+    other = flight(100, 10)
+    other.positions += (3.0, 0.0, 0.0)
+    topics = [poses("/a/pose", SCHEMAS[0], flight()), poses("/b/odom", SCHEMAS[3], other)]
     path = write_log(tmp_path / "a.mcap", topics, FACTS)
     with pytest.raises(InputError, match=r"/a/pose .*30.0 Hz, 300.*/b/odom .*10.0 Hz, 100"):
         read_demonstration(path)
     assert len(read_demonstration(path, LogOptions(topic="/b/odom"))) == 100
+
+
+def test_sources_that_tell_the_same_are_one_answer(tmp_path: Path) -> None:
+    topics = [poses("/b/odom", SCHEMAS[3], flight(100, 10)), poses("/a/pose", SCHEMAS[0], flight())]
+    path = write_log(tmp_path / "a.mcap", topics, FACTS)
+    assert read_demonstration(path).topic == "/a/pose"
 
 
 def test_the_hash_follows_the_log_and_the_facts(tmp_path: Path) -> None:

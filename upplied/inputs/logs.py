@@ -1,38 +1,37 @@
 """From an MCAP log to a demonstration: the camera's poses in the frame of the structure.
 
-    log = open_recording(path)                   the container, salvaged where it is damaged
-    facts = inspection(path, ...)                side-car, metadata, options
-    tables = read_tables(log, ...)               the messages that matter, one pass
-    track = choose(tables, facts)                one source of poses, or an error with the candidates
-    clean, window, mount, structure frame        what is left is sorted, finite, counted
-
-Every family of schemas has a file of its own beside this one.
+Each family of schemas has a file of its own in `upplied.inputs.schemas`; the container, and what
+can be saved of a damaged one, is in `upplied.inputs.mcap`; what happens to the poses afterwards in
+`upplied.inputs.flight`.
 """
 
 from __future__ import annotations
 
 import hashlib
-import re
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 
 from upplied.config import digest
 from upplied.errors import InputError
-from upplied.inputs.flight.clean import breaks, clean
+from upplied.inputs.flight import window
+from upplied.inputs.flight.choice import NOTHING, READERS, choose, nothing
+from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, timed
 from upplied.inputs.flight.mounts import camera_poses, in_structure_frame
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.mcap.recording import Channel, open_recording
+from upplied.inputs.mcap.recording import Channel, Recording, open_recording
 from upplied.inputs.mcap.tables import Table, read_tables
-from upplied.inputs.schemas import cameras, ros2, tf
+from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions, inspection
 from upplied.poses import normalised
-from upplied.records import Camera, Demonstration
+from upplied.records import Demonstration
 
 __all__ = ["LogOptions", "read_demonstration"]
 
-_FAMILIES = {**ros2.FIELDS, **tf.FIELDS, **cameras.FIELDS}
-_COMMANDED = re.compile(r"setpoint|goal|target|cmd|command|desired|reference|plan|initialpose", re.IGNORECASE)
+FIELDS = {
+    schema: paths
+    for family in (ros, foxglove, px4, geodetic, tf, gimbal, cameras, window)
+    for schema, paths in family.FIELDS.items()
+}
 
 
 def read_demonstration(path: str | Path, options: LogOptions | None = None) -> Demonstration:
@@ -56,23 +55,34 @@ def read_demonstration(path: str | Path, options: LogOptions | None = None) -> D
         If no correct record can be made of the file.
     """
     path = Path(path)
-    options = options or LogOptions()
     recording = open_recording(path)
+    try:
+        return _demonstration(path, recording, options or LogOptions())
+    except InputError as error:
+        raise _in_context(error, path, recording) from None
+
+
+def _demonstration(path: Path, recording: Recording, options: LogOptions) -> Demonstration:
+    """The procedure: one pass over the messages that matter, then poses from end to end."""
+    what = str(path)
     tables = read_tables(recording, _fields)
+    # What is known besides: side-car, metadata, options.
     facts, notes = inspection(path, recording.metadata, options)
-    if not facts.structure_id:
-        raise InputError(
-            str(path),
-            "does not say which structure was flown",
-            "a structure_id",
-            f"write it into {path.with_suffix('.toml').name}, table [inspection], or give it as an option",
-        )
-    track, camera, more = _camera_track(tables, facts, str(path))
-    topic = track.notes[0]
+    _check_structure(facts, path)
+    camera, camera_frame, more = cameras.camera_of(tables, facts, what)
+    tree = tf.tree_of(tables, facts)
+    # One source of poses: a topic, or the transforms.
+    track, topic, chosen = _source(tables, tree, facts, camera_frame, what)
+    # The inspection alone; what is no pose dropped and counted.
+    track, cut = window.inspected(timed(track), tables, facts, what)
+    track = clean(track, facts, f"{what}, {topic}")
+    # From the body to the camera, from the log's frame to the structure's.
+    track = camera_poses(track, facts, tree, camera_frame, gimbal.gimbal(tables, facts))
+    check_dropped(track, facts, f"{what}, {topic}")
     track = in_structure_frame(track, facts)
+    _check_length(track, facts, what)
     broken, counts = breaks(track, facts.gap_s)
-    _check_length(track, facts, str(path))
-    notes += [*more, *track.notes[1:], *(f"{n} {kind}" for kind, n in counts.items() if n), *recording.losses]
+    notes += [*more, *chosen, *cut, *track.notes, *(f"{n} {kind}" for kind, n in counts.items() if n)]
     return Demonstration(
         demonstration_id=facts.demonstration_id,
         structure_id=facts.structure_id,
@@ -88,97 +98,59 @@ def read_demonstration(path: str | Path, options: LogOptions | None = None) -> D
         dropped=dict(sorted(track.dropped.items())),
         clock=track.clock,
         topic=topic,
-        notes="; ".join([*([facts.notes] if facts.notes else []), *notes]),
+        notes="; ".join([*filter(None, [facts.notes]), *notes, *recording.losses]),
     )
 
 
-def _fields(channel: Channel) -> Iterable[str]:
-    return _FAMILIES.get(schema_of(channel), ())
+def _in_context(error: InputError, path: Path, recording: Recording) -> InputError:
+    """The error with the name of the file, and with what was lost of it before."""
+    what = error.what if str(path) in error.what else f"{path}, {error.what}"
+    found = "; ".join([error.found, *recording.losses])
+    if error.found.startswith(NOTHING):
+        found += f"; its topics: {recording.listed() or 'none'}"
+    return InputError(what, found, error.rule, error.remedy)
 
 
-def schema_of(channel: Channel) -> str:
-    """The schema's name in the short form, whatever the encoding says."""
-    parts = channel.schema_name.split("/")
-    name = f"{parts[0]}/{parts[-1]}" if len(parts) > 1 else channel.schema_name
-    return name.replace("foxglove_msgs/", "foxglove.")
+def _fields(channel: Channel) -> Sequence[str]:
+    return FIELDS.get(channel.schema_short, ())
 
 
-def _camera_track(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Track, Camera, list[str]]:
-    camera, frame, notes = cameras.camera_of(
-        [t for t in tables if schema_of(t.channel) in cameras.FIELDS], facts, what
-    )
-    transforms = [(t, schema_of(t.channel)) for t in tables if schema_of(t.channel) in tf.FIELDS]
-    tree = tf.tree_of(transforms, facts)
-    table = _choose(tables, facts, what)
-    if table is None:
-        if not tree.moving:
-            raise _nothing(tables, what)
-        frame = tf.camera_frame(tree, facts, frame, what)
-        track = tree.track(frame, facts.frame_id if tree.path(frame, facts.frame_id) else "", facts)
-        topic = transforms[0][0].channel.topic
-    else:
-        track = ros2.samples(table, schema_of(table.channel))
-        topic = table.channel.topic
-    track = clean(track, facts, f"{what}, {topic}")
-    track = replace(track, notes=(topic, *track.notes))
-    return camera_poses(track, facts, tree, frame), camera, notes
+def _source(
+    tables: Sequence[Table], tree: tf.Tree, facts: LogOptions, camera_frame: str, what: str
+) -> tuple[Track, str, list[str]]:
+    table, notes = choose(tables, facts, what)
+    if table is not None:
+        return READERS[table.schema](table, tables, facts), table.channel.topic, notes
+    if not tree.moving:
+        raise nothing(tables, what)
+    return tf.samples(tree, facts, camera_frame, what), tree.topic, notes
 
 
-def _choose(tables: Sequence[Table], facts: LogOptions, what: str) -> Table | None:
-    """The one table of poses; None where only transforms are left."""
-    found = [table for table in tables if schema_of(table.channel) in ros2.FIELDS]
-    if facts.topic:
-        found = [table for table in found if table.channel.topic == facts.topic]
-        if not found and not any(table.channel.topic == facts.topic for table in tables):
-            raise InputError(
-                what, f"has no poses on topic {facts.topic!r}", _listed(tables), "name one of these"
-            )
-    else:
-        found = [table for table in found if not _COMMANDED.search(table.channel.topic)]
-    if facts.schema:
-        found = [table for table in found if schema_of(table.channel) == facts.schema]
-    usable = [table for table in found if len(table) > 1]
-    if len(usable) > 1:
+def _check_structure(facts: LogOptions, path: Path) -> None:
+    if not facts.structure_id:
         raise InputError(
-            what, f"holds {len(usable)} sources of poses: {_listed(usable)}", "one", "choose by topic"
+            str(path),
+            "does not say which structure was flown",
+            "a structure_id",
+            f"write it into {path.with_suffix('.toml').name}, table [inspection], or give it as an option",
         )
-    if found and not usable:
-        raise _nothing(found, what)
-    return usable[0] if usable else None
-
-
-def _listed(tables: Sequence[Table]) -> str:
-    return "; ".join(
-        f"{t.channel.topic} ({schema_of(t.channel)}, {t.rate_hz:.1f} Hz, {t.messages} messages)"
-        for t in tables
-    )
-
-
-def _nothing(tables: Sequence[Table], what: str) -> InputError:
-    problems = "; ".join(f"{t.channel.topic}: {t.problem}" for t in tables if t.problem)
-    return InputError(
-        what, f"holds no poses{f' ({problems})' if problems else ''}", "poses of the aircraft or its camera"
-    )
 
 
 def _check_length(track: Track, facts: LogOptions, what: str) -> None:
-    seconds = (track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0
+    seconds = float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0
     if len(track) < 2 or seconds < facts.min_duration_s:
-        reasons = ", ".join(f"{n} {reason}" for reason, n in sorted(track.dropped.items()))
+        dropped = f" ({reasons(track)} dropped)" if track.dropped else ""
         raise InputError(
             what,
-            f"holds {len(track)} poses over {seconds:.2f} s{f' ({reasons} dropped)' if reasons else ''}",
+            f"holds {len(track)} poses over {seconds:.2f} s{dropped}",
             f"at least 2 poses and {facts.min_duration_s} s",
-            "lower min_duration_s if this is really the whole flight",
+            "lower min_duration_s if this is the whole flight",
         )
 
 
 def _sha256(path: Path, facts: LogOptions) -> str:
+    """Of the bytes of the log and of everything that was said of it."""
     with path.open("rb") as stream:
         log = hashlib.file_digest(stream, "sha256").hexdigest()
-    return digest(
-        {
-            "log": log,
-            "facts": {name: value for name, value in vars(facts).items() if name != "demonstration_id"},
-        }
-    )
+    said = {name: value for name, value in vars(facts).items() if name != "demonstration_id"}
+    return digest({"log": log, "said": said})

@@ -7,49 +7,46 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upplied.inputs.flight.tracks import Track
+from upplied.inputs.flight.tracks import Track, at_times
+from upplied.inputs.schemas.gimbal import Gimbal
 from upplied.inputs.schemas.tf import Tree
 from upplied.inputs.sidecar import LogOptions
+from upplied.records import Floats
 
 # Optical frames (ROS, REP-103) are z forward, x right, y down; ours is x forward, y left, z up.
 OPTICAL_R_CAMERA = Rotation.from_matrix([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+_NOWHERE = np.zeros(3)
 
 
-def camera_poses(track: Track, facts: LogOptions, tree: Tree, camera_frame: str) -> Track:
+def camera_poses(
+    track: Track, facts: LogOptions, tree: Tree, camera_frame: str, gimbal: Gimbal | None
+) -> Track:
     """Poses of the camera (x forward, y left, z up) from poses of whatever the log tracks.
 
-    What the poses are of is told by `facts.body_frame`; where nothing is told: a mount from the
-    facts, else the static transforms from the tracked frame to the camera's optical frame, else
-    the name of the tracked frame, and at last the body itself with the camera looking ahead.
+    What is tracked is told by `facts.body_frame`. For a body, the camera is where the first of
+    these says: the attitude of a gimbal, a mount in the facts, the transforms from the body to
+    the camera's optical frame, and at last the body itself, with the camera looking ahead.
     """
-    tracked, frame = track.child, facts.body_frame
-    given = facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
-    if not frame and not given and camera_frame and tracked == camera_frame:
-        frame = "optical"
+    frame = facts.body_frame or _frame_of(track.child, camera_frame, facts)
     if frame == "camera":
         return track
     if frame == "optical":
-        return moved(track, np.zeros(3), OPTICAL_R_CAMERA)
-    if given:
-        position = np.array(facts.body_T_camera_position_m or (0.0, 0.0, 0.0))
-        return moved(
-            track, position, Rotation.from_quat(facts.body_T_camera_quat_xyzw or (0.0, 0.0, 0.0, 1.0))
-        )
-    for body in (tracked, "base_link", "imu") if camera_frame else ():
-        mount = tree.fixed(camera_frame, body) if body else None
-        if mount is not None:
-            note = f"camera mounted as the static transform {body} -> {camera_frame} says"
-            return _noted(moved(track, mount[0], mount[1] * OPTICAL_R_CAMERA), note)
-        if tracked:
-            break
-    if not frame and "optical" in tracked:
-        return moved(track, np.zeros(3), OPTICAL_R_CAMERA)
+        return mounted(track, _NOWHERE, OPTICAL_R_CAMERA)
+    offset, turn = _given(facts)
+    if gimbal is not None:
+        return _on_gimbal(track, gimbal, offset, turn, facts)
+    if facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None:
+        return mounted(track, offset, turn)
+    if body := _body(track.child, tree, camera_frame):
+        return _on_tree(track, tree, body, camera_frame, facts)
     return _noted(track, "no camera mount in the log: the camera is taken to look along the body's x axis")
 
 
 def in_structure_frame(track: Track, facts: LogOptions) -> Track:
     """Poses in the frame of the structure, from its pose in the log's frame."""
-    position = np.array(facts.structure_position_m or (0.0, 0.0, 0.0))
+    if facts.structure_position_m is None and facts.structure_quat_xyzw is None:
+        return track
+    position = np.array(facts.structure_position_m or _NOWHERE)
     turn = Rotation.from_quat(facts.structure_quat_xyzw or (0.0, 0.0, 0.0, 1.0)).inv()
     return replace(
         track,
@@ -58,12 +55,52 @@ def in_structure_frame(track: Track, facts: LogOptions) -> Track:
     )
 
 
-def moved(track: Track, position: np.ndarray, rotation: Rotation) -> Track:
-    """Poses of something mounted on the tracked body at `position` (m) and `rotation`."""
+def mounted(track: Track, position: Floats, rotation: Rotation) -> Track:
+    """Poses of something at `position` (m) and `rotation` on the tracked body; (3,) or (N, 3)."""
     body = Rotation.from_quat(track.quat_xyzw)
     return replace(
         track, positions=track.positions + body.apply(position), quat_xyzw=(body * rotation).as_quat()
     )
+
+
+def _frame_of(tracked: str, camera_frame: str, facts: LogOptions) -> str:
+    given = facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
+    optical = "optical" in tracked or (tracked and tracked == camera_frame)
+    return "optical" if optical and not given else "body"
+
+
+def _given(facts: LogOptions) -> tuple[Floats, Rotation]:
+    position = np.array(facts.body_T_camera_position_m or _NOWHERE)
+    return position, Rotation.from_quat(facts.body_T_camera_quat_xyzw or (0.0, 0.0, 0.0, 1.0))
+
+
+def _body(tracked: str, tree: Tree, camera_frame: str) -> str:
+    """The tracked frame if the tree leads from it to the camera; its usual names where it has none."""
+    names = (tracked,) if tracked else ("base_link", "body", "imu")
+    return next((name for name in names if camera_frame and tree.path(camera_frame, name)), "")
+
+
+def _on_gimbal(track: Track, gimbal: Gimbal, offset: Floats, turn: Rotation, facts: LogOptions) -> Track:
+    quats = gimbal.orientations(track, facts.gap_s)
+    known = np.isfinite(quats[:, 0])
+    positions = mounted(track, offset, turn).positions
+    quats[~known] = (0.0, 0.0, 0.0, 1.0)
+    track = replace(track, positions=positions, quat_xyzw=(Rotation.from_quat(quats) * turn).as_quat())
+    return _noted(
+        track.keep(known, "no gimbal attitude at that time"), f"camera on the gimbal of {gimbal.topic}"
+    )
+
+
+def _on_tree(track: Track, tree: Tree, body: str, camera_frame: str, facts: LogOptions) -> Track:
+    note = f"camera mounted as the transforms {body} -> {camera_frame} say"
+    fixed = tree.fixed(camera_frame, body)
+    if fixed is not None:
+        return _noted(mounted(track, fixed[0], fixed[1] * OPTICAL_R_CAMERA), note)
+    positions, quats = at_times(tree.track(camera_frame, body, facts), track.t_ns, facts.gap_s)
+    known = np.isfinite(quats[:, 0])
+    quats[~known] = (0.0, 0.0, 0.0, 1.0)
+    moving = mounted(track, np.nan_to_num(positions), Rotation.from_quat(quats) * OPTICAL_R_CAMERA)
+    return _noted(moving.keep(known, "no transform to the camera at that time"), note)
 
 
 def _noted(track: Track, note: str) -> Track:

@@ -12,6 +12,8 @@ from upplied.inputs.mcap.tables import Table
 from upplied.poses import normalised
 from upplied.records import Bools, Floats, Ints, Record
 
+HOLD_NS = 100_000_000  # how long the first and the last pose are held for another topic's stamps
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Track(Record):
@@ -34,6 +36,14 @@ class Track(Record):
 
     def __len__(self) -> int:
         return len(self.t_ns)
+
+    def keep(self, good: Bools, reason: str) -> Track:
+        """The good samples; the others are counted as dropped for this reason."""
+        if good.all():
+            return self
+        dropped = Counter(self.dropped)
+        dropped[reason] += int((~good).sum())
+        return replace(self.take(good), dropped=dropped)
 
     def take(self, index: Ints | Bools) -> Track:
         """The samples of this index."""
@@ -72,6 +82,8 @@ def stamps(table: Table, prefix: str) -> Ints | None:
 def at_times(track: Track, t_ns: Ints, gap_s: float) -> tuple[Floats, Floats]:
     """A clean track at other times: linear and spherical in between, NaN outside and in gaps.
 
+    Two topics of one estimator rarely begin together: the ends are held for a tenth of a second.
+
     Parameters
     ----------
     track : Track
@@ -90,7 +102,7 @@ def at_times(track: Track, t_ns: Ints, gap_s: float) -> tuple[Floats, Floats]:
         return positions, quats
     right = np.clip(np.searchsorted(track.t_ns, t_ns, side="left"), 1, len(track) - 1)
     left = right - 1
-    inside = (t_ns >= track.t_ns[0]) & (t_ns <= track.t_ns[-1])
+    inside = (t_ns >= track.t_ns[0] - HOLD_NS) & (t_ns <= track.t_ns[-1] + HOLD_NS)
     hit = (track.t_ns[left] == t_ns) | (track.t_ns[right] == t_ns)
     close = (track.t_ns[right] - track.t_ns[left]) <= gap_s * 1e9
     if track.epoch is not None:
@@ -139,9 +151,7 @@ def pose_track(table: Table, stamp: str, position: str, rotation: str, parent: s
         np.char.add(np.char.add(parents, "\n"), children), return_inverse=True, return_counts=True
     )
     most = int(np.argmax(count))
-    if len(pairs) > 1:
-        track = track.take(which == most)
-        track.dropped["other frame"] += int(count.sum() - count[most])
+    track = track.keep(which == most, "other frame")
     first, second = str(pairs[most]).split("\n", 1)
     return replace(track, parent=first, child=second)
 

@@ -1,30 +1,52 @@
-"""Protobuf and JSON messages to columns, with the same paths as the ROS decoder."""
+"""Protobuf and JSON messages to columns, with the same paths as the ROS decoder.
+
+A value that a message does not hold becomes NaN; a path that no message holds gives no column.
+Paths either all lead into one sequence of messages (``transforms[].rotation.w``) or none does.
+"""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
+from google.protobuf.descriptor import Descriptor
 from google.protobuf.message import DecodeError
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
-from upplied.inputs.mcap.rosmsg import DefinitionError
+from upplied.inputs.mcap.rosmsg import Columns, DefinitionError
+from upplied.records import Ints
 
 # The same word in the three worlds: ROS 2, protobuf and JSON.
-_ALIASES = {"sec": ("seconds",), "nanosec": ("nanos", "nsec")}
-_MISSING = object()
+_ALIASES = {"sec": ("sec", "seconds", "secs"), "nanosec": ("nanosec", "nanos", "nsec", "nsecs")}
+_MAX_TEXT = 200
 
 
 class JsonDecoder:
-    """Reads columns from JSON; a value that is absent or no number is NaN."""
+    """Reads columns from JSON objects."""
 
-    def columns(self, payloads: list[bytes], wanted: Iterable[str]) -> tuple[dict[str, Any], np.ndarray, int]:
+    def columns(self, payloads: Sequence[bytes], wanted: Iterable[str]) -> tuple[Columns, Ints, int]:
         """See `upplied.inputs.mcap.rosmsg.RosDecoder.columns`."""
-        return _columns(payloads, tuple(wanted), _parse_json, _item)
+        many, paths = _split(wanted)
+        steps = [[_ALIASES.get(step, (step,)) for step in path.split(".")] for path in paths]
+        rows: list[int] = []
+        values: list[list[Any]] = []
+        unreadable = 0
+        for row, payload in enumerate(payloads):
+            try:
+                message = json.loads(payload)
+            except (ValueError, RecursionError):
+                unreadable += 1
+                continue
+            elements = message.get(many) if many and isinstance(message, dict) else [message]
+            for element in elements if isinstance(elements, list) else []:
+                rows.append(row)
+                values.append([_walk(element, path) for path in steps])
+        return _columns(wanted, values), np.array(rows, np.int64), unreadable
 
 
 class ProtobufDecoder:
@@ -34,125 +56,144 @@ class ProtobufDecoder:
         try:
             record = Schema(id=1, name=name, encoding="protobuf", data=schema)
             decode = DecoderFactory().decoder_for("protobuf", record)
+            self._descriptor: Descriptor = decode(b"").DESCRIPTOR if decode else None
         except Exception as error:  # the descriptor library raises many kinds on hostile bytes
-            raise DefinitionError(
-                f"its protobuf descriptors cannot be used ({type(error).__name__})"
-            ) from None
+            raise DefinitionError(f"its descriptors cannot be used ({type(error).__name__})") from None
         if decode is None:
-            raise DefinitionError("its protobuf descriptors cannot be used")
-        self._decode = decode
+            raise DefinitionError("its descriptors cannot be used")
+        self._decode: Callable[[bytes], Any] = decode
 
-    def columns(self, payloads: list[bytes], wanted: Iterable[str]) -> tuple[dict[str, Any], np.ndarray, int]:
+    def columns(self, payloads: Sequence[bytes], wanted: Iterable[str]) -> tuple[Columns, Ints, int]:
         """See `upplied.inputs.mcap.rosmsg.RosDecoder.columns`."""
-        return _columns(payloads, tuple(wanted), self._decode, _attribute)
+        many, paths = _split(wanted)
+        names, guards = self._resolved(many, list(zip(wanted, paths, strict=True)))
+        if not names:
+            return {}, np.arange(len(payloads)), 0
+        get, present = _getter(list(names.values())), [_getter_of_presence(guard) for guard in guards]
+        rows: list[int] = []
+        values: list[Any] = []
+        flags: list[list[bool]] = []
+        unreadable = 0
+        for row, payload in enumerate(payloads):
+            try:
+                message = self._decode(payload)
+            except (DecodeError, ValueError, RecursionError):
+                unreadable += 1
+                continue
+            for element in getattr(message, many) if many else (message,):
+                rows.append(row)
+                values.append(get(element))
+                flags.append([there(element) for there in present])
+        columns = _columns(names, values)
+        there = np.array(flags, bool).reshape(len(values), len(guards))
+        for path, column in columns.items():
+            holes = ~there[:, [names[path].startswith(guard) for guard in guards]].all(axis=1)
+            if holes.any():
+                columns[path] = _blanked(column, holes)
+        return columns, np.array(rows, np.int64), unreadable
+
+    def _resolved(self, many: str, paths: list[tuple[str, str]]) -> tuple[dict[str, str], list[str]]:
+        """The fields' own names for the paths that exist, and which fields may be absent."""
+        root = self._descriptor
+        if many:
+            field = root.fields_by_name.get(many)
+            if field is None or not field.is_repeated or field.message_type is None:
+                return {}, []
+            root = field.message_type
+        names, guards = {}, set()
+        for wanted, path in paths:
+            descriptor, found = root, []
+            for step in path.split("."):
+                known = descriptor.fields_by_name if descriptor else {}
+                name = next((name for name in _ALIASES.get(step, (step,)) if name in known), None)
+                if name is None:
+                    break
+                found.append(name)
+                if known[name].has_presence:
+                    guards.add(".".join(found))
+                descriptor = None if known[name].is_repeated else known[name].message_type
+            else:
+                names[wanted] = ".".join(found)
+        return names, sorted(guards)
 
 
-def _parse_json(payload: bytes) -> Any:
-    value = json.loads(payload)
-    if not isinstance(value, dict):
-        raise ValueError("no object")
+def _split(wanted: Iterable[str]) -> tuple[str, list[str]]:
+    """The sequence that the paths lead into, if any, and the paths from there on."""
+    paths = list(wanted)
+    many = next((path.split("[]")[0] for path in paths if "[]" in path), "")
+    return many, [path.removeprefix(f"{many}[].") for path in paths]
+
+
+def _walk(value: Any, steps: list[tuple[str, ...]]) -> Any:
+    for names in steps:
+        if not isinstance(value, dict):
+            return None
+        value = next((value[name] for name in names if name in value), None)
     return value
 
 
-def _item(value: Any, name: str) -> Any:
-    return value.get(name, _MISSING) if isinstance(value, dict) else _MISSING
+def _getter(names: list[str]) -> Callable[[Any], tuple[Any, ...]]:
+    get = attrgetter(*names)
+    return get if len(names) > 1 else lambda message: (get(message),)
 
 
-def _attribute(value: Any, name: str) -> Any:
-    return getattr(value, name, _MISSING)
+def _getter_of_presence(guard: str) -> Callable[[Any], bool]:
+    parent, _, name = guard.rpartition(".")
+    if not parent:
+        return lambda message: bool(message.HasField(name))
+    get = attrgetter(parent)
+    return lambda message: bool(get(message).HasField(name))
 
 
-def _columns(
-    payloads: list[bytes],
-    wanted: tuple[str, ...],
-    parse: Callable[[bytes], Any],
-    get: Callable[[Any, str], Any],
-) -> tuple[dict[str, Any], np.ndarray, int]:
-    steps = {path: path.split(".") for path in wanted}
-    many = sorted({path.split("[]")[0] for path in wanted if "[]" in path})
-    rows: list[int] = []
-    values: dict[str, list[Any]] = {path: [] for path in wanted}
-    unreadable = 0
-    for row, payload in enumerate(payloads):
-        try:
-            message = parse(payload)
-        except (ValueError, DecodeError, RecursionError):
-            unreadable += 1
-            continue
-        count = len(_elements(message, many[0], get)) if many else 1
-        rows += [row] * count
-        for path in wanted:
-            found = _leaves(message, steps[path], get)
-            values[path] += found if "[]" in path else found * count
-    columns = {path: column for path in wanted if (column := _array(values[path])) is not None}
-    return columns, np.array(rows, np.int64), unreadable
+def _blanked(column: Any, holes: Any) -> Any:
+    if column.dtype.kind == "U":
+        return np.where(holes, "", column)
+    column = column.astype(float)
+    column[holes] = np.nan
+    return column
 
 
-def _elements(message: Any, path: str, get: Callable[[Any, str], Any]) -> list[Any]:
-    found = _step(message, path, get)
-    return (
-        [] if found is _MISSING or isinstance(found, str | bytes | dict | int | float) else list(found or [])
-    )
+def _columns(paths: Iterable[str], values: list[Any]) -> Columns:
+    if not values:
+        return {}
+    parts = zip(paths, zip(*values, strict=True), strict=True)
+    return {path: column for path, part in parts if (column := _column(part)) is not None}
 
 
-def _leaves(message: Any, steps: list[str], get: Callable[[Any, str], Any]) -> list[Any]:
-    values = [message]
-    for step in steps:
-        if step.endswith("[]"):
-            values = [item for value in values for item in _elements(value, step[:-2], get)]
-        else:
-            values = [_step(value, step, get) for value in values]
-    return values
-
-
-def _step(value: Any, name: str, get: Callable[[Any, str], Any]) -> Any:
-    found = get(value, name)
-    for alias in _ALIASES.get(name, ()):
-        if found is _MISSING:
-            found = get(value, alias)
-    return found
-
-
-def _array(values: list[Any]) -> np.ndarray | None:
-    """A column of text, of numbers or of lists of numbers; None where the field does not exist."""
-    present = [value for value in values if value is not _MISSING and value is not None]
+def _column(values: Sequence[Any]) -> Any:
+    """A column of numbers, of lists of numbers, or of text; None where there is nothing."""
+    present = [value for value in values if value is not None]
     if not present:
         return None
-    if all(isinstance(value, str) for value in present):
-        return np.array([value if isinstance(value, str) else "" for value in values], dtype=str)
-    if all(isinstance(value, bool | int | float) for value in present):
-        return _numbers([value if isinstance(value, int | float) else np.nan for value in values])
-    return _lists(values)
-
-
-def _numbers(values: list[Any]) -> np.ndarray:
-    if all(isinstance(value, int) and abs(value) < 2**63 for value in values):
-        return np.array(values, np.int64)
-    return np.array([_float(value) for value in values])
-
-
-def _lists(values: list[Any]) -> np.ndarray | None:
+    if all(isinstance(value, int | float) for value in present):
+        if len(present) == len(values) and all(type(value) is int and abs(value) < 2**63 for value in values):
+            return np.array(values, np.int64)
+        return np.array([_float(value) for value in values])
     rows = [_row(value) for value in values]
-    sizes = Counter(len(row) for row in rows if row)
-    if not sizes:
+    if any(row is None for row in rows):
+        return np.array(["" if value is None else str(value)[:_MAX_TEXT] for value in values], dtype=str)
+    width = Counter(len(row) for row in rows if row).most_common(1)
+    if not width or width[0][0] > _MAX_TEXT:
         return None
-    width = sizes.most_common(1)[0][0]
-    return np.array([row if len(row) == width else [np.nan] * width for row in rows])
+    nothing = [np.nan] * width[0][0]
+    return np.array([row if row and len(row) == len(nothing) else nothing for row in rows])
 
 
-def _row(value: Any) -> list[float]:
-    if isinstance(value, str | bytes | dict | int | float) or value is _MISSING or value is None:
+def _row(value: Any) -> list[float] | None:
+    """A list of numbers; empty where there is none, None where it is anything else."""
+    if value is None:
         return []
+    if isinstance(value, str | bytes | dict | int | float):
+        return None
     try:
-        return [_float(item) for item in value]
+        items = list(value)
     except TypeError:
-        return []
+        return None
+    return [_float(item) for item in items] if all(isinstance(item, int | float) for item in items) else None
 
 
 def _float(value: Any) -> float:
-    if not isinstance(value, int | float):
-        return float("nan")
     try:
         return float(value)
-    except OverflowError:
+    except (TypeError, OverflowError):
         return float("nan")

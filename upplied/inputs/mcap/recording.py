@@ -7,6 +7,7 @@ Whatever the file says of its own sizes is checked before memory is taken for it
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -45,6 +46,15 @@ class Channel:
     schema_encoding: str = ""
     schema: bytes = b""
 
+    @property
+    def schema_short(self) -> str:
+        """Name of the schema without what ROS 2, Foxglove and firmware versions put into it."""
+        parts = self.schema_name.split("/")
+        name = f"{parts[0]}/{parts[-1]}" if len(parts) > 1 else self.schema_name
+        if name.startswith("px4_msgs/"):
+            name = re.sub(r"_?[vV]\d+$", "", name)
+        return name.replace("foxglove_msgs/", "foxglove.", 1)
+
 
 @dataclass
 class Recording:
@@ -67,6 +77,12 @@ class Recording:
             return None
         schema = self.schemas.get(record.schema_id, mcap.SchemaRecord(0, "", "", b""))
         return Channel(channel_id, record.topic, record.encoding, schema.name, schema.encoding, schema.data)
+
+    def listed(self, most: int = 12) -> str:
+        """Topics and schemas in words."""
+        channels = [self.channel(channel_id) for channel_id in sorted(self.channels)]
+        shown = [f"{c.topic} ({c.schema_short or 'no schema'})" for c in channels if c]
+        return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
 
     def add(self, opcode: int, content: bytes) -> None:
         """Keep a schema, channel or metadata record."""
@@ -155,9 +171,12 @@ def open_recording(path: Path) -> Recording:
             recording = Recording(path, size)
             try:
                 _read_summary(stream, recording)
+            except _NoIndexError:
+                recording.metadata.clear()  # the scan meets them again
+                scan(stream, recording, "")
             except (mcap.DamagedError, UnicodeDecodeError) as error:
                 recording = Recording(path, size)
-                scan(stream, recording, "" if isinstance(error, _NoIndexError) else str(error))
+                scan(stream, recording, str(error))
             return recording
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None

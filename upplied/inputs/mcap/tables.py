@@ -38,6 +38,11 @@ class Table:
     dropped: Counter[str] = field(default_factory=Counter)
     problem: str = ""  # why no message of the channel can be read
 
+    @property
+    def schema(self) -> str:
+        """Short name of the schema, whatever the encoding."""
+        return self.channel.schema_short
+
     def __len__(self) -> int:
         return len(self.log_ns)
 
@@ -71,6 +76,24 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
     for message in recording.messages(wanted):
         builders[message.channel_id].add(message)
     return [builders[channel_id].table() for channel_id in sorted(builders)]
+
+
+def joined(tables: list[Table]) -> Table:
+    """Several channels of one topic and schema as one table, in the order of their log times."""
+    if len(tables) == 1:
+        return tables[0]
+    filled = [table for table in tables if len(table)] or tables[:1]
+    paths = set.intersection(*(set(table.columns) for table in filled))
+    order = np.argsort(np.concatenate([table.log_ns for table in filled]), kind="stable")
+    return Table(
+        channel=tables[0].channel,
+        columns={path: np.concatenate([table[path] for table in filled])[order] for path in paths},
+        log_ns=np.concatenate([table.log_ns for table in filled])[order],
+        publish_ns=np.concatenate([table.publish_ns for table in filled])[order],
+        messages=sum(table.messages for table in tables),
+        dropped=sum((table.dropped for table in tables), Counter()),
+        problem=next((table.problem for table in tables if table.problem), ""),
+    )
 
 
 def decoder_for(channel: Channel) -> Decoder:

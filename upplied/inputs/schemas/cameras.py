@@ -64,7 +64,8 @@ def camera_of(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Ca
     InputError
         If the log holds several cameras and nothing says which.
     """
-    found = {table.channel.topic: cam for table in tables if (cam := calibrated(table)) is not None}
+    calibrations = [table for table in tables if table.schema in FIELDS]
+    found = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
     if facts.camera_frame_id:
         found = {topic: cam for topic, cam in found.items() if cam[1] == facts.camera_frame_id.lstrip("/")}
     if len({(cam.hfov_deg, cam.vfov_deg, frame) for cam, frame in found.values()}) > 1:

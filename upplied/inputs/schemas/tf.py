@@ -1,4 +1,4 @@
-"""Trees of transforms: TF of ROS and Foxglove, composed from the fixed frame to the camera.
+"""Trees of transforms: TF of ROS and of Foxglove, composed from the fixed frame to the camera.
 
 Several publishers fill one tree at different rates. A chain is evaluated at the stamps of its
 busiest link; the others are interpolated, never across a gap; static links hold at all times.
@@ -18,7 +18,7 @@ from upplied.inputs.flight.clean import clean
 from upplied.inputs.flight.tracks import Track, at_times, names, pose_paths, source_times, stamps
 from upplied.inputs.mcap.tables import Table
 from upplied.inputs.sidecar import LogOptions
-from upplied.records import Floats, Ints
+from upplied.records import Bools, Floats, Ints
 
 _ROS = (
     "transforms[].header.stamp",
@@ -39,8 +39,10 @@ _PLACES = {  # schema -> stamp, transform, parent, child
     "foxglove.FrameTransforms": _MANY,
     "foxglove.FrameTransform": _ONE,
 }
-_MAX_FRAMES = 2000
+_MAX_FRAMES = 1000
 _BODIES = ("base_link", "body", "fcu", "base_footprint", "imu")
+
+Link = tuple[str, str]  # parent, child
 
 
 def _parts(transform: str) -> tuple[str, str]:
@@ -58,26 +60,31 @@ FIELDS = {
 class Tree:
     """Which frame hangs on which, and how: a track for a moving link, a pose for a static one."""
 
-    moving: dict[tuple[str, str], Track] = field(default_factory=dict)  # (parent, child)
-    static: dict[tuple[str, str], tuple[Floats, Rotation]] = field(default_factory=dict)
+    moving: dict[Link, Track] = field(default_factory=dict)
+    static: dict[Link, tuple[Floats, Rotation]] = field(default_factory=dict)
+    topic: str = ""
 
     def parents(self) -> dict[str, str]:
         """The parent of each frame; a moving link counts more than a static one."""
         return {child: parent for parent, child in (*self.static, *self.moving)}
 
-    def path(self, leaf: str, root: str = "") -> list[tuple[str, str]]:
+    def path(self, leaf: str, root: str = "") -> list[Link]:
         """Links from `root` (or the top) down to `leaf`; empty where there is no way."""
-        links: list[tuple[str, str]] = []
+        links: list[Link] = []
         parents, frame = self.parents(), leaf
         while frame != root and frame in parents and len(links) < len(parents):
             links.append((parents[frame], frame))
             frame = parents[frame]
         return links[::-1] if frame == root or not root else []
 
+    def moves(self, frame: str) -> bool:
+        """Whether a moving link lies above a frame."""
+        return any(link in self.moving for link in self.path(frame))
+
     def fixed(self, leaf: str, root: str) -> tuple[Floats, Rotation] | None:
         """The pose of `leaf` in `root` where every link between them is static."""
         links = self.path(leaf, root)
-        if leaf != root and (not links or any(link in self.moving for link in links)):
+        if not links or any(link in self.moving for link in links):
             return None
         position, rotation = np.zeros(3), Rotation.identity()
         for link in links:
@@ -89,126 +96,120 @@ class Tree:
         """Poses of `leaf` in `root` at the stamps of the busiest moving link between them."""
         links = self.path(leaf, root)
         lead = max((self.moving[link] for link in links if link in self.moving), key=len)
-        positions = np.zeros((len(lead), 3))
-        rotation = Rotation.identity(len(lead))
-        epoch: Ints | None = None
+        positions, rotation = np.zeros((len(lead), 3)), Rotation.identity(len(lead))
+        known = np.ones(len(lead), bool)
         for link in links:
-            step, turn, known = self._link(link, lead.t_ns, limits)
+            step, turn, there = self._link(link, lead.t_ns, limits)
             positions = positions + rotation.apply(step)
-            rotation = rotation * turn
-            positions[~known] = np.nan
-        return replace(
-            lead,
-            positions=positions,
-            quat_xyzw=rotation.as_quat(),
-            parent=links[0][0],
-            child=leaf,
-            epoch=epoch,
+            rotation, known = rotation * turn, known & there
+        chain = replace(
+            lead, positions=positions, quat_xyzw=rotation.as_quat(), parent=links[0][0], child=leaf
         )
+        return chain.keep(known, "a transform of the chain is missing at that time")
 
-    def _link(
-        self, link: tuple[str, str], t_ns: Ints, limits: LogOptions
-    ) -> tuple[Floats, Rotation, np.ndarray]:
+    def _link(self, link: Link, t_ns: Ints, limits: LogOptions) -> tuple[Floats, Rotation, Bools]:
         if link not in self.moving:
             step, turn = self.static[link]
             return step, turn, np.ones(len(t_ns), bool)
-        step, quats = at_times(self.moving[link], t_ns, limits.gap_s)
+        track = self.moving[link]
+        usual_s = float(np.median(np.diff(track.t_ns))) * 1e-9  # a localisation corrects once a second or so
+        step, quats = at_times(track, t_ns, max(limits.gap_s, 3 * usual_s))
         known = np.asarray(np.isfinite(step).all(axis=1))
-        quats[~known] = (0, 0, 0, 1)
+        step[~known], quats[~known] = 0.0, (0.0, 0.0, 0.0, 1.0)
         return step, Rotation.from_quat(quats), known
 
 
-def tree_of(tables: Sequence[tuple[Table, str]], limits: LogOptions) -> Tree:
+def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
     """The tree of all transforms in a log.
-
-    Parameters
-    ----------
-    tables : sequence of (Table, schema)
-    limits : LogOptions
 
     Raises
     ------
     InputError
-        If there are too many frames, or too much of a moving link is unusable.
+        If there are too many frames.
     """
-    tree = Tree()
-    loose: dict[tuple[str, str], list[Track]] = {}
-    for table, schema in tables:
-        static = table.channel.topic.rstrip("/").endswith("static")
-        for link, track in _links(table, schema):
-            if static:
-                _keep_static(tree, link, track)
+    tables = [table for table in tables if table.schema in FIELDS]
+    tree = Tree(topic=tables[0].channel.topic if tables else "")
+    loose: dict[Link, list[Track]] = {}
+    for table in tables:
+        latched = table.channel.topic.rstrip("/").endswith("static")
+        for link, track in _links(table):
+            if latched:
+                _hold(tree, link, track)
             else:
                 loose.setdefault(link, []).append(track)
-        if len(loose) + len(tree.static) > _MAX_FRAMES:
-            raise InputError(table.channel.topic, "holds too many frames", f"at most {_MAX_FRAMES}")
     for link, tracks in loose.items():
-        whole = (
-            clean(_merged(tracks), replace(limits, max_dropped=1.0), f"transform {link[0]} -> {link[1]}")
-            if tracks
-            else None
-        )
-        if whole is not None and len(whole) > 1:
-            tree.moving[link] = whole
+        track = _cleaned(_merged(tracks), limits)
+        if len(track) > 1 and (
+            np.ptp(track.positions, axis=0).any() or np.ptp(track.quat_xyzw, axis=0).any()
+        ):
+            tree.moving[link] = track
             tree.static.pop(link, None)
-        elif whole is not None:
-            _keep_static(tree, link, whole)
+        elif len(track):
+            _hold(tree, link, track)
     return tree
 
 
-def camera_frame(tree: Tree, facts: LogOptions, named: str, what: str) -> str:
-    """The frame whose poses are asked for: the camera's, else the body's.
+def samples(tree: Tree, facts: LogOptions, camera_frame: str, what: str) -> Track:
+    """Poses of the camera's frame, else of the body's, from the top of the tree or `facts.frame_id`.
 
     Raises
     ------
     InputError
-        If several frames could be meant.
+        If several frames could be meant, or the frame that is asked for does not exist.
     """
+    leaf = _leaf(tree, facts, camera_frame, what)
+    root = facts.frame_id.lstrip("/")
+    return tree.track(leaf, root if tree.path(leaf, root) else "", facts)
+
+
+def _leaf(tree: Tree, facts: LogOptions, named: str, what: str) -> str:
     frames = set(tree.parents())
-    if named in frames:
+    if named in frames and tree.moves(named):
         return named
     if facts.camera_frame_id:
-        listed = ", ".join(sorted(frames)[:20])
-        raise InputError(what, f"has no frame {named!r}", f"one of {listed}", "correct camera_frame_id")
-    moved = {frame for frame in frames if any(link in tree.moving for link in tree.path(frame))}
+        shown = ", ".join(sorted(frames)[:20])
+        raise InputError(what, f"has no moving frame {named!r}", f"one of {shown}", "correct camera_frame_id")
+    moved = {frame for frame in frames if tree.moves(frame)}
     optical = sorted(frame for frame in moved if "optical" in frame)
-    if len(optical) == 1:
-        return optical[0]
-    if not optical:
-        ends = {child for _, child in tree.moving} - {parent for parent, _ in tree.moving}
-        usual = [name for name in _BODIES if name in moved]
-        if usual or len(ends) == 1:
-            return usual[0] if usual else ends.pop()
-        optical = sorted(ends)
+    ends = sorted({child for _, child in tree.moving} - {parent for parent, _ in tree.moving})
+    usual = [name for name in _BODIES if name in moved]
+    for choice in (optical, usual[:1], ends):
+        if len(choice) == 1:
+            return choice[0]
+        if choice:
+            break
+    shown = ", ".join((optical or ends)[:20])
     raise InputError(
-        what,
-        f"has {len(optical)} frames that could be the camera: {', '.join(optical[:20])}",
-        "one",
-        "name it by camera_frame_id",
+        what, f"has several frames that could be the camera: {shown}", "one", "name it by camera_frame_id"
     )
 
 
-def _links(table: Table, schema: str) -> list[tuple[tuple[str, str], Track]]:
-    stamp, transform, parent, child = _PLACES[schema]
+def _links(table: Table) -> list[tuple[Link, Track]]:
+    stamp, transform, parent, child = _PLACES[table.schema]
     paths = pose_paths(*_parts(transform))
     if not len(table) or any(path not in table for path in paths):
         return []
     times, clock = source_times(table, stamps(table, stamp))
     values = table.stack(*paths)
     whole = Track(times, values[:, :3], values[:, 3:], table.log_ns, clock=clock)
-    found = []
     keys, which = np.unique(
-        np.column_stack([names(table, parent), names(table, child)]), axis=0, return_inverse=True
+        np.char.add(np.char.add(names(table, parent), "\n"), names(table, child)), return_inverse=True
     )
-    for index, (first, second) in enumerate(keys[:_MAX_FRAMES]):
-        part = whole.take(which.ravel() == index)
-        found.append(
-            (
-                (str(first), str(second)),
-                replace(part, parent=str(first), child=str(second), dropped=Counter()),
-            )
-        )
+    if len(keys) > _MAX_FRAMES:
+        raise InputError(table.channel.topic, f"holds {len(keys)} links", f"at most {_MAX_FRAMES}")
+    found = []
+    for index, key in enumerate(keys):
+        first, second = str(key).split("\n", 1)
+        part = replace(whole.take(which == index), parent=first, child=second, dropped=Counter())
+        found.append(((first, second), part))
     return found
+
+
+def _cleaned(track: Track, limits: LogOptions) -> Track:
+    try:
+        return clean(track, replace(limits, max_dropped=1.0), "a transform")
+    except InputError:  # nothing usable: as if the link had never been published
+        return track.take(np.zeros(len(track), bool))
 
 
 def _merged(tracks: list[Track]) -> Track:
@@ -223,7 +224,7 @@ def _merged(tracks: list[Track]) -> Track:
     )
 
 
-def _keep_static(tree: Tree, link: tuple[str, str], track: Track) -> None:
+def _hold(tree: Tree, link: Link, track: Track) -> None:
     position, quat = track.positions[-1], track.quat_xyzw[-1]
     if np.isfinite(position).all() and abs(np.linalg.norm(quat) - 1) <= 1e-2 and link not in tree.moving:
         tree.static[link] = (position, Rotation.from_quat(quat))

@@ -1,4 +1,4 @@
-"""Poses of ROS: stamped poses, odometry and single transforms, in ROS 2 and ROS 1.
+"""Poses of ROS: stamped poses, odometry and single transforms, in ROS 2 and in ROS 1.
 
 ROS says ENU and x forward, y left, z up (REP-103, REP-105), quaternions x y z w: nothing is
 converted. MAVROS publishes these too, already turned from the autopilot's NED and FRD.
@@ -6,8 +6,11 @@ converted. MAVROS publishes these too, already turned from the autopilot's NED a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from upplied.inputs.flight.tracks import Track, pose_paths, pose_track
 from upplied.inputs.mcap.tables import Table
+from upplied.inputs.sidecar import LogOptions
 
 _HEADER = ("header.stamp.sec", "header.stamp.nanosec", "header.frame_id")
 _PLACES = {  # schema -> position, rotation, path of the child frame's name
@@ -16,14 +19,14 @@ _PLACES = {  # schema -> position, rotation, path of the child frame's name
     "nav_msgs/Odometry": ("pose.pose.position", "pose.pose.orientation", "child_frame_id"),
     "geometry_msgs/TransformStamped": ("transform.translation", "transform.rotation", "child_frame_id"),
 }
-
+SOURCES = tuple(_PLACES)
 FIELDS = {
     schema: (*_HEADER, *pose_paths(position, rotation), *((child,) if child else ()))
     for schema, (position, rotation, child) in _PLACES.items()
 }
 
 
-def samples(table: Table, schema: str) -> Track:
+def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     """The poses of one channel."""
-    position, rotation, child = _PLACES[schema]
+    position, rotation, child = _PLACES[table.schema]
     return pose_track(table, "header.stamp", position, rotation, "header.frame_id", child)

@@ -1,0 +1,134 @@
+"""Which topic of a log tells the poses: the one sensible answer, or an error that lists them all."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from upplied.errors import InputError
+from upplied.inputs.flight.clean import clean
+from upplied.inputs.flight.tracks import Track, at_times
+from upplied.inputs.mcap.tables import Table, joined
+from upplied.inputs.schemas import foxglove, geodetic, px4, ros, tf
+from upplied.inputs.sidecar import LogOptions
+from upplied.poses import angle_between
+
+Samples = Callable[[Table, Sequence[Table], LogOptions], Track]
+READERS: dict[str, Samples] = {
+    schema: family.samples for family in (ros, foxglove, px4, geodetic) for schema in family.SOURCES
+}
+
+# What was asked of the aircraft, and what went into its estimate: neither is where it flew.
+_COMMANDED = re.compile(r"setpoint|goal|target|cmd|command|desired|reference|plan|initialpose", re.IGNORECASE)
+_INPUTS = re.compile(
+    r"visual|vision|mocap_odometry|mocap/pose|fake_gps|raw|estimator_|groundtruth|/in$", re.IGNORECASE
+)
+NOTHING = "holds no poses"
+SAME_M, SAME_RAD = 0.05, np.radians(3.0)  # sources of one estimate differ by their stamps alone
+
+
+def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table | None, list[str]]:
+    """The table of poses, several channels of one topic and schema joined; None: only transforms.
+
+    Raises
+    ------
+    InputError
+        If there is none, or several that contradict each other; it lists all with their rates.
+    """
+    found = _by_topic([table for table in tables if table.schema in READERS])
+    if facts.topic and not any(table.channel.topic == facts.topic for table in tables):
+        raise InputError(
+            what, f"has no poses on topic {facts.topic!r}", listed(_all(tables)), "name one of these"
+        )
+    if facts.topic:
+        found = [table for table in found if table.channel.topic == facts.topic]
+    if facts.schema:
+        found = [table for table in found if table.schema == facts.schema.replace("/msg/", "/")]
+    usable = [table for table in found if len(table) > 1]
+    if found and not usable:
+        raise nothing(found, what)
+    if not facts.topic:
+        usable = _narrowed(usable, facts)
+    if len(usable) > 1:
+        usable = _agreeing(usable, tables, facts)
+    if len(usable) > 1:
+        raise InputError(
+            what,
+            f"holds {len(usable)} sources of poses that differ: {listed(_all(tables))}",
+            "one source",
+            "choose one by topic, and by schema where a topic has several",
+        )
+    used = [f"{len(found)} sources of poses"] if usable and len(found) > 1 and not facts.topic else []
+    return (usable[0] if usable else None), used
+
+
+def listed(tables: Sequence[Table]) -> str:
+    """Topics with schema, rate and number of messages."""
+    return "; ".join(
+        f"{table.channel.topic} ({table.schema}, {table.rate_hz:.1f} Hz, {table.messages} messages)"
+        for table in tables
+    )
+
+
+def nothing(tables: Sequence[Table], what: str) -> InputError:
+    """The error for a log without poses; it says why those that are there cannot be read."""
+    problems = [f"{table.channel.topic}: {table.problem}" for table in tables if table.problem]
+    problems += [
+        f"{table.channel.topic}: {number} of {table.messages} messages are {reason}"
+        for table in tables
+        for reason, number in table.dropped.items()
+    ]
+    found = f" ({'; '.join(problems[:10])})" if problems else ""
+    return InputError(what, f"{NOTHING}{found}", "poses of the aircraft or of its camera")
+
+
+def _all(tables: Sequence[Table]) -> list[Table]:
+    return _by_topic([table for table in tables if table.schema in READERS or table.schema in tf.FIELDS])
+
+
+def _by_topic(tables: Sequence[Table]) -> list[Table]:
+    groups: dict[tuple[str, str], list[Table]] = {}
+    for table in tables:
+        groups.setdefault((table.channel.topic, table.schema), []).append(table)
+    return [joined(group) for group in groups.values()]
+
+
+def _narrowed(tables: list[Table], facts: LogOptions) -> list[Table]:
+    """Without commands and sensor inputs, and by what is known of the structure's place."""
+    tables = [table for table in tables if not _COMMANDED.search(table.channel.topic)]
+    tables = [table for table in tables if not _INPUTS.search(table.channel.topic)] or tables
+    on_earth = [table for table in tables if table.schema in geodetic.SOURCES]
+    local = [table for table in tables if table.schema not in geodetic.SOURCES]
+    if on_earth and local:
+        placed = facts.structure_lat_deg is not None and facts.structure_position_m is None
+        tables = on_earth if placed else local
+    if facts.body_frame in ("camera", "optical"):
+        tables = [table for table in tables if "camera" in table.channel.topic.lower()] or tables
+    return tables
+
+
+def _agreeing(usable: list[Table], tables: Sequence[Table], facts: LogOptions) -> list[Table]:
+    """The densest source alone where all others tell the same poses, else all of them."""
+    usable = sorted(usable, key=len, reverse=True)
+    tracks: list[Track | None] = []
+    for table in usable:
+        try:
+            tracks.append(clean(READERS[table.schema](table, tables, facts), facts, table.channel.topic))
+        except InputError:
+            tracks.append(None)
+    first = tracks[0]
+    if first is None or any(track is None or not _same(first, track, facts) for track in tracks[1:]):
+        return usable
+    return usable[:1]
+
+
+def _same(first: Track, other: Track, facts: LogOptions) -> bool:
+    positions, quats = at_times(first, other.t_ns, facts.gap_s)
+    known = np.isfinite(positions).all(axis=1)
+    if known.mean() < 0.5:
+        return False
+    apart = np.linalg.norm(positions[known] - other.positions[known], axis=1)
+    turned = angle_between(quats[known], other.quat_xyzw[known])
+    return bool(np.median(apart) < SAME_M and np.median(turned) < SAME_RAD)

@@ -1,0 +1,104 @@
+"""Which part of a log is the inspection.
+
+In this order: start and stop from options, side-car or metadata; the log's own `foxglove.Event`
+of the phase ``inspection`` (or the only event that lasts); else the whole log, since neither
+standing still nor a low height tells a take-off from an inspection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from upplied.errors import InputError
+from upplied.inputs.flight.tracks import Track, stamps
+from upplied.inputs.mcap.tables import Table
+from upplied.inputs.sidecar import LogOptions
+from upplied.records import Bools
+
+_EVENT = "foxglove.Event"
+FIELDS = {
+    _EVENT: (
+        "start_time.sec", "start_time.nanosec", "end_time.sec", "end_time.nanosec",
+        "timestamp.sec", "timestamp.nanosec", "duration.sec", "duration.nanosec",
+        "metadata", "event_type.name",
+    ),
+}  # fmt: skip
+
+Span = tuple[int, int]
+
+
+def inspected(track: Track, tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Track, list[str]]:
+    """The samples of the inspection, and in words how they were told from the rest.
+
+    Raises
+    ------
+    InputError
+        If nothing was flown in the time that is given.
+    """
+    first = int(track.t_ns.min()) if len(track) else 0
+    given = (facts.start_s, facts.stop_s, facts.start_ns, facts.end_ns)
+    if any(value is not None for value in given):
+        spans, told = [_given(facts, first)], "start and stop as given"
+    elif spans := _events(tables):
+        told = f"{len(spans)} events in the log"
+    else:
+        return track, []
+    inside = _inside(track, spans)
+    if not inside.any():
+        raise InputError(
+            what, f"has no pose within {told}", f"times within {_seconds(track)}", "correct start and stop"
+        )
+    if inside.all():
+        return track, []
+    return track.take(inside), [f"cut to {told}: {int(inside.sum())} of {len(track)} samples"]
+
+
+def _given(facts: LogOptions, first: int) -> Span:
+    start = facts.start_ns if facts.start_s is None else first + int(facts.start_s * 1e9)
+    stop = facts.end_ns if facts.stop_s is None else first + int(facts.stop_s * 1e9)
+    return (-(2**63) if start is None else start, 2**63 - 1 if stop is None else stop)
+
+
+def _inside(track: Track, spans: list[Span]) -> Bools:
+    """By the clock of the poses, or by the recorder's where the times are of its domain."""
+    for clock in (track.t_ns, track.log_ns):
+        inside = np.zeros(len(track), bool)
+        for start, stop in spans:
+            inside |= (clock >= start) & (clock <= stop)
+        if inside.any():
+            return inside
+    return inside
+
+
+def _events(tables: Sequence[Table]) -> list[Span]:
+    spans, labelled = [], []
+    for table in tables:
+        if table.schema != _EVENT:
+            continue
+        start = stamps(table, "start_time")
+        start = stamps(table, "timestamp") if start is None else start
+        stop, lasts = stamps(table, "end_time"), stamps(table, "duration")
+        if start is not None and stop is None and lasts is not None:
+            stop = start + lasts
+        if start is None or stop is None:
+            continue
+        named = _named(table)
+        for index in np.flatnonzero(stop > start):
+            spans.append((int(start[index]), int(stop[index])))
+            if named[index]:
+                labelled.append(spans[-1])
+    return labelled or (spans if len(spans) == 1 else [])
+
+
+def _named(table: Table) -> list[bool]:
+    words = [""] * len(table)
+    for path in ("metadata", "event_type.name"):
+        if path in table:
+            words = [f"{word} {value}" for word, value in zip(words, table[path], strict=True)]
+    return ["inspection" in word.lower() for word in words]
+
+
+def _seconds(track: Track) -> str:
+    return f"0 to {(int(track.t_ns.max()) - int(track.t_ns.min())) * 1e-9:.1f} s" if len(track) else "none"

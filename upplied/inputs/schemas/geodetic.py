@@ -1,0 +1,189 @@
+"""Positions on the Earth, with an attitude from elsewhere, in the frame of the structure.
+
+Latitude, longitude and altitude become metres east, north, up of the structure's origin (WGS 84)
+and are turned by the heading of its +X. Altitudes above the ellipsoid and above mean sea level
+differ by tens of metres: where log and structure use different ones, the undulation of the geoid
+must be given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pymap3d
+from scipy.spatial.transform import Rotation
+
+from upplied.errors import InputError
+from upplied.inputs.flight.clean import clean
+from upplied.inputs.flight.tracks import Track, at_times, source_times, stamps
+from upplied.inputs.mcap.tables import Table
+from upplied.inputs.schemas import gimbal, px4
+from upplied.inputs.sidecar import LogOptions
+from upplied.poses import from_yaw_pitch
+from upplied.records import Floats
+
+_PLACE = ("latitude", "longitude", "altitude")
+_TURN = tuple(f"orientation.{axis}" for axis in "xyzw")
+FIELDS = {
+    "sensor_msgs/NavSatFix": ("header.stamp.sec", "header.stamp.nanosec", "status.status", *_PLACE),
+    "foxglove.LocationFix": ("timestamp.sec", "timestamp.nanosec", "heading", *_PLACE),
+    "px4_msgs/VehicleGlobalPosition": (
+        "timestamp", "timestamp_sample", "lat", "lon", "alt", "alt_ellipsoid",
+        "lat_lon_valid", "alt_valid", "lat_lon_reset_counter", "alt_reset_counter",
+    ),
+    "sensor_msgs/Imu": (
+        "header.stamp.sec", "header.stamp.nanosec", "header.frame_id", "orientation_covariance", *_TURN,
+    ),
+}  # fmt: skip
+SOURCES = ("sensor_msgs/NavSatFix", "foxglove.LocationFix", "px4_msgs/VehicleGlobalPosition")
+STRUCTURE = "structure"  # name of the frame of these tracks: no further placing is needed
+MAX_DISTANCE_M = 20_000.0
+_NO_FIX = -1
+
+
+def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
+    """The poses of one channel in the structure's frame.
+
+    Raises
+    ------
+    InputError
+        If the structure's place is not known, lies elsewhere, or uses another altitude datum;
+        or if nothing in the log tells the attitude.
+    """
+    _check_placed(table, facts)
+    times, clock, place, datum = _fixes(table, facts)
+    lat, lon, alt = np.where(np.abs(place) < 1e7, place, np.nan).T
+    east, north, up = pymap3d.geodetic2enu(
+        np.clip(lat, -90, 90), lon, alt + _lift(datum, facts, table),
+        facts.structure_lat_deg, facts.structure_lon_deg, facts.structure_alt_m,
+    )  # fmt: skip
+    enu = np.column_stack([east, north, up])
+    _check_near(enu, table)
+    track = Track(times, enu, np.full((len(table), 4), np.nan), table.log_ns, "enu", "base_link", clock)
+    track = replace(track.keep(_valid(table), "no fix"), notes=(f"altitudes above the {_named(datum)}",))
+    return placed(_with_attitude(track, table, tables, facts), facts)
+
+
+def placed(track: Track, facts: LogOptions) -> Track:
+    """From east, north, up of the structure's origin to the structure's frame."""
+    turn = Rotation.from_euler("z", -(90.0 - (facts.structure_heading_deg or 0.0)), degrees=True)
+    return replace(
+        track,
+        positions=turn.apply(track.positions),
+        quat_xyzw=px4.turned(turn, track.quat_xyzw, Rotation.identity()),
+        parent=STRUCTURE,
+    )
+
+
+def _check_placed(table: Table, facts: LogOptions) -> None:
+    wanted = ("structure_lat_deg", "structure_lon_deg", "structure_alt_m", "structure_heading_deg")
+    missing = [name for name in wanted if getattr(facts, name) is None]
+    if missing:
+        raise InputError(
+            table.channel.topic,
+            f"gives positions on the Earth, but the structure's place is not known ({', '.join(missing)})",
+            "latitude, longitude, altitude and heading of the structure",
+            "write them into the side-car",
+        )
+
+
+def _check_near(enu: Floats, table: Table) -> None:
+    distance = np.linalg.norm(enu, axis=1)
+    if np.isfinite(distance).any() and np.nanmedian(distance) > MAX_DISTANCE_M:
+        raise InputError(
+            table.channel.topic,
+            f"lies {np.nanmedian(distance) / 1000:.0f} km from the structure",
+            f"within {MAX_DISTANCE_M / 1000:.0f} km",
+            "check the structure's latitude and longitude",
+        )
+
+
+def _fixes(table: Table, facts: LogOptions) -> tuple[np.ndarray, str, Floats, str]:
+    if table.schema != "px4_msgs/VehicleGlobalPosition":
+        prefix = "header.stamp" if table.schema == "sensor_msgs/NavSatFix" else "timestamp"
+        columns = [np.asarray(table[name], float) if name in table else _nothing(table) for name in _PLACE]
+        return *source_times(table, stamps(table, prefix)), np.column_stack(columns), "ellipsoid"
+    ellipsoid = "alt_ellipsoid" in table and np.isfinite(table["alt_ellipsoid"]).any()
+    amsl = facts.structure_datum == "amsl" or not ellipsoid
+    height = "alt" if amsl else "alt_ellipsoid"
+    columns = [
+        np.asarray(table[name], float) if name in table else _nothing(table)
+        for name in ("lat", "lon", height)
+    ]
+    return *px4.stamps_us(table), np.column_stack(columns), "amsl" if amsl else "ellipsoid"
+
+
+def _valid(table: Table) -> np.ndarray:
+    good = np.ones(len(table), bool)
+    if "status.status" in table:
+        good &= np.asarray(table["status.status"]) > _NO_FIX
+    for name in ("lat_lon_valid", "alt_valid"):
+        if name in table:
+            good &= np.asarray(table[name]).astype(bool)
+    return good
+
+
+def _lift(datum: str, facts: LogOptions, table: Table) -> float:
+    """What to add to the log's altitudes to compare them with the structure's."""
+    wanted = facts.structure_datum or "ellipsoid"
+    if datum == wanted:
+        return 0.0
+    if facts.geoid_undulation_m is None:
+        raise InputError(
+            table.channel.topic,
+            f"gives altitudes above the {_named(datum)}, the structure stands above the {_named(wanted)}",
+            "one datum, or geoid_undulation_m",
+            "give geoid_undulation_m, the height of mean sea level above the ellipsoid there",
+        )
+    return -facts.geoid_undulation_m if datum == "ellipsoid" else facts.geoid_undulation_m
+
+
+def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
+    turns = px4.attitude(tables, facts) if table.schema.startswith("px4") else _imu(tables, facts)
+    if turns is not None:
+        _, quats = at_times(turns, track.t_ns, facts.gap_s)
+        return replace(track, quat_xyzw=quats).keep(np.isfinite(quats[:, 0]), "no attitude at that time")
+    level = "the attitude is taken to be level"
+    if "heading" in table and np.isfinite(table["heading"]).any():
+        quats = from_yaw_pitch(np.pi / 2 - np.asarray(table["heading"], float), np.zeros(len(table)))
+        kept = quats[_valid(table)]
+        return replace(track, quat_xyzw=kept, notes=(*track.notes, f"heading of the fix: {level}"))
+    if gimbal.earth_fixed(tables):
+        return replace(track, quat_xyzw=np.tile([0.0, 0, 0, 1], (len(track), 1)))
+    raise InputError(
+        table.channel.topic,
+        "gives positions, but nothing in the log gives the attitude",
+        "sensor_msgs/Imu with an orientation, a heading, or a gimbal's attitude",
+        "record the attitude too",
+    )
+
+
+def _imu(tables: Sequence[Table], facts: LogOptions) -> Track | None:
+    found = []
+    for table in tables:
+        if table.schema == "sensor_msgs/Imu" and all(name in table for name in _TURN):
+            times, clock = source_times(table, stamps(table, "header.stamp"))
+            quats = table.stack(*_TURN)
+            unknown = np.zeros(len(table), bool)
+            if "orientation_covariance" in table and np.ndim(table["orientation_covariance"]) == 2:
+                unknown = np.asarray(table["orientation_covariance"])[:, 0] == -1  # REP-145: no orientation
+            good = ~unknown & (np.linalg.norm(quats, axis=1) > 0.5)
+            if good.mean() > 0.5:
+                track = Track(times, np.zeros((len(table), 3)), quats, table.log_ns, clock=clock)
+                found.append(
+                    (
+                        good.sum(),
+                        clean(track.take(good), replace(facts, max_dropped=1.0), table.channel.topic),
+                    )
+                )
+    return max(found, key=lambda item: item[0])[1] if found else None
+
+
+def _nothing(table: Table) -> Floats:
+    return np.full(len(table), np.nan)
+
+
+def _named(datum: str) -> str:
+    return "mean sea level" if datum == "amsl" else "ellipsoid"

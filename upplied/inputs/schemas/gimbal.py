@@ -1,0 +1,82 @@
+"""Where a gimbal points: MAVLink's GIMBAL_DEVICE_ATTITUDE_STATUS as PX4 and MAVROS publish it.
+
+The gimbal's frame is forward, right, down. Its yaw counts from north or from the heading of the
+vehicle, as the flags say; pitch and roll always count from the horizon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from upplied.inputs.flight.clean import clean
+from upplied.inputs.flight.tracks import Track, at_times, source_times, stamps
+from upplied.inputs.mcap.tables import Table
+from upplied.inputs.schemas import px4
+from upplied.inputs.sidecar import LogOptions
+from upplied.poses import yaw_pitch
+from upplied.records import Bools, Floats
+
+_Q = tuple(f"q.{axis}" for axis in "xyzw")
+FIELDS = {
+    "px4_msgs/GimbalDeviceAttitudeStatus": ("timestamp", "timestamp_sample", "device_flags", "q"),
+    "mavros_msgs/GimbalDeviceAttitudeStatus": ("header.stamp.sec", "header.stamp.nanosec", "flags", *_Q),
+}
+_YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 16, 32, 64
+
+
+@dataclass(frozen=True)
+class Gimbal:
+    """Attitude of a gimbal, forward, right, down, from north or from the vehicle's heading."""
+
+    track: Track
+    from_north: bool
+    topic: str
+
+    def orientations(self, body: Track, gap_s: float) -> Floats:
+        """Orientation (N, 4) of the gimbal, x forward, y left, z up, in the body's ENU frame; NaN in gaps."""
+        _, quats = at_times(self.track, body.t_ns, gap_s)
+        if self.from_north:
+            return px4.enu_flu(quats)
+        level = px4.turned(px4.FRD_R_FLU, quats, px4.FRD_R_FLU)
+        heading = Rotation.from_euler("z", yaw_pitch(body.quat_xyzw)[0])
+        known = np.isfinite(level[:, 0])
+        level[known] = (heading[known] * Rotation.from_quat(level[known])).as_quat()
+        return level
+
+
+def gimbal(tables: Sequence[Table], facts: LogOptions) -> Gimbal | None:
+    """The gimbal of a log; None where it has none. Of several, the one that reports most often."""
+    found = [table for table in tables if table.schema in FIELDS and len(table) > 1]
+    if not found:
+        return None
+    table = max(found, key=len)
+    if table.schema.startswith("px4"):
+        times, clock = px4.stamps_us(table)
+        quats = px4.xyzw(table["q"]) if "q" in table else np.full((len(table), 4), np.nan)
+    else:
+        times, clock = source_times(table, stamps(table, "header.stamp"))
+        quats = table.stack(*_Q) if all(name in table for name in _Q) else np.full((len(table), 4), np.nan)
+    north = _from_north(table)
+    most = bool(north.mean() >= 0.5)
+    track = Track(times, np.zeros((len(table), 3)), quats, table.log_ns, clock=clock).take(north == most)
+    return Gimbal(
+        clean(track, replace(facts, max_dropped=1.0), table.channel.topic), most, table.channel.topic
+    )
+
+
+def earth_fixed(tables: Sequence[Table]) -> bool:
+    """Whether a gimbal in the log tells its orientation without the vehicle's."""
+    return any(
+        table.schema in FIELDS and len(table) > 1 and _from_north(table).mean() >= 0.5 for table in tables
+    )
+
+
+def _from_north(table: Table) -> Bools:
+    name = "device_flags" if "device_flags" in table else "flags"
+    flags = np.asarray(table[name]).astype(np.int64) if name in table else np.zeros(len(table), np.int64)
+    told = (flags & (_YAW_IN_VEHICLE | _YAW_IN_EARTH)) != 0
+    return np.where(told, (flags & _YAW_IN_EARTH) != 0, (flags & _YAW_LOCK) != 0)

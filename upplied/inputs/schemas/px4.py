@@ -1,0 +1,158 @@
+"""PX4 by uXRCE-DDS: odometry, or local position joined with attitude.
+
+PX4 says north, east, down and forward, right, down, quaternions w x y z, microseconds. Turned to
+east, north, up and forward, left, up here. Fields differ by firmware: what is read is what the
+schema in the log says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from upplied.errors import InputError
+from upplied.inputs.flight.clean import clean
+from upplied.inputs.flight.tracks import Track, at_times, source_times
+from upplied.inputs.mcap.tables import Table
+from upplied.inputs.sidecar import LogOptions
+from upplied.records import Bools, Floats, Ints
+
+_STAMPS = ("timestamp", "timestamp_sample")
+FIELDS = {
+    "px4_msgs/VehicleOdometry": (*_STAMPS, "pose_frame", "position", "q", "reset_counter"),
+    "px4_msgs/VehicleLocalPosition": (
+        *_STAMPS, "x", "y", "z", "xy_valid", "z_valid", "xy_reset_counter", "z_reset_counter",
+        "xy_global", "z_global", "ref_lat", "ref_lon", "ref_alt",
+    ),
+    "px4_msgs/VehicleAttitude": (*_STAMPS, "q", "quat_reset_counter"),
+}  # fmt: skip
+SOURCES = ("px4_msgs/VehicleOdometry", "px4_msgs/VehicleLocalPosition")
+
+_HALF = np.sqrt(0.5)
+NED_R_ENU = Rotation.from_quat([_HALF, _HALF, 0, 0])  # its own inverse
+FRD_R_FLU = Rotation.from_quat([1, 0, 0, 0])
+_NED, _FRD = 1, 2  # VehicleOdometry.pose_frame
+
+
+def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
+    """The poses of one channel, in ENU (or another frame with z up) and FLU.
+
+    Raises
+    ------
+    InputError
+        If there is no attitude to a position, or the frame of the poses is not stated.
+    """
+    if table.schema == "px4_msgs/VehicleOdometry":
+        return _odometry(table)
+    track = _local(table)
+    return with_attitude(track, tables, facts)
+
+
+def attitude(tables: Sequence[Table], facts: LogOptions) -> Track | None:
+    """The attitude of the vehicle, FLU in ENU, clean; None where the log has none."""
+    found = [table for table in tables if table.schema == "px4_msgs/VehicleAttitude" and "q" in table]
+    if not found:
+        return None
+    table = max(found, key=len)
+    times, clock = stamps_us(table)
+    epoch = np.asarray(table["quat_reset_counter"], np.int64) if "quat_reset_counter" in table else None
+    quats = enu_flu(xyzw(table["q"]))
+    track = Track(times, np.zeros((len(table), 3)), quats, table.log_ns, clock=clock, epoch=epoch)
+    return clean(track, replace(facts, max_dropped=1.0), table.channel.topic)
+
+
+def with_attitude(track: Track, tables: Sequence[Table], facts: LogOptions) -> Track:
+    """A track of positions with the attitude of the same moments, interpolated on the sphere.
+
+    Raises
+    ------
+    InputError
+        If the log has no attitude.
+    """
+    turns = attitude(tables, facts)
+    if turns is None:
+        raise InputError(
+            "px4_msgs/VehicleLocalPosition",
+            "has no attitude, and the log holds no px4_msgs/VehicleAttitude",
+            "position and attitude",
+            "record vehicle_attitude, or vehicle_odometry, too",
+        )
+    _, quats = at_times(turns, track.t_ns, facts.gap_s)
+    return replace(track, quat_xyzw=quats).keep(np.isfinite(quats[:, 0]), "no attitude at that time")
+
+
+def stamps_us(table: Table) -> tuple[Ints, str]:
+    """Stamps (N,) in ns and their clock: when sampled, else when published by the autopilot."""
+    for name in ("timestamp_sample", "timestamp"):
+        if name in table:
+            times = np.clip(np.asarray(table[name]).astype(np.int64), 0, 9 * 10**15) * 1000
+            if times.any():
+                return source_times(table, times)
+    return source_times(table, None)
+
+
+def xyzw(quat_wxyz: Floats) -> Floats:
+    """Quaternions (N, 4) ``w x y z`` to ``x y z w``; what is no quaternion becomes NaN."""
+    quats = np.asarray(quat_wxyz, float)
+    if quats.ndim != 2 or quats.shape[1] != 4:
+        return np.full((len(quats), 4), np.nan)
+    return quats[:, [1, 2, 3, 0]]
+
+
+def enu_flu(ned_frd_xyzw: Floats) -> Floats:
+    """Orientations FRD in NED to FLU in ENU; NaN and wrong lengths are passed on."""
+    return turned(NED_R_ENU, ned_frd_xyzw, FRD_R_FLU)
+
+
+def turned(left: Rotation, quats: Floats, right: Rotation) -> Floats:
+    """``left * q * right`` for each quaternion (N, 4) that is one; the others as they are."""
+    good = np.isfinite(quats).all(axis=1) & (np.linalg.norm(np.nan_to_num(quats), axis=1) > 0.5)
+    result = np.array(quats)
+    if good.any():
+        lengths = np.linalg.norm(quats[good], axis=1, keepdims=True)
+        result[good] = (left * Rotation.from_quat(quats[good]) * right).as_quat() * lengths
+    return result
+
+
+def _odometry(table: Table) -> Track:
+    times, clock = stamps_us(table)
+    nothing = np.full((len(table), 3), np.nan)
+    positions = np.asarray(table["position"], float) if "position" in table else nothing
+    quats = xyzw(table["q"]) if "q" in table else np.full((len(table), 4), np.nan)
+    frame = np.asarray(table["pose_frame"], np.int64) if "pose_frame" in table else np.zeros(len(table), int)
+    epoch = np.asarray(table["reset_counter"], np.int64) if "reset_counter" in table else None
+    ned = positions[:, [1, 0, 2]] * (1, 1, -1), enu_flu(quats)
+    frd = positions * (1, -1, -1), turned(FRD_R_FLU, quats, FRD_R_FLU)
+    is_ned, notes = np.count_nonzero(frame == _NED) >= len(frame) / 2, tuple[str, ...]()
+    if not is_ned:
+        notes = ("the heading of the log's frame is arbitrary (PX4 frame FRD)",)
+    chosen, wanted = (ned, _NED) if is_ned else (frd, _FRD)
+    track = Track(times, chosen[0], chosen[1], table.log_ns, "", "base_link", clock, epoch, notes=notes)
+    return track.keep(frame == wanted, "pose frame not stated, or another than before")
+
+
+def _local(table: Table) -> Track:
+    times, clock = stamps_us(table)
+    whole = all(name in table for name in "xyz")
+    ned = table.stack("x", "y", "z") if whole else np.full((len(table), 3), np.nan)
+    epoch = sum(
+        (np.asarray(table[name], np.int64) << shift)
+        for shift, name in ((0, "xy_reset_counter"), (8, "z_reset_counter"))
+        if name in table
+    )
+    track = Track(
+        times, ned[:, [1, 0, 2]] * (1, 1, -1), np.full((len(table), 4), np.nan), table.log_ns,
+        "", "base_link", clock, epoch if isinstance(epoch, np.ndarray) else None,
+    )  # fmt: skip
+    return track.keep(
+        _flag(table, "xy_valid") & _flag(table, "z_valid"), "position not valid by the estimator"
+    )
+
+
+def _flag(table: Table, name: str) -> Bools:
+    if name not in table:
+        return np.ones(len(table), bool)
+    return np.asarray(table[name]).astype(bool)
