@@ -26,7 +26,7 @@ def display_mesh(structure: Structure) -> tuple[Floats, Ints]:
         kept = np.linspace(0, len(structure.vertices) - 1, min(len(structure.vertices), _MOST_POINTS))
         return structure.vertices[kept.astype(int)], np.empty((0, 3), np.int64)
     vertices, triangles = simplified(structure.vertices, structure.triangles, _MOST_TRIANGLES * 3 // 4)
-    return _split(vertices, triangles, structure.diagonal_m / 60)
+    return _split(vertices, triangles, structure.diagonal_m / 50)
 
 
 def _split(vertices: Floats, triangles: Ints, longest_m: float) -> tuple[Floats, Ints]:

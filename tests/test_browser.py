@@ -1,0 +1,211 @@
+"""The pages in a real browser: no errors, a 3-D view that draws, filters and a slider that work."""
+
+from __future__ import annotations
+
+import io
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_catalog import FakeCatalog
+from PIL import Image
+
+from upplied.outputs import pages
+from upplied.outputs.publish import publish_file, publish_pages
+
+sync_api = pytest.importorskip(
+    "playwright.sync_api", reason="playwright is not installed; it drives the browser"
+)
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+GRAPHICS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+QUIET = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"]
+FLAGS = ["--no-sandbox", "--disable-sync", *GRAPHICS, *QUIET]
+COLUMNS = ["pair", "status", "demonstration", "source", "target", "kind", "coverage", "attainable", "paper"]
+COLUMNS += ["baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason"]
+
+pytestmark = [
+    pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine; apt-get install chromium"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_api.sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=BROWSER, args=FLAGS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory) -> Path:
+    root = tmp_path_factory.mktemp("reports")
+    catalog = FakeCatalog(targets=2)
+    publish_pages(catalog, root, pictures=False)
+    publish_file(catalog, root / "mail.html", target_id="cuboid-0")
+    return root
+
+
+@pytest.fixture
+def visit(browser) -> Iterator[Any]:
+    """Opens an address; at the end the page must have had no errors and asked nobody else for anything."""
+    opened, errors, asked = [], [], []
+
+    def go(address: str, width: int = 900, height: int = 640) -> Any:
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.on("console", lambda message: message.type == "error" and errors.append(message.text))
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto(address)
+        opened.append(page)
+        return page
+
+    yield go
+    for page in opened:
+        page.close()
+    assert errors == []
+    assert all(url.startswith(("file://", "blob:", "data:")) for url in asked)
+
+
+def drawn(page: Any) -> None:
+    page.wait_for_selector("#app[data-drawn=true]", timeout=60_000)
+
+
+def until(page: Any, condition: str) -> None:
+    """Wait for a condition; the page's policy allows no strings as code, so it is asked again and again."""
+    for _ in range(400):
+        if page.evaluate(f"() => {condition}"):
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(condition)
+
+
+def colours(page: Any, selector: str) -> np.ndarray:
+    """How many clearly different colours a part of the page shows, as its distinct pixels."""
+    shot = Image.open(io.BytesIO(page.locator(selector).first.screenshot())).convert("RGB")
+    return np.asarray(shot)
+
+
+def test_the_fleet_filters_searches_and_sorts(visit, reports):
+    page = visit((reports / "index.html").as_uri())
+    rows = page.locator(".spacer .row")
+    assert rows.count() == 3 and "refused" in rows.nth(0).inner_text()
+    page.fill("#search", "cuboid-1")
+    assert rows.count() == 1 and "1 of 3" in page.locator(".count").inner_text()
+    page.fill("#search", "gamma")
+    assert "odd" in rows.nth(0).inner_text()
+    page.fill("#search", "")
+    page.select_option("#filter-status", "ok")
+    assert rows.count() == 2
+    page.click("button[data-key=coverage]")
+    assert "cuboid-1" in rows.nth(0).inner_text()
+    page.click("button[data-key=coverage]")
+    assert "cuboid-0" in rows.nth(0).inner_text()
+    assert page.title() == "Inspection fleet" and page.locator("#app img").count() == 0
+
+
+def test_thousands_of_rows_are_drawn_a_screen_at_a_time(visit, tmp_path):
+    rows = [
+        [
+            f"d--t{at}",
+            "ok",
+            "d",
+            "s",
+            f"t{at}",
+            "cube",
+            at % 100,
+            None,
+            1.0,
+            1.0,
+            2.0,
+            1.0,
+            9.0,
+            9.0,
+            "",
+            "",
+            "",
+        ]
+        for at in range(20_000)
+    ]
+    (tmp_path / "assets").mkdir()
+    for name, text in pages.assets().items():
+        (tmp_path / "assets" / name).write_text(text)
+    data = {"fleet": {"title": "Large", "columns": COLUMNS, "rows": rows}}
+    (tmp_path / "index.html").write_text(pages.page("Large", data, "", ""))
+    page = visit((tmp_path / "index.html").as_uri())
+    assert page.locator(".spacer .row").count() < 80
+    page.evaluate("document.querySelector('.view').scrollTop = 1e9")
+    page.wait_for_function(
+        "[...document.querySelectorAll('.target a')].some(a => a.textContent === 't19999')"
+    )
+    spent = page.evaluate(
+        "() => { const box = document.getElementById('search'); const start = performance.now();"
+        " box.value = 't1999'; box.dispatchEvent(new Event('input')); return performance.now() - start; }"
+    )
+    assert spent < 1000 and page.locator(".count").inner_text().startswith("11 of 20000")
+
+
+def test_a_transfer_draws_in_colours_and_follows_the_slider(visit, reports):
+    page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
+    drawn(page)
+    assert page.title() == "orbit-1 → cuboid-1"
+    before = colours(page, ".canvas >> nth=1")
+    assert len(np.unique(before.reshape(-1, 3), axis=0)) > 100
+    seen, missed = (
+        np.abs(before.astype(int) - at).sum(axis=2).min() for at in ([110, 160, 205], [190, 85, 0])
+    )
+    assert seen < 90 and missed < 90
+    start = page.locator(".readout").nth(1).inner_text()
+    page.evaluate("() => { const time = document.getElementById('time'); time.value = 400;"
+                  " time.dispatchEvent(new Event('input')); }")  # fmt: skip
+    until(page, "!document.querySelectorAll('.readout')[1].textContent.startsWith('0.0 s')")
+    assert start.startswith("0.0 s") and page.locator(".clock").inner_text() == "40 %"
+    page.wait_for_timeout(300)
+    after = colours(page, ".canvas >> nth=1")
+    assert (before != after).any(axis=2).mean() > 1e-3
+    assert page.locator("#charts .scatterlayer .trace").count() == 3 * 4
+    assert page.locator(".figures thead th").count() == 4
+
+
+@pytest.mark.slow
+def test_a_transfer_flies_seen_through_the_camera(visit, reports):
+    page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
+    drawn(page)
+    before = colours(page, ".canvas >> nth=1")
+    page.check("#aboard")
+    page.wait_for_timeout(500)
+    aboard = colours(page, ".canvas >> nth=1")
+    assert (aboard != before).any(axis=2).mean() > 0.1
+    page.check("#show-baseline")
+    page.uncheck("#frusta")
+    page.click("#play")
+    until(page, "document.getElementById('time').value > 10")
+    page.click("#play")
+
+
+def test_a_refusal_is_explained_and_stays_text(visit, reports):
+    page = visit((reports / "transfers" / "orbit-1--odd.html").as_uri())
+    told = page.locator(".refusal").inner_text()
+    assert "No path was made" in told and "<img src=x" in told
+    assert page.locator("main img").count() == 0 and page.title() == "orbit-1 → odd"
+
+
+def test_the_mailed_file_shows_fleet_and_transfer(visit, reports):
+    page = visit((reports / "mail.html").as_uri())
+    page.click(".target a")
+    drawn(page)
+    assert page.locator("h1").inner_text().startswith("orbit-1")
+    page.click(".back")
+    page.wait_for_selector(".fleet")
+    assert page.title() == "Inspection fleet"
+
+
+@pytest.mark.parametrize("name", ["index.html", "transfers/orbit-1--cuboid-1.html"])
+def test_a_phone_needs_no_sideways_scrolling(visit, reports, name):
+    page = visit((reports / name).as_uri(), 375, 760)
+    page.wait_for_timeout(300)
+    wide = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+    assert wide[0] <= wide[1]
