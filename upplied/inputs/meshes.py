@@ -1,19 +1,25 @@
-"""Structures: a declared mesh file becomes metres, Z up, +X forward, welded and clean."""
+"""Structures: a declared mesh or cloud becomes metres, Z up, +X forward, clean, its outside outside."""
 
 from __future__ import annotations
+
+from dataclasses import astuple, replace
 
 import numpy as np
 
 from upplied.checks import check_finite, check_id
 from upplied.config import digest
 from upplied.errors import InputError
+from upplied.inputs.concerns import concerns, nominal_problems
+from upplied.inputs.findings import Findings
 from upplied.inputs.formats.raw import RawMesh
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifests import StructureEntry
-from upplied.inputs.repair import clean
-from upplied.records import Floats, Structure
-
-NOMINAL_TOLERANCE = 0.07  # passes nearly every good model of a type and flags toys and wrong units
+from upplied.inputs.outliers import find_outliers
+from upplied.inputs.outside import look
+from upplied.inputs.points import outward_normals
+from upplied.inputs.repair import Repairs, clean, clip_below, compact
+from upplied.inputs.topology import topology_of
+from upplied.records import Bools, Floats, Ints, Structure
 
 
 def read_structure(entry: StructureEntry) -> Structure:
@@ -27,7 +33,9 @@ def read_structure(entry: StructureEntry) -> Structure:
     Returns
     -------
     Structure
-        In metres, Z up, +X forward; vertices welded, no triangle degenerate or twice.
+        In metres, Z up, +X forward. Meshes: vertices welded, no triangle degenerate or twice, patches
+        that show their back turned. Clouds: no point twice, normals outwards. What was repaired and
+        what looks odd is added to its notes.
 
     Raises
     ------
@@ -36,41 +44,58 @@ def read_structure(entry: StructureEntry) -> Structure:
     """
     check_id(entry.structure_id, "structure id")
     raw, sha256 = read_raw(entry.path)
+    structure, findings = normalise(entry, raw, sha256)
+    for found, rule, remedy in findings.problems:
+        raise InputError(f"{entry.path} ({entry.structure_id})", found, rule, remedy)
+    return structure
+
+
+def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structure, Findings]:
+    """The structure that a file holds by its entry, with all that was found on the way.
+
+    Parameters
+    ----------
+    entry : StructureEntry
+    raw : RawMesh
+    sha256 : str
+        Of the bytes of the file.
+    """
     vertices = structure_frame(raw, entry)
-    triangles = np.asarray(raw.triangles, np.int64)
-    if not len(triangles):
-        raise InputError(str(entry.path), "holds no triangles", "a mesh", "export the surface again")
-    vertices, triangles, _, _ = clean(vertices, triangles)
-    if not len(triangles):
-        raise InputError(str(entry.path), "holds no triangle with an area", "a mesh", "export it again")
-    _check_nominal(vertices, entry)
-    return Structure(
+    if len(raw.triangles):
+        vertices, triangles, normals, findings = _mesh(vertices, raw, entry)
+    else:
+        vertices, triangles, normals, findings = _cloud(vertices, raw, entry)
+    problems = nominal_problems(vertices, entry, findings.outliers)
+    warnings = (*findings.warnings, *concerns(vertices, raw, entry))
+    findings = replace(findings, done=(*raw.remarks, *findings.done), warnings=warnings, problems=problems)
+    structure = Structure(
         structure_id=entry.structure_id,
         kind=entry.kind,
         vertices=vertices,
         triangles=triangles,
+        normals=normals,
         site=entry.site,
         sha256=_sha256(sha256, entry),
         placement=entry.placement,
         surroundings=entry.surroundings,
         landmarks=dict(entry.landmarks),
         symmetric=entry.symmetric,
-        notes=entry.notes,
+        notes="; ".join(filter(None, (entry.notes, *findings.done, *findings.warnings))),
     )
+    return structure, findings
 
 
 def structure_frame(raw: RawMesh, entry: StructureEntry) -> Floats:
-    """The vertices (V, 3) in metres in the structure frame."""
+    """The vertices (V, 3) in metres in the structure frame, in double precision throughout."""
     unit = raw.unit_m if entry.unit_m is None else entry.unit_m
-    if unit is None:
+    if unit is None or not 0 < unit < np.inf:
         raise InputError(
             str(entry.path),
-            "does not declare its units",
+            "does not declare its units" if unit is None else f"declares a unit of {unit} m",
             "units = file only for formats that do",
             "declare m, cm, mm, in, ft or metres per unit",
         )
-    vertices = check_finite(raw.vertices, (None, 3), f"{entry.path}, vertices")
-    local = vertices - np.asarray(entry.local_origin)
+    local = raw.vertices - np.asarray(entry.local_origin)
     return (local @ turn(entry.up, entry.forward).T) * (unit * entry.scale)
 
 
@@ -86,29 +111,121 @@ def _axis(name: str) -> Floats:
     return (-1.0 if name.startswith("-") else 1.0) * np.eye(3)["xyz".index(name[-1])]
 
 
-def _check_nominal(vertices: Floats, entry: StructureEntry) -> None:
-    size = np.ptp(vertices, axis=0)
-    for side, have, want in zip(
-        ("length (x)", "width (y)", "height (z)"), size, entry.nominal_m, strict=True
+def _mesh(
+    vertices: Floats, raw: RawMesh, entry: StructureEntry
+) -> tuple[Floats, Ints, Floats | None, Findings]:
+    check_finite(vertices[np.unique(raw.triangles)], (None, 3), f"{entry.path}, vertices")
+    vertices, triangles, _, repairs = clean(vertices, raw.triangles)
+    done = list(repairs.texts())
+    ground = entry.surroundings.ground_z_m
+    if entry.clip_ground and ground is not None and len(triangles) and vertices[:, 2].min() < ground:
+        before = _area(vertices, triangles)
+        vertices, triangles, _ = clip_below(vertices, triangles, ground)
+        done.append(f"{before - _area(vertices, triangles):.0f} m² below the ground cut off")
+    _check_left(triangles, entry)
+    topology = topology_of(triangles)
+    outside = look(vertices, triangles, topology, ground)
+    triangles = np.where(outside.inverted[:, None], triangles[:, ::-1], triangles)
+    if outside.inverted.any():
+        done.append(f"{outside.inverted.sum()} triangles turned that showed outside their back")
+    outliers = tuple(find_outliers(vertices, triangles, topology))
+    drop: Bools = outside.hidden & entry.drop_hidden
+    warnings = []
+    if outside.hidden.any() and not entry.drop_hidden:
+        warnings.append(
+            f"{outside.hidden.sum()} of {len(triangles)} triangles lie in parts that nobody sees from outside"
+            " (drop_hidden = true drops them)"
+        )
+    for outlier in outliers:
+        drop[outlier.triangles] |= entry.drop_outliers
+        if not entry.drop_outliers:
+            warnings.append(f"{outlier} (drop_outliers = true drops it)")
+    if drop.any():
+        done.append(f"{drop.sum()} triangles of hidden parts and outliers dropped")
+        vertices, triangles = compact(vertices, triangles[~drop])
+        _check_left(triangles, entry)
+    hidden = np.unique(topology.component[outside.hidden])
+    final = topology_of(triangles) if drop.any() else topology
+    findings = Findings(
+        **_declared(raw, entry),
+        repairs=repairs,
+        parts=int(final.component.max()) + 1,
+        hidden_parts=len(hidden),
+        hidden_triangles=int(outside.hidden.sum()),
+        area_m2=_area(vertices, triangles),
+        outside_area_m2=outside.area_m2,
+        watertight=final.watertight,
+        boundary_edges=final.boundary_edges,
+        nonmanifold_edges=final.nonmanifold_edges,
+        outliers=outliers,
+        done=tuple(done),
+        warnings=tuple(warnings),
+    )
+    return vertices, triangles, None, findings
+
+
+def _cloud(
+    vertices: Floats, raw: RawMesh, entry: StructureEntry
+) -> tuple[Floats, Ints, Floats | None, Findings]:
+    finite = np.isfinite(vertices).all(axis=1)
+    places, first = np.unique(vertices[finite], axis=0, return_index=True)
+    if (
+        len(places) < 4
+        or np.linalg.matrix_rank(places - places.mean(axis=0), 1e-9 * np.abs(places).max()) < 2
     ):
-        if want is not None and abs(have / want - 1) > NOMINAL_TOLERANCE:
-            raise InputError(
-                f"{entry.path} ({entry.structure_id})",
-                f"{side} is {have:.3g} m, {100 * (have / want - 1):+.0f} % off the nominal {want:g} m",
-                f"within {100 * NOMINAL_TOLERANCE:.0f} %",
-                "check units, up, forward and scale, and look for parts that are not the structure",
-            )
+        raise InputError(
+            str(entry.path),
+            f"holds no triangles and {len(places)} points",
+            "a mesh, or at least four points that do not lie on a line",
+            "export the surface again",
+        )
+    kept = np.flatnonzero(finite)[np.sort(first)]
+    points = vertices[kept]
+    given = None if raw.normals is None else raw.normals[kept] @ turn(entry.up, entry.forward).T
+    normals, word = outward_normals(points, given)
+    dropped = len(vertices) - len(points)
+    done = (f"{dropped} points dropped that stood twice or nowhere" if dropped else "", word)
+    findings = Findings(
+        **_declared(raw, entry),
+        repairs=Repairs(),
+        done=tuple(filter(None, done)),
+        warnings=("a point cloud: sizes and sight lines are as dense as its points",),
+    )
+    return points, np.empty((0, 3), np.int64), normals, findings
+
+
+def _check_left(triangles: Ints, entry: StructureEntry) -> None:
+    if not len(triangles):
+        raise InputError(
+            str(entry.path), "holds no triangle that has an area and is kept", "a mesh", "export it again"
+        )
+
+
+def _declared(raw: RawMesh, entry: StructureEntry) -> dict:
+    from_file = entry.unit_m is None
+    return {
+        "unit_m": raw.unit_m if from_file else entry.unit_m,
+        "unit_from": "file" if from_file else "manifest",
+        "up": entry.up,
+        "forward": entry.forward,
+    }
+
+
+def _area(vertices: Floats, triangles: Ints) -> float:
+    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
 def _sha256(file: str, entry: StructureEntry) -> str:
+    """Of the bytes of the file and of all that the manifest says and a plan may depend on."""
     surroundings, placement = entry.surroundings, entry.placement
     said = {
         "file": file,
         "id": entry.structure_id,
         "kind": entry.kind,
-        "geometry": [entry.unit_m, entry.up, entry.forward, entry.scale, list(entry.local_origin)],
+        "geometry": [entry.unit_m, entry.up, entry.forward, entry.scale, *map(float, entry.local_origin)],
         "repair": [entry.drop_hidden, entry.drop_outliers, entry.clip_ground],
-        "placement": None if placement is None else vars(placement),
+        "placement": None if placement is None else astuple(placement),
         "surroundings": [
             surroundings.ground_z_m,
             surroundings.keep_out_m.tolist(),

@@ -20,6 +20,16 @@ class Repairs:
     duplicate: int = 0  # triangles with the corners of another
     unused: int = 0  # vertices of no triangle
 
+    def texts(self) -> tuple[str, ...]:
+        """Each kind that occurred, in words."""
+        found = (
+            (self.welded, "vertices welded"),
+            (self.degenerate, "triangles without area removed"),
+            (self.duplicate, "repeated triangles removed"),
+            (self.unused, "unused vertices dropped"),
+        )
+        return tuple(f"{count} {what}" for count, what in found if count)
+
 
 def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repairs]:
     """A mesh whose triangles share vertices, have area, and stand once.
@@ -101,3 +111,39 @@ def _duplicate(triangles: Ints) -> Bools:
     duplicate = np.zeros(len(triangles), bool)
     duplicate[order[1:][same]] = True
     return duplicate
+
+
+def clip_below(vertices: Floats, triangles: Ints, z_m: float) -> tuple[Floats, Ints, Ints]:
+    """What of a mesh lies above a height; the cut stays open.
+
+    Returns
+    -------
+    vertices : array, shape (W, 3), m
+    triangles : array, shape (U, 3)
+    kept : array, shape (U,)
+        The triangle of the input that each is, or is cut from.
+    """
+    height = vertices[:, 2] - z_m
+    above = height[triangles] >= 0
+    count = above.sum(axis=1)
+    cut = np.flatnonzero((count == 1) | (count == 2))
+    # Turn each cut triangle so that its lone corner comes first.
+    lone = np.argmax(above[cut] == (count[cut] == 1)[:, None], axis=1)
+    a, b, c = triangles[cut[:, None], (lone[:, None] + np.arange(3)) % 3].T
+    edges = np.sort(np.concatenate([np.stack([a, b], axis=1), np.stack([a, c], axis=1)]), axis=1)
+    edges, which = np.unique(edges, axis=0, return_inverse=True)
+    low, high = height[edges].T
+    share = (low / (low - high))[:, None]
+    crossing = vertices[edges[:, 0]] * (1 - share) + vertices[edges[:, 1]] * share
+    ab, ac = which.reshape(2, -1) + len(vertices)
+    tip = count[cut] == 1
+    pieces = [
+        (triangles[count == 3], np.flatnonzero(count == 3)),
+        (np.stack([a, ab, ac], axis=1)[tip], cut[tip]),
+        (np.stack([ab, b, c], axis=1)[~tip], cut[~tip]),
+        (np.stack([ab, c, ac], axis=1)[~tip], cut[~tip]),
+    ]
+    made, kept = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    order = np.argsort(kept, kind="stable")
+    left, joined = compact(np.concatenate([vertices, crossing]), made[order])
+    return left, joined, kept[order]

@@ -1,0 +1,122 @@
+"""The health of a mesh file, in words: what it is, what was repaired, what a person should look at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from upplied.inputs.findings import Findings
+from upplied.inputs.formats.raw import RawMesh
+from upplied.inputs.formats.reader import read_raw
+from upplied.inputs.manifest_keys import UNITS
+from upplied.inputs.manifests import StructureEntry
+from upplied.inputs.meshes import normalise
+from upplied.records import Record, Structure
+
+_FORWARD = {"x": "y", "y": "z", "z": "x"}  # for each up axis; glTF has Y up and +Z forward
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HealthReport(Record):
+    """What `upplied structures check` says about a file."""
+
+    path: Path
+    format: str
+    structure: Structure  # as it would be ingested
+    size_m: tuple[float, float, float]  # along x (length), y (width), z (height)
+    findings: Findings
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a person should look at."""
+        return self.findings.warnings
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Why it would be refused; empty where it would not."""
+        return tuple(f"{found} (rule: {rule}). {remedy}" for found, rule, remedy in self.findings.problems)
+
+    @property
+    def text(self) -> str:
+        """The report for people, a fact a line."""
+        lines = [f"{self.path.name} ({self.format.upper()})"]
+        lines += [f"  {label:<11} {fact}" for label, fact in self._facts()]
+        lines += [f"  note        {what}" for what in self.warnings]
+        lines += [f"  refused     {what}" for what in self.problems]
+        return "\n".join(lines)
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        found, mesh = self.findings, self.structure
+        unit = next((name for name, metres in UNITS.items() if metres == found.unit_m), f"{found.unit_m:g} m")
+        yield "size", " x ".join(f"{side:.2f}" for side in self.size_m) + " m (length x width x height)"
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        yield "box", "  ".join(f"{a} {low[i]:.2f} to {high[i]:.2f}" for i, a in enumerate("xyz"))
+        yield "units", f"{unit} ({found.unit_from}); up {found.up}, forward {found.forward}"
+        if not len(mesh.triangles):
+            yield "cloud", f"{len(mesh.vertices)} points"
+        else:
+            yield "mesh", f"{len(mesh.triangles)} triangles, {len(mesh.vertices)} vertices, {_parts(found)}"
+            seen = 100 * found.outside_area_m2 / max(found.area_m2, 1e-12)
+            yield (
+                "surface",
+                f"{found.area_m2:.1f} m², {found.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)",
+            )
+            yield "watertight", _watertight(found)
+        yield "repaired", "; ".join(found.done) or "nothing"
+
+
+def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
+    """What a mesh or cloud file holds, what was repaired, and what a person should look at.
+
+    Parameters
+    ----------
+    entry_or_path : StructureEntry or path
+        For a path alone, units and axes are as the file declares, else assumed, and the report says so.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read at all. A size off the nominal one is reported, not raised.
+    """
+    if isinstance(entry_or_path, StructureEntry):
+        entry = entry_or_path
+        raw, sha256 = read_raw(entry.path)
+        structure, findings = normalise(entry, raw, sha256)
+    else:
+        path = Path(entry_or_path)
+        raw, sha256 = read_raw(path)
+        entry, assumed = _assumed(path, raw)
+        structure, findings = normalise(entry, raw, sha256)
+        where = "file" if raw.unit_m is not None else "assumed"
+        findings = replace(findings, unit_from=where, warnings=(*assumed, *findings.warnings))
+    size = np.ptp(structure.vertices, axis=0)
+    suffix = entry.path.suffix.lower().removeprefix(".")
+    return HealthReport(entry.path, suffix, structure, tuple(size.tolist()), findings)
+
+
+def _assumed(path: Path, raw: RawMesh) -> tuple[StructureEntry, tuple[str, ...]]:
+    """An entry for a file that no manifest declares, and what was assumed, in words."""
+    up = raw.up or "z"
+    entry = StructureEntry(
+        "unnamed", "unknown", path, raw.unit_m if raw.unit_m is not None else 1.0, up, _FORWARD[up]
+    )
+    assumed = []
+    if raw.unit_m is None:
+        assumed.append("the file declares no unit: metres assumed; declare `units` in the manifest")
+    said = f"{up} is up, as the file says" if raw.up else f"{up} up assumed"
+    assumed.append(f"{said}, {entry.forward} forward assumed; declare `up` and `forward` in the manifest")
+    return entry, tuple(assumed)
+
+
+def _parts(found: Findings) -> str:
+    hidden = f", {found.hidden_parts} hidden inside" if found.hidden_parts else ""
+    return f"{found.parts} connected part{'s' if found.parts != 1 else ''}{hidden}"
+
+
+def _watertight(found: Findings) -> str:
+    if found.watertight:
+        return "yes"
+    return f"no: {found.boundary_edges} open edges, {found.nonmanifold_edges} of three and more faces"

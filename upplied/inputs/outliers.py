@@ -1,0 +1,152 @@
+"""Things in a mesh that are hardly the structure: what lies far off it, and lone planes that stick out.
+
+Wakes, light spots on the ground and billboards that glow make a 251 m ship 872 m long. They are
+reported, and dropped only where the manifest says so: a hut beside a turbine may well be meant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from upplied.inputs.topology import Topology
+from upplied.records import Bools, Floats, Ints, Record
+
+_VOXELS = 50  # along the longest side: a gap of a fiftieth parts two clusters
+_SAMPLES = 10_000_000  # on large triangles, in all
+_BATCH = 200_000
+_SMALL = 0.05  # of the volume of the main cluster's box
+_STICKS_OUT = 0.03  # of the diagonal of the rest's box
+_FLAT = 1e-5  # thickness over length: a plane but for rounding
+_FEW = 32  # triangles of a billboard
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Outlier(Record):
+    """Triangles that stick far out of the box of all the others."""
+
+    reason: str
+    triangles: Ints  # (K,) which they are
+    low_m: Floats  # (3,) corners of their box, structure frame
+    high_m: Floats  # (3,)
+
+    def __str__(self) -> str:
+        size, centre = self.high_m - self.low_m, (self.low_m + self.high_m) / 2
+        where = f"{_metres(size)}, around ({_metres(centre, ', ')})"
+        return f"{self.reason}: {len(self.triangles)} triangles, {where}"
+
+
+def find_outliers(vertices: Floats, triangles: Ints, topology: Topology) -> list[Outlier]:
+    """Clusters far off the main one, and planes of few triangles that stick out of the rest."""
+    boxes = _boxes(vertices, triangles, topology.component)
+    cluster = _clusters(vertices, triangles)[triangles[:, 0]]
+    far = _far(vertices, triangles, cluster)
+    flat = _flat(vertices, triangles, topology.component)
+    main = ~np.isin(cluster, far)
+    stiff = main & ~flat[topology.component]
+    found = [
+        _outlier("a part far off the rest", vertices, triangles, np.flatnonzero(cluster == label))
+        for label in far
+    ]
+    if stiff.any():
+        low, high = _box(vertices, triangles[stiff])
+        beyond = np.maximum(low - boxes[0], boxes[1] - high).max(axis=1)
+        sticking = flat & (beyond > _STICKS_OUT * np.linalg.norm(high - low))
+        planes = np.unique(topology.component[main & sticking[topology.component]])
+        found += [
+            _outlier(
+                "a plane that sticks out (a wake, a light, a billboard?)",
+                vertices,
+                triangles,
+                np.flatnonzero(topology.component == label),
+            )
+            for label in planes
+        ]
+    return found
+
+
+def _far(vertices: Floats, triangles: Ints, cluster: Ints) -> Ints:
+    """Clusters that are small against the main one and stick out of its box."""
+    labels = np.unique(cluster)
+    low, high = _boxes(vertices, triangles, np.searchsorted(labels, cluster))
+    side = high - low
+    volume = np.prod(np.maximum(side, 1e-3 * side.max(axis=1, keepdims=True)), axis=1)
+    main = int(np.argmax(volume))
+    beyond = np.maximum(low[main] - low, high - high[main]).max(axis=1)
+    far = (volume < _SMALL * volume[main]) & (beyond > _STICKS_OUT * np.linalg.norm(side[main]))
+    return labels[far]
+
+
+def _clusters(vertices: Floats, triangles: Ints) -> Ints:
+    """A label of each vertex (V,): voxels that touch make a cluster."""
+    low = vertices.min(axis=0)
+    edge = max(float(np.ptp(vertices, axis=0).max()), 1e-9) / _VOXELS
+
+    def cells(points: Floats) -> tuple[Ints, ...]:
+        return tuple(np.clip(np.floor((points - low) / edge), 0, _VOXELS).astype(np.int64).T)
+
+    grid = np.zeros((_VOXELS + 1,) * 3, bool)
+    grid[cells(vertices)] = True
+    for points in _spread(vertices, triangles, edge):
+        grid[cells(points)] = True
+    label, _ = ndimage.label(grid, np.ones((3, 3, 3)))
+    return label[cells(vertices)].astype(np.int64)
+
+
+def _spread(vertices: Floats, triangles: Ints, edge: float) -> Iterator[Floats]:
+    """Points on the triangles longer than a voxel, close enough that no voxel between them is missed."""
+    corners = vertices[triangles]
+    length = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    large = corners[length > edge]
+    steps = np.ceil(2 * length[length > edge] / edge)
+    steps *= min(1.0, np.sqrt(2 * _SAMPLES / max((steps**2).sum(), 1)))  # bounded for meshes of giants alone
+    steps = np.maximum(steps, 1).astype(np.int64)
+    for number in np.unique(steps):
+        i, j = np.divmod(np.arange((number + 1) ** 2), number + 1)
+        weight = np.stack([i, j, number - i - j], axis=1)[i + j <= number] / number
+        chosen = large[steps == number]
+        batch = 1 + _BATCH // len(weight)
+        for at in range(0, len(chosen), batch):
+            yield np.einsum("wk,tkx->twx", weight, chosen[at : at + batch]).reshape(-1, 3)
+
+
+def _flat(vertices: Floats, triangles: Ints, component: Ints) -> Bools:
+    """(C,) components of few triangles in one plane."""
+    number = component.max(initial=-1) + 1
+    flat = np.bincount(component, minlength=number) <= _FEW
+    points = vertices[triangles].reshape(-1, 3)
+    owner = np.repeat(component, 3)
+    chosen = flat[owner]
+    points, owner = points[chosen], owner[chosen]
+    count = np.maximum(np.bincount(owner, minlength=number), 1)
+    mean = np.stack([np.bincount(owner, points[:, k], number) for k in range(3)], axis=1) / count[:, None]
+    centred = points - mean[owner]
+    products = centred[:, [0, 0, 0, 1, 1, 2]] * centred[:, [0, 1, 2, 1, 2, 2]]
+    sums = np.stack([np.bincount(owner, products[:, k], number) for k in range(6)], axis=1)
+    spread = np.linalg.eigvalsh(sums[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]])
+    return flat & (spread[:, 0] <= _FLAT**2 * spread[:, 2])
+
+
+def _boxes(vertices: Floats, triangles: Ints, label: Ints) -> tuple[Floats, Floats]:
+    """Corners (L, 3) of the box of the triangles of each label."""
+    number = label.max(initial=-1) + 1
+    low, high = np.full((number, 3), np.inf), np.full((number, 3), -np.inf)
+    np.minimum.at(low, label, vertices[triangles].min(axis=1))
+    np.maximum.at(high, label, vertices[triangles].max(axis=1))
+    return low, high
+
+
+def _box(vertices: Floats, triangles: Ints) -> tuple[Floats, Floats]:
+    corners = vertices[triangles]
+    return corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+
+
+def _outlier(reason: str, vertices: Floats, triangles: Ints, which: Ints) -> Outlier:
+    return Outlier(reason, which, *_box(vertices, triangles[which]))
+
+
+def _metres(values: Floats, between: str = " x ") -> str:
+    return between.join(f"{value:.1f}" for value in values) + (" m" if between == " x " else "")
