@@ -21,6 +21,7 @@ from upplied.samples.surfaces import (
     loft,
     revolve,
     smoothstep,
+    stamped,
     superellipse,
 )
 
@@ -76,7 +77,7 @@ def random_airliner(structure_id: str, rng: np.random.Generator) -> Member:
     size = float(rng.uniform(0.85, 1.2))
     landmarks = {name: (size * x, size * y, size * z) for name, (x, y, z) in made.structure.landmarks.items()}
     grown = replace(made.structure, vertices=size * made.structure.vertices, landmarks=landmarks)
-    return replace(made, structure=grown)
+    return replace(made, structure=stamped(grown))
 
 
 def _fuselage(shape: AirlinerShape, around: int = 36) -> Part:

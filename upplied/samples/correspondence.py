@@ -58,7 +58,7 @@ def true_counterparts(
             f"are of the kinds {one.structure.kind} and {other.structure.kind}",
             "true counterparts are known within one kind",
         )
-    closest, triangle = scene_of(one.structure).closest(points)
+    closest, triangle = scene_of(one.structure).closest(points)  # single precision: mm on long triangles
     answering = _answering_triangles(one, other, counterparts or {})[triangle]
     weights = _barycentric(closest, one.structure.vertices[one.structure.triangles[triangle]])
     corners = other.structure.vertices[other.structure.triangles[answering]]

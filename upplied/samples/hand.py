@@ -27,13 +27,13 @@ class Hand:
     rate_hz: float = 10.0
     typical_s: float = 105.0  # without pauses; the speed follows from the length of the route
     slowest_mps: float = 0.4
-    fastest_mps: float = 3.6
+    fastest_mps: float = 3.2
     unevenness: float = 0.27  # of the speed, one sigma
     pauses: int = 3
     pause_s: tuple[float, float] = (2.5, 6.0)
     drift_m: float = 0.22  # one sigma, over some seconds
     shake_m: float = 0.006  # one sigma, from pose to pose
-    gimbal_lag_s: float = 0.6
+    gimbal_lag_s: float = 0.3
     gimbal_noise_deg: float = 1.2
     clearance_m: float = 2.1  # kept on the whole path
     above_ground_m: float = 1.0

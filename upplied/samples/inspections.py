@@ -46,9 +46,10 @@ def _fuselage(structure: Structure, scene: Scene, ground_z: float) -> Route:
     """Aft along the left side, round the tail, and forward along the right side."""
     frame = airframe(structure, scene)
     off = float(np.clip(2.6 * frame.half_width, 6.0, 9.0))
-    spine = np.array([[frame.tail_x, 0.0], [frame.nose_x, 0.0]])
-    loop = offset_outline(spine, frame.half_width + off)
-    turn = np.argmin(np.hypot(loop[:, 0] - frame.nose_x - frame.half_width - off, loop[:, 1]))
+    width = frame.half_width
+    body = np.array([[x, y] for x in (frame.tail_x, frame.nose_x) for y in (-width, width)])
+    loop = offset_outline(body, off)
+    turn = np.argmin(np.hypot(loop[:, 0] - frame.nose_x - off, loop[:, 1]))
     plan = np.roll(loop, -int(turn), axis=0)  # anticlockwise: the left side comes first
     high = np.maximum(
         frame.axis_z + 0.5 * frame.half_height,

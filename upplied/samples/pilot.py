@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import zlib
 
 import numpy as np
 
 from upplied.poses import normalised
-from upplied.records import Camera, Demonstration, Structure
+from upplied.records import Camera, Demonstration, Floats, Structure
 from upplied.samples.hand import Hand, fly_route
 from upplied.samples.inspections import route_of
 from upplied.scene import scene_of
@@ -57,6 +58,7 @@ def fly(
     name = _named(structure.structure_id, inspection)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     flown = fly_route(route_of(structure, inspection, scene, floor), scene, floor, hand or Hand(), rng)
+    quats = normalised(flown.quat_xyzw)
     jitter = rng.integers(-1_500_000, 1_500_000, len(flown))
     start = _FIRST_DAY_NS + (seed % 1000) * _HOUR_NS
     return Demonstration(
@@ -64,13 +66,20 @@ def fly(
         structure_id=structure.structure_id,
         t_ns=start + np.round(flown.t_s * 1e9).astype(np.int64) + jitter,
         positions=flown.positions,
-        quat_xyzw=normalised(flown.quat_xyzw),
+        quat_xyzw=quats,
         camera=camera or Camera(width_px=1440, height_px=1440),
         operator="simulated pilot",
         site=structure.site,
+        sha256=_hash(flown.positions, quats),
         clock="header",
         notes=f"{inspection.replace('_', ' ')} inspection, simulated",
     )
+
+
+def _hash(positions: Floats, quats: Floats) -> str:
+    """Identity of a flight that was never logged: its poses, to 1e-7."""
+    poses = np.round(np.column_stack([positions, quats]) * 1e7).astype("<i8")
+    return hashlib.sha256(poses.tobytes()).hexdigest()
 
 
 def _named(structure_id: str, inspection: str) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from upplied.errors import RefusedError
 from upplied.records import Floats, Structure
@@ -34,7 +35,8 @@ def offset_outline(points_xy: Floats, distance_m: float, step_m: float = 0.5) ->
     """
     angle = np.pi + np.linspace(0, 2 * np.pi, 721)
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    support = points_xy[np.argmax(points_xy @ normal.T, axis=0)]
+    hull = points_xy[ConvexHull(points_xy, qhull_options="QJ Pp").vertices]
+    support = hull[np.argmax(hull @ normal.T, axis=0)]
     loop = support + distance_m * normal
     along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(loop, axis=0), axis=1))])
     wanted = np.linspace(0, along[-1], max(int(along[-1] / step_m), 8), endpoint=False)

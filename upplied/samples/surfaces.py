@@ -6,8 +6,9 @@ triangles in the same order, and a point of the one has a known counterpart on t
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,7 +64,14 @@ def assemble(
         notes=notes,
     )
     owner = np.repeat(np.arange(len(parts)), [len(part.triangles) for part in parts])
-    return Member(structure, tuple(part.name for part in parts), owner)
+    return Member(stamped(structure), tuple(part.name for part in parts), owner)
+
+
+def stamped(structure: Structure) -> Structure:
+    """The structure with the hash of its surface, to 1e-7 m, as its identity."""
+    content = hashlib.sha256(np.round(structure.vertices * 1e7).astype("<i8").tobytes())
+    content.update(structure.triangles.astype("<i8").tobytes())
+    return replace(structure, sha256=content.hexdigest())
 
 
 def _middle(part: Part) -> tuple[float, float, float]:
