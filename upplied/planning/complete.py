@@ -10,7 +10,8 @@ from upplied.planning.frechet import spread
 from upplied.planning.look import Detours, Looks, View, bend, find_detours, find_looks
 from upplied.records import Bools, Floats, Ints, Waypoints
 
-_ROUNDS = 3  # bends of the path; each leaves less to see, and two suffice on most structures
+_REACHES = (0.35, 0.6, 0.8, 1.0)  # of the allowed deviation: no further than needed
+_ENOUGH = 0.003  # share of the need that may stay unseen before the next reach is tried
 
 
 def complete(
@@ -42,22 +43,24 @@ def complete(
         With a further waypoint for each turn of the camera, flagged as viewpoint.
     """
     positions = safe(path.positions)
-    base, reach_m = positions, deviation * spread(path.positions)[1]
+    base, unit_m = positions, deviation * spread(path.positions)[1]
+    for share in _REACHES:
+        reach_m = share * unit_m
 
-    def within(tried: Floats, changed: Ints) -> bool:
-        strayed = np.linalg.norm((tried[changed] - base[changed]) / reach_m, axis=1)
-        return bool((strayed <= 1.0 + 1e-9).all() and allowed(tried[changed]).all())
+        def within(tried: Floats, changed: Ints, reach_m: Floats = reach_m) -> bool:
+            strayed = np.linalg.norm((tried[changed] - base[changed]) / reach_m, axis=1)
+            return bool((strayed <= 1.0 + 1e-9).all() and allowed(tried[changed]).all())
 
-    for _ in range(_ROUNDS):
         seen = view.seen(positions, path.quat_xyzw)
         looks = find_looks(positions, path.quat_xyzw, seen.any(axis=0), view)
         turned = view.seen(positions[looks.station], looks.quat_xyzw).any(axis=0)
         covered = seen.any(axis=0) | turned
+        if view.need[~covered].sum() < _ENOUGH * view.need.sum():
+            break
         detours = find_detours(positions, covered, view, reach_m, allowed)
         bent = _bent(positions, path.quat_xyzw, seen, detours, view, within)
-        if bent is positions:
-            break
-        positions = safe(bent)
+        if bent is not positions:
+            positions = safe(bent)
     covered = view.seen(positions, path.quat_xyzw).any(axis=0)
     return with_looks(path, positions, find_looks(positions, path.quat_xyzw, covered, view))
 
