@@ -10,7 +10,7 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from upplied import fleet
-from upplied.catalog.database import open_catalog
+from upplied.catalog import open_catalog
 
 SESSIONS: dict[str, fleet.Session] = {}  # of the runs in this process, by run id
 

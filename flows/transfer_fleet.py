@@ -13,7 +13,7 @@ from flows.ingest_structures import ingest_structures
 from flows.parameters import Changes, Id, Location, Presets, Resources
 from flows.progress import progress
 from upplied import fleet
-from upplied.catalog.database import open_catalog
+from upplied.catalog import open_catalog
 
 NO_CHANGES, ALL_CORES = Changes(), Resources()
 

@@ -6,6 +6,7 @@ Exit codes: 0 all is well, 1 some files or targets were refused or failed, 2 the
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from collections.abc import Sequence
@@ -53,6 +54,8 @@ for command in (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
+    if os.environ.get("UPPLIED_DEBUG"):
+        logging.basicConfig(level=logging.INFO)
     try:
         tokens = _catalog_last(list(sys.argv[1:] if arguments is None else arguments))
         return app(tokens, exit_on_error=False, print_error=False) or 0

@@ -26,7 +26,8 @@ def quickstart(folder: Path = Path(".")) -> int:
 
     samples, reports = folder / "samples", folder / "reports"
     console.print("1. A sample fleet: meshes, a manifest and a simulated pilot's logs")
-    write_sample_fleet(samples)
+    with progress("files", None) as advance:
+        write_sample_fleet(samples, lambda _: advance())
     catalog = open_catalog(folder / "catalog")
     console.print("2. Into the catalog")
     with progress("structures", None) as advance:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cyclopts import App
 
-from upplied.cli.terminal import console
+from upplied.cli.terminal import console, progress
 
 app = App(name="samples", help="A sample fleet to try things on.")
 
@@ -22,6 +22,7 @@ def write(folder: Path = Path("samples")) -> int:
     """
     from upplied.outputs.sample_fleet import write_sample_fleet
 
-    write_sample_fleet(folder)
+    with progress("files", None) as advance:
+        write_sample_fleet(folder, lambda _: advance())
     console.print(f"{folder / 'structures.toml'} and the logs beside it", soft_wrap=True)
     return 0

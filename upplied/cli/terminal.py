@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,10 +12,10 @@ from cyclopts import Parameter
 from rich.console import Console
 
 if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
+    from upplied.catalog import Catalog
     from upplied.fleet import Ingested
 
-console = Console(highlight=False)
+console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)  # pipes have no edge
 errors = Console(highlight=False, stderr=True)
 
 CatalogOption = Annotated[
@@ -33,7 +34,7 @@ Advance = Callable[[], None]
 
 def opened(location: str) -> Catalog:
     """The catalog at a location."""
-    from upplied.catalog.database import open_catalog
+    from upplied.catalog import open_catalog
 
     return open_catalog(location)
 
@@ -46,12 +47,14 @@ def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool = False) -
     if not rows:
         console.print(f"{title}: none")
         return
+    from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=title, title_justify="left")
-    for name, value in rows[0].items():
-        table.add_column(name, justify="right" if isinstance(value, int | float) else "left")
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    for name in rows[0]:
+        numbers = any(isinstance(row[name], int | float) for row in rows)
+        table.add_column(name, justify="right" if numbers else "left", overflow="fold")
     for row in rows:
         table.add_row(*(Text(_cell(value)) for value in row.values()))
     console.print(table)

@@ -17,7 +17,7 @@ from upplied.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
+    from upplied.catalog import Catalog
     from upplied.fleet import Decision, Result
 
 app = App(name="transfer", help="Carry a demonstration to other structures.")
@@ -70,7 +70,7 @@ def transfer(
     wish = fleet.Wish(preset, changes(set_), (demonstration,), to)
     run(opened_catalog, fleet.decide(opened_catalog, wish), workers, timeout)
     rows = current(opened_catalog, demonstration, to, preset)
-    show(f"transfers of {demonstration}", rows, json)
+    show_plans(demonstration, rows, json)
     return int(any(row["status"] != "ok" for row in rows))
 
 
@@ -127,28 +127,46 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
         return fleet.transfer(catalog, decision.jobs, fleet.new_run_id(), resources, lambda _: advance())
 
 
-SHOWN = (
-    "target_id",
-    "preset",
-    "status",
-    "coverage_paper_pct",
-    "frechet_z",
-    "min_clearance_m",
-    "duration_s",
-    "reason",
-)
+COLUMNS = {
+    "target_id": "target",
+    "preset": "preset",
+    "status": "status",
+    "coverage_seen_pct": "seen %",
+    "coverage_paper_pct": "paper %",
+    "frechet_z": "Frechet",
+    "min_clearance_m": "clear m",
+    "duration_s": "time s",
+}
 
 
 def current(
     catalog: Catalog, demonstration: str, to: tuple[str, ...], presets: tuple[str, ...]
-) -> list[dict]:
-    """The catalog's newest plans of a demonstration, ready to be shown."""
-    table = catalog.transfers()
-    wanted = (table["demonstration_id"] == demonstration) & table["preset"].isin(presets)
+) -> list[dict[str, Any]]:
+    """The catalog's newest plans of a demonstration."""
+    table = catalog.transfers(demonstration=demonstration)
+    wanted = table["preset"].isin(presets)
     if to:
         wanted &= table["target_id"].isin(to)
-    rows = table.loc[wanted].sort_values(["target_id", "preset"])[["transfer_id", *SHOWN]]
+    rows = table.loc[wanted].sort_values(["target_id", "preset"])[["transfer_id", "reason", *COLUMNS]]
     return rows.astype(object).where(rows.notna(), None).to_dict("records")
+
+
+def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) -> None:
+    """The measures of each plan, and under them why some have none."""
+    if as_json:
+        show("", rows, as_json)
+        return
+    show(
+        f"transfers of {demonstration}",
+        [{title: row[name] for name, title in COLUMNS.items()} for row in rows],
+    )
+    for row in rows:
+        if row["status"] != "ok":
+            console.print(
+                f"{row['status']}: {row['target_id']} ({row['preset']}): {row['reason']}",
+                markup=False,
+                soft_wrap=True,
+            )
 
 
 def show_decision(decision: Decision, as_json: bool) -> None:

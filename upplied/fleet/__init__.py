@@ -14,7 +14,7 @@ from upplied.fleet.ingest import Ingested, check_structures, ingest_demonstratio
 from upplied.fleet.ledger import Result
 from upplied.fleet.session import Resources, Session, shard_name, transfer
 from upplied.fleet.workers import Limits
-from upplied.fleet.publish import publish
+from upplied.outputs.publish import publish
 
 __all__ = [
     "Decision",

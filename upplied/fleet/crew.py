@@ -8,7 +8,7 @@ import traceback
 from dataclasses import dataclass
 from functools import lru_cache
 
-from upplied.catalog.database import Catalog, open_catalog
+from upplied.catalog import Catalog, open_catalog
 from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.decide import Job
 from upplied.fleet.workers import JobKilled, Limits, Workers

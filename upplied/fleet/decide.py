@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from upplied.catalog.database import Catalog
+from upplied.catalog import Catalog
 from upplied.config import Settings, settings_for
 from upplied.errors import InputError
 from upplied.planning.plan import METHOD_VERSION, transfer_key

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import pandas as pd
 
-from upplied.catalog.database import Catalog
+from upplied.catalog import Catalog
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.crew import cores
 from upplied.fleet.workers import JobKilled, Workers
@@ -27,6 +27,7 @@ from upplied.records import Demonstration, Structure
 BATCH = 50  # files read before what they hold is committed together
 
 Item = TypeVar("Item")
+Read = TypeVar("Read")
 Kept = TypeVar("Kept", Structure, Demonstration)
 
 
@@ -121,13 +122,13 @@ def _checked(entry: StructureEntry) -> Ingested:
 
 
 def _each(
-    read: Callable[[Item], Kept], items: Sequence[Item], name: Callable[[Item], str], workers: int
-) -> Iterator[tuple[str, Kept | str]]:
+    read: Callable[[Item], Read], items: Sequence[Item], name: Callable[[Item], str], workers: int
+) -> Iterator[tuple[str, Read | str]]:
     """Name and record of each file, in order; where there is no record, the reason."""
     count = max(1, min(workers or cores(), len(items)))
     with Workers(count) as pool, ThreadPoolExecutor(count) as threads:
 
-        def one(item: Item) -> tuple[str, Kept | str]:
+        def one(item: Item) -> tuple[str, Read | str]:
             try:
                 return name(item), pool.run(read, item)
             except (JobKilled, UppliedError) as error:

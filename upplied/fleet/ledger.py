@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import upplied
-from upplied.catalog.database import Catalog
+from upplied.catalog import Catalog
 from upplied.fleet.crew import Outcome
 from upplied.planning.pair import METHOD_VERSION
 

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import groupby, zip_longest
 
-from upplied.catalog.database import Catalog
+from upplied.catalog import Catalog
 from upplied.fleet.crew import Crew, Outcome, cores
 from upplied.fleet.decide import Job
 from upplied.fleet.ledger import Ledger, Result
