@@ -138,9 +138,7 @@ def test_thousands_of_rows_are_drawn_a_screen_at_a_time(visit, tmp_path):
     page = visit((tmp_path / "index.html").as_uri())
     assert page.locator(".spacer .row").count() < 80
     page.evaluate("document.querySelector('.view').scrollTop = 1e9")
-    page.wait_for_function(
-        "[...document.querySelectorAll('.target a')].some(a => a.textContent === 't19999')"
-    )
+    until(page, "[...document.querySelectorAll('.target a')].some(a => a.textContent === 't19999')")
     spent = page.evaluate(
         "() => { const box = document.getElementById('search'); const start = performance.now();"
         " box.value = 't1999'; box.dispatchEvent(new Event('input')); return performance.now() - start; }"
