@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from google.protobuf import json_format
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
 from mcap.writer import CompressionType, Writer
 from mcap_ros2._dynamic import serialize_dynamic
+from scipy.spatial.transform import Rotation
 
 from upplied.poses import from_yaw_pitch
 
@@ -143,17 +149,111 @@ def message(
 
 @dataclass
 class Topic:
-    """Messages of one topic: (log time, message) pairs."""
+    """Messages of one topic: (log time, content) pairs; the content is encoded by `encode`."""
 
     topic: str
     schema: str
-    messages: list[tuple[int, Mapping[str, Any]]] = field(default_factory=list)
+    messages: list[tuple[int, Any]] = field(default_factory=list)
+    encoding: tuple[str, str] = ("cdr", "ros2msg")  # of the messages, of the schema
+    definition: bytes = b""
+    encode: Callable[[Any], bytes] | None = None
 
 
 def poses(topic: str, schema: str, flown: Flight, frame: str = "map", child: str = "base_link") -> Topic:
     """A topic with every pose of a flight."""
     rows = zip(flown.t_ns, flown.positions, flown.quat_xyzw, strict=True)
     return Topic(topic, schema, [(int(t), message(schema, int(t), p, q, frame, child)) for t, p, q in rows])
+
+
+def json_topic(topic: str, schema: str, messages: list[tuple[int, Any]]) -> Topic:
+    """A topic of JSON messages."""
+    return Topic(
+        topic, schema, messages, ("json", "jsonschema"), b"{}", lambda content: json.dumps(content).encode()
+    )
+
+
+def protobuf_topic(
+    topic: str, schema: str, file: FileDescriptorProto, messages: list[tuple[int, Any]]
+) -> Topic:
+    """A topic of protobuf messages, given as dictionaries."""
+    pool = DescriptorPool()
+    pool.Add(file)
+    kind = GetMessageClass(pool.FindMessageTypeByName(schema))
+    definition = FileDescriptorSet(file=[file]).SerializeToString()
+    return Topic(
+        topic, schema, messages, ("protobuf", "protobuf"), definition,
+        lambda content: json_format.ParseDict(content, kind()).SerializeToString(),
+    )  # fmt: skip
+
+
+def foxglove_file() -> FileDescriptorProto:
+    """Descriptors of the Foxglove schemas that the reader knows, in one file."""
+    file = FileDescriptorProto(name="foxglove.proto", package="foxglove", syntax="proto3")
+    stamp = {"timestamp": "Stamp", "frame_id": "string"}
+    frames = {"timestamp": "Stamp", "parent_frame_id": "string", "child_frame_id": "string"}
+    for name, fields in {
+        "Stamp": {"seconds": "int64", "nanos": "int32"},
+        "Vector3": dict.fromkeys("xyz", "double"),
+        "Quaternion": dict.fromkeys("xyzw", "double"),
+        "Pose": {"position": "Vector3", "orientation": "Quaternion"},
+        "PoseInFrame": stamp | {"pose": "Pose"},
+        "FrameTransform": frames | {"translation": "Vector3", "rotation": "Quaternion"},
+        "FrameTransforms": {"transforms": "FrameTransform*"},
+        "CameraCalibration": stamp
+        | {"width": "uint32", "height": "uint32", "distortion_model": "string", "K": "double*"},
+        "LocationFix": stamp | {"latitude": "double", "longitude": "double", "altitude": "double"},
+        "KeyValuePair": {"key": "string", "value": "string"},
+        "Event": {"start_time": "Stamp", "end_time": "Stamp", "metadata": "KeyValuePair*"},
+    }.items():
+        message_type = file.message_type.add(name=name)
+        for number, (key, kind) in enumerate(fields.items(), 1):
+            part = message_type.field.add(name=key, number=number, label=3 if kind.endswith("*") else 1)
+            kind = kind.rstrip("*")
+            if kind in _SCALARS:
+                part.type = _SCALARS[kind]
+            else:
+                part.type, part.type_name = 11, f".foxglove.{kind}"
+    return file
+
+
+_SCALARS = {"double": 1, "int64": 3, "int32": 5, "string": 9, "uint32": 13}
+
+
+def px4(flown: Flight, **extra: Any) -> list[tuple[int, dict[str, Any]]]:
+    """The flight as PX4 tells it: NED, FRD, w x y z, microseconds; `extra` goes into every message."""
+    ned = flown.positions[:, [1, 0, 2]] * (1, 1, -1)
+    half = np.sqrt(0.5)
+    turn = Rotation.from_quat([half, half, 0, 0])
+    quats = (turn * Rotation.from_quat(flown.quat_xyzw) * Rotation.from_quat([1, 0, 0, 0])).as_quat()
+    found = []
+    for t, p, q in zip(flown.t_ns, ned, quats, strict=True):
+        told = {"timestamp": int(t) // 1000 + 500, "timestamp_sample": int(t) // 1000}
+        told |= {"q": [q[3], q[0], q[1], q[2]], "position": list(p), "x": p[0], "y": p[1], "z": p[2]}
+        found.append((int(t), told | extra))
+    return found
+
+
+PX4_STAMPS = "uint32 MESSAGE_VERSION = 0\nuint64 timestamp # us\nuint64 timestamp_sample\n"
+ROS2 |= {
+    "px4_msgs/msg/VehicleOdometry": PX4_STAMPS
+    + "uint8 POSE_FRAME_NED = 1\nuint8 pose_frame\nfloat32[3] position\nfloat32[4] q\nuint8 reset_counter\n",
+    "px4_msgs/msg/VehicleLocalPosition": PX4_STAMPS
+    + "bool xy_valid\nbool z_valid\nfloat32 x\nfloat32 y\nfloat32 z\nfloat32[2] delta_xy\n"
+    + "uint8 xy_reset_counter\nfloat32 delta_z\nuint8 z_reset_counter\n",
+    "px4_msgs/msg/VehicleAttitude": PX4_STAMPS
+    + "float32[4] q\nfloat32[4] delta_q_reset\nuint8 quat_reset_counter\n",
+    "px4_msgs/msg/VehicleGlobalPosition": PX4_STAMPS
+    + "float64 lat\nfloat64 lon\nfloat32 alt\nfloat32 alt_ellipsoid\nbool lat_lon_valid\nbool alt_valid\n",
+    "px4_msgs/msg/GimbalDeviceAttitudeStatus": "uint64 timestamp\nuint8 target_system\n"
+    + "uint16 device_flags\nfloat32[4] q\n",
+    "mavros_msgs/msg/GimbalDeviceAttitudeStatus": _STAMPED
+    + "uint8 target_system\nuint16 flags\ngeometry_msgs/Quaternion q\n" + _HEADER + _QUAT,
+    "sensor_msgs/msg/NavSatFix": _STAMPED
+    + "sensor_msgs/NavSatStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n" + _HEADER
+    + _part("sensor_msgs/NavSatStatus", "int8 STATUS_NO_FIX=-1", "int8 status -2", "uint16 service"),
+    "sensor_msgs/msg/Imu": _STAMPED
+    + "geometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n" + _HEADER + _QUAT,
+}  # fmt: skip
 
 
 def write_log(
@@ -164,15 +264,18 @@ def write_log(
     compression: CompressionType = CompressionType.ZSTD,
     **writing: Any,
 ) -> Path:
-    """An MCAP log of ROS 2 messages in the order of their log times."""
+    """An MCAP log of these topics in the order of their log times."""
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=chunk_size, compression=compression, **writing)
-        writer.start("ros2", "test")
+        writer.start("", "test")
         queue = []
         for topic in topics:
-            encode = serialize_dynamic(topic.schema, ROS2[topic.schema])[topic.schema]
-            schema = writer.register_schema(topic.schema, "ros2msg", ROS2[topic.schema].encode())
-            channel = writer.register_channel(topic.topic, "cdr", schema)
+            definition, encode = topic.definition, topic.encode
+            if encode is None:
+                definition = ROS2[topic.schema].encode()
+                encode = serialize_dynamic(topic.schema, ROS2[topic.schema])[topic.schema]
+            schema = writer.register_schema(topic.schema, topic.encoding[1], definition)
+            channel = writer.register_channel(topic.topic, topic.encoding[0], schema)
             queue += [(log_ns, channel, encode(content)) for log_ns, content in topic.messages]
         for log_ns, channel, data in sorted(queue, key=lambda item: item[0]):
             writer.add_message(channel, log_ns, data, log_ns)

@@ -46,7 +46,7 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
             np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M, "position off the Earth"
         )
         off = np.abs(np.linalg.norm(track.quat_xyzw, axis=1) - 1)
-        track = track.keep(off <= MAX_NORM_ERROR, "quaternion not of unit length")
+        track = track.keep(np.asarray(off <= MAX_NORM_ERROR), "quaternion not of unit length")
     track = _unrepeated(track.take(np.argsort(track.t_ns, kind="stable")))
     check_dropped(track, limits, what)
     return replace(track, quat_xyzw=normalised(track.quat_xyzw))

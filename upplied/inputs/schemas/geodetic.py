@@ -55,9 +55,10 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     _check_placed(table, facts)
     times, clock, place, datum = _fixes(table, facts)
     lat, lon, alt = np.where(np.abs(place) < 1e7, place, np.nan).T
+    lift, own = _lifts(datum, facts, table)
     east, north, up = pymap3d.geodetic2enu(
-        np.clip(lat, -90, 90), lon, alt + _lift(datum, facts, table),
-        facts.structure_lat_deg, facts.structure_lon_deg, facts.structure_alt_m,
+        np.clip(lat, -90, 90), lon, alt + lift,
+        facts.structure_lat_deg, facts.structure_lon_deg, (facts.structure_alt_m or 0.0) + own,
     )  # fmt: skip
     enu = np.column_stack([east, north, up])
     _check_near(enu, table)
@@ -125,11 +126,11 @@ def _valid(table: Table) -> np.ndarray:
     return good
 
 
-def _lift(datum: str, facts: LogOptions, table: Table) -> float:
-    """What to add to the log's altitudes to compare them with the structure's."""
+def _lifts(datum: str, facts: LogOptions, table: Table) -> tuple[float, float]:
+    """What to add to the altitudes of the log and of the structure for one datum, the ellipsoid if known."""
     wanted = facts.structure_datum or "ellipsoid"
     if datum == wanted:
-        return 0.0
+        return 0.0, 0.0
     if facts.geoid_undulation_m is None:
         raise InputError(
             table.channel.topic,
@@ -137,7 +138,8 @@ def _lift(datum: str, facts: LogOptions, table: Table) -> float:
             "one datum, or geoid_undulation_m",
             "give geoid_undulation_m, the height of mean sea level above the ellipsoid there",
         )
-    return -facts.geoid_undulation_m if datum == "ellipsoid" else facts.geoid_undulation_m
+    undulation = facts.geoid_undulation_m
+    return (0.0, undulation) if datum == "ellipsoid" else (undulation, 0.0)
 
 
 def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:

@@ -42,7 +42,7 @@ class Gimbal:
         if self.from_north:
             return px4.enu_flu(quats)
         level = px4.turned(px4.FRD_R_FLU, quats, px4.FRD_R_FLU)
-        heading = Rotation.from_euler("z", yaw_pitch(body.quat_xyzw)[0])
+        heading = Rotation.from_euler("z", yaw_pitch(body.quat_xyzw)[0][:, None])
         known = np.isfinite(level[:, 0])
         level[known] = (heading[known] * Rotation.from_quat(level[known])).as_quat()
         return level

@@ -1,0 +1,402 @@
+"""One flight told by every family of schemas gives one and the same demonstration."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pymap3d
+import pytest
+from made_logs import (
+    Flight,
+    Topic,
+    flight,
+    foxglove_file,
+    header,
+    json_topic,
+    pose,
+    poses,
+    protobuf_topic,
+    px4,
+    transform,
+    write_log,
+    xyz,
+    xyzw,
+)
+from scipy.spatial.transform import Rotation
+
+from upplied.errors import InputError
+from upplied.inputs.logs import LogOptions, read_demonstration
+from upplied.poses import angle_between, from_yaw_pitch
+from upplied.records import Demonstration
+
+FACTS = {"structure_id": "a320", "body_frame": "camera"}
+BODY = {"structure_id": "a320"}
+PLACE = {
+    "structure_lat_deg": "47.3",
+    "structure_lon_deg": "8.5",
+    "structure_alt_m": "450",
+    "structure_heading_deg": "30",
+    "structure_datum": "ellipsoid",
+}
+
+
+def assert_flown(found: Demonstration, flown: Flight, metres: float = 1e-9, radians: float = 1e-6) -> None:
+    """The same poses at the same times."""
+    index = np.searchsorted(found.t_ns, flown.t_ns)
+    assert np.array_equal(found.t_ns[index], flown.t_ns)
+    assert np.abs(found.positions[index] - flown.positions).max() <= metres
+    assert angle_between(found.quat_xyzw[index], flown.quat_xyzw).max() <= radians
+
+
+def stamped(flown: Flight, key: str = "nsec") -> list[tuple[int, dict]]:
+    """The flight as foxglove.PoseInFrame."""
+    sec = "sec" if key == "nsec" else "seconds"
+    return [
+        (
+            int(t),
+            {"timestamp": {sec: int(t // 10**9), key: int(t % 10**9)}, "frame_id": "map", "pose": pose(p, q)},
+        )
+        for t, p, q in zip(flown.t_ns, flown.positions, flown.quat_xyzw, strict=True)
+    ]
+
+
+def test_foxglove_json(tmp_path: Path) -> None:
+    flown = flight()
+    path = write_log(
+        tmp_path / "a.mcap", [json_topic("/pose", "foxglove.PoseInFrame", stamped(flown))], FACTS
+    )
+    assert_flown(read_demonstration(path), flown)
+
+
+def test_foxglove_protobuf(tmp_path: Path) -> None:
+    flown = flight()
+    topic = protobuf_topic("/pose", "foxglove.PoseInFrame", foxglove_file(), stamped(flown, "nanos"))
+    del topic.messages[3][1]["pose"]  # an absent pose is no pose at the origin
+    found = read_demonstration(write_log(tmp_path / "a.mcap", [topic], FACTS))
+    assert found.dropped == {"not a number": 1}
+    keep = np.arange(len(flown.t_ns)) != 3
+    assert_flown(found, Flight(flown.t_ns[keep], flown.positions[keep], flown.quat_xyzw[keep]))
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf"])
+def test_foxglove_transforms_and_calibration(tmp_path: Path, encoding: str) -> None:
+    flown = flight()
+    optical = Rotation.from_quat(flown.quat_xyzw) * Rotation.from_euler("ZYX", [-90, 0, -90], degrees=True)
+    key = "nsec" if encoding == "json" else "nanos"
+    messages = []
+    for (t, told), p, q in zip(stamped(flown, key), flown.positions, optical.as_quat(), strict=True):
+        link = {"parent_frame_id": "map", "child_frame_id": "cam", "translation": xyz(p), "rotation": xyzw(q)}
+        messages.append((t, {"transforms": [link | {"timestamp": told["timestamp"]}]}))
+    info = {"frame_id": "cam", "width": 100, "height": 50, "distortion_model": "plumb_bob"}
+    calibration = [(messages[0][0], info | {"K": [50.0, 0, 50, 0, 50.0, 25, 0, 0, 1]})]
+    names = ("foxglove.FrameTransforms", "foxglove.CameraCalibration")
+    if encoding == "json":
+        topics = [json_topic("/tf", names[0], messages), json_topic("/cal", names[1], calibration)]
+    else:
+        file = foxglove_file()
+        topics = [
+            protobuf_topic("/tf", names[0], file, messages),
+            protobuf_topic("/cal", names[1], file, calibration),
+        ]
+    found = read_demonstration(write_log(tmp_path / "a.mcap", topics, {"structure_id": "a320"}))
+    assert_flown(found, flown)
+    assert found.camera.hfov_deg == pytest.approx(90.0)
+    assert found.camera.vfov_deg == pytest.approx(2 * np.degrees(np.arctan(0.5)))
+
+
+def test_ros1(tmp_path: Path) -> None:
+    flown = flight()
+    text = (
+        "Header header\nPose pose\n" + "=" * 80 + "\nMSG: std_msgs/Header\n"
+        + "uint32 seq\ntime stamp\nstring frame_id\n"
+        + "=" * 80 + "\nMSG: geometry_msgs/Pose\nPoint position\nQuaternion orientation\n"
+        + "=" * 80 + "\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
+        + "=" * 80 + "\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+    )  # fmt: skip
+
+    def encode(row: tuple) -> bytes:
+        seq, t, p, q = row
+        frame = b"map" if seq % 3 else b"/map"
+        return (
+            struct.pack("<IIII", seq, t // 10**9, t % 10**9, len(frame)) + frame + struct.pack("<7d", *p, *q)
+        )
+
+    rows = [
+        (int(t), (seq, int(t), p, q))
+        for seq, (t, p, q) in enumerate(zip(flown.t_ns, flown.positions, flown.quat_xyzw, strict=True))
+    ]
+    topic = Topic("/pose", "geometry_msgs/PoseStamped", rows, ("ros1", "ros1msg"), text.encode(), encode)
+    assert_flown(read_demonstration(write_log(tmp_path / "a.mcap", [topic], FACTS)), flown)
+
+
+@pytest.mark.parametrize("suffix", ["", "_v1"])
+def test_px4_odometry(tmp_path: Path, suffix: str) -> None:
+    flown = flight()
+    topic = Topic(
+        f"/fmu/out/vehicle_odometry{suffix}", "px4_msgs/msg/VehicleOdometry", px4(flown, pose_frame=1)
+    )
+    topic.messages[9][1]["position"] = [np.nan] * 3
+    topic.messages[10][1]["q"] = [np.nan, 0, 0, 0]
+    for _, told in topic.messages[100:]:
+        told["reset_counter"] = 1
+    found = read_demonstration(write_log(tmp_path / "a.mcap", [topic], FACTS))
+    keep = np.r_[0:9, 11:300]
+    flown = Flight(flown.t_ns[keep] // 1000 * 1000, flown.positions[keep], flown.quat_xyzw[keep])
+    assert_flown(found, flown, 2e-6, 1e-3)
+    assert found.dropped == {"not a number": 2}
+    assert found.breaks.tolist() == [98]
+    assert "1 estimator resets" in found.notes
+
+
+def test_px4_odometry_of_arbitrary_heading_is_turned_to_z_up(tmp_path: Path) -> None:
+    flown = flight()
+    turn = Rotation.from_euler("z", -90, degrees=True)  # x y of FRD are x, -y of a frame with z up
+    told = px4(flown, pose_frame=2)
+    found = read_demonstration(
+        write_log(tmp_path / "a.mcap", [Topic("/o", "px4_msgs/msg/VehicleOdometry", told)], FACTS)
+    )
+    assert np.allclose(found.positions, turn.apply(flown.positions), atol=2e-6)
+    assert angle_between(found.quat_xyzw, (turn * Rotation.from_quat(flown.quat_xyzw)).as_quat()).max() < 1e-3
+
+
+def test_px4_position_joined_with_attitude(tmp_path: Path) -> None:
+    flown = flight()
+    position = Topic("/fmu/out/vehicle_local_position", "px4_msgs/msg/VehicleLocalPosition")
+    position.messages = px4(flown, xy_valid=True, z_valid=True)[::3]
+    position.messages[5][1]["xy_valid"] = False
+    denser = flight(900, 90.0)
+    attitude = Topic("/fmu/out/vehicle_attitude", "px4_msgs/msg/VehicleAttitude", px4(denser))
+    found = read_demonstration(write_log(tmp_path / "a.mcap", [position, attitude], FACTS))
+    keep = np.delete(np.arange(0, 300, 3), 5)
+    flown = Flight(flown.t_ns[keep] // 1000 * 1000, flown.positions[keep], flown.quat_xyzw[keep])
+    assert_flown(found, flown, 2e-6, 1e-3)
+    assert found.dropped == {"position not valid by the estimator": 1}
+
+
+def test_px4_position_without_attitude_is_refused(tmp_path: Path) -> None:
+    topic = Topic("/lp", "px4_msgs/msg/VehicleLocalPosition", px4(flight(), xy_valid=True, z_valid=True))
+    with pytest.raises(InputError, match="VehicleAttitude"):
+        read_demonstration(write_log(tmp_path / "a.mcap", [topic], FACTS))
+
+
+def geodetic(flown: Flight) -> tuple[np.ndarray, Rotation]:
+    """Latitude, longitude, altitude of a flight around the structure at PLACE, and its frame in ENU."""
+    turn = Rotation.from_euler("z", 60.0, degrees=True)  # heading 30 is 60 degrees from east
+    enu = turn.apply(flown.positions)
+    place = (
+        float(PLACE["structure_lat_deg"]),
+        float(PLACE["structure_lon_deg"]),
+        float(PLACE["structure_alt_m"]),
+    )
+    return np.column_stack(pymap3d.enu2geodetic(*enu.T, *place)), turn
+
+
+def test_satellite_fixes_with_an_imu(tmp_path: Path) -> None:
+    flown = flight()
+    places, turn = geodetic(flown)
+    enu = (turn * Rotation.from_quat(flown.quat_xyzw)).as_quat()
+    fixes = [
+        (
+            int(t),
+            {
+                "header": header(int(t), "gps"),
+                "status": {"status": 0},
+                "latitude": a,
+                "longitude": b,
+                "altitude": c,
+            },
+        )
+        for t, (a, b, c) in zip(flown.t_ns, places, strict=True)
+    ]
+    fixes[7][1]["status"]["status"] = -1
+    turns = [
+        (
+            int(t),
+            {"header": header(int(t), "imu"), "orientation": xyzw(q), "orientation_covariance": [0.0] * 9},
+        )
+        for t, q in zip(flown.t_ns, enu, strict=True)
+    ]
+    raw = [
+        (t, told | {"orientation_covariance": [-1.0] + [0.0] * 8, "orientation": xyzw([0, 0, 0, 1])})
+        for t, told in turns
+    ]
+    topics = [
+        Topic("/fix", "sensor_msgs/msg/NavSatFix", fixes),
+        Topic("/imu/data", "sensor_msgs/msg/Imu", turns),
+        Topic("/imu/data_raw", "sensor_msgs/msg/Imu", raw),
+    ]
+    path = write_log(tmp_path / "a.mcap", topics, FACTS | PLACE)
+    found = read_demonstration(path)
+    keep = np.delete(np.arange(300), 7)
+    assert_flown(found, Flight(flown.t_ns[keep], flown.positions[keep], flown.quat_xyzw[keep]), 1e-4, 1e-5)
+    assert found.dropped == {"no fix": 1}
+    with pytest.raises(InputError, match="structure's place is not known"):
+        read_demonstration(write_log(tmp_path / "b.mcap", topics, FACTS))
+    with pytest.raises(InputError, match="geoid_undulation_m"):
+        read_demonstration(
+            write_log(tmp_path / "c.mcap", topics, FACTS | PLACE | {"structure_datum": "amsl"})
+        )
+    lifted = FACTS | PLACE | {"structure_datum": "amsl", "structure_alt_m": "402", "geoid_undulation_m": "48"}
+    assert np.allclose(
+        read_demonstration(write_log(tmp_path / "d.mcap", topics, lifted)).positions, found.positions
+    )
+    with pytest.raises(InputError, match="km from the structure"):
+        read_demonstration(
+            write_log(tmp_path / "e.mcap", topics, FACTS | PLACE | {"structure_lat_deg": "-47.3"})
+        )
+
+
+def test_px4_global_position_is_used_where_the_structure_is_placed(tmp_path: Path) -> None:
+    flown = flight()
+    places, turn = geodetic(flown)
+    enu = Flight(
+        flown.t_ns, turn.apply(flown.positions), (turn * Rotation.from_quat(flown.quat_xyzw)).as_quat()
+    )
+    told = [
+        (
+            t,
+            content
+            | {
+                "lat": a,
+                "lon": b,
+                "alt": c - 48,
+                "alt_ellipsoid": c,
+                "lat_lon_valid": True,
+                "alt_valid": True,
+            },
+        )
+        for (t, content), (a, b, c) in zip(px4(enu), places, strict=True)
+    ]
+    topics = [
+        Topic("/fmu/out/vehicle_global_position", "px4_msgs/msg/VehicleGlobalPosition", told),
+        Topic("/fmu/out/vehicle_attitude", "px4_msgs/msg/VehicleAttitude", px4(enu)),
+        Topic("/fmu/out/vehicle_odometry", "px4_msgs/msg/VehicleOdometry", px4(flight(), pose_frame=1)),
+    ]
+    found = read_demonstration(write_log(tmp_path / "a.mcap", topics, FACTS | PLACE))
+    flown = Flight(flown.t_ns // 1000 * 1000, flown.positions, flown.quat_xyzw)
+    assert_flown(found, flown, 5e-3, 1e-3)  # PX4's altitudes are of single precision
+    assert found.topic == "/fmu/out/vehicle_global_position"
+
+
+@pytest.mark.parametrize("maker", ["px4", "mavros"])
+@pytest.mark.parametrize("flags", [16, 64, 32, 0])
+def test_a_gimbal_turns_the_camera(tmp_path: Path, maker: str, flags: int) -> None:
+    """A level body that looks anywhere, and a gimbal whose yaw counts from north or from the body."""
+    flown = flight()
+    t_s = (flown.t_ns - flown.t_ns[0]) * 1e-9
+    yaw = 0.4 * t_s
+    body = Flight(flown.t_ns, flown.positions, from_yaw_pitch(yaw, np.zeros(len(yaw))))
+    from_north = flags in (16, 64)
+    relative = Rotation.from_quat(flown.quat_xyzw)
+    if not from_north:
+        relative = Rotation.from_euler("z", -yaw[:, None]) * relative
+    half = np.sqrt(0.5)
+    left = Rotation.from_quat([half, half, 0, 0]) if from_north else Rotation.from_quat([1, 0, 0, 0])
+    frd = (left * relative * Rotation.from_quat([1, 0, 0, 0])).as_quat()
+    if maker == "px4":
+        told = [
+            (int(t), {"timestamp": int(t) // 1000, "device_flags": flags, "q": [q[3], *q[:3]]})
+            for t, q in zip(flown.t_ns, frd, strict=True)
+        ]
+    else:
+        told = [
+            (int(t), {"header": header(int(t), "base_link_frd"), "flags": flags, "q": xyzw(q)})
+            for t, q in zip(flown.t_ns, frd, strict=True)
+        ]
+    topics = [
+        poses("/pose", "geometry_msgs/msg/PoseStamped", body),
+        Topic("/gimbal", f"{maker}_msgs/msg/GimbalDeviceAttitudeStatus", told),
+    ]
+    offset = {"body_T_camera_position_m": "0 0 -0.2"}
+    found = read_demonstration(write_log(tmp_path / "a.mcap", topics, BODY | offset))
+    lowered = Flight(flown.t_ns, flown.positions - (0, 0, 0.2), flown.quat_xyzw)
+    assert_flown(found, lowered, 1e-9, 1e-3)
+    assert "gimbal of /gimbal" in found.notes
+
+
+def test_a_gimbal_in_the_transforms_turns_the_camera(tmp_path: Path) -> None:
+    flown = flight()
+    t_s = (flown.t_ns - flown.t_ns[0]) * 1e-9
+    body = Rotation.from_euler("z", 0.4 * t_s[:, None])
+    optical = Rotation.from_quat(flown.quat_xyzw) * Rotation.from_euler("ZYX", [-90, 0, -90], degrees=True)
+    joint = (body.inv() * optical).as_quat()
+    links = [
+        (int(t), {"transforms": [transform(int(t), "base_link", "camera_optical_frame", (0.1, 0, 0), q)]})
+        for t, q in zip(flown.t_ns, joint, strict=True)
+    ]
+    base = Flight(flown.t_ns, flown.positions - body.apply([0.1, 0, 0]), body.as_quat())
+    topics = [
+        poses("/odom", "nav_msgs/msg/Odometry", base),
+        Topic("/tf", "tf2_msgs/msg/TFMessage", links),
+    ]
+    facts = BODY | {"camera_frame_id": "camera_optical_frame"}
+    assert_flown(read_demonstration(write_log(tmp_path / "a.mcap", topics, facts)), flown, 1e-9, 1e-6)
+
+
+def test_the_mount_in_the_facts_is_applied(tmp_path: Path) -> None:
+    flown = flight()
+    mount, offset = Rotation.from_euler("zyx", [0.5, 0.3, 0]), np.array([0.3, 0.1, -0.1])
+    body = Rotation.from_quat(flown.quat_xyzw) * mount.inv()
+    base = Flight(flown.t_ns, flown.positions - body.apply(offset), body.as_quat())
+    options = LogOptions(
+        structure_id="a320",
+        body_T_camera_position_m=tuple(offset),
+        body_T_camera_quat_xyzw=tuple(mount.as_quat()),
+    )
+    path = write_log(tmp_path / "a.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", base)])
+    assert_flown(read_demonstration(path, options), flown)
+
+
+@pytest.mark.parametrize("kind", ["event", "options", "metadata"])
+def test_the_inspection_is_cut_out(tmp_path: Path, kind: str) -> None:
+    flown = flight()
+    start, stop = int(flown.t_ns[60]), int(flown.t_ns[240])
+    topics, facts, options = (
+        [poses("/pose", "geometry_msgs/msg/PoseStamped", flown)],
+        dict(FACTS),
+        LogOptions(),
+    )
+    if kind == "event":
+        events = []
+        for a, b, word in ((0, 299, "flight"), (60, 240, "inspection")):
+            times = [
+                {"seconds": int(flown.t_ns[i] // 10**9), "nanos": int(flown.t_ns[i] % 10**9)} for i in (a, b)
+            ]
+            told = {
+                "start_time": times[0],
+                "end_time": times[1],
+                "metadata": [{"key": "phase", "value": word}],
+            }
+            events.append((stop, told))
+        topics.append(protobuf_topic("/events", "foxglove.Event", foxglove_file(), events))
+    elif kind == "options":
+        options = LogOptions(start_s=2.0, stop_s=8.0)
+    else:
+        facts |= {"start_ns": str(start), "end_ns": str(stop)}
+    found = read_demonstration(write_log(tmp_path / "a.mcap", topics, facts), options)
+    assert (found.t_ns[0], found.t_ns[-1]) == (start, stop)
+    assert "181 of 300" in found.notes
+
+
+def test_gaps_jumps_and_resets_break_the_flight(tmp_path: Path) -> None:
+    flown = flight(400)
+    flown.positions[100:] += (4.0, 0, 0)
+    keep = np.r_[0:200, 230:400]
+    flown = Flight(flown.t_ns[keep], flown.positions[keep], flown.quat_xyzw[keep])
+    found = read_demonstration(
+        write_log(tmp_path / "a.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", flown)], FACTS)
+    )
+    assert found.breaks.tolist() == [100, 200]
+    assert "1 gaps" in found.notes and "1 jumps" in found.notes
+
+
+def test_a_fast_flight_does_not_jump(tmp_path: Path) -> None:
+    flown = flight()
+    t_s = (flown.t_ns - flown.t_ns[0]) * 1e-9
+    flown.positions[:, 0] = 25.0 * t_s
+    found = read_demonstration(
+        write_log(tmp_path / "a.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", flown)], FACTS)
+    )
+    assert not len(found.breaks)
