@@ -6,7 +6,7 @@ therefore questions over the rows themselves: the newest per name, among those a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
 from upplied import poses
-from upplied.catalog import rows
+from upplied.catalog import plan_rows, rows
 from upplied.catalog.delta import StoredTable
 from upplied.catalog.rows import Row
 from upplied.catalog.tables import TABLES
@@ -26,6 +26,8 @@ from upplied.errors import CatalogError, SettingsError
 from upplied.records import Floats, Trajectory
 
 When = datetime | str
+
+_PAIR = ["demonstration_id", "target_id", "preset"]  # of these, the newest plan is current
 
 
 class PlannedTrajectory(Trajectory):
@@ -51,39 +53,24 @@ class Which:
     preset: str | None = None
     status: str | None = None
     since: When | None = None  # planned at or after
-    until: When | None = None  # planned at or before: the same as `as_of`
     as_of: When | None = None
     version: int | None = None  # of the table, as `history` lists them
     every: bool = False  # older plans of a pair as well
-    columns: tuple[str, ...] | list[str] | None = None
-
-
-def structures(
-    table: StoredTable, kind: str | None, site: str | None, every_version: bool, as_of: When | None
-) -> pd.DataFrame:
-    """Rows of `structures`; see `Catalog.structures`."""
-    return _versions(table, {"kind": kind, "site": site}, every_version, as_of)
-
-
-def demonstrations(
-    table: StoredTable, structure: str | None, site: str | None, every_version: bool, as_of: When | None
-) -> pd.DataFrame:
-    """Rows of `demonstrations`; see `Catalog.demonstrations`."""
-    return _versions(table, {"structure_id": structure, "site": site}, every_version, as_of)
+    columns: Sequence[str] | None = None
 
 
 def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
     """Rows of `transfers`, ordered by demonstration, target, preset and time."""
     declared = TABLES["transfers"]
     wanted = declared.names if which.columns is None else _known_columns(declared.names, which.columns)
-    sorting = ["demonstration_id", "target_id", "preset", "planned_at", "transfer_id", "status", "kind"]
+    sorting = [*_PAIR, "planned_at", "transfer_id", "status"]
     table = tables["transfers"].read(
         _pair_filter(tables, which), [n for n in declared.names if n in {*wanted, *sorting}], which.version
     )
     found = frame(table)
     found = _one_per_plan(found)
     if not which.every:
-        found = found.drop_duplicates(["demonstration_id", "target_id", "preset"], keep="last")
+        found = found.drop_duplicates(_PAIR, keep="last")
     if which.status is not None:
         found = found[found["status"] == which.status]
     if which.since is not None:
@@ -123,19 +110,40 @@ def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> list[
     return [newest[key] for key in sorted(newest)]
 
 
-def known_keys(table: StoredTable, keys: Iterable[str], settled: bool = False) -> set[str]:
-    """Those of the keys that have a row; with `settled`, one that is not a failure."""
-    asked = list(keys)
-    where = pc.field("transfer_id").isin([rows.transfer_id(key) for key in asked])
-    if settled:
-        where &= pc.field("status") != "failed"
-    found = set(table.read(where, ["key"])["key"].to_pylist()) if asked else set()
-    return found & set(asked)
+def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:
+    """The row that stands for each of the keys that are known."""
+    asked = set(keys)
+    ids = [plan_rows.transfer_id(key) for key in asked]
+    found: dict[str, list[Row]] = {}
+    if asked:
+        for row in rows.rows_of(table.read(pc.field("transfer_id").isin(ids))):
+            found.setdefault(row["key"], []).append(row)
+    return {key: standing(same_plan) for key, same_plan in found.items() if key in asked}
 
 
-def settled_first(same_plan: list[Row]) -> Row:
-    """The row that stands for a plan: one that is not a failure, and of those the first."""
-    return min(same_plan, key=lambda row: (row["status"] == "failed", row["planned_at"], row["commit_id"]))
+def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
+    """Those of the stored plans that are not the newest of their demonstration, target and preset."""
+    if not plans:
+        return []
+    where = pc.field("demonstration_id").isin(list({row["demonstration_id"] for row in plans}))
+    where &= pc.field("target_id").isin(list({row["target_id"] for row in plans}))
+    columns = ["transfer_id", *_PAIR, "status", "planned_at"]
+    newest = _one_per_plan(frame(table.read(where, columns))).drop_duplicates(_PAIR, keep="last")
+    current = set(newest["transfer_id"])
+    return [row for row in plans if row["transfer_id"] not in current]
+
+
+def settled_keys(table: StoredTable, keys: Iterable[str]) -> set[str]:
+    """Those of the keys that have a row which is not a failure."""
+    asked = set(keys)
+    where = pc.field("transfer_id").isin([plan_rows.transfer_id(key) for key in asked])
+    found = table.read(where & (pc.field("status") != "failed"), ["key"]) if asked else None
+    return asked & set(found["key"].to_pylist()) if found is not None else set()
+
+
+def standing(same_plan: list[Row]) -> Row:
+    """The row that stands for a plan: one that is not a failure, and of those the newest."""
+    return max(same_plan, key=lambda row: (row["status"] != "failed", row["planned_at"], row["commit_id"]))
 
 
 def frame(table: pa.Table) -> pd.DataFrame:
@@ -158,8 +166,8 @@ def moment(when: When) -> pd.Timestamp:
     return stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
 
 
-def _versions(
-    table: StoredTable, equal: Mapping[str, str | None], every_version: bool, as_of: When | None
+def versions(
+    table: StoredTable, equal: Mapping[str, str | None], every: bool, as_of: When | None
 ) -> pd.DataFrame:
     """Versions of each id counted in the order of time, then narrowed to what was asked."""
     name = table.declared.names[0]
@@ -169,7 +177,7 @@ def _versions(
     repeated = (found[content] == found[content].shift()).all(axis=1)
     found = found[~repeated]  # two writers may add the same version at once
     found["version"] = found.groupby(name).cumcount() + 1
-    if not every_version:
+    if not every:
         found = found.drop_duplicates(name, keep="last")
         found = found[~found["retired"].astype(bool)]
     for column, value in equal.items():
@@ -193,11 +201,10 @@ def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expressi
         )
         if value is not None
     ]
-    for until in (which.until, which.as_of):
-        if until is not None:
-            parts.append(pc.field("planned_at") <= pa.scalar(moment(until)))
+    if which.as_of is not None:
+        parts.append(pc.field("planned_at") <= pa.scalar(moment(which.as_of)))
     if which.site is not None:
-        there = structures(tables["structures"], None, which.site, False, which.as_of)
+        there = versions(tables["structures"], {"site": which.site}, False, which.as_of)
         parts.append(pc.field("target_id").isin(list(there["structure_id"])))
     joined: ds.Expression | None = None
     for part in parts:
@@ -206,12 +213,14 @@ def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expressi
 
 
 def _one_per_plan(found: pd.DataFrame) -> pd.DataFrame:
-    """One row per plan, in order: writers that raced may have added it twice, a failure may be followed."""
-    found = found.assign(_failed=found["status"] == "failed")
-    found = found.sort_values(["transfer_id", "_failed", "planned_at"], kind="stable")
-    found = found.drop_duplicates("transfer_id").drop(columns="_failed")
-    order = ["demonstration_id", "target_id", "preset", "planned_at", "transfer_id"]
-    return found.sort_values(order, kind="stable")
+    """One row per plan, in order: racing writers may have added it twice, a failure may be followed.
+
+    The newest row of a plan counts, since a plan that is asked for again becomes current again.
+    """
+    found = found.assign(_settled=found["status"] != "failed")
+    found = found.sort_values(["transfer_id", "_settled", "planned_at"], kind="stable")
+    found = found.drop_duplicates("transfer_id", keep="last").drop(columns="_settled")
+    return found.sort_values([*_PAIR, "planned_at", "transfer_id"], kind="stable")
 
 
 def _known_columns(names: list[str], asked: Iterable[str]) -> list[str]:
