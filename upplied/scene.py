@@ -11,6 +11,7 @@ import ctypes
 import ctypes.util
 from functools import cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -131,8 +132,20 @@ class Scene:
         return open3d().core.Tensor(np.ascontiguousarray(array, np.float32))
 
 
+_SCENES: WeakKeyDictionary[Structure, Scene] = WeakKeyDictionary()
+
+
 def scene_of(structure: Structure, threads: int = 0) -> Scene:
-    """The scene of a structure's mesh, or of oriented discs where it is a point cloud."""
+    """The scene of a structure's mesh, or of oriented discs where it is a point cloud.
+
+    It is kept as long as the record of the structure lives: several plans ask for the same one.
+    """
+    if structure not in _SCENES:
+        _SCENES[structure] = _new_scene(structure, threads)
+    return _SCENES[structure]
+
+
+def _new_scene(structure: Structure, threads: int) -> Scene:
     if len(structure.triangles):
         return Scene(structure.vertices, structure.triangles, threads)
     vertices, triangles = surfels(structure.vertices, structure.normals)

@@ -75,13 +75,12 @@ def study_pair(source: Structure, target: Structure, settings: Settings, memo: M
         _samples(source, scenes[0], settings.clouds, memo),
         _samples(target, scenes[1], settings.clouds, memo),
     )
-    hashes = (source.sha256, target.sha256)
     return Pair(
         source,
         target,
         *scenes,
-        voxels=_fit("voxels", voxels, hashes, voxel_settings(settings), memo),
-        surface=_fit("surface", samples, hashes, surface_settings(settings), memo),
+        voxels=_fit("voxels", voxels, (source, target), voxel_settings(settings), memo),
+        surface=_fit("surface", samples, (source, target), surface_settings(settings), memo),
     )
 
 
@@ -119,13 +118,21 @@ def _samples(structure: Structure, scene: Scene, clouds: CloudSettings, memo: Me
 
 
 def _fit(
-    sort: str, clouds: tuple[Cloud, Cloud], hashes: tuple[str, str], settings: Settings, memo: Memo
+    sort: str,
+    clouds: tuple[Cloud, Cloud],
+    structures: tuple[Structure, Structure],
+    settings: Settings,
+    memo: Memo,
 ) -> Fit:
-    facts = (sort, *hashes, settings.clouds, settings.registration)
+    source, target = structures
+    facts = (sort, source.sha256, target.sha256, settings.clouds, settings.registration)
     key = content_key("register", *facts)
     found = memo("registration", Registration, key, lambda: register(*clouds, settings.registration))
     key = content_key("correspond", *facts, settings.correspondence)
     matched = memo(
-        "correspondences", Correspondences, key, lambda: correspond(*clouds, found, settings.correspondence)
+        "correspondences",
+        Correspondences,
+        key,
+        lambda: correspond(*clouds, found, settings.correspondence, source.landmarks, target.landmarks),
     )
     return Fit(*clouds, found, matched)
