@@ -106,11 +106,8 @@ def crosses_box(start: Floats, end: Floats, low: Floats, high: Floats) -> Bools:
     """Which segments (N,) enter the inside of a box (slab test)."""
     ray = end - start
     with np.errstate(divide="ignore", invalid="ignore"):
-        near, far = (low - start) / ray, (high - start) / ray
-    still = ray == 0
-    between = (start > low) & (start < high)
-    near = np.where(still, np.where(between, -np.inf, np.inf), near)
-    far = np.where(still, np.where(between, np.inf, -np.inf), far)
-    enter = np.maximum(np.minimum(near, far).max(axis=1), 0.0)
-    leave = np.minimum(np.maximum(near, far).min(axis=1), 1.0)
-    return np.asarray(enter < leave - 1e-12, bool)
+        to_low, to_high = (low - start) / ray, (high - start) / ray
+    still, between = ray == 0, (start > low) & (start < high)
+    enter = np.where(still, np.where(between, -np.inf, np.inf), np.minimum(to_low, to_high))
+    leave = np.where(still, np.where(between, np.inf, -np.inf), np.maximum(to_low, to_high))
+    return np.asarray(np.maximum(enter.max(axis=1), 0.0) < np.minimum(leave.min(axis=1), 1.0) - 1e-12, bool)

@@ -148,6 +148,8 @@ def _at_good_places(positions: Floats, ways: Ways) -> Floats:
         members = np.flatnonzero((stretch == number) & good)
         asked = members[np.unique(np.linspace(0, len(members) - 1, 8).astype(int))]
         good[members] = _is_outside(pushed[asked], ways.graph)
+        if not good[members[0]] and _sees_sky(pushed[asked], ways.planning).all():
+            raise _refusal(int(members[0]), pushed[members[0]], "no free way leads here from the rest")
     return _placed(pushed, good, ways.graph)
 
 
