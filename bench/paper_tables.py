@@ -131,11 +131,18 @@ def _print_means(rows: list[dict[str, Any]]) -> None:
 def _draw(transfer: Transfer, plans: list[Plan], folder: Path) -> None:
     stem = transfer.published.title.replace(" > ", "-to-").replace(" ", "-").lower()
     for plan in plans:
-        png = transfer_png(transfer.source, transfer.target, transfer.demonstration, plan)
+        png = transfer_png(
+            transfer.source, transfer.target, transfer.demonstration, plan, view=_view(transfer)
+        )
         save(folder / f"{stem}-{plan.preset}.png", png)
     shown = [plan for plan in plans if plan.trajectory is not None]
     if shown:
-        save(folder / f"{stem}-compared.png", comparison_png(transfer.target, shown, view="top"))
+        save(folder / f"{stem}-compared.png", comparison_png(transfer.target, shown, view=_view(transfer)))
+
+
+def _view(transfer: Transfer) -> str:
+    """The side that is inspected."""
+    return {"engine_left": "other side", "wings": "top"}.get(transfer.published.inspection, "three-quarter")
 
 
 if __name__ == "__main__":

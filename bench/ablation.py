@@ -1,0 +1,79 @@
+"""What each stage of the preset `recommended` contributes, over the paper's fifteen transfers.
+
+    python bench/ablation.py [--real] [--only WORDS] [--add]
+
+Without --add, one stage at a time is set back to what the paper says (what is lost without it);
+with --add, the paper's pipeline gets one stage of `recommended` at a time (what it brings alone).
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import fields, replace
+
+import numpy as np
+from paper_tables import Remembered
+from transfers import Transfer, transfers
+
+from upplied.config import Settings, settings_for
+from upplied.planning.plan import plan_transfer
+from upplied.records import Measures
+
+_SHOWN = (
+    ("seen %", "coverage_seen_pct"),
+    ("of attainable", "coverage_attainable_pct"),
+    ("Frechet", "frechet_z"),
+    ("Frechet m", "frechet_m"),
+    ("clearance m", "min_clearance_m"),
+    ("incidence p95", "incidence_p95_deg"),
+    ("peak m/s2", "peak_acceleration_mps2"),
+)
+
+
+def main() -> None:
+    """Print one line per variant."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--real", action="store_true", help="on real meshes, see bench/real_data.py")
+    parser.add_argument("--only", default="", help="rows whose title contains this")
+    parser.add_argument("--add", action="store_true", help="add stages to `paper` one by one instead")
+    options = parser.parse_args()
+    rows = list(transfers(options.real, options.only))
+    memos = [Remembered() for _ in rows]
+    print(f"{'variant':44}{'ok':>4}" + "".join(f"{title:>15}" for title, _ in _SHOWN) + f"{'CPU s':>8}")
+    for name, settings in variants(options.add):
+        began = time.process_time()
+        found = [_measures(row, settings, memo) for row, memo in zip(rows, memos, strict=True)]
+        _print(name, [one for one in found if one is not None], time.process_time() - began)
+
+
+def variants(add: bool) -> Iterator[tuple[str, Settings]]:
+    """The preset itself, and one variant for each stage in which the two presets differ."""
+    kept, other = settings_for("recommended"), settings_for("paper")
+    if add:
+        kept, other = other, kept
+    yield kept.preset, kept
+    for item in fields(Settings):
+        theirs = getattr(other, item.name)
+        if item.name != "preset" and theirs != getattr(kept, item.name):
+            yield f"{kept.preset}, {item.name} as in {other.preset}", replace(kept, **{item.name: theirs})
+    yield other.preset, other
+
+
+def _measures(row: Transfer, settings: Settings, memo: Remembered) -> Measures | None:
+    plan = plan_transfer(row.demonstration, row.source, row.target, settings, memo)
+    return plan.measures if plan.status == "ok" else None
+
+
+def _print(name: str, found: list[Measures], cpu_s: float) -> None:
+    line = f"{name:44}{len(found):4}"
+    for _, field in _SHOWN:
+        values = np.array([getattr(one, field) for one in found])
+        mean = values[np.isfinite(values)].mean() if np.isfinite(values).any() else np.nan
+        line += f"{mean:15.2f}"
+    print(f"{line}{cpu_s:8.1f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
