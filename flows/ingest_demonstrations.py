@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from prefect import flow
+from prefect import flow, runtime
 from prefect.states import Completed, State
 
 from flows import tasks
@@ -10,7 +10,12 @@ from flows.artifacts import ingested_artifacts
 from flows.parameters import Location
 
 
-@flow(name="ingest-demonstrations", flow_run_name="demonstrations of {logs}")
+def run_name() -> str:
+    """What a run reads, in words."""
+    return f"demonstrations of {', '.join(runtime.flow_run.parameters['logs'])}"[:200]
+
+
+@flow(name="ingest-demonstrations", flow_run_name=run_name)
 def ingest_demonstrations(logs: list[Location], catalog: Location = "catalog", workers: int = 0) -> State:
     """Read logs, or folders of them; what is new or changed is kept.
 

@@ -12,9 +12,11 @@ from rich.table import Table
 
 from flows.environment import ROOT
 from flows.server import ServerError, private_server
+from upplied.cli.terminal import progress
 
 if TYPE_CHECKING:
     import pandas as pd
+    from prefect.states import State
 
 SAMPLES, CATALOG, REPORTS = "samples", "catalog", "reports"
 PRESETS = ("paper", "recommended", "baseline")
@@ -27,11 +29,11 @@ def main() -> int:
     console.print("[bold]1/4[/] A sample fleet and a private Prefect server")
     try:
         with private_server(ROOT / ".cache" / "quickstart-prefect") as server:
-            write_samples(console)
+            write_samples()
             server.wait()
             code = subprocess.run(
                 [sys.executable, "-m", "flows.quickstart", "--flows"],
-                env=server.environment,
+                env=server.environment | {"PREFECT_LOGGING_LEVEL": "WARNING"},
                 cwd=ROOT,
                 check=False,
             ).returncode
@@ -43,12 +45,12 @@ def main() -> int:
     return code
 
 
-def write_samples(console: Console) -> None:
+def write_samples() -> None:
     """Meshes, manifest and logs of the sample fleet."""
     from upplied.outputs.sample_fleet import write_sample_fleet
 
-    with console.status("a simulated pilot flies the demonstrations"):
-        write_sample_fleet(ROOT / SAMPLES)
+    with progress("meshes and logs", None) as advance:
+        write_sample_fleet(ROOT / SAMPLES, lambda _: advance())
 
 
 def run_flows() -> int:
@@ -59,16 +61,21 @@ def run_flows() -> int:
 
     console = Console(highlight=False)
     console.print("[bold]2/4[/] Structures and demonstrations into the catalog")
-    ingest_structures(f"{SAMPLES}/structures.toml", CATALOG)
-    ingest_demonstrations([SAMPLES], CATALOG)
+    say(console, "structures", ingest_structures(f"{SAMPLES}/structures.toml", CATALOG, return_state=True))
+    say(console, "demonstrations", ingest_demonstrations([SAMPLES], CATALOG, return_state=True))
     console.print("[bold]3/4[/] Every demonstration to every structure of its kind")
-    transfer_fleet(CATALOG, REPORTS, presets=list(PRESETS))
+    say(console, "plans", transfer_fleet(CATALOG, REPORTS, presets=list(PRESETS), return_state=True))
     console.print("[bold]4/4[/] What came of it")
     return show_results(console)
 
 
+def say(console: Console, what: str, state: State) -> None:
+    """What came of a flow, in a line."""
+    console.print(f"    {what}: {state.message}", markup=False)
+
+
 def show_results(console: Console) -> int:
-    """The table of transfers, and what to open next; 1 where one of them did not succeed."""
+    """The table of transfers, and what to open next; 1 where one of them failed."""
     import upplied
 
     transfers = upplied.open_catalog(ROOT / CATALOG).transfers()
@@ -84,7 +91,7 @@ def show_results(console: Console) -> int:
         table.add_row(demonstration, target, *coverage, *frechet)
     console.print(table)
     console.print(f"Open {REPORTS}/index.html, or: pd.read_parquet('{REPORTS}/transfers.parquet')")
-    return int((transfers["status"] != "ok").any())
+    return int((transfers["status"] == "failed").any())
 
 
 def percent(by: pd.DataFrame, preset: str) -> str:

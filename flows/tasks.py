@@ -15,13 +15,13 @@ from upplied.catalog import open_catalog
 SESSIONS: dict[str, fleet.Session] = {}  # of the runs in this process, by run id
 
 
-@task(name="ingest-structures", task_run_name="ingest {manifest}", cache_policy=NO_CACHE)
+@task(name="ingest-structures", task_run_name="ingest structures", cache_policy=NO_CACHE)
 def ingest_structures(catalog: str, manifest: str, workers: int) -> list[dict[str, str]]:
     """Every structure of a manifest into the catalog; a bad file stops itself alone."""
     return [vars(item) for item in fleet.ingest_structures(open_catalog(catalog), manifest, workers)]
 
 
-@task(name="ingest-demonstrations", task_run_name="ingest {logs}", cache_policy=NO_CACHE)
+@task(name="ingest-demonstrations", task_run_name="ingest demonstrations", cache_policy=NO_CACHE)
 def ingest_demonstrations(catalog: str, logs: list[str], workers: int) -> list[dict[str, str]]:
     """Every log into the catalog; a bad log stops itself alone."""
     return [vars(item) for item in fleet.ingest_demonstrations(open_catalog(catalog), logs, workers)]

@@ -26,14 +26,18 @@ def shards(jobs: Sequence[Job], workers: int) -> list[Shard]:
     another. Where targets are too few to keep the workers busy, every job is a shard of its own, and
     the first job of every target comes before the second of any.
     """
-    ordered = sorted(jobs, key=lambda job: (job.source_id, job.target_id))
-    targets = [tuple(group) for _, group in groupby(ordered, key=lambda job: (job.source_id, job.target_id))]
+    ordered = sorted(jobs, key=lambda job: (*_pair(job), job.demonstration_id, job.settings.preset, job.key))
+    targets = [tuple(group) for _, group in groupby(ordered, key=_pair)]
     if len(targets) < 4 * workers:
         return [(job,) for row in zip_longest(*targets) for job in row if job is not None]
     if len(targets) <= SINGLE_TARGETS:
         return targets
     starts = range(0, len(targets), SHARD_TARGETS)
     return [tuple(job for target in targets[at : at + SHARD_TARGETS] for job in target) for at in starts]
+
+
+def _pair(job: Job) -> tuple[str, str]:
+    return job.source_id, job.target_id
 
 
 def shard_name(shard: Shard) -> str:

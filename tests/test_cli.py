@@ -1,0 +1,152 @@
+"""The command as people meet it: exit codes, JSON, one-line errors, and help at once."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import upplied
+from upplied.catalog import open_catalog
+from upplied.cli import main
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+
+
+@pytest.fixture(scope="module")
+def location(tmp_path_factory) -> str:
+    """A catalog with a demonstration and one target."""
+    catalog = open_catalog(tmp_path_factory.mktemp("cli") / "catalog")
+    cube = member("cube-v1").structure
+    catalog.add_structures([cube, random_member("box", 1).structure])
+    catalog.add_demonstrations([fly(cube, "sides")])
+    return str(catalog.location)
+
+
+def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """The command in a process of its own, its output piped."""
+    command = [sys.executable, "-c", "import sys; from upplied.cli import main; sys.exit(main())", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, env=os.environ | environment, check=False)
+
+
+def cpu_s(*arguments: str) -> float:
+    """Processor time of the command, the best of three."""
+    times = []
+    for _ in range(3):
+        before = os.times()
+        run(*arguments)
+        after = os.times()
+        times.append(
+            after.children_user + after.children_system - before.children_user - before.children_system
+        )
+    return min(times)
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("transfer", "--help"), ("--version",)])
+def test_help_comes_at_once(arguments):
+    assert cpu_s(*arguments) < 0.5
+
+
+def test_version():
+    assert run("--version").stdout.strip() == upplied.__version__
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("nonsense",),
+        ("transfer",),
+        ("transfer", "x", "--workers", "many"),
+        ("structures", "add"),
+        ("structures", "add", "no-such-manifest.toml"),
+        ("demonstrations", "add", "no-such-folder"),
+        ("transfer", "no-such-demonstration"),
+        ("plan", "--dry-run", "--preset", "best"),
+        ("plan", "--dry-run", "--set", "route.clearance=3"),
+        ("plan", "--dry-run", "--set", "three"),
+    ],
+)
+def test_wrong_use_is_one_line_and_code_2(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("UPPLIED_CATALOG", str(tmp_path / "catalog"))
+    assert main(arguments) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith("error: ")
+    assert len(told.err.strip().splitlines()) == 1
+
+
+def test_transfer_then_nothing_left_to_plan(location, capsys):
+    arguments = (
+        "--catalog",
+        location,
+        "transfer",
+        "cube-sides-v1",
+        "--to",
+        "box-random-1",
+        "--preset",
+        "paper",
+    )
+    assert main([*arguments, "--json", "--workers", "1"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert (row["target_id"], row["preset"], row["status"]) == ("box-random-1", "paper", "ok")
+    assert row["frechet_z"] >= 0
+    assert main(["plan", "--dry-run", "--preset", "paper", "--catalog", location, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == []
+    assert main(["plan", "--dry-run", "--preset", "baseline", "--catalog", location]) == 0
+    assert "1  new pair" in capsys.readouterr().out
+
+
+def test_a_refused_target_is_code_1_and_says_why(location, capsys):
+    gate = ("--set", "registration.gamma=1e-9")
+    code = main(
+        ["transfer", "cube-sides-v1", "--preset", "paper", *gate, "--catalog", location, "--workers", "1"]
+    )
+    assert code == 1
+    assert "refused: box-random-1 (paper): " in capsys.readouterr().out
+
+
+def test_lists(location, capsys):
+    assert main(["structures", "list", "--json", "--catalog", location]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert {"structure_id": "cube-v1", "kind": "box"} in listed
+    assert main(["demonstrations", "list", "--json", "--catalog", location]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert listed == [{"demonstration_id": "cube-sides-v1", "structure_id": "cube-v1"}]
+    assert main(["catalog", "info", "--json", "--catalog", location]) == 0
+    assert {"what": "structures", "count": 2} in json.loads(capsys.readouterr().out)
+
+
+def test_a_bad_mesh_is_code_1(tmp_path: Path, capsys):
+    (tmp_path / "bad.stl").write_bytes(b"")
+    entry = (
+        '[[structure]]\nid = "bad"\nkind = "box"\npath = "bad.stl"\nunits = "m"\nup = "z"\nforward = "x"\n'
+    )
+    (tmp_path / "structures.toml").write_text(entry)
+    manifest, catalog = str(tmp_path / "structures.toml"), str(tmp_path / "catalog")
+    assert main(["structures", "add", manifest, "--catalog", catalog, "--workers", "1"]) == 1
+    told = capsys.readouterr()
+    assert "bad.stl" in told.err
+    assert "Traceback" not in told.err
+    assert main(["structures", "check", manifest, "--workers", "1"]) == 1
+
+
+def test_doctor_finds_this_machine_fit(location, capsys):
+    assert main(["doctor", "--json", "--catalog", location]) == 0
+    assert {row["result"] for row in json.loads(capsys.readouterr().out)} == {"good"}
+
+
+def test_piped_output_has_no_colours(location):
+    done = run("structures", "list", "--catalog", location, FORCE_COLOR="")
+    assert done.returncode == 0
+    assert "\x1b" not in done.stdout + done.stderr
+
+
+def test_a_fault_is_told_without_a_traceback(location, monkeypatch, capsys):
+    monkeypatch.setattr("upplied.cli.terminal.opened", lambda _: 1 / 0)
+    monkeypatch.setattr("upplied.cli.structures.opened", lambda _: 1 / 0)
+    assert main(["structures", "list", "--catalog", location]) == 3
+    assert "Traceback" not in capsys.readouterr().err

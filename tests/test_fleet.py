@@ -1,0 +1,167 @@
+"""The jobs of a fleet by their laws: nothing twice, nothing missing, the same by any number of hands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from upplied import fleet, open_catalog
+from upplied.catalog import Catalog
+from upplied.config import settings_for
+from upplied.errors import InputError
+from upplied.fleet.session import SINGLE_TARGETS, shards
+from upplied.outputs.logs import write_log
+from upplied.planning.plan import transfer_key
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+
+WISH = fleet.Wish(("baseline", "paper"))
+PLANNED = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
+
+
+def boxes(location: Path) -> Catalog:
+    """A catalog with a demonstration round a cube and three boxes to carry it to."""
+    catalog = open_catalog(location)
+    cube = member("cube-v1").structure
+    catalog.add_structures([cube, *(random_member("box", seed).structure for seed in (1, 2, 3))])
+    catalog.add_demonstrations([fly(cube, "sides")])
+    return catalog
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory) -> Catalog:
+    catalog = boxes(tmp_path_factory.mktemp("fleet") / "catalog")
+    decision = fleet.decide(catalog, WISH)
+    fleet.transfer(catalog, decision.jobs, "first", fleet.Resources(2))
+    return catalog
+
+
+def jobs_for(count: int, demonstrations: int = 1) -> list[fleet.Job]:
+    settings = settings_for("paper")
+    return [
+        fleet.Job(f"d{d}", "s", f"t{t:05d}", "box", settings, f"{d}-{t}", "new pair", ("", "", ""))
+        for d in range(demonstrations)
+        for t in range(count)
+    ]
+
+
+def test_every_demonstration_goes_to_every_other_structure_of_its_kind(planned):
+    plans = planned.transfers()
+    assert set(plans["target_id"]) == {"box-random-1", "box-random-2", "box-random-3"}
+    assert len(plans) == 6
+    assert (plans["status"] == "ok").all(), plans["reason"].tolist()
+
+
+def test_every_plan_says_what_it_was_made_from(planned):
+    for row in planned.transfers().itertuples():
+        demonstration = planned.demonstration(row.demonstration_id)
+        source, target = planned.structure(row.source_id), planned.structure(row.target_id)
+        assert row.key == transfer_key(demonstration, source, target, settings_for(row.preset))
+        assert (row.demonstration_sha256, row.source_sha256, row.target_sha256) == (
+            demonstration.sha256,
+            source.sha256,
+            target.sha256,
+        )
+        assert row.run_id == "first"
+        assert row.planning_s > 0
+
+
+def test_a_second_run_finds_nothing_to_do(planned):
+    decision = fleet.decide(planned, WISH)
+    assert (decision.jobs, decision.unchanged) == ([], 6)
+    assert fleet.transfer(planned, decision.jobs, "second").total == 0
+
+
+def test_what_is_kept_does_not_depend_on_the_number_of_workers(planned, tmp_path):
+    alone = boxes(tmp_path / "catalog")
+    fleet.transfer(alone, fleet.decide(alone, WISH).jobs, "alone", fleet.Resources(1))
+    first, second = (
+        catalog.transfers().sort_values("transfer_id")[PLANNED].reset_index(drop=True)
+        for catalog in (planned, alone)
+    )
+    assert first.equals(second)
+
+
+@pytest.mark.parametrize(
+    ("wish", "why", "count"),
+    [
+        (fleet.Wish(("paper",), {"viewpoints": {"shared": 0.4}}), "settings changed", 3),
+        (fleet.Wish(("recommended",)), "new pair", 3),
+        (fleet.Wish(("paper",), targets=("cube-v1",)), "new pair", 1),  # itself, where it is asked for
+    ],
+)
+def test_a_decision_says_why(planned, wish, why, count):
+    decision = fleet.decide(planned, wish)
+    assert decision.reasons == {why: count}
+
+
+def test_a_changed_structure_is_planned_again_and_a_retired_one_no_more(tmp_path):
+    catalog = boxes(tmp_path / "catalog")
+    fleet.transfer(catalog, fleet.decide(catalog, fleet.Wish(("paper",))).jobs, "first", fleet.Resources(1))
+    old = catalog.structure("box-random-1")
+    catalog.add_structures([replace(old, vertices=old.vertices * 1.01, sha256="")])
+    decision = fleet.decide(catalog, fleet.Wish(("paper",)))
+    assert decision.reasons == {"target changed": 1}
+    catalog.retire_structures(["box-random-1"])
+    assert fleet.decide(catalog, fleet.Wish(("paper",))).jobs == []
+
+
+@pytest.mark.parametrize("wish", [fleet.Wish(demonstrations=("nobody",)), fleet.Wish(targets=("nothing",))])
+def test_unknown_names_are_refused_with_the_known_ones(planned, wish):
+    with pytest.raises(InputError, match=r"not in the catalog.*(cube-sides|box-random-1)"):
+        fleet.decide(planned, wish)
+
+
+@pytest.mark.parametrize(("targets", "demonstrations"), [(3, 1), (3, 5), (40, 2), (SINGLE_TARGETS + 300, 1)])
+def test_shards_hold_every_job_once(targets, demonstrations):
+    jobs = jobs_for(targets, demonstrations)
+    made = shards(jobs, workers=2)
+    assert sorted(job.key for shard in made for job in shard) == sorted(job.key for job in jobs)
+    assert shards(list(reversed(jobs)), workers=2) == made
+
+
+def test_shards_are_one_target_until_they_are_too_many():
+    assert {len(shard) for shard in shards(jobs_for(40, 3), 2)} == {3}
+    many = shards(jobs_for(10_000), 2)
+    assert 100 <= len(many) <= 200
+    assert max(len(shard) for shard in many) <= 100
+
+
+def test_a_bad_file_stops_itself_alone(tmp_path):
+    cube = member("cube-v1").structure
+    trimesh.Trimesh(cube.vertices, cube.triangles).export(tmp_path / "good.stl")
+    (tmp_path / "bad.stl").write_bytes(b"solid nothing")
+    entries = [
+        f'[[structure]]\nid = "{name}"\nkind = "box"\npath = "{name}.stl"\nunits = "m"\nup = "z"\nforward = "x"\n'
+        for name in ("bad", "good")
+    ]
+    (tmp_path / "structures.toml").write_text("\n".join(entries))
+    (tmp_path / "broken.mcap").write_bytes(b"not a log at all")
+    write_log(tmp_path / "good.mcap", fly(cube, "sides"), cube)
+
+    catalog = open_catalog(tmp_path / "catalog")
+    bad, good = fleet.ingest_structures(catalog, tmp_path / "structures.toml", 1)
+    assert (bad.status, good.status) == ("failed", "added")
+    assert "bad.stl" in bad.reason
+    assert catalog.structures()["structure_id"].tolist() == ["good"]
+    broken, flown = fleet.ingest_demonstrations(catalog, [tmp_path], 1)
+    assert (broken.status, flown.status) == ("failed", "added")
+    assert "broken.mcap" in broken.reason
+    assert "Traceback" not in broken.reason
+    assert [item.status for item in fleet.ingest_demonstrations(catalog, [tmp_path], 1)] == [
+        "failed",
+        "unchanged",
+    ]
+
+
+def test_two_logs_of_one_name_do_not_hide_each_other(tmp_path):
+    cube = member("cube-v1").structure
+    for name, seed in (("first", 0), ("second", 1)):
+        write_log(tmp_path / f"{name}.mcap", fly(cube, "sides", seed), cube)
+    catalog = open_catalog(tmp_path / "catalog")
+    first, second = fleet.ingest_demonstrations(catalog, [tmp_path], 1)
+    assert (first.status, second.status) == ("added", "failed")
+    assert "first.mcap" in second.reason
