@@ -21,6 +21,8 @@ from upplied.inputs.repair import Repairs, clean, clip_below, compact
 from upplied.inputs.topology import topology_of
 from upplied.records import Bools, Floats, Ints, Structure
 
+_FARTHEST_M = 1e9  # beyond, the file is damaged; single precision and squares stay in range below
+
 
 def read_structure(entry: StructureEntry) -> Structure:
     """The structure of a manifest entry.
@@ -95,7 +97,18 @@ def structure_frame(raw: RawMesh, entry: StructureEntry) -> Floats:
             "units = file only for formats that do",
             "declare m, cm, mm, in, ft or metres per unit",
         )
-    local = raw.vertices - np.asarray(entry.local_origin)
+    limit = min(_FARTHEST_M / (unit * entry.scale), _FARTHEST_M**2)
+    near = np.abs(raw.vertices) <= limit
+    used = np.unique(raw.triangles) if len(raw.triangles) else slice(None)
+    far = raw.vertices[used][~near[used] & np.isfinite(raw.vertices[used])]
+    if len(far):
+        raise InputError(
+            str(entry.path),
+            f"has a coordinate of {far[0]:.3g} units",
+            f"at most {_FARTHEST_M:g} m",
+            "check the units, or export it again",
+        )
+    local = np.where(near, raw.vertices, np.nan) - np.asarray(entry.local_origin)
     return (local @ turn(entry.up, entry.forward).T) * (unit * entry.scale)
 
 

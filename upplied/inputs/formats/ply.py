@@ -8,7 +8,7 @@ import numpy as np
 
 from upplied.inputs.formats.polygons import triangulate
 from upplied.inputs.formats.raw import RawMesh, Source
-from upplied.inputs.formats.text import numbers
+from upplied.inputs.formats.text import numbers, whole
 from upplied.records import Floats, Ints
 
 _TYPES = {
@@ -126,7 +126,7 @@ class _Binary:
         }
         for i, item in enumerate(element.properties):
             if item.name in _INDICES and item.length_type:
-                lists = rows[f"p{i}"].astype(np.int64)
+                lists = _indices(rows[f"p{i}"])
                 return columns, (lists.reshape(-1), np.full(element.count, lists.shape[1]))
         return columns, _no_lists()
 
@@ -185,7 +185,7 @@ class _Binary:
         if wanted < 0:
             return _no_lists()
         kind = self._order + element.properties[wanted].type
-        return np.frombuffer(b"".join(chunks), kind).astype(np.int64), np.array(sizes, np.int64)
+        return _indices(np.frombuffer(b"".join(chunks), kind)), np.array(sizes, np.int64)
 
     def _number(self, at: int, kind: str) -> int:
         piece = self._source.data[at : at + int(kind[1])]
@@ -221,11 +221,11 @@ class _Text:
         return {}, self._lists(element, left)
 
     def _lists(self, element: _Element, left: Floats) -> tuple[Ints, Ints]:
-        if width_of(element) == 1 and element.count and (left[: element.count * 4 : 4] == 3).all():
+        if len(element.properties) == 1 and element.count and (left[: element.count * 4 : 4] == 3).all():
             rows = left[: element.count * 4].reshape(-1, 4)  # triangles and nothing else, the usual case
             if len(rows) == element.count:
                 self._at += rows.size
-                return rows[:, 1:].astype(np.int64).reshape(-1), np.full(element.count, 3)
+                return whole(rows[:, 1:]).reshape(-1), np.full(element.count, 3)
         wanted = next((i for i, item in enumerate(element.properties) if item.name in _INDICES), -1)
         chunks, sizes, at = [np.empty(0)], [], 0
         for _ in range(element.count):
@@ -241,12 +241,11 @@ class _Text:
                     sizes.append(length)
                 at += length
         self._at += at
-        return np.concatenate(chunks).astype(np.int64), np.array(sizes, np.int64)
+        return whole(np.concatenate(chunks)), np.array(sizes, np.int64)
 
 
-def width_of(element: _Element) -> int:
-    """How many properties a row has."""
-    return len(element.properties)
+def _indices(values: np.ndarray) -> Ints:
+    return whole(values) if values.dtype.kind == "f" else values.astype(np.int64)
 
 
 def _no_lists() -> tuple[Ints, Ints]:

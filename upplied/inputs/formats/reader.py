@@ -93,7 +93,8 @@ def read_raw(path: Path | str) -> tuple[RawMesh, str]:
     suffix = source.path.suffix.lower().removeprefix(".")
     _check_content(source, _SAME.get(suffix, suffix))
     try:
-        raw = READERS[suffix](source)
+        with np.errstate(all="ignore"):  # garbage among the numbers is found by the checks below
+            raw = READERS[suffix](source)
     except UppliedError:
         raise
     except Exception as error:  # whatever a damaged file provokes leaves as one kind of error

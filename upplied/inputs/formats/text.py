@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 
-from upplied.records import Floats
+from upplied.records import Floats, Ints
 
 
 def numbers(text: bytes) -> Floats:
@@ -35,9 +35,13 @@ def numbers(text: bytes) -> Floats:
             raise ValueError(str(error)) from None
 
 
-def integers(text: bytes) -> np.ndarray:
-    """All whole numbers of a text that white space separates, int64."""
-    values = numbers(text)
+def integers(text: bytes) -> Ints:
+    """All whole numbers of a text that white space separates."""
+    return whole(numbers(text))
+
+
+def whole(values: Floats) -> Ints:
+    """Numbers that must be whole as integers."""
     if not (np.abs(values) < 2**53).all() or (values != np.rint(values)).any():
         raise ValueError("not a whole number")
     return values.astype(np.int64)
