@@ -40,7 +40,7 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
     """
     track = timed(track)
     with np.errstate(over="ignore", invalid="ignore"):
-        good = np.isfinite(np.column_stack([track.positions, track.quat_xyzw])).all(axis=1)
+        good: Bools = np.isfinite(np.column_stack([track.positions, track.quat_xyzw])).all(axis=1)
         track = track.keep(good, "not a number")
         track = track.keep(
             np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M, "position off the Earth"

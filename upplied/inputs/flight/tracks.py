@@ -147,17 +147,30 @@ def pose_track(table: Table, stamp: str, position: str, rotation: str, parent: s
     )
     if not len(table):
         return track
-    pairs, which, count = np.unique(
-        np.char.add(np.char.add(parents, "\n"), children), return_inverse=True, return_counts=True
-    )
-    most = int(np.argmax(count))
-    track = track.keep(which == most, "other frame")
-    first, second = str(pairs[most]).split("\n", 1)
-    return replace(track, parent=first, child=second)
+    groups = groups_of(parents, children)
+    most = max(groups, key=lambda pair: len(groups[pair]))
+    if len(groups) > 1:
+        good = np.zeros(len(table), bool)
+        good[groups[most]] = True
+        track = track.keep(good, "other frame")
+    return replace(track, parent=most[0], child=most[1])
+
+
+def groups_of(parents: np.ndarray, children: np.ndarray) -> dict[tuple[str, str], Ints]:
+    """The rows (k,) of each pair of frames."""
+    if (parents == parents[0]).all() and (children == children[0]).all():
+        return {(parents[0], children[0]): np.arange(len(parents))}
+    rows: dict[tuple[str, str], list[int]] = {}
+    for row, pair in enumerate(zip(parents.tolist(), children.tolist(), strict=True)):
+        rows.setdefault(pair, []).append(row)
+    return {pair: np.array(found) for pair, found in rows.items()}
 
 
 def names(table: Table, path: str) -> np.ndarray:
     """The names of frames in a column, without a leading slash; empty where there are none."""
-    if path not in table or np.asarray(table[path]).dtype.kind != "U":
-        return np.full(len(table), "")
-    return np.char.lstrip(np.char.replace(table[path], "\n", " "), "/")
+    if path not in table or table[path].dtype != object:
+        return np.full(len(table), "", object)
+    known = {name: name.lstrip("/") for name in set(table[path].tolist())}
+    if len(known) == 1:
+        return np.full(len(table), next(iter(known.values())), object)
+    return np.array([known[name] for name in table[path].tolist()], object)

@@ -18,12 +18,12 @@ from google.protobuf.message import DecodeError
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
-from upplied.inputs.mcap.rosmsg import Columns, DefinitionError
+from upplied.inputs.mcap.rosmsg import MAX_TEXT, Columns, DefinitionError
 from upplied.records import Ints
 
 # The same word in the three worlds: ROS 2, protobuf and JSON.
 _ALIASES = {"sec": ("sec", "seconds", "secs"), "nanosec": ("nanosec", "nanos", "nsec", "nsecs")}
-_MAX_TEXT = 200
+_MAX_WIDTH = 64  # numbers in one value; a calibration has 12
 
 
 class JsonDecoder:
@@ -146,7 +146,7 @@ def _getter_of_presence(guard: str) -> Callable[[Any], bool]:
 
 
 def _blanked(column: Any, holes: Any) -> Any:
-    if column.dtype.kind == "U":
+    if column.dtype == object:
         return np.where(holes, "", column)
     column = column.astype(float)
     column[holes] = np.nan
@@ -171,9 +171,9 @@ def _column(values: Sequence[Any]) -> Any:
         return np.array([_float(value) for value in values])
     rows = [_row(value) for value in values]
     if any(row is None for row in rows):
-        return np.array(["" if value is None else str(value)[:_MAX_TEXT] for value in values], dtype=str)
+        return np.array(["" if value is None else str(value)[:MAX_TEXT] for value in values], object)
     width = Counter(len(row) for row in rows if row).most_common(1)
-    if not width or width[0][0] > _MAX_TEXT:
+    if not width or width[0][0] > _MAX_WIDTH:
         return None
     nothing = [np.nan] * width[0][0]
     return np.array([row if row and len(row) == len(nothing) else nothing for row in rows])

@@ -19,8 +19,10 @@ from upplied.errors import InputError
 from upplied.inputs.mcap import records as mcap
 from upplied.inputs.mcap.salvage import scan
 
-MAX_UNPACKED = (2**30, 400)  # unpacked bytes in all: so many, plus so many times the file
-MAX_MESSAGES = 20_000_000  # of the wanted channels
+# Bounds on what a log may hold: so much, plus so much for each byte of the file.
+MAX_UNPACKED = (2**30, 200)  # bytes after decompression
+MAX_RECORDS = (5_000_000, 0.5)  # of all channels
+MAX_MESSAGES = (500_000, 0.125)  # of the wanted channels, and rows in their tables
 
 _OTHER_FORMATS = {
     b"#ROSBAG V": ("it is a ROS 1 bag", "convert it: mcap convert in.bag out.mcap"),
@@ -99,10 +101,9 @@ class Recording:
         """The messages of the wanted channels in the order of the file; damaged chunks are skipped."""
         choice: dict[int, bool] = {}
         found: Counter[int] = Counter()
-        for message in self._all(wanted, choice):
+        for index, message in enumerate(self._all(wanted, choice)):
             found[message.channel_id] += 1
-            if found.total() > MAX_MESSAGES:
-                raise InputError(str(self.path), f"holds more than {MAX_MESSAGES} messages", "fewer")
+            self.check(index, MAX_MESSAGES, "messages")
             yield message
         missing = {i: n - found[i] for i, n in self.counts.items() if choice.get(i) and n > found[i]}
         if missing and not self.losses:
@@ -115,16 +116,19 @@ class Recording:
                 choice[channel_id] = channel is not None and wanted(channel)
             return choice[channel_id]
 
-        lost, unpacked = Counter[str](), 0
+        lost, unpacked, records = Counter[str](), 0, 0
         with self.path.open("rb") as stream:
             for ref in self.chunks:
                 if ref.channel_ids is not None and not any(map(chosen, ref.channel_ids)):
                     continue
                 try:
-                    content = _content(stream, ref)
-                    unpacked += mcap.unpacked_size(content)
-                    self._check_unpacked(unpacked)
-                    yield from self._in_chunk(mcap.unpack_chunk(content), chosen)
+                    chunk = mcap.unpack_chunk(_content(stream, ref))
+                    unpacked += len(chunk)
+                    self.check(unpacked, MAX_UNPACKED, "bytes after decompression")
+                    messages, number = self._in_chunk(chunk, chosen)
+                    records += number
+                    self.check(records, MAX_RECORDS, "records")
+                    yield from messages
                 except mcap.DamagedError as error:
                     lost[str(error)] += 1
             for ref in self.loose:
@@ -133,23 +137,30 @@ class Recording:
         for reason, number in lost.items():
             self.losses.append(f"{number} of {len(self.chunks)} chunks lost: {reason}")
 
-    def _in_chunk(self, records: bytes, chosen: Callable[[int], bool]) -> list[mcap.Message]:
-        found = []
+    def _in_chunk(self, records: bytes, chosen: Callable[[int], bool]) -> tuple[list[mcap.Message], int]:
+        found, number = [], 0
         for opcode, start, stop in mcap.spans(records):
+            number += 1
             if opcode == mcap.MESSAGE:
                 if stop - start >= 22 and chosen(records[start] | records[start + 1] << 8):
                     found.append(mcap.message_at(records, start, stop))
             elif opcode in (mcap.SCHEMA, mcap.CHANNEL):
                 self.add(opcode, records[start:stop])
-        return found
+        return found, number
 
-    def _check_unpacked(self, unpacked: int) -> None:
-        limit = MAX_UNPACKED[0] + MAX_UNPACKED[1] * self.size
-        if unpacked > limit:
+    def check(self, number: int, bound: tuple[float, float], what: str) -> None:
+        """Refuse a log that holds more than a log of its size can.
+
+        Raises
+        ------
+        InputError
+        """
+        limit = int(bound[0] + bound[1] * self.size)
+        if number > limit:
             raise InputError(
                 str(self.path),
-                f"unpacks to more than {limit} bytes",
-                "a log of honest compression",
+                f"holds more than {limit} {what}",
+                "what an honest log of its size can hold",
                 "check where it is from",
             )
 

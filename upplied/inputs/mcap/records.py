@@ -19,6 +19,7 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
 CHUNK_INDEX, STATISTICS, METADATA, METADATA_INDEX, DATA_END = 8, 0x0B, 0x0C, 0x0D, 0x0F
 
 MAX_CHUNK_BYTES = 256 * 2**20  # of one chunk, unpacked; recorders write 1 to 16 MiB
+MIN_RECORD_BYTES = 8  # the shortest record that a chunk or a summary may hold
 MAX_RECORD_BYTES = 16 * 2**20  # of a schema, channel, metadata or index record
 
 Span = tuple[int, int, int]  # opcode, start and stop of the content
@@ -183,15 +184,15 @@ def spans(records: bytes) -> Iterator[Span]:
     Raises
     ------
     DamagedError
-        If a record reaches beyond the chunk.
+        If a record reaches beyond the chunk, or is too short to be one.
     """
     at, end = 0, len(records)
     while at + 9 <= end:
         opcode, length = _RECORD.unpack_from(records, at)
         start = at + 9
         at = start + length
-        if at > end:
-            raise DamagedError("a record reaches beyond its chunk")
+        if at > end or length < MIN_RECORD_BYTES:
+            raise DamagedError("a chunk holds what is no record")
         yield opcode, start, at
 
 

@@ -25,6 +25,7 @@ _SIZES = {
 _LINE = re.compile(
     r"(?P<kind>[\w/]+)(?:<=\d+)?(?P<array>\[(?:<=)?(?P<size>\d*)\])?\s+(?P<name>[A-Za-z]\w*)\s*(?P<const>=)?"
 )
+MAX_TEXT = 200  # characters of a name that are kept
 _MAX_DEPTH = 16  # of messages in messages
 _MAX_GROUPS = 32  # layouts of one payload length that are read by array operations
 
@@ -122,7 +123,9 @@ class RosDecoder:
             raise DefinitionError("messages nest too deeply")
         for name, kind, size in self._messages[message]:
             if kind in _SIZES or kind == "string":
-                found.add(prefix + name)
+                # A sequence of numbers or strings has no width that a column could have.
+                if size is None or (size >= 0 and kind != "string"):
+                    found.add(prefix + name)
             else:
                 self._collect(kind, f"{prefix}{name}{'' if size is None else '[]'}.", found, depth + 1)
 
@@ -154,11 +157,10 @@ class _Walk:
         self.message(root, "", 0)
         if self.at > len(self.payload):
             raise PayloadError("payload is short")
-        counts = {len(found) for path, found in self.leaves.items() if "[]" in path}
+        counts = {len(self.leaves.get(path, ())) for path in self.wanted if "[]" in path} or {1}
         if len(counts) > 1:
             raise PayloadError("sequences of different length")
-        several = any("[]" in path for path in self.wanted)
-        return Layout(self.guards, self.leaves, (counts or {0}).pop() if several else 1)
+        return Layout(self.guards, self.leaves, counts.pop())
 
     def message(self, name: str, prefix: str, depth: int) -> None:
         fields = self.messages[name]
@@ -280,8 +282,6 @@ def _gather(block: np.ndarray, layout: Layout, wanted: Sequence[str]) -> Columns
     for path in wanted:
         found = layout.leaves.get(path, [])
         parts = [_leaf(block, *leaf) for leaf in found]
-        if not parts:
-            parts = [np.empty(len(block))] * layout.elements
         if len(parts) == 1 and layout.elements != 1:
             parts *= layout.elements
         # message by message, within a message element by element
@@ -291,18 +291,20 @@ def _gather(block: np.ndarray, layout: Layout, wanted: Sequence[str]) -> Columns
 
 def _leaf(block: np.ndarray, at: int, dtype: str, count: int | None) -> np.ndarray:
     if dtype == "S":
-        size = count or 0
-        raw = (
-            np.ascontiguousarray(block[:, at : at + size]).view(f"S{size}")[:, 0]
-            if size
-            else np.zeros(len(block), "S1")
-        )
-        names, which = np.unique(raw, return_inverse=True)
-        return np.array([name.decode("utf-8", "replace") for name in names], dtype=str)[which]
+        return _texts(block[:, at : at + min(count or 0, MAX_TEXT)])
     width = np.dtype(dtype).itemsize * (1 if count is None else count)
     values = np.ascontiguousarray(block[:, at : at + width]).view(dtype)
     values = values.astype(np.dtype(dtype).newbyteorder("="), copy=False)
     return values[:, 0] if count is None else values
+
+
+def _texts(block: np.ndarray) -> np.ndarray:
+    """Strings of one length as objects: most often all are the same."""
+    if not block.shape[1] or (block == block[0]).all():
+        return np.full(len(block), block[0].tobytes().decode("utf-8", "replace"), object)
+    raw = np.ascontiguousarray(block).view(f"V{block.shape[1]}")[:, 0].tolist()
+    known = {piece: piece.decode("utf-8", "replace") for piece in set(raw)}
+    return np.array([known[piece] for piece in raw], object)
 
 
 def _joined(pieces: list[tuple[Columns, np.ndarray]], wanted: Sequence[str]) -> tuple[Columns, np.ndarray]:

@@ -6,6 +6,7 @@ the next chunk, so that damage costs the chunks it hit and no more.
 
 from __future__ import annotations
 
+import zlib
 from typing import TYPE_CHECKING, BinaryIO
 
 from upplied.inputs.mcap import records as mcap
@@ -36,6 +37,8 @@ def scan(stream: BinaryIO, recording: Recording, why: str) -> None:
         head = stream.read(9)
         opcode, length = head[0], int.from_bytes(head[1:], "little")
         if opcode == mcap.DATA_END and length <= 64:
+            if recording.loose and not _sound(stream, at, length):
+                recording.losses.append("the data fails its CRC")
             if why:
                 recording.losses.append(f"{why}, though its data is whole")
             return
@@ -73,6 +76,19 @@ def _keep(stream: BinaryIO, opcode: int, length: int, recording: Recording) -> b
         except (mcap.DamagedError, UnicodeDecodeError):
             return False
     return True
+
+
+def _sound(stream: BinaryIO, end: int, length: int) -> bool:
+    """Whether the bytes before the end of the data fit their CRC, where there is one."""
+    told = int.from_bytes(stream.read(min(length, 4)), "little")
+    stream.seek(0)
+    crc, left = 0, end if told else 0
+    while left > 0:
+        piece = stream.read(min(left, _WINDOW))
+        crc, left = zlib.crc32(piece, crc), left - len(piece)
+        if not piece:
+            break
+    return crc == told
 
 
 def _next_chunk(stream: BinaryIO, start: int, size: int) -> int | None:

@@ -10,12 +10,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from upplied.inputs.mcap.objects import JsonDecoder, ProtobufDecoder
-from upplied.inputs.mcap.recording import Channel, Recording
+from upplied.inputs.mcap.recording import MAX_MESSAGES, Channel, Recording
 from upplied.inputs.mcap.records import Message
 from upplied.inputs.mcap.rosmsg import DefinitionError, RosDecoder
 from upplied.records import Ints
 
 _BATCH_BYTES = 8 * 2**20  # payloads held before they are decoded
+_BATCH = 20_000  # messages
+_MAX_PAYLOAD_BYTES = 2**20  # a pose or a tree of transforms is far smaller
 
 
 class Decoder(Protocol):
@@ -75,6 +77,8 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
 
     for message in recording.messages(wanted):
         builders[message.channel_id].add(message)
+        if len(builders[message.channel_id]) > _BATCH:
+            recording.check(sum(map(len, builders.values())), MAX_MESSAGES, "poses")
     return [builders[channel_id].table() for channel_id in sorted(builders)]
 
 
@@ -128,7 +132,7 @@ class _Builder:
         self._table = Table(channel)
         self._paths = paths
         self._held: list[Message] = []
-        self._bytes = 0
+        self._bytes = self._rows = 0
         self._pieces: list[tuple[dict[str, Any], Ints, Ints]] = []
         self._decoder: Decoder | None = None
         try:
@@ -136,13 +140,19 @@ class _Builder:
         except DefinitionError as error:
             self._table.problem = str(error)
 
+    def __len__(self) -> int:
+        return self._rows
+
     def add(self, message: Message) -> None:
         self._table.messages += 1
         if self._decoder is None:
             return
+        if len(message.payload) > _MAX_PAYLOAD_BYTES:
+            self._table.dropped["too large a message"] += 1
+            return
         self._held.append(message)
         self._bytes += len(message.payload)
-        if self._bytes > _BATCH_BYTES:
+        if self._bytes > _BATCH_BYTES or len(self._held) >= _BATCH:
             self._decode()
 
     def table(self) -> Table:
@@ -165,6 +175,7 @@ class _Builder:
         times = np.array(
             [(_signed(message.log_ns), _signed(message.publish_ns)) for message in held], np.int64
         )
+        self._rows += len(row)
         if len(row):
             self._pieces.append((columns, times[row, 0], times[row, 1]))
 

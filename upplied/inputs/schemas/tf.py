@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
-from upplied.inputs.flight.tracks import Track, at_times, names, pose_paths, source_times, stamps
+from upplied.inputs.flight.tracks import Track, at_times, groups_of, names, pose_paths, source_times, stamps
 from upplied.inputs.mcap.tables import Table
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Bools, Floats, Ints
@@ -192,17 +192,13 @@ def _links(table: Table) -> list[tuple[Link, Track]]:
     times, clock = source_times(table, stamps(table, stamp))
     values = table.stack(*paths)
     whole = Track(times, values[:, :3], values[:, 3:], table.log_ns, clock=clock)
-    keys, which = np.unique(
-        np.char.add(np.char.add(names(table, parent), "\n"), names(table, child)), return_inverse=True
-    )
-    if len(keys) > _MAX_FRAMES:
-        raise InputError(table.channel.topic, f"holds {len(keys)} links", f"at most {_MAX_FRAMES}")
-    found = []
-    for index, key in enumerate(keys):
-        first, second = str(key).split("\n", 1)
-        part = replace(whole.take(which == index), parent=first, child=second, dropped=Counter())
-        found.append(((first, second), part))
-    return found
+    groups = groups_of(names(table, parent), names(table, child))
+    if len(groups) > _MAX_FRAMES:
+        raise InputError(table.channel.topic, f"holds {len(groups)} links", f"at most {_MAX_FRAMES}")
+    return [
+        (link, replace(whole.take(rows), parent=link[0], child=link[1], dropped=Counter()))
+        for link, rows in groups.items()
+    ]
 
 
 def _cleaned(track: Track, limits: LogOptions) -> Track:
