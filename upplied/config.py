@@ -90,7 +90,7 @@ class RefineSettings:
 
     method: Literal["none", "gauss-newton", "view"] = "gauss-newton"
     iterations: int = 20
-    deviation: float = 0.7  # how far `view` may bend the path, in units of its spread along each axis
+    deviation: float = 0.9  # how far `view` may bend the path, in units of its spread along each axis
 
 
 @dataclass(frozen=True)
@@ -110,6 +110,8 @@ class RetimeSettings:
     max_speed_mps: float = 8.0
     max_acceleration_mps2: float = 2.0
     max_yaw_rate_degps: float = 60.0
+    max_gimbal_rate_degps: float = 60.0  # of its pitch
+    least_stop_s: float = 3.0  # the expert's hovering for at least so long is meant, and kept
     min_gimbal_pitch_deg: float = -90.0
     max_gimbal_pitch_deg: float = 30.0
 
