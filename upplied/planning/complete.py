@@ -7,10 +7,12 @@ from collections.abc import Callable
 import numpy as np
 
 from upplied.planning.frechet import spread
+from upplied.planning.lean import lean
 from upplied.planning.look import Detours, Looks, View, bend, find_detours, find_looks
 from upplied.records import Bools, Floats, Ints, Waypoints
 
 _REACHES = (0.35, 0.6, 0.8, 1.0)  # of the allowed deviation: no further than needed
+_LEANS = 3  # at each reach
 _ENOUGH = 0.003  # share of the need that may stay unseen before the next reach is tried
 
 
@@ -55,6 +57,11 @@ def complete(
         looks = find_looks(positions, path.quat_xyzw, seen.any(axis=0), view)
         turned = view.seen(positions[looks.station], looks.quat_xyzw).any(axis=0)
         covered = seen.any(axis=0) | turned
+        leant = _leant(positions, path.quat_xyzw, covered, view, reach_m, within)
+        if leant is not positions:
+            positions = leant
+            seen = view.seen(positions, path.quat_xyzw)
+            covered = seen.any(axis=0) | turned
         if view.need[~covered].sum() < _ENOUGH * view.need.sum():
             break
         detours = find_detours(positions, covered, view, reach_m, allowed)
@@ -63,6 +70,36 @@ def complete(
             positions = safe(bent)
     covered = view.seen(positions, path.quat_xyzw).any(axis=0)
     return with_looks(path, positions, find_looks(positions, path.quat_xyzw, covered, view))
+
+
+def _leant(
+    positions: Floats,
+    quat_xyzw: Floats,
+    covered: Bools,
+    view: View,
+    reach_m: Floats,
+    within: Callable[[Floats, Ints], bool],
+) -> Floats:
+    """The path after as many leans as show more than they hide; the same array where none does."""
+    best = view.need[covered].sum()
+    for _ in range(_LEANS):
+        missing = np.flatnonzero((view.need > 0) & ~covered)
+        if len(missing) == 0:
+            return positions
+        asked = lean(positions, missing, view, reach_m)
+        for share in (1.0, 0.5):
+            tried = positions + share * asked
+            if not within(tried, np.arange(len(tried))):
+                continue
+            seen = view.seen(tried, quat_xyzw).any(axis=0)
+            looks = find_looks(tried, quat_xyzw, seen, view)
+            seen |= view.seen(tried[looks.station], looks.quat_xyzw).any(axis=0)
+            if view.need[seen].sum() > best:
+                positions, covered, best = tried, seen, view.need[seen].sum()
+                break
+        else:
+            return positions
+    return positions
 
 
 def _bent(

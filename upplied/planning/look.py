@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.visibility import visible
@@ -22,7 +21,7 @@ from upplied.scene import Scene
 _WORTH = 2e-4  # share of the whole need that a turn must add to be flown
 _DIRECTIONS = 24  # candidate directions at each station
 _STATIONS = 160  # stations from which turns are considered
-_SEEDS = 150  # missed samples from which detours are sought
+_TUBE, _WAYS = 54, 26  # stations from which detours lead, and their directions
 _PLACES = 150  # of the places to try, the most promising
 
 
@@ -123,7 +122,7 @@ def find_detours(
     missing = np.flatnonzero((view.need > 0) & ~covered)
     if len(missing) == 0:
         return _no_detours()
-    places, station = _places(view, missing, positions, reach_m)
+    places, station = _places(positions, reach_m)
     free = allowed(places)
     places, station = places[free], station[free]
     reach = view.reach(places, missing)
@@ -203,52 +202,22 @@ def _greedy(shows: Bools, need: Floats, ease: Floats, worth: float) -> tuple[Int
         left[shows[best]] = 0.0
 
 
-def _places(view: View, missing: Ints, positions: Floats, reach_m: Floats) -> tuple[Floats, Ints]:
-    """Places to try for missed samples within reach of the path, and the station each is bent from."""
-    seeds = missing[np.unique(np.linspace(0, len(missing) - 1, min(_SEEDS, len(missing))).astype(int))]
-    points, normals = view.cloud.points[seeds], view.cloud.normals[seeds]  # type: ignore[index]
-    tried = [
-        _less_grazing(points, normals, positions, reach_m, view.settings.max_incidence_deg),
-        _in_front(points, normals, positions, reach_m),
-    ]
-    return np.concatenate([places for places, _ in tried]), np.concatenate([at for _, at in tried])
+def _places(positions: Floats, reach_m: Floats) -> tuple[Floats, Ints]:
+    """Places in the tube round the path within reach, and the station each is bent from."""
+    station = np.unique(np.linspace(0, len(positions) - 1, min(_TUBE, len(positions))).astype(np.int64))
+    ways = _sphere(_WAYS) * reach_m
+    offsets = np.concatenate([share * ways for share in (0.35, 0.65, 0.98)])
+    places = positions[station][:, None] + offsets
+    return places.reshape(-1, 3), np.repeat(station, len(offsets))
 
 
-def _less_grazing(
-    points: Floats, normals: Floats, positions: Floats, reach_m: Floats, max_incidence_deg: float
-) -> tuple[Floats, Ints]:
-    """From the stations that need it least, the move along the normal that ends a too oblique view."""
-    ray = positions[None] - points[:, None]
-    height = np.einsum("smk,sk->sm", ray, normals)
-    wanted = np.cos(np.radians(max_incidence_deg - 2.0)) * np.linalg.norm(ray, axis=2)
-    move = 1.05 * np.maximum(wanted - height, 0.0)
-    effort = move * np.linalg.norm(normals / reach_m, axis=1)[:, None]
-    station = np.argsort(effort, axis=1, kind="stable")[:, : 4 * 8 : 8]
-    row = np.arange(len(points))[:, None]
-    places = positions[station] + move[row, station, None] * normals[:, None]
-    near = effort[row, station] <= 1.0
-    return places[near], station[near]
-
-
-def _in_front(points: Floats, normals: Floats, positions: Floats, reach_m: Floats) -> tuple[Floats, Ints]:
-    """Part of the way from the nearest station to where a sample is seen straight or aslant."""
-    helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(normals, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(normals, first)
-    rays = [normals]
-    for turn in np.arange(6) * np.pi / 3:
-        beside = np.cos(turn) * first + np.sin(turn) * second
-        rays.append(np.cos(0.8) * normals + np.sin(0.8) * beside)
-    tree = cKDTree(positions)
-    distance = tree.query(points)[0][:, None]
-    ideal = np.concatenate([points + distance * ray for ray in rays])
-    station = np.asarray(tree.query(ideal)[1], np.int64)
-    move = ideal - positions[station]
-    furthest = move / np.maximum(np.linalg.norm(move / reach_m, axis=1, keepdims=True), 1.0)
-    shares = (0.25, 0.5, 0.75, 1.0)
-    places = np.concatenate([positions[station] + share * furthest for share in shares])
-    return places, np.tile(station, len(shares))
+def _sphere(number: int) -> Floats:
+    """Evenly spread directions (number, 3) on a Fibonacci spiral."""
+    index = np.arange(number) + 0.5
+    height = 1 - 2 * index / number
+    turn = np.pi * (1 + np.sqrt(5)) * index
+    ring = np.sqrt(1 - height**2)
+    return np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
 
 
 def _axis_angle(a_xyzw: Floats, b_xyzw: Floats) -> Floats:

@@ -13,6 +13,7 @@ from upplied.planning.look import View
 from upplied.planning.measure import sought
 from upplied.planning.pair import Memo, Pair, no_memo
 from upplied.planning.refine import gauss_newton
+from upplied.planning.route import Ways, safe_positions
 from upplied.planning.transfer import aimed, box_map, registered_map, zscore_map
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
@@ -67,8 +68,12 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
     is_viewpoint[(inspection.viewpoints.start + inspection.viewpoints.stop - 1) // 2] = True
     path = Waypoints(positions, quats, flight.t_s, is_viewpoint)
 
-    airspace = airspace_of(pair, settings)
-    return complete(path, view, settings.refine.deviation, lambda places: places, airspace.allowed)
+    ways = Ways(airspace_of(pair, settings), fit.target)
+
+    def safe(places: Floats) -> Floats:
+        return safe_positions(places, ways) if settings.route.enforce else places
+
+    return complete(path, view, settings.refine.deviation, safe, ways.planning.allowed)
 
 
 def with_demonstrated_speed(waypoints: Waypoints, flight: Trajectory) -> Trajectory:
