@@ -1,0 +1,217 @@
+"""The flows against a server of their own: what they do, what they refuse, what they leave to read."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from flows.environment import ROOT, SETTINGS, environment
+from flows.server import Server, private_server, start, stop
+from upplied.catalog import open_catalog
+from upplied.outputs.logs import write_log
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+
+pytestmark = [pytest.mark.server, pytest.mark.filterwarnings("default")]
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory) -> Iterator[Server]:
+    with private_server(tmp_path_factory.mktemp("prefect")) as server:
+        server.wait()
+        yield server
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Path:
+    """A folder with a catalog of a cube and two boxes, and a log that is not in it yet."""
+    place = tmp_path_factory.mktemp("place")
+    cube = member("cube-v1").structure
+    open_catalog(place / "catalog").add_structures(
+        [cube, *(random_member("box", n).structure for n in (1, 2))]
+    )
+    write_log(place / "flight.mcap", fly(cube, "sides"), cube)
+    return place
+
+
+def python(server: Server, place: Path, code: str) -> subprocess.CompletedProcess[str]:
+    """Run Python that knows the server, in the folder of the catalog."""
+    variables = server.environment | {"PREFECT_LOGGING_LEVEL": "WARNING"}
+    return subprocess.run(
+        [sys.executable, "-c", code], env=variables, cwd=place, capture_output=True, text=True, check=False
+    )
+
+
+def prefect(server: Server, *command: str, timeout: float = 240) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "prefect", *command],
+        env=server.environment,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=timeout,
+    )
+
+
+ASK = """
+import asyncio, json, sys
+from prefect import get_client
+from prefect.client.schemas.filters import *
+async def main():
+    async with get_client() as client:
+        {body}
+asyncio.run(main())
+"""
+
+
+def ask(server: Server, place: Path, body: str) -> str:
+    done = python(server, place, ASK.format(body=body))
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_the_whole_way_by_flows(server, place):
+    done = python(
+        server,
+        place,
+        """
+from flows.ingest_demonstrations import ingest_demonstrations
+from flows.transfer_fleet import transfer_fleet
+print(ingest_demonstrations(["flight.mcap"], return_state=True).message)
+print(transfer_fleet(presets=["paper"], targets=["box-random-1"], return_state=True).message)
+print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
+print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
+""",
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        "1 added, 0 unchanged, 0 failed",
+        "1 ok, 0 refused, 0 failed, 0 unchanged",
+        "1 ok, 0 refused, 0 failed, 1 unchanged",
+        "0 ok, 0 refused, 0 failed, 2 unchanged",
+    ]
+    assert (place / "reports" / "transfers.parquet").is_file()
+    assert (place / "reports" / "index.html").is_file()
+
+
+def test_runs_say_what_they_do_and_leave_something_to_read(server, place):
+    names = ask(server, place, "print([run.name for run in await client.read_flow_runs()])")
+    assert "demonstrations of flight.mcap" in names
+    assert "every demonstration to box-random-1" in names
+    keys = ask(server, place, "print({a.key: a.type for a in await client.read_artifacts()})")
+    assert "'transfer-fleet': 'markdown'" in keys
+    assert "'transfer-fleet-result': 'table'" in keys
+
+
+def test_prefect_keeps_no_results(server, place):
+    home = Path(server.environment["PREFECT_HOME"])
+    assert not [path for path in home.rglob("storage/*") if path.is_file()]
+
+
+WRONG = (
+    "presets=['best']",
+    "presets=[]",
+    "changes={'route': {'clearance': 3}}",
+    "targets=['../../etc']",
+    "resources={'workers': -1}",
+)
+
+
+def test_wrong_parameters_are_refused_before_anything_runs(server, place):
+    calls = "\n".join(f"attempt(lambda: transfer_fleet({wrong}))" for wrong in WRONG)
+    code = f"""
+from prefect.exceptions import ParameterTypeError
+from flows.transfer_fleet import transfer_fleet
+def attempt(call):
+    try:
+        call()
+    except ParameterTypeError as error:
+        print("refused:", str(error).splitlines()[1])
+{calls}
+"""
+    done = python(server, place, code)
+    told = [line for line in done.stdout.splitlines() if line.startswith("refused:")]
+    assert len(told) == len(WRONG), done.stdout + done.stderr
+
+
+def test_env_example_says_what_the_flows_are_given():
+    lines = [line for line in (ROOT / ".env.example").read_text().splitlines() if line and line[0] != "#"]
+    given = dict(line.split("=", 1) for line in lines)
+    assert SETTINGS.items() <= given.items()
+    assert set(given) - set(SETTINGS) == {"PREFECT_API_URL", "PREFECT_HOME", "UPPLIED_HOME"}
+
+
+def test_a_foreign_prefect_setting_does_not_leak_in(monkeypatch, tmp_path):
+    monkeypatch.setenv("PREFECT_API_KEY", "of somebody else")
+    assert "PREFECT_API_KEY" not in environment(tmp_path, "http://127.0.0.1:1/api")
+
+
+def test_every_deployment_names_a_flow_of_its_own_name():
+    declared = yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
+    for deployment in declared:
+        file, name = deployment["entrypoint"].split(":")
+        assert f'name="{deployment["name"]}"' in (ROOT / file).read_text()
+        assert name == deployment["name"].replace("-", "_")
+    nightly = declared[0]
+    assert nightly["name"] == "transfer-fleet"
+    assert nightly["concurrency_limit"]["collision_strategy"] == "CANCEL_NEW"
+
+
+def test_from_a_clone_to_a_scheduled_worker(server, place):
+    """The README's commands: pool, deployments, worker, a run on demand, and runs for the nights to come."""
+    assert prefect(server, "work-pool", "create", "local", "--type", "process").returncode == 0
+    deployed = prefect(server, "--no-prompt", "deploy", "--all")
+    assert deployed.returncode == 0, deployed.stdout + deployed.stderr
+    worker = start(
+        "worker", "start", "--pool", "local", environment=server.environment, log=subprocess.DEVNULL
+    )
+    try:
+        parameters = [f'catalog="{place}/catalog"', 'reports=""', 'presets=["baseline"]']
+        options = [word for parameter in parameters for word in ("--param", parameter)]
+        ran = prefect(server, "deployment", "run", "transfer-fleet/transfer-fleet", "--watch", *options)
+        assert ran.returncode == 0, ran.stdout + ran.stderr
+    finally:
+        stop(worker)
+    plans = open_catalog(place / "catalog").transfers(preset="baseline")
+    assert set(plans["target_id"]) == {"box-random-1", "box-random-2"}
+    assert (plans["status"] == "ok").all()
+    assert scheduled(server, place) >= 1
+
+    wrong = prefect(
+        server, "deployment", "run", "transfer-fleet/transfer-fleet", "--param", 'presets=["best"]'
+    )
+    assert wrong.returncode != 0
+    assert "best" in wrong.stdout + wrong.stderr
+
+
+def scheduled(server: Server, place: Path, patience_s: float = 90) -> int:
+    """How many runs the cron has scheduled; the scheduler looks once a minute."""
+    body = """
+        states = FlowRunFilterState(type=FlowRunFilterStateType(any_=["SCHEDULED"]))
+        runs = await client.read_flow_runs(flow_run_filter=FlowRunFilter(state=states))
+        print(len([run for run in runs if run.auto_scheduled]))
+    """.strip()
+    deadline = time.monotonic() + patience_s
+    while not (count := int(ask(server, place, body))) and time.monotonic() < deadline:
+        time.sleep(5)
+    return count
+
+
+def test_no_server_is_told_at_once_and_in_words(tmp_path):
+    variables = environment(tmp_path, "") | {"PREFECT_SERVER_ALLOW_EPHEMERAL_MODE": "false"}
+    del variables["PREFECT_API_URL"]
+    code = "from flows.publish_reports import publish_reports; publish_reports()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=variables, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode != 0
+    assert "PREFECT_API_URL" in done.stderr
+    assert not os.listdir(tmp_path) or not (tmp_path / "reports").exists()
