@@ -3,7 +3,7 @@
     python bench/ablation.py [--real] [--only WORDS] [--add]
 
 Without --add, one stage at a time is set back to what the paper says (what is lost without it);
-with --add, the paper's pipeline gets one stage of `recommended` at a time (what it brings alone).
+with --add, the paper's pipeline gets the stages of `recommended` one after the other.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--real", action="store_true", help="on real meshes, see bench/real_data.py")
     parser.add_argument("--only", default="", help="rows whose title contains this")
-    parser.add_argument("--add", action="store_true", help="add stages to `paper` one by one instead")
+    parser.add_argument("--add", action="store_true", help="from `paper` to `recommended`, stage by stage")
     options = parser.parse_args()
     rows = list(transfers(options.real, options.only))
     memos = [Remembered() for _ in rows]
-    print(f"{'variant':44}{'ok':>4}" + "".join(f"{title:>15}" for title, _ in _SHOWN) + f"{'CPU s':>8}")
+    print(f"{'variant':24}{'ok':>4}" + "".join(f"{title:>15}" for title, _ in _SHOWN) + f"{'CPU s':>8}")
     for name, settings in variants(options.add):
         began = time.process_time()
         found = [_measures(row, settings, memo) for row, memo in zip(rows, memos, strict=True)]
@@ -49,16 +49,22 @@ def main() -> None:
 
 
 def variants(add: bool) -> Iterator[tuple[str, Settings]]:
-    """The preset itself, and one variant for each stage in which the two presets differ."""
-    kept, other = settings_for("recommended"), settings_for("paper")
+    """From one preset to the other: stage by stage, or each stage alone."""
+    paper, recommended = settings_for("paper"), settings_for("recommended")
+    stages = [item.name for item in fields(Settings) if item.name not in ("preset", "visibility")]
+    stages = [name for name in stages if getattr(paper, name) != getattr(recommended, name)]
     if add:
-        kept, other = other, kept
-    yield kept.preset, kept
-    for item in fields(Settings):
-        theirs = getattr(other, item.name)
-        if item.name != "preset" and theirs != getattr(kept, item.name):
-            yield f"{kept.preset}, {item.name} as in {other.preset}", replace(kept, **{item.name: theirs})
-    yield other.preset, other
+        # True visibility first: it brings the clouds with normals on which the other stages plan.
+        grown = paper
+        yield "paper", grown
+        for name in ("visibility", *stages):
+            grown = replace(grown, **{name: getattr(recommended, name)})
+            yield f"+ {name}", grown
+        return
+    yield "recommended", recommended
+    for name in stages:
+        yield f"without {name}", replace(recommended, **{name: getattr(paper, name)})
+    yield "paper", paper
 
 
 def _measures(row: Transfer, settings: Settings, memo: Remembered) -> Measures | None:
@@ -67,7 +73,7 @@ def _measures(row: Transfer, settings: Settings, memo: Remembered) -> Measures |
 
 
 def _print(name: str, found: list[Measures], cpu_s: float) -> None:
-    line = f"{name:44}{len(found):4}"
+    line = f"{name:24}{len(found):4}"
     for _, field in _SHOWN:
         values = np.array([getattr(one, field) for one in found])
         mean = values[np.isfinite(values)].mean() if np.isfinite(values).any() else np.nan
