@@ -28,8 +28,13 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 _VERSION_KEY = "upplied.schemaVersion"
+_PROPERTIES = {
+    "delta.checkpointInterval": "50",
+    "delta.logRetentionDuration": "interval 365 days",
+    "delta.deletedFileRetentionDuration": "interval 30 days",
+}
 _PATIENCE_S = 60.0  # of conflicts, before a writer gives up
-_WRITER = WriterProperties(compression="ZSTD", compression_level=3, max_row_group_size=16_384)
+WRITER = WriterProperties(compression="ZSTD", compression_level=3, max_row_group_size=16_384)
 
 
 class StoredTable:
@@ -93,10 +98,24 @@ class StoredTable:
         CatalogError
             If the place cannot be written, or was made by a newer program.
         """
+        self._insist(lambda: self._append(rows))
+
+    def change(self, act: Callable[[DeltaTable], T]) -> T | None:
+        """Do maintenance on the newest version, again where a writer was faster; None without a table."""
+
+        def once() -> T | None:
+            with self._lock:
+                delta = self._refreshed()
+                return None if delta is None else act(delta)
+
+        return self._insist(once)
+
+    def _insist(self, act: Callable[[], T]) -> T:
+        """Do it again until no other writer was faster."""
         give_up = time.monotonic() + _PATIENCE_S
         while True:
             try:
-                return _told(self.uri, lambda: self._append(rows), CommitFailedError)
+                return _told(self.uri, act, CommitFailedError)
             except CommitFailedError as conflict:
                 if time.monotonic() > give_up:
                     raise CatalogError(
@@ -114,7 +133,7 @@ class StoredTable:
                 rows,
                 mode="append",
                 schema_mode=None if known >= set(rows.column_names) else "merge",
-                writer_properties=_WRITER,
+                writer_properties=WRITER,
                 commit_properties=CommitProperties(max_commit_retries=30),
             )
 
@@ -140,7 +159,7 @@ class StoredTable:
             mode="ignore",
             name=self.declared.name,
             description=self.declared.meaning,
-            configuration={_VERSION_KEY: str(SCHEMA_VERSION), "delta.checkpointInterval": "50"},
+            configuration={_VERSION_KEY: str(SCHEMA_VERSION), **_PROPERTIES},
             raise_if_key_not_exists=False,
         )
         return self._delta

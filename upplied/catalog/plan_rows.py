@@ -97,7 +97,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         ),
         "warnings": json_text(list(plan.warnings)),
         "settings_sha256": settings.sha256,
-        "settings_json": json_text(asdict(settings)),
+        "settings_json": settings_text(settings),
         "registration_json": "" if registration is None else _registration_json(registration),
         "waypoints_sha256": "" if path is None else _plan_sha256(plan),
     }
@@ -137,6 +137,11 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
 def trajectory_of(waypoints: pa.Table) -> Trajectory:
     """The timed camera poses of rows of `waypoints` in order."""
     return Trajectory(np.array(waypoints["t_s"]), *pose_arrays(waypoints))
+
+
+def settings_text(settings: Settings) -> str:
+    """The JSON of all settings."""
+    return json_text(asdict(settings))
 
 
 def _plan_sha256(plan: Plan) -> str:

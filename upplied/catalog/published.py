@@ -56,8 +56,8 @@ def export_tables(catalog: Catalog, folder: str | os.PathLike[str]) -> dict[str,
     }
     generation = max([str(frame["commit_id"].max()) for frame in frames.values() if len(frame)], default="")
     parts: dict[str, Iterator[pa.Table]] = {
-        "waypoints": _steps(catalog, "waypoints", transfers[transfers["n_waypoints"] > 0]),
-        "poses": _steps(catalog, "poses", demonstrations),
+        "waypoints": owned_steps(catalog, "waypoints", transfers[transfers["n_waypoints"] > 0]),
+        "poses": owned_steps(catalog, "poses", demonstrations),
     }
     for name, frame in frames.items():
         parts[name] = iter([pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)])
@@ -104,17 +104,19 @@ def _write(path: Path, declared: Table, tables: Iterator[pa.Table], generation: 
     return count
 
 
-def _steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
+def owned_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
     """The steps that the given rows own, ordered by owner and sequence, a bounded number at a time."""
     id_name, count_name = TABLES[name].names[0], f"n_{name}"
-    owners = owners.sort_values(id_name)
+    owners = owners.sort_values([id_name, "commit_id"])
     chunk_of = owners[count_name].cumsum() // _CHUNK
     for _, chunk in owners.groupby(chunk_of, sort=True):
         first, last = chunk[id_name].iloc[0], chunk[id_name].iloc[-1]
-        stored = catalog.tables[name].read((pc.field(id_name) >= first) & (pc.field(id_name) <= last))
-        wanted = pa.table({id_name: list(chunk[id_name]), "commit_id": list(chunk["commit_id"])})
+        ids = list(chunk[id_name])
+        within = (pc.field(id_name) >= first) & (pc.field(id_name) <= last) & pc.field(id_name).isin(ids)
+        stored = catalog.tables[name].read(within)
+        wanted = pa.table({id_name: ids, "commit_id": list(chunk["commit_id"])})
         owned = stored.join(wanted, [id_name, "commit_id"], join_type="left semi")
-        owned = owned.sort_by([(id_name, "ascending"), ("seq", "ascending")])
+        owned = owned.sort_by([(column, "ascending") for column in (id_name, "commit_id", "seq")])
         if len(owned) != chunk[count_name].sum():
             raise CatalogError(
                 f"{name} of {first} to {last}",

@@ -27,7 +27,7 @@ from upplied.records import Floats, Trajectory
 
 When = datetime | str
 
-_PAIR = ["demonstration_id", "target_id", "preset"]  # of these, the newest plan is current
+PAIR = ["demonstration_id", "target_id", "preset"]  # of these, the newest plan is current
 
 
 class PlannedTrajectory(Trajectory):
@@ -63,14 +63,14 @@ def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
     """Rows of `transfers`, ordered by demonstration, target, preset and time."""
     declared = TABLES["transfers"]
     wanted = declared.names if which.columns is None else _known_columns(declared.names, which.columns)
-    sorting = [*_PAIR, "planned_at", "transfer_id", "status"]
+    sorting = [*PAIR, "planned_at", "transfer_id", "status"]
     table = tables["transfers"].read(
         _pair_filter(tables, which), [n for n in declared.names if n in {*wanted, *sorting}], which.version
     )
     found = frame(table)
     found = _one_per_plan(found)
     if not which.every:
-        found = found.drop_duplicates(_PAIR, keep="last")
+        found = _in_use(tables, found.drop_duplicates(PAIR, keep="last"), which)
     if which.status is not None:
         found = found[found["status"] == which.status]
     if which.since is not None:
@@ -127,8 +127,8 @@ def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
         return []
     where = pc.field("demonstration_id").isin(list({row["demonstration_id"] for row in plans}))
     where &= pc.field("target_id").isin(list({row["target_id"] for row in plans}))
-    columns = ["transfer_id", *_PAIR, "status", "planned_at"]
-    newest = _one_per_plan(frame(table.read(where, columns))).drop_duplicates(_PAIR, keep="last")
+    columns = ["transfer_id", *PAIR, "status", "planned_at"]
+    newest = _one_per_plan(frame(table.read(where, columns))).drop_duplicates(PAIR, keep="last")
     current = set(newest["transfer_id"])
     return [row for row in plans if row["transfer_id"] not in current]
 
@@ -171,8 +171,9 @@ def versions(
 ) -> pd.DataFrame:
     """Versions of each id counted in the order of time, then narrowed to what was asked."""
     name = table.declared.names[0]
-    where = None if as_of is None else pc.field("added_at") <= pa.scalar(moment(as_of))
-    found = frame(table.read(where)).sort_values([name, "added_at", "commit_id"], kind="stable")
+    found = frame(table.read(_until("added_at", as_of))).sort_values(
+        [name, "added_at", "commit_id"], kind="stable"
+    )
     content = [name, "sha256", f"{_CONTENT[table.declared.name]}_sha256", "retired"]
     repeated = (found[content] == found[content].shift()).all(axis=1)
     found = found[~repeated]  # two writers may add the same version at once
@@ -202,7 +203,7 @@ def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expressi
         if value is not None
     ]
     if which.as_of is not None:
-        parts.append(pc.field("planned_at") <= pa.scalar(moment(which.as_of)))
+        parts.append(_until("planned_at", which.as_of))
     if which.site is not None:
         there = versions(tables["structures"], {"site": which.site}, False, which.as_of)
         parts.append(pc.field("target_id").isin(list(there["structure_id"])))
@@ -220,7 +221,21 @@ def _one_per_plan(found: pd.DataFrame) -> pd.DataFrame:
     found = found.assign(_settled=found["status"] != "failed")
     found = found.sort_values(["transfer_id", "_settled", "planned_at"], kind="stable")
     found = found.drop_duplicates("transfer_id", keep="last").drop(columns="_settled")
-    return found.sort_values([*_PAIR, "planned_at", "transfer_id"], kind="stable")
+    return found.sort_values([*PAIR, "planned_at", "transfer_id"], kind="stable")
+
+
+def _in_use(tables: Mapping[str, StoredTable], found: pd.DataFrame, which: Which) -> pd.DataFrame:
+    """Without the plans of retired demonstrations and targets."""
+    as_of = found["planned_at"].max() if which.version is not None and len(found) else which.as_of
+    for name, column in (("structures", "target_id"), ("demonstrations", "demonstration_id")):
+        where = _until("added_at", as_of)
+        gone = [row for row in newest_rows(tables[name], where) if row["retired"]]
+        found = found[~found[column].isin([row[TABLES[name].names[0]] for row in gone])]
+    return found
+
+
+def _until(column: str, as_of: When | None) -> ds.Expression | None:
+    return None if as_of is None else pc.field(column) <= pa.scalar(moment(as_of), pa.timestamp("us", "UTC"))
 
 
 def _known_columns(names: list[str], asked: Iterable[str]) -> list[str]:

@@ -31,7 +31,7 @@ class Column:
     unit: str
     meaning: str
     required: bool = False  # never null, never an empty text
-    values: tuple[str, ...] = ()  # the only ones allowed, where there are any
+    allowed: tuple[str, ...] = ()  # the only ones allowed, where there are any
     low: float | None = None
     high: float | None = None
 
@@ -39,8 +39,8 @@ class Column:
     def constraint(self) -> str:
         """What is allowed, in words."""
         said = ["required"] if self.required else []
-        if self.values:
-            said.append("one of " + ", ".join(self.values))
+        if self.allowed:
+            said.append("one of " + ", ".join(self.allowed))
         if self.low is not None and self.high is not None:
             said.append(f"{self.low:g} to {self.high:g}")
         elif self.low is not None:
@@ -110,7 +110,7 @@ STRUCTURES = Table(
         Column("lon_deg", REAL, "deg", "WGS 84 longitude of the origin", low=-180, high=360),
         Column("alt_m", REAL, "m", "altitude of the origin above the datum"),
         Column("heading_deg", REAL, "deg", "bearing of +X, clockwise from true north"),
-        Column("datum", TEXT, "", "of alt_m: ellipsoid (WGS 84) or amsl", values=("", "ellipsoid", "amsl")),
+        Column("datum", TEXT, "", "of alt_m: ellipsoid (WGS 84) or amsl", allowed=("", "ellipsoid", "amsl")),
         Column("surroundings_json", TEXT, "", "ground, keep-out boxes, geofence and ceiling, m"),
         Column("landmarks_json", TEXT, "", "named points, m, structure frame"),
         Column("symmetric", TRUTH, "", "declared: no heading can be told from the shape"),
@@ -177,8 +177,8 @@ TRANSFERS = Table(
         _id("source_id", "the structure it was flown on"),
         _id("target_id", "the structure it was transferred to"),
         Column("kind", TEXT, "", "kind of the target"),
-        Column("preset", TEXT, "", "which method", required=True, values=PRESETS),
-        Column("status", TEXT, "", "what came of it", required=True, values=("ok", "refused", "failed")),
+        Column("preset", TEXT, "", "which method", required=True, allowed=PRESETS),
+        Column("status", TEXT, "", "what came of it", required=True, allowed=("ok", "refused", "failed")),
         Column("reason", TEXT, "", "why it is not ok, in words"),
         Column("coverage_paper_pct", REAL, "%", "the paper's measure: target points in any frustum", low=0),
         Column("coverage_seen_pct", REAL, "%", "inspected surface that is really seen", low=0, high=100),

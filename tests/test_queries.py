@@ -1,0 +1,160 @@
+"""Questions to the catalog, against the same question asked of a plain list of rows."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pandas as pd
+import pytest
+from catalog_records import demonstration, key_of, plan, structure
+
+from upplied.catalog import open_catalog
+from upplied.errors import CatalogError, SettingsError
+
+START = datetime(2026, 3, 1, tzinfo=UTC)
+
+
+@pytest.fixture(scope="module")
+def catalog(tmp_path_factory):
+    """Twelve nights of plans, some of them refused or failed, some of them superseded."""
+    made = open_catalog(tmp_path_factory.mktemp("nights"))
+    made.add_structures([structure(f"t{at}", at, site=f"site {at % 2}") for at in range(6)])
+    made.add_demonstrations([demonstration()])
+    rng = np.random.default_rng(0)
+    for night in range(12):
+        batch = []
+        for target in range(6):
+            status = rng.choice(["ok", "ok", "refused", "failed"])
+            preset = rng.choice(["paper", "recommended"])
+            item = plan(f"t{target}", int(rng.integers(1000)), status=status, preset=preset)
+            said = {"planned_at": START + timedelta(days=night, minutes=target), "run_id": f"night-{night}"}
+            batch.append((key_of(night, target), item, said))
+        made.add_plans(batch)
+    return made
+
+
+@pytest.fixture(scope="module")
+def every(catalog) -> pd.DataFrame:
+    """All rows, read without any of our questions."""
+    return catalog.tables["transfers"].read().to_pandas()
+
+
+def newest(rows: pd.DataFrame) -> dict:
+    """The newest plan of each pair and preset, by a loop."""
+    found: dict = {}
+    for row in rows.sort_values("planned_at").itertuples():
+        found[row.demonstration_id, row.target_id, row.preset] = row.key
+    return found
+
+
+def keys(frame: pd.DataFrame) -> list[str]:
+    assert frame["key"].is_unique
+    return sorted(frame["key"])
+
+
+def test_the_newest_plan_of_each_pair_and_preset(catalog, every):
+    assert keys(catalog.transfers()) == sorted(newest(every).values())
+    assert keys(catalog.transfers(every=True)) == sorted(every["key"])
+
+
+@pytest.mark.parametrize("status", ["ok", "refused", "failed"])
+def test_a_status_is_that_of_the_newest_plan(catalog, every, status):
+    current = every[every["key"].isin(newest(every).values())]
+    assert keys(catalog.transfers(status=status)) == sorted(current[current["status"] == status]["key"])
+
+
+@pytest.mark.parametrize(
+    ("question", "column", "value"),
+    [
+        ({"structure": "t3"}, "target_id", "t3"),
+        ({"preset": "paper"}, "preset", "paper"),
+        ({"demonstration": "flight"}, "demonstration_id", "flight"),
+        ({"kind": "box"}, "kind", "box"),
+        ({"kind": "ship"}, "kind", "ship"),
+    ],
+)
+def test_questions_about_pairs(catalog, every, question, column, value):
+    assert keys(catalog.transfers(**question)) == sorted(newest(every[every[column] == value]).values())
+
+
+def test_a_site_is_that_of_the_target(catalog, every):
+    there = every[every["target_id"].isin(["t1", "t3", "t5"])]
+    assert keys(catalog.transfers(site="site 1")) == sorted(newest(there).values())
+
+
+@pytest.mark.parametrize("night", [0, 3, 11])
+def test_as_of_a_moment(catalog, every, night):
+    until = START + timedelta(days=night, hours=12)
+    wanted = sorted(newest(every[every["planned_at"] <= until]).values())
+    assert keys(catalog.transfers(as_of=until)) == wanted
+    assert keys(catalog.transfers(as_of=until.strftime("%Y-%m-%d %H:%M"))) == wanted
+    assert keys(catalog.transfers(as_of=until.astimezone(tz=None))) == wanted
+
+
+def test_as_of_a_version_is_what_was_committed_then(catalog, every):
+    for version in (1, 5, 12):
+        rows = every[every["run_id"].isin([f"night-{night}" for night in range(version)])]
+        assert keys(catalog.transfers(version=version)) == sorted(newest(rows).values())
+    with pytest.raises(CatalogError, match="version 99"):
+        catalog.transfers(version=99)
+
+
+def test_since_chooses_among_the_newest(catalog, every):
+    since = START + timedelta(days=9)
+    current = every[every["key"].isin(newest(every).values())]
+    assert keys(catalog.transfers(since=since)) == sorted(current[current["planned_at"] >= since]["key"])
+
+
+def test_columns_and_their_units(catalog):
+    found = catalog.transfers(columns=["target_id", "frechet_m"])
+    assert list(found.columns) == ["target_id", "frechet_m"]
+    assert found.attrs["units"]["frechet_m"] == "m"
+    with pytest.raises(SettingsError, match="frechet_km"):
+        catalog.transfers(columns=["frechet_km"])
+    with pytest.raises(SettingsError, match="yesterdayish"):
+        catalog.transfers(as_of="yesterdayish")
+
+
+def test_structures_by_kind_and_site_and_moment(catalog):
+    assert len(catalog.structures(kind="box")) == 6
+    assert catalog.structures(kind="ship").empty
+    assert list(catalog.structures(site="site 0")["structure_id"]) == ["t0", "t2", "t4"]
+    assert catalog.structures(as_of="2026-01-01").empty
+    assert len(catalog.demonstrations(structure="boxy")) == 1
+
+
+def test_retired_targets_have_no_current_plan_but_their_history(tmp_path):
+    made = open_catalog(tmp_path)
+    made.add_structures([structure("target"), structure("other")])
+    made.add_plans([(key_of(at), plan(name), {}) for at, name in enumerate(("target", "other"))])
+    before = datetime.now(UTC)
+    made.retire_structures(["target"])
+    assert list(made.transfers()["target_id"]) == ["other"]
+    assert len(made.transfers(every=True)) == 2
+    assert len(made.transfers(as_of=before)) == 2
+    assert len(made.trajectory(key_of(0)[:20])) == 60
+    made.add_structures([structure("target")])
+    assert len(made.transfers()) == 2
+
+
+def test_a_trajectory_at_any_time(catalog):
+    name = catalog.transfers(status="ok")["transfer_id"].iloc[0]
+    path = catalog.trajectory(name)
+    exact = path.at(path.t_s)
+    assert np.allclose(exact.positions, path.positions, atol=1e-12)
+    between = path.at(path.t_s[3:5].mean())
+    assert np.allclose(between.positions[0], path.positions[3:5].mean(axis=0))
+    assert np.allclose(path.at([-5.0, 1e9]).positions, path.positions[[0, -1]])
+    assert len(path.at(0.0)) == 1
+
+
+def test_reading_one_column_of_one_plan_does_not_read_the_others(catalog):
+    """The rows of other commits are skipped by the statistics of the files."""
+    row = catalog.transfer(catalog.transfers(status="ok")["transfer_id"].iloc[0])
+    dataset = catalog.tables["waypoints"].dataset()
+    import pyarrow.compute as pc
+
+    files = list(dataset.get_fragments(filter=pc.field("commit_id") == row["commit_id"]))
+    assert len(files) == 1
+    assert len(list(dataset.get_fragments())) > 6
