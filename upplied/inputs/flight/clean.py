@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.errors import InputError
-from upplied.inputs.flight.tracks import Track
+from upplied.inputs.flight.tracks import Track, are_unit
 from upplied.inputs.sidecar import LogOptions
 from upplied.poses import normalised
 from upplied.records import Bools, Floats, Ints
 
-MAX_NORM_ERROR = 1e-2  # of a quaternion; a rounded or single-precision one is far within
 MAX_SPAN_NS = 24 * 3600 * 10**9
 MAX_POSITION_M = 1e7
 MAX_SPEED_MPS = 15.0  # a faster step that does not fit its surroundings is a jump, no flight
@@ -39,14 +38,11 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
         If more than the allowed share was dropped, or nothing is left.
     """
     track = timed(track)
-    with np.errstate(over="ignore", invalid="ignore"):
-        good: Bools = np.isfinite(np.column_stack([track.positions, track.quat_xyzw])).all(axis=1)
-        track = track.keep(good, "not a number")
-        track = track.keep(
-            np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M, "position off the Earth"
-        )
-        off = np.abs(np.linalg.norm(track.quat_xyzw, axis=1) - 1)
-        track = track.keep(np.asarray(off <= MAX_NORM_ERROR), "quaternion not of unit length")
+    track = track.keep(_finite(track), "not a number")
+    track = track.keep(
+        np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M, "position off the Earth"
+    )
+    track = track.keep(are_unit(track.quat_xyzw), "quaternion not of unit length")
     track = _unrepeated(track.take(np.argsort(track.t_ns, kind="stable")))
     check_dropped(track, limits, what)
     return replace(track, quat_xyzw=normalised(track.quat_xyzw))
@@ -85,6 +81,10 @@ def breaks(track: Track, gap_s: float) -> tuple[Ints, dict[str, int]]:
     jumps = _jumps(np.linalg.norm(np.diff(track.positions, axis=0), axis=1), step_s) & ~gaps & ~resets
     counts = {"gaps": int(gaps.sum()), "jumps": int(jumps.sum()), "estimator resets": int(resets.sum())}
     return np.flatnonzero(gaps | jumps | resets) + 1, counts
+
+
+def _finite(track: Track) -> Bools:
+    return np.asarray(np.isfinite(np.column_stack([track.positions, track.quat_xyzw]))).all(axis=1)
 
 
 def _unrepeated(track: Track) -> Track:

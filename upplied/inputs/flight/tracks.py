@@ -12,6 +12,7 @@ from upplied.inputs.mcap.tables import Table
 from upplied.poses import normalised
 from upplied.records import Bools, Floats, Ints, Record
 
+MAX_NORM_ERROR = 1e-2  # of a quaternion; a rounded or single-precision one is far within
 HOLD_NS = 100_000_000  # how long the first and the last pose are held for another topic's stamps
 
 
@@ -77,6 +78,13 @@ def stamps(table: Table, prefix: str) -> Ints | None:
     seconds, rest = (np.nan_to_num(np.asarray(table[name], float)) for name in (sec, nanosec))
     exact = np.asarray(table[sec]) if np.asarray(table[sec]).dtype.kind in "iu" else seconds.clip(0, 9e9)
     return exact.astype(np.int64).clip(0, 9_000_000_000) * 1_000_000_000 + rest.astype(np.int64)
+
+
+def are_unit(quat_xyzw: Floats) -> Bools:
+    """Which (N,) of the quaternions (N, 4) are of unit length, as a rotation must be."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        lengths = np.sqrt(np.sum(np.square(quat_xyzw), axis=1))
+        return np.asarray(np.abs(lengths - 1) <= MAX_NORM_ERROR)
 
 
 def at_times(track: Track, t_ns: Ints, gap_s: float) -> tuple[Floats, Floats]:

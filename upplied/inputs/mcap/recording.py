@@ -7,6 +7,7 @@ Whatever the file says of its own sizes is checked before memory is taken for it
 
 from __future__ import annotations
 
+import os
 import re
 import zlib
 from collections import Counter
@@ -185,7 +186,7 @@ def open_recording(path: Path) -> Recording:
             except _NoIndexError:
                 recording.metadata.clear()  # the scan meets them again
                 scan(stream, recording, "")
-            except (mcap.DamagedError, UnicodeDecodeError) as error:
+            except mcap.DamagedError as error:
                 recording = Recording(path, size)
                 scan(stream, recording, str(error))
             return recording
@@ -242,8 +243,7 @@ def _index(stream: BinaryIO, summary: bytes, recording: Recording) -> None:
 def _content(stream: BinaryIO, ref: mcap.ChunkRef) -> bytes:
     if ref.length > 2 * mcap.MAX_CHUNK_BYTES:
         raise mcap.DamagedError(f"a record of {ref.length} bytes")
-    stream.seek(ref.offset)
-    content = stream.read(ref.length)
-    if len(content) < ref.length:
+    if ref.offset + ref.length > os.fstat(stream.fileno()).st_size:
         raise mcap.DamagedError("a record reaches beyond the end of the log")
-    return content
+    stream.seek(ref.offset)
+    return stream.read(ref.length)

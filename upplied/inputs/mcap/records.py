@@ -84,7 +84,10 @@ class Cursor:
 
     def text(self) -> str:
         """A string with its length before it."""
-        return self.take(self.number(4)).decode("utf-8")
+        try:
+            return self.take(self.number(4)).decode("utf-8")
+        except UnicodeDecodeError:
+            raise DamagedError("a text is not UTF-8") from None
 
     def mapping(self) -> dict[str, str]:
         """A map of strings to strings."""

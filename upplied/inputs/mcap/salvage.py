@@ -73,7 +73,7 @@ def _keep(stream: BinaryIO, opcode: int, length: int, recording: Recording) -> b
             return False
         try:
             recording.add(opcode, stream.read(length))
-        except (mcap.DamagedError, UnicodeDecodeError):
+        except mcap.DamagedError:
             return False
     return True
 

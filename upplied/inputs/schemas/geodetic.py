@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
-from upplied.inputs.flight.tracks import Track, at_times, source_times, stamps
+from upplied.inputs.flight.tracks import Track, are_unit, at_times, source_times, stamps
 from upplied.inputs.mcap.tables import Table
 from upplied.inputs.schemas import gimbal, px4
 from upplied.inputs.sidecar import LogOptions
@@ -171,7 +171,7 @@ def _imu(tables: Sequence[Table], facts: LogOptions) -> Track | None:
             unknown = np.zeros(len(table), bool)
             if "orientation_covariance" in table and np.ndim(table["orientation_covariance"]) == 2:
                 unknown = np.asarray(table["orientation_covariance"])[:, 0] == -1  # REP-145: no orientation
-            good = ~unknown & (np.linalg.norm(quats, axis=1) > 0.5)
+            good = ~unknown & are_unit(quats)
             if good.mean() > 0.5:
                 track = Track(times, np.zeros((len(table), 3)), quats, table.log_ns, clock=clock)
                 found.append(

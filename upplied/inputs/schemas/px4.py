@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
-from upplied.inputs.flight.tracks import Track, at_times, source_times
+from upplied.inputs.flight.tracks import Track, are_unit, at_times, source_times
 from upplied.inputs.mcap.tables import Table
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Bools, Floats, Ints
@@ -109,11 +109,9 @@ def enu_flu(ned_frd_xyzw: Floats) -> Floats:
 
 def turned(left: Rotation, quats: Floats, right: Rotation) -> Floats:
     """``left * q * right`` for each quaternion (N, 4) that is one; the others as they are."""
-    good = np.isfinite(quats).all(axis=1) & (np.linalg.norm(np.nan_to_num(quats), axis=1) > 0.5)
-    result = np.array(quats)
+    good, result = are_unit(quats), np.array(quats)
     if good.any():
-        lengths = np.linalg.norm(quats[good], axis=1, keepdims=True)
-        result[good] = (left * Rotation.from_quat(quats[good]) * right).as_quat() * lengths
+        result[good] = (left * Rotation.from_quat(quats[good]) * right).as_quat()
     return result
 
 

@@ -15,7 +15,16 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
-from upplied.inputs.flight.tracks import Track, at_times, groups_of, names, pose_paths, source_times, stamps
+from upplied.inputs.flight.tracks import (
+    Track,
+    are_unit,
+    at_times,
+    groups_of,
+    names,
+    pose_paths,
+    source_times,
+    stamps,
+)
 from upplied.inputs.mcap.tables import Table
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Bools, Floats, Ints
@@ -222,5 +231,5 @@ def _merged(tracks: list[Track]) -> Track:
 
 def _hold(tree: Tree, link: Link, track: Track) -> None:
     position, quat = track.positions[-1], track.quat_xyzw[-1]
-    if np.isfinite(position).all() and abs(np.linalg.norm(quat) - 1) <= 1e-2 and link not in tree.moving:
+    if np.isfinite(position).all() and are_unit(quat[None])[0] and link not in tree.moving:
         tree.static[link] = (position, Rotation.from_quat(quat))
