@@ -141,7 +141,7 @@ def test_a_symmetric_structure_needs_no_forward_axis(tmp_path: Path) -> None:
 def test_wrong_values_are_refused_with_the_rule(tmp_path: Path, change: dict, message: str) -> None:
     text = toml(tmp_path / "s.toml", LEAST | change).read_text().replace("NaN", "nan")
     (tmp_path / "s.toml").write_text(text)
-    with pytest.raises(InputError, match="s.toml") as caught:
+    with pytest.raises(InputError, match=r"s\.toml") as caught:
         read_manifest(tmp_path / "s.toml")
     assert message in str(caught.value)
 

@@ -78,6 +78,7 @@ class _Reader:
     def __init__(self, source: Source, scene: dict[str, Any], binary: bytes) -> None:
         self._source, self._scene, self._binary = source, scene, binary
         self._buffers: dict[int, bytes] = {}
+        self._matrices: dict[int, Floats] = {}
         self._skipped = 0
         self._skinned = 0
 
@@ -122,13 +123,9 @@ class _Reader:
 
     def _node(self, index: int) -> tuple[dict, Floats]:
         node = self._item("nodes", index)
-        if "matrix" in node:
-            return node, np.array(node["matrix"], float).reshape(4, 4).T
-        matrix = np.eye(4)
-        turn = Rotation.from_quat(node.get("rotation", (0.0, 0.0, 0.0, 1.0))).as_matrix()
-        matrix[:3, :3] = turn * np.array(node.get("scale", (1.0, 1.0, 1.0)), float).reshape(3)
-        matrix[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
-        return node, matrix
+        if index not in self._matrices:
+            self._matrices[index] = _matrix(node)
+        return node, self._matrices[index]
 
     def _primitive(self, primitive: dict) -> tuple[Floats, Ints] | None:
         mode = primitive.get("mode", _TRIANGLES)
@@ -186,6 +183,17 @@ class _Reader:
                 f"refers to {kind} {str(index)[:20]}, of {len(items)}", "a complete file"
             )
         return items[index]
+
+
+def _matrix(node: dict) -> Floats:
+    """The transform (4, 4) of a node to its parent."""
+    if "matrix" in node:
+        return np.array(node["matrix"], float).reshape(4, 4).T
+    matrix = np.eye(4)
+    turn = Rotation.from_quat(node.get("rotation", (0.0, 0.0, 0.0, 1.0))).as_matrix()
+    matrix[:3, :3] = turn * np.array(node.get("scale", (1.0, 1.0, 1.0)), float).reshape(3)
+    matrix[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
+    return matrix
 
 
 def _triangles(indices: Ints, mode: int) -> Ints:

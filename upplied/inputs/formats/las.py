@@ -14,7 +14,7 @@ def read_las(source: Source) -> RawMesh:
     data = source.data
     if len(data) < 227:
         raise source.error(f"has {len(data)} bytes, less than its header", "a complete LAS")
-    start, form, length, count = struct.unpack_from("<IBHI", data, 96)
+    start, form, length, count = struct.unpack_from("<I4xBHI", data, 96)
     if form & 0xC0:
         raise source.error("is compressed (LAZ)", "LAS", "unpack it, e.g. `laszip -i in.laz -o out.las`")
     if (data[24], data[25]) >= (1, 4) and len(data) >= 255:

@@ -12,7 +12,6 @@ from upplied.records import Floats
 
 Node = TypeVar("Node")
 _MAX_DEPTH = 256
-_MAX_NODES = 100_000
 
 
 def flatten(
@@ -28,8 +27,9 @@ def flatten(
     children : callable
         The children of a node, each with its transform to that node.
     """
+    most = max(10_000, len(source.data) // 10)  # nodes, each placed as often as it is named
     stack = [(node, matrix, 0) for node, matrix in reversed(roots)]
-    for _ in range(_MAX_NODES):
+    for _ in range(most + 1):
         if not stack:
             return
         node, matrix, depth = stack.pop()
@@ -41,6 +41,6 @@ def flatten(
         stack.extend((child, matrix @ local, depth + 1) for child, local in reversed(children(node)))
     raise source.error(
         "its scene refers to itself or has too many nodes",
-        f"at most {_MAX_NODES} nodes, {_MAX_DEPTH} deep",
+        f"at most {most} nodes, {_MAX_DEPTH} deep",
         "export it flattened",
     )
