@@ -1,0 +1,189 @@
+"""DJI's waypoint file (WPML 1.0.2 in a KMZ), for DJI Pilot 2 and FlightHub 2.
+
+Written after the element tables of DJI's Cloud API documentation, both files always, heights above
+take-off. No DJI software has read or flown it here: check it on the controller before a flight.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Mapping
+from xml.sax.saxutils import escape
+
+import numpy as np
+
+from upplied.errors import RefusedError, SettingsError
+from upplied.outputs.missions.mission import Mission
+from upplied.outputs.missions.options import MissionOptions
+
+MAX_WAYPOINTS = 200  # what importers are known to take; the format itself counts to 65535
+#: Model -> drone type, sub type, and the payload that is built in (None: say which one hangs below).
+DRONES: dict[str, tuple[int, int, int | None]] = {
+    "m300": (60, 0, None),
+    "m350": (89, 0, None),
+    "m30": (67, 0, 52),
+    "m30t": (67, 1, 53),
+    "m3e": (77, 0, 66),
+    "m3t": (77, 1, 67),
+    "m3m": (77, 2, 68),
+    "m3d": (91, 0, 80),
+    "m3td": (91, 1, 81),
+}
+_SAFE_HEIGHT_M = (2.0, 1500.0)
+_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
+<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:wpml="http://www.dji.com/wpmz/1.0.2">
+<Document>
+"""
+_TAIL = "</Document>\n</kml>\n"
+_TURN = "toPointAndStopWithDiscontinuityCurvature"  # straight legs: the ones whose clearance was checked
+
+
+def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
+    """The mission as KMZ bytes with `wpmz/template.kml` and `wpmz/waylines.wpml`."""
+    if mission.altitude != "relative":
+        found = f"{mission.altitude} altitudes were asked for"
+        raise RefusedError(mission.name, found, "DJI files are written with heights above take-off")
+    settings = _mission_config(mission, options)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in (("template.kml", _template(mission)), ("waylines.wpml", _waylines(mission))):
+            entry = zipfile.ZipInfo(f"wpmz/{name}", (1980, 1, 1, 0, 0, 0))
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(entry, _HEAD + settings + text + _TAIL)
+    return buffer.getvalue()
+
+
+def _mission_config(mission: Mission, options: MissionOptions) -> str:
+    known = ", ".join(DRONES)
+    if options.drone not in DRONES:
+        found = f"got {options.drone!r}"
+        raise SettingsError(
+            "mission option drone", found, f"one of {known}", "say which model flies: --drone"
+        )
+    kind, sub_kind, built_in = DRONES[options.drone]
+    payload = built_in if options.payload is None else options.payload
+    if payload is None:
+        rule = "DJI's payload number, for instance 42 (H20), 43 (H20T), 61 (H20N), 82 (H30), 83 (H30T)"
+        raise SettingsError("mission option payload", f"the {options.drone} has none built in", rule)
+    height = float(np.clip(mission.height_m[0], *_SAFE_HEIGHT_M))
+    drone = _tags({"droneEnumValue": kind, "droneSubEnumValue": sub_kind})
+    gimbal = _tags({"payloadEnumValue": payload, "payloadSubEnumValue": 0, "payloadPositionIndex": 0})
+    return _group(
+        "missionConfig",
+        _tags(
+            {
+                "flyToWaylineMode": "safely",
+                "finishAction": "goHome",
+                "exitOnRCLost": "executeLostAction",
+                "executeRCLostAction": "goBack",
+                "takeOffSecurityHeight": f"{height:.1f}",
+                "globalTransitionalSpeed": f"{options.transit_mps:.2f}",
+                "globalRTHHeight": f"{height:.1f}",
+            }
+        )
+        + _group("droneInfo", drone)
+        + _group("payloadInfo", gimbal),
+    )
+
+
+def _template(mission: Mission) -> str:
+    top = float(mission.height_m.max())
+    frame = {"coordinateMode": "WGS84", "heightMode": "relativeToStartPoint", "positioningType": "GPS"}
+    heading = {"waypointHeadingMode": "smoothTransition", "waypointHeadingAngle": 0}
+    heading["waypointHeadingPathMode"] = "followBadArc"
+    head = _tags({"templateType": "waypoint", "templateId": 0})
+    head += _group("waylineCoordinateSysParam", _tags(frame))
+    head += _tags({"autoFlightSpeed": f"{_cruise(mission):.2f}", "gimbalPitchMode": "usePointSetting"})
+    head += _tags({"globalHeight": f"{top:.2f}"})
+    head += _group("globalWaypointHeadingParam", _tags(heading))
+    head += _tags({"globalWaypointTurnMode": _TURN, "globalUseStraightLine": 1})
+    payload = _group("payloadParam", _tags({"payloadPositionIndex": 0, "imageFormat": "wide"}))
+    marks = "".join(_placemark(mission, at, template=True) for at in range(len(mission)))
+    return f"<Folder>\n{head}{marks}{payload}</Folder>\n"
+
+
+def _waylines(mission: Mission) -> str:
+    head = _tags(
+        {
+            "templateId": 0,
+            "executeHeightMode": "relativeToStartPoint",
+            "waylineId": 0,
+            "distance": f"{np.linalg.norm(np.diff(mission.local, axis=0), axis=1).sum():.1f}",
+            "duration": f"{mission.duration_s:.1f}",
+            "autoFlightSpeed": f"{_cruise(mission):.2f}",
+        }
+    )
+    marks = "".join(_placemark(mission, at, template=False) for at in range(len(mission)))
+    return f"<Folder>\n{head}{marks}</Folder>\n"
+
+
+def _placemark(mission: Mission, at: int, template: bool) -> str:
+    lat, lon, alt = mission.geodetic[at]
+    height = f"{mission.height_m[at]:.3f}"
+    after = mission.speed_mps[min(at + 1, len(mission) - 1)]
+    heading = {
+        "waypointHeadingMode": "smoothTransition",
+        "waypointHeadingAngle": f"{(mission.heading_deg[at] + 180) % 360 - 180:.1f}",
+        "waypointHeadingPathMode": "followBadArc",
+    }
+    place = f"<Point><coordinates>{lon:.9f},{lat:.9f}</coordinates></Point>\n"
+    body = place + _tags({"index": at})
+    if template:
+        known = mission.placement.datum == "ellipsoid"
+        body += _tags({"ellipsoidHeight": f"{alt:.3f}" if known else height, "height": height})
+        body += _tags({f"useGlobal{name}": 0 for name in ("Height", "Speed", "HeadingParam", "TurnParam")})
+        body += _tags({"gimbalPitchAngle": f"{mission.pitch_deg[at]:.1f}"})
+    else:
+        body += _tags({"executeHeight": height})
+    body += _tags({"waypointSpeed": f"{after:.2f}"}) + _group("waypointHeadingParam", _tags(heading))
+    turn = _tags({"waypointTurnMode": _TURN, "waypointTurnDampingDist": 0})
+    body += _group("waypointTurnParam", turn) + _tags({"useStraightLine": 1})
+    return f"<Placemark>\n{body}{_actions(mission, at)}</Placemark>\n"
+
+
+def _actions(mission: Mission, at: int) -> str:
+    """Turn the gimbal on arrival, then take the photo; between photos by distance, one group for the leg."""
+    gimbal = {
+        "gimbalHeadingYawBase": "north",
+        "gimbalRotateMode": "absoluteAngle",
+        "gimbalPitchRotateEnable": 1,
+        "gimbalPitchRotateAngle": f"{mission.pitch_deg[at]:.1f}",
+        "gimbalRollRotateEnable": 0,
+        "gimbalRollRotateAngle": 0,
+        "gimbalYawRotateEnable": 0,
+        "gimbalYawRotateAngle": 0,
+        "gimbalRotateTimeEnable": 0,
+        "gimbalRotateTime": 0,
+        "payloadPositionIndex": 0,
+    }
+    photo = {"fileSuffix": f"point{at}", "payloadPositionIndex": 0, "useGlobalPayloadLensIndex": 1}
+    actions = [("gimbalRotate", gimbal)] + ([("takePhoto", photo)] if mission.photo[at] else [])
+    groups = _action_group(2 * at, at, at, {"actionTriggerType": "reachPoint"}, actions)
+    inside = mission.photo_distance_m and at + 1 < len(mission) and mission.inspect[at : at + 2].all()
+    if inside:
+        every = {"actionTriggerType": "multipleDistance", "actionTriggerParam": mission.photo_distance_m}
+        groups += _action_group(2 * at + 1, at, at + 1, every, [("takePhoto", photo)])
+    return groups
+
+
+def _action_group(number: int, first: int, last: int, trigger: dict, actions: list[tuple[str, dict]]) -> str:
+    head = {"actionGroupId": number, "actionGroupStartIndex": first, "actionGroupEndIndex": last}
+    body = _tags({**head, "actionGroupMode": "sequence"}) + _group("actionTrigger", _tags(trigger))
+    for at, (name, params) in enumerate(actions):
+        what = _tags({"actionId": at, "actionActuatorFunc": name})
+        body += _group("action", what + _group("actionActuatorFuncParam", _tags(params)))
+    return _group("actionGroup", body)
+
+
+def _cruise(mission: Mission) -> float:
+    """One speed for the whole route, which each waypoint overrides."""
+    return float(np.median(mission.speed_mps))
+
+
+def _tags(values: Mapping[str, object]) -> str:
+    return "".join(f"<wpml:{name}>{escape(str(value))}</wpml:{name}>\n" for name, value in values.items())
+
+
+def _group(name: str, inner: str) -> str:
+    return f"<wpml:{name}>\n{inner}</wpml:{name}>\n"

@@ -1,0 +1,48 @@
+"""KML for map viewers: the path as a line in space, the photos as points."""
+
+from __future__ import annotations
+
+from xml.sax.saxutils import escape
+
+from upplied.errors import RefusedError
+from upplied.outputs.missions.mission import Mission
+
+_MODE = {"relative": "relativeToGround", "amsl": "absolute"}
+_LINE = """ <Placemark><name>{name}</name><description>{about}</description>
+  <Style><LineStyle><color>ffb27200</color><width>3</width></LineStyle></Style>
+  <LineString><altitudeMode>{mode}</altitudeMode><coordinates>{coordinates}</coordinates></LineString>
+ </Placemark>"""
+_PHOTO = """ <Placemark><name>photo {number}</name>
+  <description>heading {heading:.1f} deg, gimbal pitch {pitch:.1f} deg</description>
+  <Point><altitudeMode>{mode}</altitudeMode><coordinates>{coordinates}</coordinates></Point>
+ </Placemark>"""
+
+
+def kml_text(mission: Mission) -> str:
+    """The mission as KML; absolute altitudes are above mean sea level there, relative ones above ground."""
+    if mission.altitude not in _MODE:
+        raise RefusedError(
+            mission.name,
+            "altitudes above the ellipsoid were asked for",
+            "KML knows ground and mean sea level",
+        )
+    mode = _MODE[mission.altitude]
+    places = [
+        f"{lon:.9f},{lat:.9f},{alt:.3f}"
+        for (lat, lon, _), alt in zip(mission.geodetic, mission.written_alt_m, strict=True)
+    ]
+    photos = [
+        _PHOTO.format(
+            number=number + 1, heading=mission.heading_deg[at], pitch=mission.pitch_deg[at], mode=mode,
+            coordinates=places[at],
+        )
+        for number, at in enumerate(mission.photo.nonzero()[0])
+    ]  # fmt: skip
+    about = "; ".join([f"altitudes: {mission.altitude}, datum {mission.placement.datum}", *mission.notes])
+    line = _LINE.format(
+        name=escape(f"{mission.name} {mission.number} of {mission.count}"), about=escape(about), mode=mode,
+        coordinates=" ".join(places),
+    )  # fmt: skip
+    head = '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2">\n<Document>'
+    title = f"<name>{escape(mission.name)}</name>"
+    return "\n".join([head, title, line, *photos, "</Document>\n</kml>\n"])

@@ -1,0 +1,93 @@
+"""MAVLink missions: the items, and the text file of Mission Planner and MAVProxy (QGC WPL 110)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from upplied.errors import RefusedError
+from upplied.outputs.missions.mission import Mission
+from upplied.outputs.missions.options import MissionOptions
+
+WAYPOINT, RETURN, TAKEOFF = 16, 20, 22
+SPEED, DIGICAM, MOUNT, PHOTO_DISTANCE = 178, 203, 205, 206
+GIMBAL, PHOTO = 1000, 2000
+_MISSION_FRAME, _RELATIVE_FRAME, _GLOBAL_FRAME = 2, 3, 0
+_GIMBAL_LEVEL_WITH_VEHICLE = 4 + 8 + 32  # roll and pitch held to the horizon, yaw to the vehicle
+_MOUNT_BY_ANGLES = 2
+_NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Item:
+    """One mission item; for commands with a place the last three parameters are lat, lon, altitude."""
+
+    command: int
+    frame: int
+    params: tuple[float, float, float, float, float, float, float]
+
+
+def mavlink_text(mission: Mission, options: MissionOptions) -> str:
+    """The mission as QGC WPL 110: tab separated, home first. NaN, which the format lacks, is written as 0."""
+    lat, lon, alt = mission.home
+    rows = [(1, _GLOBAL_FRAME, WAYPOINT, (0.0, 0.0, 0.0, 0.0, lat, lon, alt))]
+    rows += [(0, item.frame, item.command, item.params) for item in items(mission, options)]
+    lines = ["QGC WPL 110"]
+    for seq, (current, frame, command, params) in enumerate(rows):
+        numbers = [f"{0.0 if math.isnan(value) else value:.8f}" for value in params]
+        lines.append("\t".join([str(seq), str(current), str(frame), str(command), *numbers, "1"]))
+    return "\n".join(lines) + "\n"
+
+
+def items(mission: Mission, options: MissionOptions) -> list[Item]:
+    """Take-off, gimbal, speed, waypoints, photos and return.
+
+    The vehicle's yaw carries the camera's heading, the gimbal its pitch.
+    """
+    if mission.altitude == "ellipsoid":
+        raise RefusedError(
+            mission.name,
+            "altitudes above the ellipsoid were asked for",
+            "MAVLink knows take-off and mean sea level",
+        )
+    frame = _RELATIVE_FRAME if mission.altitude == "relative" else _GLOBAL_FRAME
+    alt = mission.written_alt_m
+    home_lat, home_lon = mission.home[:2]
+    out = [Item(TAKEOFF, frame, (0.0, 0.0, 0.0, _NAN, home_lat, home_lon, alt[0]))]
+    speed = pitch = _NAN
+    photos = 0
+    inspecting = False
+    for at in range(len(mission)):
+        if not math.isclose(mission.speed_mps[at], speed, rel_tol=0.05):
+            speed = mission.speed_mps[at]
+            out.append(_command(SPEED, 1.0, speed, -1.0))
+        if not abs(mission.pitch_deg[at] - pitch) < 0.5:
+            pitch = mission.pitch_deg[at]
+            out.append(_gimbal(pitch, options.gimbal))
+        lat, lon = mission.geodetic[at, :2]
+        out.append(Item(WAYPOINT, frame, (0.0, 0.0, 0.0, mission.heading_deg[at], lat, lon, alt[at])))
+        if mission.photo_distance_m and bool(mission.inspect[at]) != inspecting:
+            inspecting = bool(mission.inspect[at])
+            out.append(
+                _command(PHOTO_DISTANCE, mission.photo_distance_m * inspecting, 0.0, float(inspecting))
+            )
+        if mission.photo[at]:
+            photos += 1
+            out.append(_photo(photos, options.firmware))
+    return [*out, _command(RETURN)]
+
+
+def _command(command: int, *params: float) -> Item:
+    return Item(command, _MISSION_FRAME, (*params, *(0.0,) * (7 - len(params))))  # type: ignore[arg-type]
+
+
+def _gimbal(pitch_deg: float, protocol: str) -> Item:
+    if protocol == "mount":
+        return _command(MOUNT, pitch_deg, 0.0, 0.0, 0.0, 0.0, 0.0, _MOUNT_BY_ANGLES)
+    return _command(GIMBAL, pitch_deg, 0.0, _NAN, _NAN, _GIMBAL_LEVEL_WITH_VEHICLE, 0.0, 0.0)
+
+
+def _photo(number: int, firmware: str) -> Item:
+    if firmware == "ardupilot":
+        return _command(DIGICAM, 0.0, 0.0, 0.0, 0.0, 1.0)
+    return _command(PHOTO, 0.0, 0.0, 1.0, float(number))

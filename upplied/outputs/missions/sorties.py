@@ -1,0 +1,107 @@
+"""Where an inspection is cut into sorties: where a free way home exists, the cut waypoint in both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from upplied.errors import RefusedError
+from upplied.outputs.missions.legs import Airspace, length
+from upplied.outputs.missions.options import MissionOptions
+from upplied.records import Floats, Trajectory
+
+_GROUND_S = 20.0  # for starting and landing
+_SLOWEST_MPS, _FASTEST_MPS = 0.2, 15.0
+
+
+@dataclass(frozen=True)
+class Sortie:
+    """Waypoints first .. last of an inspection, and the ways (K, 3), m, from above home and back."""
+
+    first: int
+    last: int
+    way_in: Floats
+    way_out: Floats
+    duration_s: float
+
+
+@dataclass
+class Cutter:
+    """Cuts one inspection under given options."""
+
+    path: Trajectory
+    airspace: Airspace
+    home: Floats
+    options: MissionOptions
+    most: int  # waypoints of one sortie
+    ways: dict[int, Floats | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        legs = np.linalg.norm(np.diff(self.path.positions, axis=0), axis=1)
+        self.speeds = np.clip(legs / np.maximum(np.diff(self.path.t_s), 1e-6), _SLOWEST_MPS, _FASTEST_MPS)
+        self.elapsed_s = np.concatenate([[0.0], np.cumsum(legs / self.speeds)])
+        given = self.options.endurance_s
+        self.budget_s = np.inf if given is None else given * (1 - self.options.reserve_pct / 100)
+
+    def sorties(self) -> list[Sortie]:
+        """As few as the greedy rule finds: each as long as it may be."""
+        found: list[Sortie] = []
+        while not found or found[-1].last < len(self.path) - 1:
+            found.append(self._longest_from(found[-1].last if found else 0))
+        return found
+
+    def _longest_from(self, first: int) -> Sortie:
+        there = self._way(first)
+        if there is None:
+            raise self._no_way(first)
+        least = first if len(self.path) == 1 else first + 1
+        reach = np.searchsorted(
+            self.elapsed_s, self.elapsed_s[first] + self.budget_s - self._transit_s(there)
+        )
+        farthest = min(len(self.path) - 1, int(reach), first + self.most - len(there) - 1)
+        for last in range(farthest, least - 1, -1):
+            back = self._way(last)
+            if back is None or last - first + len(there) + len(back) - 1 > self.most:
+                continue
+            spent = self.elapsed_s[last] - self.elapsed_s[first] + self._transit_s(there)
+            spent += self._transit_s(back) - _GROUND_S
+            if spent <= self.budget_s:
+                return Sortie(first, last, there[:0:-1], back[1:], float(spent))
+        if farthest == len(self.path) - 1 and self._way(farthest) is None:
+            raise self._no_way(farthest)
+        raise self._too_short(first)
+
+    def _way(self, at: int) -> Floats | None:
+        if at not in self.ways:
+            self.ways[at] = self.airspace.way_out(
+                self.path.positions[at], self.home, self.options.clearance_m
+            )
+        return self.ways[at]
+
+    def _transit_s(self, way: Floats) -> float:
+        return length(np.concatenate([way, self.home[None]])) / self.options.transit_mps + _GROUND_S
+
+    def _no_way(self, at: int) -> RefusedError:
+        place = self.path.positions[at].round(1).tolist()
+        return RefusedError(
+            self.airspace.structure.structure_id,
+            f"no free way leads to the waypoint at {place} m, {self.path.t_s[at]:.0f} s into the plan",
+            "the legs there and back keep the clearance, the ceiling, keep-out boxes and geofence",
+            "choose another home, a smaller clearance, or a plan that starts in the open",
+        )
+
+    def _too_short(self, at: int) -> RefusedError:
+        given = self.options.endurance_s
+        limits = (
+            []
+            if given is None
+            else [f"an endurance of {given:g} s, {self.options.reserve_pct:g} % kept back"]
+        )
+        limits += [f"at most {self.most} waypoints"] if self.most < 10**9 else []
+        return RefusedError(
+            f"mission from {self.path.positions[at].round(1).tolist()} m",
+            "no part of the inspection fits into one sortie with the way there and back",
+            ", ".join(limits),
+            "allow more, start nearer (home_m), or fly faster",
+        )

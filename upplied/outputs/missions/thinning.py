@@ -1,0 +1,124 @@
+"""Fewer waypoints within a stated tolerance, checked again for clearance and for what is seen."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from upplied.outputs.missions.legs import min_distance
+from upplied.poses import interpolate, matrices
+from upplied.records import Bools, Camera, Floats, Ints, SurfaceStates, Trajectory
+from upplied.scene import Scene
+
+_LEAST_SEEN = 0.99  # of what the full path sees, that the thinned one must see
+_LOOKS = 160  # poses along a path at which the view is compared
+
+
+def thinned(
+    path: Trajectory,
+    fixed: Bools,
+    tolerances: tuple[float, float],
+    scene: Scene,
+    seen: tuple[SurfaceStates | None, Camera],
+    clearance_m: float,
+) -> tuple[Ints, str]:
+    """Which waypoints to keep, and what was checked, in words.
+
+    Parameters
+    ----------
+    path : Trajectory
+    fixed : array, shape (N,)
+        Waypoints that stay: viewpoints.
+    tolerances : (m, deg)
+        How far the path may stray, and the camera turn, from what was planned. Halved until the
+        thinned path keeps the clearance of the plan or the wanted one, whichever is less, and
+        sees 99 % of what the plan sees.
+    scene : Scene
+        Of the structure.
+    seen : (SurfaceStates or None, Camera)
+        What the plan sees, where that is known.
+    clearance_m : float
+        Wanted of the mission.
+    """
+    planned = min_distance(scene, path.positions) if len(path) > 1 else np.inf
+    needed = min(clearance_m, planned)
+    metres, degrees = tolerances
+    for _ in range(6):
+        kept = np.flatnonzero(_kept(path, fixed, metres, degrees))
+        coarse = Trajectory(path.t_s[kept], path.positions[kept], path.quat_xyzw[kept])
+        clear = min_distance(scene, coarse.positions) if len(kept) > 1 else planned
+        share = still_seen(path, coarse, scene, *seen)
+        if clear >= needed - 0.02 and (np.isnan(share) or share >= _LEAST_SEEN):
+            view = "" if np.isnan(share) else f", {100 * share:.1f} % of what the plan sees stays in view"
+            return kept, (
+                f"{len(kept)} of {len(path)} waypoints kept within {metres:g} m and {degrees:g} deg: "
+                f"clearance {clear:.2f} m (planned {planned:.2f} m){view}"
+            )
+        metres, degrees = metres / 2, degrees / 2
+    return np.arange(len(path)), f"all {len(path)} waypoints kept: fewer would lose clearance or view"
+
+
+def still_seen(
+    full: Trajectory, coarse: Trajectory, scene: Scene, states: SurfaceStates | None, camera: Camera
+) -> float:
+    """Share of the surface points seen along the full path that the coarse path sees; NaN where not known."""
+    if states is None or len(full) < 2 or not (states.state == 1).any():
+        return float("nan")
+    points = states.points[states.state == 1]
+    times = np.linspace(full.t_s[0], full.t_s[-1], _LOOKS)
+    before = _in_view(interpolate(full, times), points, scene, camera)
+    after = _in_view(interpolate(coarse, times), points, scene, camera)
+    return float((before & after).sum() / before.sum()) if before.any() else float("nan")
+
+
+def _in_view(path: Trajectory, points: Floats, scene: Scene, camera: Camera) -> Bools:
+    """Which points (N,) are in the frustum and range of any pose, with nothing between."""
+    found = np.zeros(len(points), bool)
+    slope = np.tan(np.radians(np.minimum([camera.hfov_deg, camera.vfov_deg], 179.0)) / 2)
+    for position, turn in zip(path.positions, matrices(path.quat_xyzw), strict=True):
+        open_ = np.flatnonzero(~found)
+        local = (points[open_] - position) @ turn
+        reach = np.linalg.norm(local, axis=1)
+        inside = (local[:, 0] > 0) & (np.abs(local[:, 1:]) <= local[:, :1] * slope).all(axis=1)
+        inside &= (reach >= camera.min_range_m) & (reach <= camera.max_range_m)
+        looked = open_[inside]
+        if len(looked):
+            found[looked] = ~scene.occluded(np.broadcast_to(position, (len(looked), 3)), points[looked], 0.01)
+    return found
+
+
+def _kept(path: Trajectory, fixed: Bools, metres: float, degrees: float) -> Bools:
+    """Douglas and Peucker's rule between fixed waypoints, for position and orientation together."""
+    keep = fixed.copy()
+    keep[[0, -1]] = True
+    anchors = np.flatnonzero(keep)
+    open_ = list(pairwise(anchors))
+    while open_:
+        first, last = open_.pop()
+        if last - first < 2:
+            continue
+        error = _strays(path, int(first), int(last), metres, degrees)
+        worst = int(error.argmax())
+        if error[worst] > 1:
+            middle = first + 1 + worst
+            keep[middle] = True
+            open_ += [(first, middle), (middle, last)]
+    return keep
+
+
+def _strays(path: Trajectory, first: int, last: int, metres: float, degrees: float) -> Floats:
+    """How far the waypoints between two others stray from the straight leg, in units of the tolerances.
+
+    Autopilots turn the camera evenly along the leg, so orientation is compared at the same share of it.
+    """
+    between = path.positions[first + 1 : last]
+    leg = path.positions[last] - path.positions[first]
+    along = (between - path.positions[first]) @ leg / max(float(leg @ leg), 1e-12)
+    share = np.clip(along, 0, 1)
+    off = np.linalg.norm(between - path.positions[first] - share[:, None] * leg, axis=1)
+    ends = Rotation.from_quat(path.quat_xyzw[[first, last]])
+    turned = Slerp([0.0, 1.0], ends)(share)
+    angle = np.degrees((turned.inv() * Rotation.from_quat(path.quat_xyzw[first + 1 : last])).magnitude())
+    return np.maximum(off / max(metres, 1e-9), angle / max(degrees, 1e-9))
