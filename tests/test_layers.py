@@ -23,11 +23,12 @@ ALLOWED = {
     "scene": FOUNDATION,
     "planning": FOUNDATION | {"planning"},
     "samples": FOUNDATION | {"planning", "samples"},
+    "simulate": FOUNDATION | {"planning"},
     "inputs": FOUNDATION | {"inputs"},
     "catalog": FOUNDATION | {"catalog"},
     "outputs": FOUNDATION | {"outputs", "inputs", "samples", "catalog"},
-    "fleet": FOUNDATION | {"planning", "inputs", "catalog", "outputs", "fleet"},
-    "cli": FOUNDATION | {"planning", "samples", "inputs", "catalog", "outputs", "fleet", "cli"},
+    "fleet": FOUNDATION | {"planning", "simulate", "inputs", "catalog", "outputs", "fleet"},
+    "cli": FOUNDATION | {"planning", "samples", "simulate", "inputs", "catalog", "outputs", "fleet", "cli"},
 }
 # The only rooms or modules that may import a package; None means nowhere in `upplied`.
 DOORS = {
