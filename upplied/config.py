@@ -195,6 +195,7 @@ _PRESETS: dict[str, Settings] = {
     "recommended": replace(
         _PAPER,
         preset="recommended",
+        correspondence=CorrespondenceSettings(method="parts"),
         visibility=VisibilitySettings(occlusion=True, max_incidence_deg=75.0),
         transfer=TransferSettings(method="counterparts"),
         refine=RefineSettings(method="view"),

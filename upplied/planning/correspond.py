@@ -6,11 +6,18 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import CorrespondenceSettings
+from upplied.planning.counterparts import by_parts
+from upplied.planning.naming import Landmarks, pinned_parts
 from upplied.records import Cloud, Correspondences, Registration
 
 
 def correspond(
-    source: Cloud, target: Cloud, registration: Registration, settings: CorrespondenceSettings
+    source: Cloud,
+    target: Cloud,
+    registration: Registration,
+    settings: CorrespondenceSettings,
+    source_landmarks: Landmarks | None = None,
+    target_landmarks: Landmarks | None = None,
 ) -> Correspondences:
     """Counterparts of all points of the demonstration's cloud.
 
@@ -20,12 +27,25 @@ def correspond(
         Of the demonstration structure and of the target, each in its own frame.
     registration : Registration
     settings : CorrespondenceSettings
+        Method ``nearest`` as published, or ``parts``, for clouds with normals.
+    source_landmarks, target_landmarks : mapping of name to x y z, m, optional
+        What the names in `settings.counterparts` may refer to.
 
     Returns
     -------
     Correspondences
+
+    Raises
+    ------
+    SettingsError
+        If `settings.counterparts` names a part that is not there.
     """
-    return nearest(source, target, registration)
+    if settings.method == "nearest" or source.normals is None or target.normals is None:
+        return nearest(source, target, registration)
+    pinned = pinned_parts(
+        source, target, settings.counterparts, source_landmarks or {}, target_landmarks or {}
+    )
+    return by_parts(source, target, registration, pinned)
 
 
 def nearest(source: Cloud, target: Cloud, registration: Registration) -> Correspondences:

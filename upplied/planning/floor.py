@@ -38,7 +38,7 @@ class Floor(Record):
 
     def _covers(self, xy: Floats) -> Bools:
         cell = np.floor((xy - self.low) / self.cell_m)
-        inside = ((cell >= 0) & (cell < self.enclosed.shape)).all(axis=1)
+        inside: Bools = np.all((cell >= 0) & (cell < self.enclosed.shape), axis=1)
         index = np.where(inside[:, None], cell, 0).astype(int)
         return np.asarray(inside & self.enclosed[index[:, 0], index[:, 1]], bool)
 

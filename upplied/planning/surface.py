@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from upplied.config import CloudSettings
 from upplied.planning.floor import Floor, floor_of
+from upplied.planning.parts import mesh_pieces, part_labels
 from upplied.planning.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene
@@ -38,25 +39,26 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
     -------
     Cloud
         `points` (N, 3), m, structure frame; outward `normals` (N, 3); `area_m2` (N,), whose sum is
-        the outside area. Deterministic for a seed.
+        the outside area; `part` (N,), 0 the largest. Deterministic for a seed.
     """
     if not len(structure.triangles):
         return _from_points(structure, scene, settings)
     rng = np.random.default_rng(settings.seed)
     wanted = int(_SPARE * settings.surface_samples)
     floor = floor_of(structure)
-    drawn, points, normals = 0, np.empty((0, 3)), np.empty((0, 3))
+    drawn, points, normals, triangle = 0, np.empty((0, 3)), np.empty((0, 3)), np.empty(0, np.int64)
     batch = wanted
     for _ in range(3):
         found = _outside(*_candidates(structure, batch, rng), structure, scene, floor)
         drawn += batch
         points, normals = np.concatenate([points, found[0]]), np.concatenate([normals, found[1]])
+        triangle = np.concatenate([triangle, found[2]])
         missing = wanted - len(points)
         if missing <= wanted / 10:
             break
         batch = int(min(missing * drawn / max(len(points), 1), 4 * wanted))
     area = np.full(len(points), _total_area(structure) / drawn)
-    return _thinned(points, normals, area, settings)
+    return _thinned(points, normals, area, mesh_pieces(structure)[triangle], settings)
 
 
 def _candidates(structure: Structure, number: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
@@ -73,8 +75,8 @@ def _candidates(structure: Structure, number: int, rng: np.random.Generator) -> 
 
 def _outside(
     points: Floats, triangle: Ints, structure: Structure, scene: Scene, floor: Floor
-) -> tuple[Floats, Floats]:
-    """The candidates' sides that count, as points and outward normals."""
+) -> tuple[Floats, Floats, Ints]:
+    """The candidates' sides that count: points, outward normals and triangles."""
     normals = _crossed(structure.vertices[structure.triangles[triangle]])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     gap = 1e-5 * structure.diagonal_m
@@ -88,7 +90,7 @@ def _outside(
         owner.append(mine[free >= _ESCAPE])
         side.append(np.full(len(owner[-1]), sign))
     index, sign_of = np.concatenate(owner), np.concatenate(side)
-    return points[index], sign_of[:, None] * normals[index]
+    return points[index], sign_of[:, None] * normals[index], triangle[index]
 
 
 def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
@@ -126,13 +128,10 @@ def _count(
     return np.bincount(owner, minlength=number), np.bincount(owner[free], minlength=number)
 
 
-def _thinned(points: Floats, normals: Floats, area: Floats, settings: CloudSettings) -> Cloud:
+def _thinned(points: Floats, normals: Floats, area: Floats, piece: Ints, settings: CloudSettings) -> Cloud:
     kept = thin(points, normals, settings.surface_samples, float(area.sum()))
-    return Cloud(
-        points=points[kept],
-        normals=normals[kept],
-        area_m2=shares(points, normals, area, kept),
-    )
+    area = shares(points, normals, area, kept)
+    return Cloud(points[kept], normals[kept], area, part_labels(points[kept], area, piece[kept]))
 
 
 def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
@@ -140,8 +139,9 @@ def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) ->
     points = structure.vertices
     distance, neighbours = cKDTree(points).query(points, k=min(9, len(points)))
     area = np.pi * distance[:, -1] ** 2 / max(distance.shape[1] - 1, 1)
+    whole = np.zeros(len(points), np.int64)
     if structure.normals is not None:
-        return _thinned(points, structure.normals, area, settings)
+        return _thinned(points, structure.normals, area, whole, settings)
     patch = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", patch, patch))[1][:, :, 0]
     gap = float(np.median(distance[:, 1]))
@@ -151,7 +151,7 @@ def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) ->
     behind = _escapes(points - gap * normals, -normals, reach, scene, nowhere)
     outward = np.where((behind > ahead)[:, None], -normals, normals)
     seen: Bools = np.maximum(ahead, behind) >= _ESCAPE
-    return _thinned(points[seen], outward[seen], area[seen], settings)
+    return _thinned(points[seen], outward[seen], area[seen], whole[seen], settings)
 
 
 def _sphere(number: int) -> Floats:

@@ -1,0 +1,114 @@
+"""Laws of parts and of their matching."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from upplied.planning.matching import match_parts
+from upplied.planning.parts import labels_of, mesh_pieces, part_labels, parts_of
+from upplied.planning.wording import place_of
+from upplied.records import Cloud, Structure
+
+DIAGONAL = 100.0
+
+
+def brick(low: tuple[float, float, float], size: tuple[float, float, float], number: int = 200) -> np.ndarray:
+    """Points on the surface of a box."""
+    rng = np.random.default_rng(abs(hash((low, size))) % 2**32)
+    points = rng.random((number, 3))
+    axis = rng.integers(3, size=number)
+    points[np.arange(number), axis] = rng.integers(2, size=number)
+    return np.array(low) + points * size
+
+
+def cloud(*bricks: np.ndarray) -> Cloud:
+    label = np.repeat(np.arange(len(bricks)), [len(points) for points in bricks])
+    points = np.concatenate(bricks)
+    return Cloud(points, area_m2=np.ones(len(points)), part=label)
+
+
+def never(parts: object, partners: object) -> bool:
+    return False
+
+
+HULL = brick((0, 0, 0), (90, 20, 10), 800)
+LEFT, RIGHT = brick((30, 25, 0), (9, 4, 4)), brick((30, -9, 0), (9, 4, 4))
+
+
+def test_pieces_are_those_of_the_mesh() -> None:
+    triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    near, far = np.array([5, 0, 0]), np.array([9, 0, 0])
+    vertices = np.concatenate([triangle, triangle + near, triangle + near, triangle + far])
+    found = mesh_pieces(Structure("s", "k", vertices, np.arange(12).reshape(4, 3)))
+    assert found[1] == found[2]  # not welded in the file, but at the same place
+    assert len(set(found.tolist())) == 3
+
+
+def test_labels_are_ordered_by_area_and_small_pieces_join_what_is_near() -> None:
+    crumbs = [brick((30 + k, 26, 4), (0.3, 0.3, 0.3), 2) for k in range(5)]
+    points = np.concatenate([LEFT, HULL, *crumbs])
+    piece = np.repeat(np.arange(7), [len(LEFT), len(HULL), *[2] * 5])
+    label = part_labels(points, np.ones(len(points)), piece)
+    assert set(label.tolist()) == {0, 1}
+    assert (label[: len(LEFT)] == 1).all() and (label[len(LEFT) : len(LEFT) + len(HULL)] == 0).all()
+    assert (label[-10:] == 1).all()
+
+
+def test_halves_of_a_nacelle_are_one_part_and_a_wing_is_not_its_engine() -> None:
+    front, rear = brick((30, 25, 0), (5, 4, 4)), brick((35, 25, 0), (5, 4, 4))
+    points = np.concatenate([HULL, front, rear])
+    piece = np.repeat(np.arange(3), [len(HULL), len(front), len(rear)])
+    label = part_labels(points, np.ones(len(points)), piece)
+    assert set(label.tolist()) == {0, 1}
+
+
+def test_a_cloud_without_labels_is_one_part() -> None:
+    one = Cloud(HULL)
+    assert len(parts_of(one)) == 1 and not labels_of(one).any()
+
+
+def test_the_nearer_engine_is_not_taken_for_the_one_of_its_place() -> None:
+    source = cloud(HULL, brick((30, 25, 0), (9, 4, 4)), brick((20, 38, 0), (9, 4, 4)))
+    # Both engines moved out, so that the inner one now lies nearest to where the outer one was.
+    target = cloud(HULL, brick((18, 45, 0), (9, 4, 4)), brick((24, 36, 0), (9, 4, 4)))
+    found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
+    assert found.target_of(1).tolist() == [2] and found.target_of(2).tolist() == [1]
+
+
+def test_a_part_more_stays_without_partner() -> None:
+    source, target = cloud(HULL, LEFT, RIGHT), cloud(HULL, LEFT)
+    found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
+    assert found.target_of(1).tolist() == [1] and found.target_of(2).tolist() == []
+    assert found.source_class[2] == -1
+
+
+def test_pins_are_kept() -> None:
+    source, target = cloud(HULL, LEFT, RIGHT), cloud(HULL, LEFT, RIGHT)
+    found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never, {1: 2})
+    assert found.target_of(1).tolist() == [2]
+
+
+def test_order_of_the_target_does_not_matter() -> None:
+    source, target = cloud(HULL, LEFT, RIGHT), cloud(RIGHT, HULL, LEFT)
+    found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
+    assert [found.target_of(part).tolist() for part in range(3)] == [[1], [2], [0]]
+
+
+@pytest.mark.parametrize("agrees", [True, False])
+def test_two_halves_answer_to_a_whole_only_where_the_surfaces_agree(agrees: bool) -> None:
+    whole = brick((30, -40, 3), (10, 80, 1))
+    halves = brick((30, -40, 3), (10, 39, 1)), brick((30, 1, 3), (10, 39, 1))
+    found = match_parts(
+        parts_of(cloud(HULL, whole)), parts_of(cloud(HULL, *halves)), DIAGONAL,
+        lambda parts, partners: agrees and len(parts) + len(partners) == 3,
+    )  # fmt: skip
+    assert found.target_of(1).tolist() == ([1, 2] if agrees else [])
+
+
+def test_places_in_words() -> None:
+    parts = parts_of(cloud(HULL, LEFT, RIGHT, brick((80, 8, 15), (4, 4, 4))))
+    assert place_of(parts, 0) == "low"
+    assert place_of(parts, 1).split() == ["rear", "left", "low"]
+    assert place_of(parts, 2).split() == ["rear", "right", "low"]
+    assert place_of(parts, 3).split() == ["front", "high"]

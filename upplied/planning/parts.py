@@ -1,0 +1,143 @@
+"""Parts of a structure: engines, blades, decks, from the pieces that its mesh is made of.
+
+Real meshes come in a hundred pieces and more, cut where it suited the modeller. Small pieces join
+their neighbours and pieces of one compact body (the front and the rear of a nacelle) each other.
+What pieces there are then is only a proposal: `upplied.planning.matching` believes a part where
+the other structure has one like it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
+
+_SMALLEST = 0.003  # share of the surface below which a piece joins its neighbour
+_MANY = 40  # pieces; a mesh of fewer keeps small ones too, down to this many samples
+_SAMPLES = 6
+_COMPACT = 0.2  # longest edge over the structure's diagonal: engines, not wings
+_NEAR = 0.015  # of the diagonal: pieces this close touch
+_TOUCHING = 0.15  # least share of the smaller piece that touches the other, to be one body with it
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Parts(Record):
+    """The parts of one structure, row by row."""
+
+    low: Floats  # (K, 3) m, corner of the bounding box of its samples
+    high: Floats  # (K, 3) m
+    area: Floats  # (K,) share of the whole surface
+    touching: Bools  # (K, K) whose samples come near each other
+    extent: Floats  # (K, 3) m, along its own principal axes, longest first
+
+    def __len__(self) -> int:
+        return len(self.low)
+
+    @property
+    def middle(self) -> Floats:
+        """(K, 3) m, centre of each box."""
+        return (self.low + self.high) / 2
+
+
+def mesh_pieces(structure: Structure) -> Ints:
+    """The connected piece of each triangle (T,), vertices welded at 1e-5 of the diagonal."""
+    grid = np.round(structure.vertices / (1e-5 * max(structure.diagonal_m, 1e-9)))
+    welded = np.unique(grid, axis=0, return_inverse=True)[1].reshape(-1)
+    corners = welded[structure.triangles]
+    edges = np.concatenate([corners[:, :2], corners[:, 1:]])
+    size = int(welded.max()) + 1
+    graph = coo_matrix((np.ones(len(edges), bool), (edges[:, 0], edges[:, 1])), shape=(size, size))
+    return np.asarray(connected_components(graph, directed=False)[1][corners[:, 0]], np.int64)
+
+
+def part_labels(points: Floats, area: Floats, piece: Ints) -> Ints:
+    """The part (N,) of each sample, from the mesh's piece it lies on; 0 has the largest area.
+
+    Parameters
+    ----------
+    points : array, shape (N, 3), m
+    area : array, shape (N,), m^2
+    piece : array, shape (N,)
+    """
+    label = np.unique(piece, return_inverse=True)[1].reshape(-1)
+    label = _joined_small(points, area, label)
+    label = _joined_bodies(points, label)
+    size = np.bincount(label, weights=area)
+    rank = np.empty(len(size), np.int64)
+    rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
+    return rank[label]
+
+
+def parts_of(cloud: Cloud) -> Parts:
+    """Boxes, areas and contacts of the labelled parts of a cloud; one part where it has no labels."""
+    points = cloud.points
+    label = labels_of(cloud)
+    area = np.ones(len(points)) if cloud.area_m2 is None else cloud.area_m2
+    number = int(label.max()) + 1
+    order = np.argsort(label, kind="stable")
+    first = np.searchsorted(label[order], np.arange(number))
+    return Parts(
+        low=np.minimum.reduceat(points[order], first, axis=0),
+        high=np.maximum.reduceat(points[order], first, axis=0),
+        area=np.bincount(label, weights=area) / area.sum(),
+        touching=_contacts(points, label)[0] > 0,
+        extent=np.array([_extent(points[label == part]) for part in range(number)]),
+    )
+
+
+def labels_of(cloud: Cloud) -> Ints:
+    """The part of each sample, all 0 where the cloud has none."""
+    return np.zeros(len(cloud), np.int64) if cloud.part is None else cloud.part
+
+
+def _extent(points: Floats) -> Floats:
+    offset = points - points.mean(axis=0)
+    return np.ptp(offset @ np.linalg.eigh(offset.T @ offset)[1], axis=0)[::-1]
+
+
+def _joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
+    share = np.bincount(label, weights=area) / area.sum()
+    count = np.bincount(label)
+    keep = share >= _SMALLEST if len(share) > _MANY else count >= _SAMPLES
+    kept = keep[label]
+    if kept.all() or not kept.any():
+        return label
+    nearest = label[kept][cKDTree(points[kept]).query(points[~kept])[1]]
+    joined = label.copy()
+    for piece in np.flatnonzero(~keep):
+        mine = label[~kept] == piece
+        if mine.any():
+            joined[label == piece] = np.bincount(nearest[mine]).argmax()
+    return np.unique(joined, return_inverse=True)[1].reshape(-1)
+
+
+def _joined_bodies(points: Floats, label: Ints) -> Ints:
+    number = int(label.max()) + 1
+    if number < 3:
+        return label
+    diagonal = np.linalg.norm(np.ptp(points, axis=0))
+    size = np.array([np.ptp(points[label == part], axis=0).max() for part in range(number)])
+    compact = size < _COMPACT * diagonal
+    near, count = _contacts(points, label)
+    of_smaller = near / np.minimum(count[:, None], count[None, :])
+    # Both ways, so that the smaller one's share counts whichever of the two it is.
+    body = (np.maximum(of_smaller, of_smaller.T) > _TOUCHING) & compact[:, None] & compact[None, :]
+    return np.asarray(connected_components(body, directed=False)[1][label], np.int64)
+
+
+def _contacts(points: Floats, label: Ints) -> tuple[Ints, Ints]:
+    """How many samples of each part (row) come near each other part (column), and samples per part."""
+    number = int(label.max()) + 1
+    reach = _NEAR * np.linalg.norm(np.ptp(points, axis=0))
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    pairs = pairs[label[pairs[:, 0]] != label[pairs[:, 1]]]
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    sample_and_part = np.unique(both[:, 0] * number + label[both[:, 1]])
+    owner, other = label[sample_and_part // number], sample_and_part % number
+    near = np.bincount(owner * number + other, minlength=number * number).reshape(number, number)
+    return near, np.bincount(label, minlength=number)
