@@ -157,7 +157,7 @@ def _demonstrated_speed(t_s: Floats, flight: Trajectory) -> Floats:
     if flight.t_s[-1] <= 0:
         return np.full(len(t_s), np.inf)
     times, positions = steadied(flight)
-    step, tick = np.linalg.norm(np.diff(positions, axis=0), axis=1), float(times[1])
+    step, tick = np.linalg.norm(np.diff(positions, axis=0), axis=1), float(times[1] - times[0])
     if step.sum() == 0:
         return np.full(len(t_s), np.inf)
     moving = step > _STILL * float(np.percentile(step, 75))

@@ -17,11 +17,11 @@ from upplied.poses import from_yaw_pitch, optical_axis
 from upplied.records import Floats, Ints, Record, Trajectory
 
 _SETTLE_S = 0.4  # deviation of the first smoothing in time, before distances are trusted
-_REACH = 0.02  # of the flight's extent: how far the fit of a pose reaches along its progress
+_REACH = 0.025  # of the flight's extent: how far the fit of a pose reaches along its progress
 _DETOUR = 0.05  # of the flight's extent: excursions up to this are not followed
 _TURN = 0.1  # of the flight's extent: metres of progress that a turn by one radian counts
 _MOST_SAMPLES = 6000
-_TICK_S, _AVERAGE_S = 0.2, 0.8
+_TICK_S, _AVERAGE_S = 0.2, 0.4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,14 +54,14 @@ def smoothed(flight: Trajectory, most: int = 1000, breaks: Ints | None = None) -
         *sorted({int(b) for b in breaks if 0 < b < len(flight)} if breaks is not None else ()),
         len(flight),
     ]
-    extent = float(np.linalg.norm(np.ptp(flight.positions, axis=0)))
+    extent = 2 * float(np.linalg.norm(flight.positions - flight.positions.mean(axis=0), axis=1).max())
     if extent == 0 or len(flight) < 3:
         return Smoothed(flight, np.array(cuts[1:-1], np.int64))
     parts = [_thinned(_part(flight, a, b)) for a, b in itertools.pairwise(cuts)]
-    parts = [_without_detours(_settled(part), _DETOUR * extent) for part in parts]
+    parts = [_without_detours(_settled(part, _REACH * extent), _DETOUR * extent) for part in parts]
     progress = [_progress(part, extent) for part in parts]
     total = sum(float(along[-1]) for along in progress)
-    spacing = max(total / max(most - 2 * len(parts), 2), 0.25 * _REACH * extent)
+    spacing = max(total / max(most - 2 * len(parts), 2), 0.2 * _REACH * extent)
     even = [_even(part, along, spacing, _REACH * extent) for part, along in zip(parts, progress, strict=True)]
     joined = Trajectory(
         np.concatenate([part.t_s for part in even]),
@@ -99,9 +99,10 @@ def pauses(flight: Trajectory, least_s: float = 3.0) -> list[tuple[float, float]
 
 
 def steadied(flight: Trajectory) -> tuple[Floats, Floats]:
-    """Even times (K,), s, and positions (K, 3), m, averaged over about two seconds: for speeds."""
-    count = int(np.clip(flight.t_s[-1] / _TICK_S, 2, _MOST_SAMPLES))
-    times = np.linspace(0, flight.t_s[-1], count + 1)
+    """Even times (K,), s, and positions (K, 3), m, averaged over about a second: for speeds."""
+    begin, end = float(flight.t_s[0]), float(flight.t_s[-1])
+    count = int(np.clip((end - begin) / _TICK_S, 2, _MOST_SAMPLES))
+    times = np.linspace(begin, end, count + 1)
     even = np.column_stack([np.interp(times, flight.t_s, axis) for axis in flight.positions.T])
     return times, gaussian_filter1d(even, _AVERAGE_S / (times[1] - times[0]), axis=0, mode="nearest")
 
@@ -154,18 +155,22 @@ def _thinned(flight: Trajectory) -> Trajectory:
     )
 
 
-def _settled(flight: Trajectory) -> Trajectory:
-    """Positions and optical axes smoothed over a moment of time."""
-    if len(flight) < 3:
-        return Trajectory(flight.t_s, flight.positions, _looking(optical_axis(flight.quat_xyzw)))
-    window = _SETTLE_S / max(float(np.median(np.diff(flight.t_s))), 1e-9)
+def _settled(flight: Trajectory, reach: float) -> Trajectory:
+    """Positions and optical axes smoothed over a moment, in which no more than half a reach is flown."""
     axis = optical_axis(flight.quat_xyzw)
-    if window > 0.3:
-        axis = gaussian_filter1d(axis, window, axis=0, mode="nearest")
-        positions = gaussian_filter1d(flight.positions, window, axis=0, mode="nearest")
-    else:
-        positions = flight.positions
-    return Trajectory(flight.t_s, positions, _looking(axis))
+    if len(flight) < 3:
+        return Trajectory(flight.t_s, flight.positions, _looking(axis))
+    times, positions = steadied(flight)
+    usual = float(np.percentile(np.linalg.norm(np.diff(positions, axis=0), axis=1), 75)) / (
+        times[1] - times[0]
+    )
+    moment = min(_SETTLE_S, 0.5 * reach / max(usual, 1e-9))
+    window = moment / max(float(np.median(np.diff(flight.t_s))), 1e-9)
+    return Trajectory(
+        flight.t_s,
+        gaussian_filter1d(flight.positions, window, axis=0, mode="nearest"),
+        _looking(gaussian_filter1d(axis, window, axis=0, mode="nearest")),
+    )
 
 
 def _looking(axis: Floats) -> Floats:
@@ -175,16 +180,23 @@ def _looking(axis: Floats) -> Floats:
 
 
 def _without_detours(flight: Trajectory, size: float) -> Trajectory:
-    """The flight without the excursions that come back to where they began and stay near."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(flight.positions, axis=0), axis=1))])
+    """The flight without short excursions after which it goes on as if nothing had happened.
+
+    The end of a hairpin comes back as well, but leaves in the opposite direction: it stays.
+    """
+    at, near = flight.positions, 0.25 * size
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
+    before = np.searchsorted(along, along - near, side="right") - 1
+    after = np.minimum(np.searchsorted(along, along + near), len(along) - 1)
+    coming, leaving = at - at[np.maximum(before, 0)], at[after] - at
     kept, index = [], 0
     while index < len(flight):
         kept.append(index)
-        last = int(np.searchsorted(along, along[index] + 3 * size, side="right"))
-        ahead = np.arange(index + 1, last)
-        gap = np.linalg.norm(flight.positions[ahead] - flight.positions[index], axis=1)
-        back = np.flatnonzero((gap < 0.25 * size) & (along[ahead] - along[index] > size))
-        index = int(ahead[back[-1]]) if len(back) else index + 1
+        ahead = np.arange(index + 1, int(np.searchsorted(along, along[index] + 3 * size, side="right")))
+        back = (np.linalg.norm(at[ahead] - at[index], axis=1) < near) & (along[ahead] > along[index] + size)
+        same_way = leaving[ahead] @ coming[index] > 0.5 * near**2
+        found = ahead[back & same_way]
+        index = int(found[-1]) if len(found) else index + 1
     chosen = np.array(kept)
     return Trajectory(flight.t_s[chosen], flight.positions[chosen], flight.quat_xyzw[chosen])
 
