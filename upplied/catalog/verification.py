@@ -64,10 +64,9 @@ def _values(name: str, frame: pd.DataFrame) -> Iterator[Finding]:
     for column in TABLES[name].columns:
         bad = _broken(column, frame[column.name])
         if bad.any():
-            first = frame[column.name][bad].iloc[0]
+            first = str(frame[column.name][bad].iloc[0])
             yield Finding(
-                f"{name}.{column.name}",
-                f"{first!r} is not {column.constraint}, in {_some(key[bad])}",
+                f"{name}.{column.name}", f"{first!r} is not {column.constraint}, in {_some(key[bad])}"
             )
 
 
