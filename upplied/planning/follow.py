@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 from upplied.config import TransferSettings
 from upplied.planning.transfer import AxisMap, aimed
 from upplied.poses import without_roll
-from upplied.records import Camera, Cloud, Correspondences, Floats, Trajectory, Visibility
+from upplied.records import Camera, Cloud, Correspondences, Floats, Ints, Trajectory, Visibility
 
 
 def follow_counterparts(
@@ -56,9 +56,8 @@ def follow_counterparts(
     known = np.flatnonzero((correspondences.target_index >= 0) & visibility.total)
     if len(known) == 0:
         return carrier.points(flight.positions), without_roll(carrier.orientations(flight.quat_xyzw))
-    area = np.ones(len(source)) if source.area_m2 is None else source.area_m2
-    weight = visibility.seen[:, known] * area[known]
     here, there = source.points[known], correspondences.target_points[known]
+    weight = visibility.seen[:, known] * _picture_share(flight.positions, source, known)
     aim_before = _centres(weight, here)
     aim = _centres(weight, there)
     smoothing = _smoothing(flight.positions, aim_before)
@@ -74,6 +73,17 @@ def follow_counterparts(
     return positions, without_roll(turned)
 
 
+def _picture_share(positions: Floats, source: Cloud, known: Ints) -> Floats:
+    """Solid angle (M, K) under which each camera sees each sample: how much of the picture it fills."""
+    ray = positions[:, None] - source.points[known][None]
+    squared = np.maximum(np.einsum("mkj,mkj->mk", ray, ray), 1e-6)
+    area = np.ones(len(known)) if source.area_m2 is None else source.area_m2[known]
+    if source.normals is None:
+        return area / squared
+    facing = np.maximum(np.einsum("mkj,kj->mk", ray, source.normals[known]), 0.0)
+    return area * facing / squared**1.5
+
+
 def expected_standoff(
     positions: Floats,
     weight: Floats,
@@ -85,7 +95,7 @@ def expected_standoff(
 ) -> Floats:
     """How far each camera should stand from what it sees, (M,), m; NaN where it sees nothing.
 
-    The demonstrated stand-off is the median distance to the samples in view. `scaled` takes the
+    The demonstrated stand-off is the median distance over the picture. `scaled` takes the
     distances as the structure's map carries them, `kept` as flown, and a ground sampling distance
     sets the distance at which one pixel covers it in the middle of the picture.
     """
@@ -115,11 +125,15 @@ def _stood_off(
 
 
 def _median_distance(positions: Floats, points: Floats, weight: Floats) -> Floats:
-    """Median distance (M,) from each position to the points it sees; NaN where there are none."""
+    """Weighted median distance (M,) from each position to the points it sees; NaN where there are none."""
     medians = np.full(len(positions), np.nan)
-    for index, seen in enumerate(weight > 0):
-        if seen.any():
-            medians[index] = np.median(np.linalg.norm(points[seen] - positions[index], axis=1))
+    for index, shares in enumerate(weight):
+        seen = np.flatnonzero(shares > 0)
+        if len(seen):
+            distance = np.linalg.norm(points[seen] - positions[index], axis=1)
+            order = np.argsort(distance, kind="stable")
+            share = np.cumsum(shares[seen][order])
+            medians[index] = distance[order][np.searchsorted(share, share[-1] / 2)]
     return medians
 
 

@@ -29,6 +29,11 @@ def pushed_out(positions: Floats, airspace: Airspace) -> Floats:
     weights = _kernel(positions, reach=2 * airspace.clearance_m)
     for turn in range(_PUSHES):
         push = _wanted_push(moved, airspace)
+        middle = _wanted_push((moved[1:] + moved[:-1]) / 2, airspace)  # so that corners are rounded, too
+        middle[np.linalg.norm(np.diff(moved, axis=0), axis=1) > airspace.clearance_m] = 0.0
+        for ends in (push[1:], push[:-1]):
+            more = np.linalg.norm(middle, axis=1) > np.linalg.norm(ends, axis=1)
+            ends[more] = middle[more]
         if not push.any():
             break
         moved += weights @ push if turn < _PUSHES // 2 else push
