@@ -40,32 +40,33 @@ class Outlier(Record):
 
 
 def find_outliers(vertices: Floats, triangles: Ints, topology: Topology) -> list[Outlier]:
-    """Clusters far off the main one, and planes of few triangles that stick out of the rest."""
-    boxes = _boxes(vertices, triangles, topology.component)
-    cluster = _clusters(vertices, triangles)[triangles[:, 0]]
-    far = _far(vertices, triangles, cluster)
-    flat = _flat(vertices, triangles, topology.component)
-    main = ~np.isin(cluster, far)
-    stiff = main & ~flat[topology.component]
+    """Planes of few triangles that stick out of all else, and clusters far off the main one.
+
+    The planes come first: a wake that trebles the box would hide a gap in it.
+    """
+    component = topology.component
+    planes = _planes(vertices, triangles, component)
+    rest = np.flatnonzero(~np.isin(component, planes))
     found = [
-        _outlier("a part far off the rest", vertices, triangles, np.flatnonzero(cluster == label))
-        for label in far
+        _outlier("a plane that sticks out (a wake, a light, a billboard?)", vertices, triangles, which)
+        for which in (np.flatnonzero(component == label) for label in planes)
     ]
-    if stiff.any():
-        low, high = _box(vertices, triangles[stiff])
-        beyond = np.maximum(low - boxes[0], boxes[1] - high).max(axis=1)
-        sticking = flat & (beyond > _STICKS_OUT * np.linalg.norm(high - low))
-        planes = np.unique(topology.component[main & sticking[topology.component]])
-        found += [
-            _outlier(
-                "a plane that sticks out (a wake, a light, a billboard?)",
-                vertices,
-                triangles,
-                np.flatnonzero(topology.component == label),
-            )
-            for label in planes
-        ]
-    return found
+    cluster = _clusters(vertices, triangles[rest])
+    return found + [
+        _outlier("a part far off the rest", vertices, triangles, rest[cluster == label])
+        for label in _far(vertices, triangles[rest], cluster)
+    ]
+
+
+def _planes(vertices: Floats, triangles: Ints, component: Ints) -> Ints:
+    """Flat components that stick out of the box of those that are not flat."""
+    flat = _flat(vertices, triangles, component)
+    if flat.all():
+        return np.empty(0, np.int64)
+    low, high = _box(vertices, triangles[~flat[component]])
+    boxes = _boxes(vertices, triangles, component)
+    beyond = np.maximum(low - boxes[0], boxes[1] - high).max(axis=1)
+    return np.flatnonzero(flat & (beyond > _STICKS_OUT * np.linalg.norm(high - low)))
 
 
 def _far(vertices: Floats, triangles: Ints, cluster: Ints) -> Ints:
@@ -81,19 +82,19 @@ def _far(vertices: Floats, triangles: Ints, cluster: Ints) -> Ints:
 
 
 def _clusters(vertices: Floats, triangles: Ints) -> Ints:
-    """A label of each vertex (V,): voxels that touch make a cluster."""
-    low = vertices.min(axis=0)
-    edge = max(float(np.ptp(vertices, axis=0).max()), 1e-9) / _VOXELS
+    """A label of each triangle (T,): voxels that touch make a cluster."""
+    low, high = _box(vertices, triangles)
+    edge = max(float((high - low).max()), 1e-9) / _VOXELS
 
     def cells(points: Floats) -> tuple[Ints, ...]:
         return tuple(np.clip(np.floor((points - low) / edge), 0, _VOXELS).astype(np.int64).T)
 
     grid = np.zeros((_VOXELS + 1,) * 3, bool)
-    grid[cells(vertices)] = True
+    grid[cells(vertices[np.unique(triangles)])] = True
     for points in _spread(vertices, triangles, edge):
         grid[cells(points)] = True
     label, _ = ndimage.label(grid, np.ones((3, 3, 3)))
-    return label[cells(vertices)].astype(np.int64)
+    return label[cells(vertices[triangles[:, 0]])].astype(np.int64)
 
 
 def _spread(vertices: Floats, triangles: Ints, edge: float) -> Iterator[Floats]:
