@@ -84,7 +84,8 @@ def breaks(track: Track, gap_s: float) -> tuple[Ints, dict[str, int]]:
 
 
 def _finite(track: Track) -> Bools:
-    return np.asarray(np.isfinite(np.column_stack([track.positions, track.quat_xyzw]))).all(axis=1)
+    finite: Bools = np.isfinite(np.column_stack([track.positions, track.quat_xyzw]))
+    return np.asarray(finite.all(axis=1))
 
 
 def _unrepeated(track: Track) -> Track:

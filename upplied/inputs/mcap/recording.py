@@ -11,7 +11,7 @@ import os
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -69,7 +69,9 @@ class Recording:
     channels: dict[int, mcap.ChannelRecord] = field(default_factory=dict)
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     chunks: list[mcap.ChunkRef] = field(default_factory=list)
-    loose: list[mcap.ChunkRef] = field(default_factory=list)  # messages outside of chunks
+    loose: list[tuple[int, mcap.ChunkRef]] = field(
+        default_factory=list
+    )  # channel id, message outside of chunks
     counts: dict[int, int] = field(default_factory=dict)  # messages by channel, as the statistics say
     losses: list[str] = field(default_factory=list)
 
@@ -98,56 +100,40 @@ class Recording:
         elif opcode == mcap.METADATA:
             self.metadata.append(mcap.read_metadata(content))
 
-    def messages(self, wanted: Callable[[Channel], bool]) -> Iterator[mcap.Message]:
-        """The messages of the wanted channels in the order of the file; damaged chunks are skipped."""
-        choice: dict[int, bool] = {}
-        found: Counter[int] = Counter()
-        for index, message in enumerate(self._all(wanted, choice)):
-            found[message.channel_id] += 1
-            self.check(index, MAX_MESSAGES, "messages")
-            yield message
-        missing = {i: n - found[i] for i, n in self.counts.items() if choice.get(i) and n > found[i]}
-        if missing and not self.losses:
-            self.losses.append(f"{sum(missing.values())} messages that the log counts are not in it")
+    def read(self, sink_of: Callable[[Channel], mcap.Sink | None]) -> Iterator[None]:
+        """Collect the messages of the channels that get a sink; yields after each chunk.
 
-    def _all(self, wanted: Callable[[Channel], bool], choice: dict[int, bool]) -> Iterator[mcap.Message]:
-        def chosen(channel_id: int) -> bool:
-            if channel_id not in choice:
-                channel = self.channel(channel_id)
-                choice[channel_id] = channel is not None and wanted(channel)
-            return choice[channel_id]
-
+        Damaged chunks are skipped and named in `losses`.
+        """
+        sinks = _Sinks(self, sink_of)
         lost, unpacked, records = Counter[str](), 0, 0
-        with self.path.open("rb") as stream:
+        with self.path.open("rb", buffering=0) as stream:
             for ref in self.chunks:
-                if ref.channel_ids is not None and not any(map(chosen, ref.channel_ids)):
+                if ref.channel_ids is not None and all(sinks[i] is None for i in ref.channel_ids):
                     continue
                 try:
                     chunk = mcap.unpack_chunk(_content(stream, ref))
                     unpacked += len(chunk)
                     self.check(unpacked, MAX_UNPACKED, "bytes after decompression")
-                    messages, number = self._in_chunk(chunk, chosen)
-                    records += number
-                    self.check(records, MAX_RECORDS, "records")
-                    yield from messages
+                    records += mcap.collect(chunk, sinks, self.add)
                 except mcap.DamagedError as error:
                     lost[str(error)] += 1
-            for ref in self.loose:
-                if any(map(chosen, ref.channel_ids or ())):
-                    yield mcap.message_at(_content(stream, ref), 0, ref.length)
+                self.check(records, MAX_RECORDS, "records")
+                yield
+        with self.path.open("rb") as stream:
+            for channel_id, ref in self.loose:
+                if sinks[channel_id] is not None:
+                    head = ref.offset - 9
+                    mcap.collect(_content(stream, mcap.ChunkRef(head, ref.length + 9)), sinks, self.add)
+                    yield
         for reason, number in lost.items():
             self.losses.append(f"{number} of {len(self.chunks)} chunks lost: {reason}")
 
-    def _in_chunk(self, records: bytes, chosen: Callable[[int], bool]) -> tuple[list[mcap.Message], int]:
-        found, number = [], 0
-        for opcode, start, stop in mcap.spans(records):
-            number += 1
-            if opcode == mcap.MESSAGE:
-                if stop - start >= 22 and chosen(records[start] | records[start + 1] << 8):
-                    found.append(mcap.message_at(records, start, stop))
-            elif opcode in (mcap.SCHEMA, mcap.CHANNEL):
-                self.add(opcode, records[start:stop])
-        return found, number
+    def compare(self, found: Mapping[int, int]) -> None:
+        """Note it where fewer messages of these channels were found than the log's statistics count."""
+        missing = sum(max(self.counts.get(channel_id, 0) - number, 0) for channel_id, number in found.items())
+        if missing and not self.losses:
+            self.losses.append(f"{missing} messages that the log counts are not in it")
 
     def check(self, number: int, bound: tuple[float, float], what: str) -> None:
         """Refuse a log that holds more than a log of its size can.
@@ -164,6 +150,19 @@ class Recording:
                 "what an honest log of its size can hold",
                 "check where it is from",
             )
+
+
+class _Sinks(dict[int, "mcap.Sink | None"]):
+    """The sink of each channel id, asked for once."""
+
+    def __init__(self, recording: Recording, sink_of: Callable[[Channel], mcap.Sink | None]) -> None:
+        super().__init__()
+        self._recording, self._sink_of = recording, sink_of
+
+    def __missing__(self, channel_id: int) -> mcap.Sink | None:
+        channel = self._recording.channel(channel_id)
+        self[channel_id] = sink = None if channel is None else self._sink_of(channel)
+        return sink
 
 
 def open_recording(path: Path) -> Recording:
@@ -241,7 +240,7 @@ def _index(stream: BinaryIO, summary: bytes, recording: Recording) -> None:
 
 
 def _content(stream: BinaryIO, ref: mcap.ChunkRef) -> bytes:
-    if ref.length > 2 * mcap.MAX_CHUNK_BYTES:
+    if not 0 <= ref.length <= 2 * mcap.MAX_CHUNK_BYTES:
         raise mcap.DamagedError(f"a record of {ref.length} bytes")
     if ref.offset + ref.length > os.fstat(stream.fileno()).st_size:
         raise mcap.DamagedError("a record reaches beyond the end of the log")

@@ -7,12 +7,16 @@ content; a chunk holds records of its own, compressed as a whole.
 from __future__ import annotations
 
 import struct
-import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import lz4.frame
 import zstandard
+
+try:
+    from isal.isal_zlib import crc32  # ten times as fast
+except ImportError:  # no wheel for this platform
+    from zlib import crc32
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
@@ -23,6 +27,7 @@ MIN_RECORD_BYTES = 8  # the shortest record that a chunk or a summary may hold
 MAX_RECORD_BYTES = 16 * 2**20  # of a schema, channel, metadata or index record
 
 Span = tuple[int, int, int]  # opcode, start and stop of the content
+Sink = list[tuple[int, int, bytes]]  # log time, publish time (ns) and payload of each message
 
 
 class DamagedError(ValueError):
@@ -53,15 +58,6 @@ class ChunkRef(NamedTuple):
     offset: int  # of its content
     length: int
     channel_ids: frozenset[int] | None = None
-
-
-class Message(NamedTuple):
-    """One message as recorded."""
-
-    channel_id: int
-    log_ns: int
-    publish_ns: int
-    payload: bytes
 
 
 class Cursor:
@@ -149,13 +145,6 @@ def read_metadata_index(content: bytes) -> ChunkRef:
     return ChunkRef(offset + 9, length - 9)
 
 
-def unpacked_size(content: bytes) -> int:
-    """How large a chunk says it is, unpacked."""
-    if len(content) < 32:
-        raise DamagedError("a chunk's header is cut off")
-    return int.from_bytes(content[16:24], "little")
-
-
 def unpack_chunk(content: bytes) -> bytes:
     """The records of a chunk, decompressed and checked against its CRC.
 
@@ -164,19 +153,20 @@ def unpack_chunk(content: bytes) -> bytes:
     DamagedError
         If size, compression or CRC do not fit.
     """
-    size = unpacked_size(content)
-    if size > MAX_CHUNK_BYTES:
+    if len(content) < _CHUNK.size:
+        raise DamagedError("a chunk's header is cut off")
+    _, _, size, crc, name = _CHUNK.unpack_from(content)
+    at = _CHUNK.size + name + 8
+    if size > MAX_CHUNK_BYTES or at > len(content):
         raise DamagedError(f"a chunk of {size} bytes exceeds {MAX_CHUNK_BYTES}")
-    cursor = Cursor(content)
-    cursor.take(24)
-    crc, compression, length = cursor.number(4), cursor.text(), cursor.number(8)
+    compression, length = content[_CHUNK.size : at - 8], int.from_bytes(content[at - 8 : at], "little")
     try:
-        records = _decompressed(cursor.take(length), compression, size)
+        records = _decompressed(memoryview(content)[at : at + length], compression, size)
     except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
         raise DamagedError(f"a chunk does not unpack ({error})") from None
     if len(records) != size:
         raise DamagedError(f"a chunk unpacks to {len(records)} bytes instead of {size}")
-    if crc and zlib.crc32(records) != crc:
+    if crc and crc32(records) != crc:
         raise DamagedError("a chunk fails its CRC")
     return records
 
@@ -199,25 +189,64 @@ def spans(records: bytes) -> Iterator[Span]:
         yield opcode, start, at
 
 
-def message_at(records: bytes, start: int, stop: int) -> Message:
-    """The message whose content lies from `start` to `stop`."""
-    channel_id, _, log_ns, publish_ns = _MESSAGE.unpack_from(records, start)
-    return Message(channel_id, log_ns, publish_ns, records[start + _MESSAGE.size : stop])
+def collect(records: bytes, sinks: Mapping[int, Sink | None], define: Callable[[int, bytes], None]) -> int:
+    """Put the messages of a chunk into the sinks of their channels.
+
+    Parameters
+    ----------
+    records : bytes
+        An unpacked chunk.
+    sinks : mapping of channel id to list, or to None where the channel is not wanted
+    define : callable
+        Takes opcode and content of each schema and channel.
+
+    Returns
+    -------
+    int
+        How many records the chunk holds.
+
+    Raises
+    ------
+    DamagedError
+        If it holds what is no record; the messages before it are kept.
+    """
+    at, end, number, unpack = 0, len(records), 0, _MESSAGE_RECORD.unpack_from
+    while at + MESSAGE_HEAD <= end:
+        opcode, length, channel_id, _, log_ns, publish_ns = unpack(records, at)
+        stop = at + 9 + length
+        if stop > end or length < MIN_RECORD_BYTES:
+            raise DamagedError("a chunk holds what is no record")
+        number += 1
+        if opcode == MESSAGE:
+            sink = sinks[channel_id]
+            if sink is not None and length >= MESSAGE_HEAD - 9:
+                sink.append((log_ns, publish_ns, records[at + MESSAGE_HEAD : stop]))
+        elif opcode in (SCHEMA, CHANNEL):
+            define(opcode, records[at + 9 : stop])
+        at = stop
+    for opcode, start, stop in spans(records[at:]):  # a short record at the end
+        number += 1
+        if opcode in (SCHEMA, CHANNEL):
+            define(opcode, records[at + start : at + stop])
+    return number
 
 
-def _decompressed(data: bytes, compression: str, size: int) -> bytes:
-    if compression == "":
-        return data
-    if compression == "zstd":
+def _decompressed(data: memoryview, compression: bytes, size: int) -> bytes:
+    """At most `size` bytes and one: what the data says of its own size is checked, not believed."""
+    if compression == b"":
+        return bytes(data)
+    if compression == b"zstd":
         frame = zstandard.get_frame_parameters(data).content_size
         if frame not in (size, zstandard.CONTENTSIZE_UNKNOWN):
             raise DamagedError(f"a chunk unpacks to {frame} bytes instead of {size}")
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
-    if compression == "lz4":
-        decoder = lz4.frame.LZ4FrameDecompressor()
-        return decoder.decompress(data, max_length=size + 1)
+        return _ZSTD.decompress(data, max_output_size=max(size, 1))
+    if compression == b"lz4":
+        return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
     raise DamagedError(f"unknown compression {compression[:20]!r}")
 
 
+_ZSTD = zstandard.ZstdDecompressor()
+_CHUNK = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression's name
 _RECORD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
+_MESSAGE_RECORD = struct.Struct("<BQHIQQ")
+MESSAGE_HEAD = _MESSAGE_RECORD.size

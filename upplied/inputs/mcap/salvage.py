@@ -67,7 +67,7 @@ def _keep(stream: BinaryIO, opcode: int, length: int, recording: Recording) -> b
         if length < 22:
             return False
         channel_id = int.from_bytes(stream.read(2), "little")
-        recording.loose.append(mcap.ChunkRef(start, length, frozenset((channel_id,))))
+        recording.loose.append((channel_id, mcap.ChunkRef(start, length)))
     elif opcode in (mcap.SCHEMA, mcap.CHANNEL, mcap.METADATA):
         if length > mcap.MAX_RECORD_BYTES:
             return False

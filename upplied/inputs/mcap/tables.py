@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from upplied.inputs.mcap.objects import JsonDecoder, ProtobufDecoder
 from upplied.inputs.mcap.recording import MAX_MESSAGES, Channel, Recording
-from upplied.inputs.mcap.records import Message
+from upplied.inputs.mcap.records import Sink
 from upplied.inputs.mcap.rosmsg import DefinitionError, RosDecoder
 from upplied.records import Ints
 
@@ -23,7 +23,7 @@ _MAX_PAYLOAD_BYTES = 2**20  # a pose or a tree of transforms is far smaller
 class Decoder(Protocol):
     """Turns payloads into columns."""
 
-    def columns(self, payloads: list[bytes], wanted: Iterable[str]) -> tuple[dict[str, Any], Ints, int]:
+    def columns(self, payloads: Sequence[bytes], wanted: Iterable[str]) -> tuple[dict[str, Any], Ints, int]:
         """Columns, the payload each row is from, and how many payloads could not be read."""
         ...
 
@@ -69,17 +69,21 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
     """The tables of every channel for which `fields` names paths, in one pass over the log."""
     builders: dict[int, _Builder] = {}
 
-    def wanted(channel: Channel) -> bool:
+    def sink_of(channel: Channel) -> Sink | None:
         paths = tuple(fields(channel))
-        if paths and channel.channel_id not in builders:
-            builders[channel.channel_id] = _Builder(channel, paths)
-        return bool(paths)
+        if not paths:
+            return None
+        builder = builders[channel.channel_id] = _Builder(channel, paths)
+        return builder.sink
 
-    for message in recording.messages(wanted):
-        builders[message.channel_id].add(message)
-        if len(builders[message.channel_id]) > _BATCH:
-            recording.check(sum(map(len, builders.values())), MAX_MESSAGES, "poses")
-    return [builders[channel_id].table() for channel_id in sorted(builders)]
+    for _ in recording.read(sink_of):
+        for builder in builders.values():
+            if builder.is_full():
+                builder.decode()
+                recording.check(sum(map(len, builders.values())), MAX_MESSAGES, "poses")
+    tables = [builders[channel_id].table() for channel_id in sorted(builders)]
+    recording.compare({table.channel.channel_id: table.messages for table in tables})
+    return tables
 
 
 def joined(tables: list[Table]) -> Table:
@@ -128,12 +132,14 @@ def decoder_for(channel: Channel) -> Decoder:
 
 
 class _Builder:
+    """Collects the messages of a channel and decodes them batch by batch."""
+
     def __init__(self, channel: Channel, paths: tuple[str, ...]) -> None:
+        self.sink: Sink = []
         self._table = Table(channel)
         self._paths = paths
-        self._held: list[Message] = []
-        self._bytes = self._rows = 0
-        self._pieces: list[tuple[dict[str, Any], Ints, Ints]] = []
+        self._rows = self._bytes = self._weighed = 0
+        self._pieces: list[tuple[dict[str, Any], Ints]] = []  # columns, (R, 2) log and publish time
         self._decoder: Decoder | None = None
         try:
             self._decoder = decoder_for(channel)
@@ -143,42 +149,52 @@ class _Builder:
     def __len__(self) -> int:
         return self._rows
 
-    def add(self, message: Message) -> None:
-        self._table.messages += 1
-        if self._decoder is None:
-            return
-        if len(message.payload) > _MAX_PAYLOAD_BYTES:
-            self._table.dropped["too large a message"] += 1
-            return
-        self._held.append(message)
-        self._bytes += len(message.payload)
-        if self._bytes > _BATCH_BYTES or len(self._held) >= _BATCH:
-            self._decode()
+    def is_full(self) -> bool:
+        """Whether enough messages wait to be decoded."""
+        self._bytes += sum([len(message[2]) for message in self.sink[self._weighed :]])
+        self._weighed = len(self.sink)
+        return self._weighed >= _BATCH or self._bytes > _BATCH_BYTES
 
     def table(self) -> Table:
-        self._decode()
-        table, pieces = self._table, self._pieces
-        if pieces:
-            names = set.intersection(*(set(columns) for columns, _, _ in pieces))
-            table.columns = {name: np.concatenate([piece[0][name] for piece in pieces]) for name in names}
-            table.log_ns = np.concatenate([piece[1] for piece in pieces])
-            table.publish_ns = np.concatenate([piece[2] for piece in pieces])
-        return table
+        """What was collected, decoded."""
+        self.decode()
+        names = sorted({name for columns, _ in self._pieces for name in columns})
+        self._table.columns = {name: _stacked(self._pieces, name) for name in names}
+        if self._pieces:
+            times = np.concatenate([times for _, times in self._pieces])
+            self._table.log_ns, self._table.publish_ns = times[:, 0], times[:, 1]
+        return self._table
 
-    def _decode(self) -> None:
-        if self._decoder is None or not self._held:
+    def decode(self) -> None:
+        """Turn the messages that wait into columns."""
+        self._table.messages += len(self.sink)
+        held = [message for message in self.sink if len(message[2]) <= _MAX_PAYLOAD_BYTES]
+        self._table.dropped["too large a message"] += len(self.sink) - len(held)
+        self.sink.clear()
+        self._bytes = self._weighed = 0
+        if self._decoder is None or not held:
             return
-        held, self._held, self._bytes = self._held, [], 0
-        columns, row, unreadable = self._decoder.columns([message.payload for message in held], self._paths)
-        if unreadable:
-            self._table.dropped["unreadable message"] += unreadable
-        times = np.array(
-            [(_signed(message.log_ns), _signed(message.publish_ns)) for message in held], np.int64
-        )
+        log_ns, publish_ns, payloads = zip(*held, strict=True)
+        columns, row, unreadable = self._decoder.columns(payloads, self._paths)
+        self._table.dropped["unreadable message"] += unreadable
         self._rows += len(row)
         if len(row):
-            self._pieces.append((columns, times[row, 0], times[row, 1]))
+            times = np.array([log_ns, publish_ns], np.uint64).T.astype(np.int64)
+            self._pieces.append((columns, np.maximum(times, 0)[row]))
 
 
-def _signed(stamp: int) -> int:
-    return stamp if stamp < 2**63 else 0
+def _stacked(pieces: list[tuple[dict[str, Any], Ints]], name: str) -> Any:
+    """A column over all batches; NaN or "" where a batch does not have it."""
+    like = next(columns[name] for columns, _ in pieces if name in columns)
+    parts = []
+    for columns, times in pieces:
+        part = columns.get(name)
+        if (
+            part is None
+            or part.shape[1:] != like.shape[1:]
+            or (part.dtype == object) != (like.dtype == object)
+        ):
+            blank = "" if like.dtype == object else np.nan
+            part = np.full((len(times), *like.shape[1:]), blank, object if like.dtype == object else float)
+        parts.append(part)
+    return np.concatenate(parts)

@@ -168,7 +168,8 @@ def samples(tree: Tree, facts: LogOptions, camera_frame: str, what: str) -> Trac
     """
     leaf = _leaf(tree, facts, camera_frame, what)
     root = facts.frame_id.lstrip("/")
-    return tree.track(leaf, root if tree.path(leaf, root) else "", facts)
+    under = any(link in tree.moving for link in tree.path(leaf, root))
+    return tree.track(leaf, root if under else "", facts)
 
 
 def _leaf(tree: Tree, facts: LogOptions, named: str, what: str) -> str:
@@ -207,6 +208,7 @@ def _links(table: Table) -> list[tuple[Link, Track]]:
     return [
         (link, replace(whole.take(rows), parent=link[0], child=link[1], dropped=Counter()))
         for link, rows in groups.items()
+        if link[1] and link[0] != link[1]  # what has no name, or hangs on itself, hangs nowhere
     ]
 
 
