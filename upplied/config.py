@@ -11,6 +11,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 from upplied.errors import SettingsError
@@ -131,7 +132,7 @@ class Settings:
     route: RouteSettings = field(default_factory=RouteSettings)
     retime: RetimeSettings = field(default_factory=RetimeSettings)
 
-    @property
+    @cached_property
     def sha256(self) -> str:
         """Hash of every setting; equal settings, equal hash."""
         return digest(self)

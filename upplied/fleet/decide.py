@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -107,13 +108,13 @@ class _Past:
     def __init__(self, transfers: pd.DataFrame, retry_failed: bool) -> None:
         counted = transfers[transfers["status"] != "failed"] if retry_failed else transfers
         self.done = set(counted["key"])
-        newest = transfers.sort_values("planned_at", kind="stable").drop_duplicates(
-            ["demonstration_id", "target_id", "preset"], keep="last"
-        )
-        self._rows = {
-            (row.demonstration_id, row.target_id, row.preset): row
-            for row in newest[list(_COMPARED)].itertuples(index=False)
-        }
+        self._transfers = transfers
+
+    @cached_property
+    def _rows(self) -> dict[tuple[str, str, str], Any]:
+        """The newest plan of each demonstration, target and preset; a quiet night never asks."""
+        rows = self._transfers[list(_COMPARED)].itertuples(index=False)
+        return {(row.demonstration_id, row.target_id, row.preset): row for row in rows}
 
     def why(
         self, demonstration: Demonstration, source: Structure, target: Structure, settings: Settings, key: str
