@@ -9,10 +9,12 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.measure import BY_FRUSTUM, TRULY, Views, views
 from upplied.planning.pair import Memo, Pair, content_key, no_memo, remembering
+from upplied.planning.smooth import smoothed
 from upplied.planning.viewpoints import find_viewpoints
 from upplied.planning.visibility import visible
-from upplied.poses import interpolate
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
+
+_STATIONS = 160  # of a smoothed flight, at most: where the camera's directions are decided
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,20 +74,16 @@ def prepared(demonstration: Demonstration, settings: Settings) -> tuple[Trajecto
     """The flight to plan on, and the poses that start a new part after a gap.
 
     The paper assumes a demonstration free of noise, so its preset takes the poses as they are; a
-    flight of more than `most_poses` is thinned evenly.
+    flight of more than `most_poses` is thinned evenly. `recommended` plans on the flight as the
+    pilot meant it, without the jitter of hand and sensors.
     """
     flight = demonstration.trajectory
     if settings.refine.method == "view":
-        return _evenly_spaced(flight, 160), np.empty(0, np.int64)
+        steady = smoothed(flight, _STATIONS, demonstration.breaks)
+        return steady.flight, steady.breaks
     keep = np.arange(len(flight))
     if len(flight) > settings.viewpoints.most_poses:
         keep = np.unique(np.linspace(0, len(flight) - 1, settings.viewpoints.most_poses).astype(np.int64))
     starts = np.unique(np.searchsorted(keep, demonstration.breaks))
     thinned = Trajectory(flight.t_s[keep], flight.positions[keep], flight.quat_xyzw[keep])
     return thinned, starts[(starts > 0) & (starts < len(keep))]
-
-
-def _evenly_spaced(flight: Trajectory, number: int) -> Trajectory:
-    step = np.linalg.norm(np.diff(flight.positions, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(step + 1e-9)])
-    return interpolate(flight, np.interp(np.linspace(0, along[-1], number), along, flight.t_s))

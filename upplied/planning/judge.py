@@ -61,8 +61,8 @@ def airspace_of(pair: Pair, settings: Settings) -> Airspace:
 
 def demonstrated_on_target(inspection: Inspection, pair: Pair) -> Floats:
     """The demonstrated positions after the box transform, turned as the structures are to each other."""
-    registration = pair.surface.registration
+    registration, flown = pair.surface.registration, inspection.by_frustum.stations.positions
     heading = np.arctan2(registration.rotation[1, 0], registration.rotation[0, 0])
     if abs(heading) > np.radians(30):
-        return registered_map(registration).points(inspection.flight.positions)
-    return box_map(pair.voxels.source, pair.voxels.target).points(inspection.flight.positions)
+        return registered_map(registration).points(flown)
+    return box_map(pair.voxels.source, pair.voxels.target).points(flown)

@@ -13,6 +13,7 @@ from upplied.planning.look import View
 from upplied.planning.measure import sought
 from upplied.planning.pair import Memo, Pair, no_memo
 from upplied.planning.refine import gauss_newton
+from upplied.planning.retime import retime
 from upplied.planning.route import Ways, safe_positions
 from upplied.planning.transfer import aimed, box_map, registered_map, zscore_map
 from upplied.records import Bools, Floats, Trajectory, Waypoints
@@ -30,7 +31,7 @@ def propose(
     """
     way = completed if settings.refine.method == "view" else published
     waypoints = way(inspection, pair, settings)
-    return with_demonstrated_speed(waypoints, inspection.flight), waypoints.is_viewpoint
+    return retime(waypoints, inspection.flight, settings.retime)
 
 
 def published(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoints:
@@ -74,18 +75,6 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
         return safe_positions(places, ways) if settings.route.enforce else places
 
     return complete(path, view, settings.refine.deviation, safe, ways.planning.allowed)
-
-
-def with_demonstrated_speed(waypoints: Waypoints, flight: Trajectory) -> Trajectory:
-    """Time stamps such that each leg is flown as fast as the expert flew between the same viewpoints."""
-    flown = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(flight.positions, axis=0), axis=1))])
-    demo = np.diff(np.interp(waypoints.t_s, flight.t_s, flown))
-    spent = np.diff(waypoints.t_s)
-    leg = np.linalg.norm(np.diff(waypoints.positions, axis=0), axis=1)
-    overall = max(flown[-1] / max(flight.t_s[-1], 1e-9), 1e-3)
-    speed = np.where(demo > 1e-6, demo / np.maximum(spent, 1e-9), overall)
-    step = np.maximum(leg / np.maximum(speed, 0.05), 1e-3)
-    return Trajectory(np.concatenate([[0.0], np.cumsum(step)]), waypoints.positions, waypoints.quat_xyzw)
 
 
 def _centres_of_view(inspection: Inspection, pair: Pair, settings: Settings) -> tuple[Floats, Floats]:
