@@ -1,0 +1,74 @@
+"""Health reports: facts a person can check, for declared entries and for files alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mesh_files
+import numpy as np
+import pytest
+import trimesh
+
+from upplied.errors import InputError
+from upplied.inputs.health import health_report
+from upplied.inputs.manifests import StructureEntry
+from upplied.inputs.meshes import read_structure
+
+
+def test_a_file_alone_is_reported_with_what_was_assumed(tmp_path: Path) -> None:
+    path = tmp_path / "part.stl"
+    path.write_bytes(mesh_files.write(*mesh_files.shape(), "stl"))
+    report = health_report(path)
+    text = report.text
+    assert report.size_m == pytest.approx((4.0, 2.0, 4.0)) and report.format == "stl"
+    assert "4.00 x 2.00 x 4.00 m" in text and "metres assumed" in text and "declare `up`" in text
+    assert "m (assumed); up z, forward x" in text
+    assert "24 triangles, 16 vertices, 2 connected parts" in text and "watertight  yes" in text
+    assert "56 vertices welded" in text
+
+
+def test_units_and_axes_of_the_file_are_used_and_named(tmp_path: Path) -> None:
+    path = tmp_path / "part.glb"
+    path.write_bytes(mesh_files.write(*mesh_files.shape(), "glb"))
+    report = health_report(str(path))
+    assert report.size_m == pytest.approx((4.0, 4.0, 2.0))  # the file says that y is up, so z is forward
+    assert "m (file); up y, forward z" in report.text and "metres assumed" not in report.text
+
+
+def test_an_entry_is_reported_as_it_would_be_ingested(tmp_path: Path) -> None:
+    path = tmp_path / "part.obj"
+    vertices, triangles = mesh_files.shape()
+    path.write_bytes(mesh_files.write(vertices * 1000, triangles, "obj"))
+    entry = StructureEntry("part", "box", path, 0.001)
+    report = health_report(entry)
+    assert np.array_equal(report.structure.vertices, read_structure(entry).vertices)
+    assert "mm (manifest)" in report.text and not report.warnings and not report.problems
+
+
+def test_a_size_off_the_nominal_one_is_reported_not_raised(tmp_path: Path) -> None:
+    path = tmp_path / "part.obj"
+    path.write_bytes(mesh_files.write(*mesh_files.shape(), "obj"))
+    entry = StructureEntry("part", "box", path, 1.0, nominal_m=(40.0, None, None))
+    report = health_report(entry)
+    assert len(report.problems) == 1 and "refused" in report.text and "-90 %" in report.text
+    with pytest.raises(InputError):
+        read_structure(entry)
+
+
+def test_open_inverted_and_hidden_things_are_named(tmp_path: Path) -> None:
+    shell = trimesh.creation.box((6, 6, 6))
+    shell.invert()
+    both = trimesh.util.concatenate([shell, trimesh.creation.box((1, 1, 1))])
+    path = tmp_path / "part.off"
+    path.write_bytes(mesh_files.write(both.vertices, both.faces, "off"))
+    text = health_report(StructureEntry("part", "box", path, 1.0)).text
+    assert "1 hidden inside" in text and "12 triangles turned" in text and "drop_hidden" in text
+    path.write_bytes(mesh_files.write(shell.vertices, shell.faces[2:], "off"))
+    assert "no: 4 open edges" in health_report(path).text
+
+
+def test_a_cloud_is_called_one(tmp_path: Path) -> None:
+    path = tmp_path / "part.pcd"
+    path.write_bytes(mesh_files.pcd(np.random.default_rng(0).random((200, 3)) * 9))
+    text = health_report(path).text
+    assert "200 points" in text and "triangles" not in text.replace("triangulated", "")
