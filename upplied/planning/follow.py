@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from upplied.config import TransferSettings
+from upplied.planning.frechet import spread
 from upplied.planning.transfer import AxisMap, aimed
 from upplied.poses import without_roll
 from upplied.records import Camera, Cloud, Correspondences, Floats, Ints, Trajectory, Visibility
@@ -26,6 +27,7 @@ def follow_counterparts(
     settings: TransferSettings,
     camera: Camera,
     nearest_m: float,
+    deviation: float,
 ) -> tuple[Floats, Floats]:
     """Positions and orientations on the target that look at the counterparts from the demonstrated side.
 
@@ -46,6 +48,8 @@ def follow_counterparts(
         Bounds the stand-off by its range.
     nearest_m : float
         Smallest stand-off, m: the safety distance.
+    deviation : float
+        How far the shape may differ from the demonstrated one, in units of the path's spread.
 
     Returns
     -------
@@ -66,11 +70,25 @@ def follow_counterparts(
     positions = carrier.points(flight.positions) + shift
     wanted = expected_standoff(flight.positions, weight, here, carrier, settings, camera, nearest_m)
     positions = _stood_off(positions, aim_filled, weight, there, wanted, smoothing)
+    positions = _like_carried(positions, carrier.points(flight.positions), deviation)
     before_to_aim = _filled(aim_before) - flight.positions
     turned = aimed(
         carrier.orientations(flight.quat_xyzw), positions, aim_filled, flight.quat_xyzw, before_to_aim
     )
     return positions, without_roll(turned)
+
+
+def _like_carried(positions: Floats, carried: Floats, deviation: float) -> Floats:
+    """The path drawn towards the shape of the carried flight, so far as it strays from it.
+
+    A shift of the whole path changes no shape and is free. What is beyond the deviation is taken
+    back smoothly, so that the path still leans where it should.
+    """
+    stray = positions - carried
+    whole = stray.mean(axis=0)
+    size = np.linalg.norm((stray - whole) / (deviation * spread(carried)[1]), axis=1, keepdims=True)
+    kept = np.where(size > 1e-9, np.tanh(size) / np.maximum(size, 1e-9), 1.0)
+    return carried + whole + (stray - whole) * kept
 
 
 def _picture_share(positions: Floats, source: Cloud, known: Ints) -> Floats:

@@ -62,6 +62,7 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
         settings.transfer,
         camera,
         settings.route.clearance_m,
+        settings.refine.deviation / 2,
     )
     wanted = sought(fit.source, fit.target, fit.correspondences, inspection.truly)
     view = View(fit.target, wanted.need, camera, settings.visibility, settings.retime, pair.target_scene)
