@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 from upplied.config import digest
@@ -56,13 +58,17 @@ def read_demonstration(path: str | Path, options: LogOptions | None = None) -> D
     """
     path = Path(path)
     recording = open_recording(path)
-    try:
-        return _demonstration(path, recording, options or LogOptions())
-    except InputError as error:
-        raise _in_context(error, path, recording) from None
+    with ThreadPoolExecutor(1) as beside:  # hashing a large log takes longer than reading its poses
+        sha256 = beside.submit(_sha256_of, path)
+        try:
+            found, facts = _demonstration(path, recording, options or LogOptions())
+        except InputError as error:
+            raise _in_context(error, path, recording) from None
+        said = {name: value for name, value in vars(facts).items() if name != "demonstration_id"}
+        return replace(found, sha256=digest({"log": sha256.result(), "said": said}))
 
 
-def _demonstration(path: Path, recording: Recording, options: LogOptions) -> Demonstration:
+def _demonstration(path: Path, recording: Recording, options: LogOptions) -> tuple[Demonstration, LogOptions]:
     """The procedure: one pass over the messages that matter, then poses from end to end."""
     what = str(path)
     tables = read_tables(recording, _fields)
@@ -83,7 +89,7 @@ def _demonstration(path: Path, recording: Recording, options: LogOptions) -> Dem
     _check_length(track, facts, what)
     broken, counts = breaks(track, facts.gap_s)
     notes += [*more, *chosen, *cut, *track.notes, *(f"{n} {kind}" for kind, n in counts.items() if n)]
-    return Demonstration(
+    found = Demonstration(
         demonstration_id=facts.demonstration_id,
         structure_id=facts.structure_id,
         t_ns=track.t_ns,
@@ -92,7 +98,6 @@ def _demonstration(path: Path, recording: Recording, options: LogOptions) -> Dem
         camera=camera,
         operator=facts.operator,
         site=facts.site,
-        sha256=_sha256(path, facts),
         breaks=broken,
         degraded=bool(recording.losses),
         dropped=dict(sorted(track.dropped.items())),
@@ -100,6 +105,7 @@ def _demonstration(path: Path, recording: Recording, options: LogOptions) -> Dem
         topic=topic,
         notes="; ".join([*filter(None, [facts.notes]), *notes, *recording.losses]),
     )
+    return found, facts
 
 
 def _in_context(error: InputError, path: Path, recording: Recording) -> InputError:
@@ -148,9 +154,6 @@ def _check_length(track: Track, facts: LogOptions, what: str) -> None:
         )
 
 
-def _sha256(path: Path, facts: LogOptions) -> str:
-    """Of the bytes of the log and of everything that was said of it."""
+def _sha256_of(path: Path) -> str:
     with path.open("rb") as stream:
-        log = hashlib.file_digest(stream, "sha256").hexdigest()
-    said = {name: value for name, value in vars(facts).items() if name != "demonstration_id"}
-    return digest({"log": log, "said": said})
+        return hashlib.file_digest(stream, "sha256").hexdigest()
