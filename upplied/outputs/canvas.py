@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from upplied.outputs import shade
 from upplied.outputs.colours import BACKGROUND, STATES, SURFACE, rgb
+from upplied.outputs.display import Neighbourhood
 from upplied.outputs.tubes import Tubes
 from upplied.outputs.views import Frame
 from upplied.records import Floats, Ints, Structure, SurfaceStates
 from upplied.scene import Scene, surfels
 
 _BEHIND = 0.20  # opacity of a tube behind the surface
-_FINE = 4  # rays along each side of a pixel at an edge
+_FINE = 3  # rays along each side of a pixel at an edge
 _CONTRAST = 0.03  # from which a pixel counts as an edge
 _COARSE = 2  # the sky is sampled at every second pixel
 _WHITE = np.array(rgb(BACKGROUND))
@@ -30,13 +30,13 @@ class Solid:
     states: SurfaceStates | None = None
     scene: Scene = field(init=False)
     normals: Floats = field(init=False)
-    _nearest: cKDTree | None = field(init=False, default=None)
+    _near: Neighbourhood | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         self.scene = Scene(self.vertices, self.triangles)
         self.normals = shade.corner_normals(self.vertices, self.triangles)
         if self.states is not None and len(self.states.points):
-            self._nearest = cKDTree(self._key(self.states.points, self.states.normals))
+            self._near = Neighbourhood(self.states, self.size_m)
 
     @property
     def size_m(self) -> float:
@@ -45,16 +45,10 @@ class Solid:
 
     def colours(self, points: Floats, normals: Floats) -> Floats:
         """Colour (N, 3) of the surface at points (N, 3) with normals towards the eye (N, 3)."""
-        if self._nearest is None or self.states is None:
+        if self._near is None:
             return np.broadcast_to(rgb(SURFACE), points.shape)
         palette = np.array([rgb(colour) for colour in STATES.values()])
-        with_normals = normals if self.states.normals is not None else None
-        _, nearest = self._nearest.query(self._key(points, with_normals))
-        return palette[self.states.state[nearest]]
-
-    def _key(self, points: Floats, normals: Floats | None) -> Floats:
-        """Where both skins of a thin wing are far apart: positions beside normals in units of the size."""
-        return points if normals is None else np.concatenate([points, 0.04 * self.size_m * normals], axis=1)
+        return palette[self._near.states(points, normals)]
 
 
 def solid(structure: Structure, states: SurfaceStates | None = None) -> Solid:

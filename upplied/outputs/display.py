@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.records import Floats, Ints, Structure, SurfaceStates
+from upplied.records import SURFACE_STATES, Floats, Ints, Structure, SurfaceStates
 from upplied.scene import simplified
 
 _MOST_TRIANGLES = 18_000
 _MOST_POINTS = 12_000
 _ROUNDS = 24
+_VOTES = 5
 
 
 def display_mesh(structure: Structure) -> tuple[Floats, Ints]:
@@ -52,24 +53,43 @@ def _split(vertices: Floats, triangles: Ints, longest_m: float) -> tuple[Floats,
 
 
 def display_states(mesh: tuple[Floats, Ints], states: SurfaceStates) -> np.ndarray:
-    """State (T,) of each triangle, or (V,) of each point of a cloud, uint8: that of the nearest sample.
-
-    Samples on the other skin of a thin wing are farther than any on the same side.
-    """
+    """State (T,) of each triangle, or (V,) of each point of a cloud, uint8."""
     vertices, triangles = mesh
     if not len(states.points):
         return np.zeros(len(triangles) or len(vertices), np.uint8)
+    near = Neighbourhood(states, float(np.linalg.norm(np.ptp(vertices, axis=0))))
     if not len(triangles):
-        return states.state[cKDTree(states.points).query(vertices)[1]].astype(np.uint8)
+        return near.states(vertices, None).astype(np.uint8)
     corners = vertices[triangles]
-    centres = corners.mean(axis=1)
-    if states.normals is None:
-        return states.state[cKDTree(states.points).query(centres)[1]].astype(np.uint8)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    apart = 0.04 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    tree = cKDTree(np.concatenate([states.points, apart * states.normals], axis=1))
-    return states.state[tree.query(np.concatenate([centres, apart * normals], axis=1))[1]].astype(np.uint8)
+    return near.states(corners.mean(axis=1), normals).astype(np.uint8)
+
+
+class Neighbourhood:
+    """What most of the nearest samples of a surface say, at any place on it.
+
+    Samples on the other skin of a thin wing count as farther than any on the same side.
+    """
+
+    def __init__(self, states: SurfaceStates, size_m: float) -> None:
+        self._state = states.state
+        self._apart = 0.04 * size_m if states.normals is not None else 0.0
+        self._tree = cKDTree(self._key(states.points, states.normals))
+
+    def states(self, points: Floats, normals: Floats | None) -> Ints:
+        """State (N,) at points (N, 3), m, with outward normals (N, 3) where the surface has them."""
+        count = min(_VOTES, len(self._state))
+        if self._apart and normals is None:
+            normals = np.zeros_like(points)
+        _, nearest = self._tree.query(self._key(points, normals), k=[*range(1, count + 1)])
+        votes = np.stack([(self._state[nearest] == code).sum(axis=1) for code in range(len(SURFACE_STATES))])
+        return votes.argmax(axis=0)
+
+    def _key(self, points: Floats, normals: Floats | None) -> Floats:
+        if not self._apart or normals is None:
+            return points
+        return np.concatenate([points, self._apart * normals], axis=1)
 
 
 def structure_data(structure: Structure) -> dict[str, Any]:

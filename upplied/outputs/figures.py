@@ -205,10 +205,10 @@ def _panel(
     radius = 1.5 / frame.metre_px
     depth = 26 / frame.metre_px
     parts = [tubes.path(positions, radius, colour) for positions, colour in lines]
-    parts += [
-        tubes.frusta(positions, quats, camera, depth, radius / 2.2, colour)
-        for positions, quats, camera, colour in cameras
-    ]
+    for positions, quats, camera, colour in cameras:
+        along = np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()
+        chosen = _every(len(positions), max(2, int(along / (1.5 * depth))))  # so that they stand apart
+        parts.append(tubes.frusta(positions[chosen], quats[chosen], camera, depth, radius / 2.2, colour))
     return Panel(picture(body, tubes.joined(parts), frame), x, y, label, frame)
 
 

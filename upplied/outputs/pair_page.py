@@ -12,7 +12,7 @@ import pandas as pd
 
 from upplied.outputs.along import Profile
 from upplied.outputs.display import packed
-from upplied.outputs.pairs import MEANING, PRESETS, Pair, change, number, stamp
+from upplied.outputs.pairs import PRESETS, Pair, change, meaning, number, stamp
 from upplied.records import Demonstration, Floats, Measures
 
 _PROVENANCE = (
@@ -89,7 +89,7 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
     return {
         "preset": preset,
         "status": status,
-        "meaning": MEANING.get(status, ""),
+        "meaning": meaning(status, _text(row.get("reason"))),
         "reason": _text(row.get("reason")),
         "counterparts": _text(row.get("counterpart_summary")),
         "warnings": _warnings(row.get("warnings")),

@@ -12,14 +12,32 @@ import pandas as pd
 PRESETS = ("recommended", "paper", "baseline")
 _ATTENTION = {"failed": 0, "refused": 1, "ok": 2}
 
-#: What a reader should make of each status; the plan's own reason stands beside it.
-MEANING = {
-    "ok": "",
-    "refused": "No path was made for this target: the inputs are sound, but no honest plan follows. "
-    "Nothing should be flown here until the reason is dealt with.",
-    "failed": "Planning stopped with an error. Other targets are not affected; run it again once the "
-    "cause is removed.",
-}
+_FAILED = (
+    "Planning stopped with an error. Other targets are not affected; run it again once the cause is removed."
+)
+_REFUSED = "No path was made: the inputs are sound, but no honest plan follows. "
+_REFUSALS = (  # words of a plan's reason, and what they mean for a reader
+    (
+        ("do not fit", "gamma", "orientation"),
+        "The shapes of the two structures differ more than was allowed. Demonstrate on a structure that is "
+        "more alike, or look at the views below and raise the gate if the parts do correspond.",
+    ),
+    (
+        ("clearance", "keep-out", "ceiling", "geofence", "ground", "free way", "way round"),
+        "No way was found that keeps the safety distance within the allowed airspace. Look at the place that "
+        "is named; less clearance, other surroundings or another stand-off may help.",
+    ),
+)
+
+
+def meaning(status: str, reason: str) -> str:
+    """What a reader should make of a plan's status; its own reason stands beside it."""
+    if status == "ok":
+        return ""
+    if status != "refused":
+        return _FAILED
+    told = [text for words, text in _REFUSALS if any(word in reason for word in words)]
+    return _REFUSED + (told[0] if told else "Nothing should be flown here until the reason is dealt with.")
 
 
 @dataclass(frozen=True)

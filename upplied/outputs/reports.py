@@ -74,7 +74,7 @@ class Reader:
                     paths[preset] = planned_data(path, viewpoints_of(steps), origin, states)
         return pair_data(pair, self._flown(pair.demonstration_id), paths)
 
-    def picture(self, pair: Pair, width: int = 1200) -> bytes:
+    def picture(self, pair: Pair, width: int = 1000) -> bytes:
         """PNG of the demonstration and of the plan that is flown."""
         plan = self.plan(pair.main)
         source, target = self.structure(pair.source_id), self.structure(pair.target_id)

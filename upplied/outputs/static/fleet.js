@@ -5,17 +5,17 @@
   const { element, badge, format, duration } = upplied;
   const COLUMNS = [
     { key: "status", label: "Status", wide: "6.5rem" },
-    { key: "demonstration", label: "Demonstration", wide: "minmax(8rem,1.3fr)" },
-    { key: "target", label: "Target", wide: "minmax(8rem,1.3fr)" },
-    { key: "kind", label: "Kind", wide: "minmax(5rem,.7fr)" },
+    { key: "demonstration", label: "Demonstration", wide: "minmax(11.5rem,1.6fr)" },
+    { key: "target", label: "Target", wide: "minmax(7.5rem,1fr)" },
+    { key: "kind", label: "Kind", wide: "minmax(6.8rem,.6fr)" },
     { key: "coverage", label: "Coverage", wide: "8rem", number: true, title: "Share of the demonstrated surface that the plan really sees, where that was computed; else by frustum" },
     { key: "paper", label: "Paper", wide: "5.2rem", number: true, title: "Coverage of the method as published" },
     { key: "baseline", label: "Baseline", wide: "6.2rem", number: true, title: "Coverage of the path scaled by the bounding boxes" },
     { key: "clearance", label: "Clearance", wide: "6.8rem", number: true, title: "Least distance between the path and the structure" },
     { key: "frechet", label: "Fréchet", wide: "5.8rem", number: true, title: "Continuous Fréchet distance of the standardised paths" },
-    { key: "length", label: "Length", wide: "5.4rem", number: true },
-    { key: "duration", label: "Time", wide: "4.8rem", number: true },
-    { key: "change", label: "What changed", wide: "minmax(9rem,1fr)" },
+    { key: "length", label: "Length", wide: "5rem", number: true },
+    { key: "duration", label: "Time", wide: "4.2rem", number: true },
+    { key: "change", label: "What changed", wide: "minmax(8.5rem,1fr)" },
   ];
 
   upplied.pages.fleet = function (app, fleet, address) {

@@ -56,6 +56,14 @@
     return line;
   }
 
+  // As many of the poses as stand a step apart along the way, evenly chosen.
+  function apart(poses, step) {
+    let way = 0;
+    for (let at = 1; at < poses.length; at++) way += Math.hypot(...[0, 1, 2].map((axis) => poses[at].xyz[axis] - poses[at - 1].xyz[axis]));
+    const every = Math.max(1, Math.ceil(poses.length / Math.max(2, way / step)));
+    return poses.filter((_, at) => at % every === 0);
+  }
+
   function surface(structure, states) {
     const vertices = unpack(structure.vertices), triangles = unpack(structure.triangles);
     const axis = (values, at) => { const out = new Float32Array(values.length / 3); for (let i = 0; i < out.length; i++) out[i] = values[3 * i + at]; return out; };
@@ -88,7 +96,7 @@
       const shared = { type: "scatter3d", mode: "lines", showlegend: false };
       const label = Array.from({ length: track.path.count }, (_, i) => track.name + "<br>" + track.path.t[i].toFixed(1) + " s, clearance " + upplied.format(track.path.clearance[i], 1, " m"));
       traces.push({ ...shared, ...xyz, line: { color: track.colour, width: 5 }, text: label, hoverinfo: "text" });
-      traces.push({ ...shared, ...pyramids(track.viewpoints, camera, 0.045 * longest), line: { color: track.colour, width: 2 }, opacity: 0.75, hoverinfo: "skip" });
+      traces.push({ ...shared, ...pyramids(apart(track.viewpoints, 0.07 * longest), camera, 0.045 * longest), line: { color: track.colour, width: 2 }, opacity: 0.75, hoverinfo: "skip" });
       traces.push({ ...shared, ...pyramids([track.path.at(0)], camera, 0.1 * longest), line: { color: "#111820", width: 6 }, hoverinfo: "skip" });
       return own;
     });

@@ -61,7 +61,7 @@
       charts, measures(data.plans), remarks(data));
 
     const left = upplied.scene(panes[0], upplied.structures[data.source], demonstration.camera,
-      [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown, viewpoints: every(flown, 24), states: null }]);
+      [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown, viewpoints: every(flown, 60), states: null }]);
     const right = upplied.scene(panes[1], upplied.structures[data.target], demonstration.camera, planned);
     const drawn = drawCharts(charts, [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown }, ...planned]);
 
@@ -107,9 +107,7 @@
     return Array.from({ length: count }, (_, at) => path.at(count > 1 ? at / (count - 1) : 0));
   }
   function viewpoints(values) {
-    const all = Array.from({ length: values.length / 7 }, (_, at) => ({ xyz: Array.from(values.slice(7 * at, 7 * at + 3)), quat: Array.from(values.slice(7 * at + 3, 7 * at + 7)) }));
-    const step = Math.max(1, Math.ceil(all.length / 60));
-    return all.filter((_, at) => at % step === 0);
+    return Array.from({ length: values.length / 7 }, (_, at) => ({ xyz: Array.from(values.slice(7 * at, 7 * at + 3)), quat: Array.from(values.slice(7 * at + 3, 7 * at + 7)) }));
   }
 
   function drawCharts(root, tracks) {
