@@ -10,8 +10,9 @@ import pytest
 
 from upplied.config import CorrespondenceSettings, settings_for
 from upplied.errors import SettingsError
+from upplied.planning.boxes import box_scale
 from upplied.planning.correspond import correspond
-from upplied.planning.register import box_scale, register
+from upplied.planning.register import register
 from upplied.planning.surface import surface_samples
 from upplied.records import Cloud, Correspondences, Registration
 from upplied.samples.correspondence import true_counterparts

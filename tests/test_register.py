@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
+from upplied.planning.boxes import box_scale
 from upplied.planning.icp import icp, mean_squared_nn_distance, rigid_fit
-from upplied.planning.register import box_scale, register
+from upplied.planning.register import register
 from upplied.records import Cloud
 from upplied.scene import open3d
 

@@ -149,10 +149,11 @@ class Cloud(Record):
 class Registration(Record):
     """How a target lies on the demonstration structure.
 
-    ``p_demo = rotation @ (scale * p_target) + translation`` (paper, Alg. 1, lines 3 to 8).
+    ``p_demo = rotation @ (scale * (turn @ p_target)) + translation`` (paper, Alg. 1, lines 3 to 8, which
+    assumes equal orientation: `turn` is the identity unless another orientation was searched and found).
     """
 
-    scale: Floats  # (3,) along the target's axes
+    scale: Floats  # (3,) along the axes of the turned target
     rotation: Floats  # (3, 3) proper
     translation: Floats  # (3,) m
     score_m2: float  # PCL's getFitnessScore: mean squared nearest-neighbour distance, demonstration to target
@@ -161,14 +162,20 @@ class Registration(Record):
     acceptance: float = float("nan")  # free of density and scale, lower is better; NaN where not computed
     runner_up_gap: float = float("nan")  # relative gap to the next best orientation; NaN where not searched
     evidence: str = ""  # what was tried and found, in words
+    turn: Floats = field(default_factory=lambda: np.eye(3))  # (3, 3) proper, of the target before its scaling
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3) linear part: ``p_demo = matrix @ p_target + translation``."""
+        return np.asarray((self.rotation * self.scale) @ self.turn, float)
 
     def to_demo(self, points: Floats) -> Floats:
         """Target frame (..., 3) to demonstration frame, m."""
-        return (points * self.scale) @ self.rotation.T + self.translation
+        return points @ self.matrix.T + self.translation
 
     def to_target(self, points: Floats) -> Floats:
         """Demonstration frame (..., 3) to target frame, m."""
-        return ((points - self.translation) @ self.rotation) / self.scale
+        return (((points - self.translation) @ self.rotation) / self.scale) @ self.turn
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,25 +6,19 @@ top of one wing to the bottom of the other, and an inner engine to an outer one 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.planning.boxes import diagonal_of, laid, spacing
 from upplied.planning.cpd import Patch, drift, farthest_points
-from upplied.planning.matching import match_parts
+from upplied.planning.layout import FACING, matched, patches, placed
 from upplied.planning.parts import labels_of, parts_of
-from upplied.planning.register import box_scale, spacing
 from upplied.planning.wording import summary_of
 from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Registration
 
 _CONTROLS, _ANCHORS = 200, 450  # points of the source that move, points of the target that pull
-_FACING = 0.03  # of the diagonal: what turning a normal by a right angle counts beside distance
-_MISFIT = 0.025  # largest mean distance, in these units, of parts whose boxes are not alike
-_TRIED = 150  # samples by which that is judged
-_LONG = 3.0  # length over width of a part whose direction is its own: a blade
-_OUTWARD = 0.25  # of its length: how far from the structure's middle such a part lies, along itself
-_TURNED = np.cos(np.radians(10))
 _GONE = 0.05  # of the diagonal: a point that stays this far from the target has no counterpart there
 _SAME_FACE = 0.3  # least cosine between a normal and its counterpart's, for a part that has no partner
 _CLAIM = 1.5  # spacings: how near a counterpart of a matched part makes a target sample taken
@@ -47,18 +41,11 @@ def by_parts(
     """
     if source.normals is None or target.normals is None:
         raise ValueError("correspondences by parts need normals")
-    diagonal = float(np.linalg.norm(np.ptp(source.points, axis=0)))
+    diagonal = diagonal_of(source.points)
     lying = laid(target, registration)
-    here, there = parts_of(source), parts_of(lying)
-
-    def fits(parts: Sequence[int], partners: Sequence[int]) -> bool:
-        mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(lying), partners)
-        return _misfit(source, mine, lying, theirs, diagonal) < _MISFIT
-
-    matching = match_parts(here, there, diagonal, fits, pinned)
-    moving = Patch(source.points, source.normals, matching.source_class[labels_of(source)])
-    fixed = Patch(lying.points, _normals(lying), matching.target_class[labels_of(lying)])
-    warped = _warped(_placed(moving, fixed, len(matching)), fixed, diagonal)
+    matching = matched(source, lying, pinned)
+    moving, fixed = patches(source, lying, matching)
+    warped = _warped(placed(moving, fixed), fixed, diagonal)
     index = _facing_nearest(warped, fixed, diagonal)
     on_skin = _on_skin(warped.points, fixed, index, spacing(source))
     claimed = _claimed(on_skin, moving.label, fixed, spacing(lying))
@@ -69,96 +56,8 @@ def by_parts(
         target_index=np.where(gone, -1, index),
         distance_m=np.where(gone, np.nan, np.linalg.norm(source.points - on_skin, axis=1)),
         target_points=carried,
-        summary=summary_of(here, matching, labels_of(source), gone, there),
+        summary=summary_of(parts_of(source), matching, labels_of(source), gone, parts_of(lying)),
     )
-
-
-def laid(target: Cloud, registration: Registration) -> Cloud:
-    """The target's samples in the frame and at the scale of the demonstration structure."""
-    normals = None
-    if target.normals is not None:
-        normals = (target.normals / registration.scale) @ registration.rotation.T
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Cloud(registration.to_demo(target.points), normals, target.area_m2, target.part, target.leaf_m)
-
-
-def _normals(cloud: Cloud) -> Floats:
-    assert cloud.normals is not None
-    return cloud.normals
-
-
-def _misfit(source: Cloud, mine: Bools, lying: Cloud, theirs: Bools, diagonal_m: float) -> float:
-    """Mean two-way distance of two sets of parts, box on box, normals counted.
-
-    Over the mean (geometric) of the structure's diagonal and theirs, since small parts misfit by less.
-    """
-    one, other = source.points[mine], lying.points[theirs]
-    scale = box_scale(other, one)
-    turned = _normals(source)[mine] / scale
-    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-    weight = _FACING * diagonal_m
-    here = np.hstack([scale * (one - one.min(axis=0)) + other.min(axis=0), weight * turned])
-    there = np.hstack([other, weight * _normals(lying)[theirs]])
-    step = [max(1, len(cloud) // _TRIED) for cloud in (here, there)]
-    to_there = cKDTree(there).query(here[:: step[0]])[0].mean()
-    to_here = cKDTree(here).query(there[:: step[1]])[0].mean()
-    size = np.sqrt(diagonal_m * np.linalg.norm(np.ptp(other, axis=0)))
-    return float(max(to_there, to_here) / max(size, 1e-9))
-
-
-def _placed(moving: Patch, fixed: Patch, classes: int) -> Patch:
-    """Each matched part laid on its partner: box on box, or along its own direction where that turned."""
-    points, normals = moving.points.copy(), moving.normals.copy()
-    for label in range(classes):
-        mine, theirs = moving.label == label, fixed.label == label
-        if mine.any() and theirs.any():
-            points[mine], normals[mine] = _laid_part(
-                moving.points[mine], moving.normals[mine], fixed.points[theirs], moving.points, fixed.points
-            )
-    return Patch(points, normals, moving.label)
-
-
-def _laid_part(
-    part: Floats, normals: Floats, partner: Floats, whole: Floats, other_whole: Floats
-) -> tuple[Floats, Floats]:
-    axis, length, width, outward = _direction(part, whole)
-    other_axis, other_length, other_width, other_outward = _direction(partner, other_whole)
-    pointing = outward and other_outward and length > _LONG * width and other_length > _LONG * other_width
-    if pointing and axis @ other_axis < _TURNED:
-        turn = _smallest_turn(axis, other_axis)
-        stretch = np.eye(3) * (other_width / width)
-        stretch += np.outer(axis, axis) * (other_length / length - other_width / width)
-        middle, other_middle = _middle_along(part, axis), _middle_along(partner, other_axis)
-        return (part - middle) @ (turn @ stretch).T + other_middle, normals @ turn.T
-    scale = box_scale(partner, part)
-    laid_normals = normals / scale
-    laid_normals /= np.linalg.norm(laid_normals, axis=1, keepdims=True)
-    return scale * (part - part.min(axis=0)) + partner.min(axis=0), laid_normals
-
-
-def _direction(part: Floats, whole: Floats) -> tuple[Floats, float, float, bool]:
-    """Long axis of a part, its length and width, and whether it points away from the structure's middle."""
-    offset = part - part.mean(axis=0)
-    axis = np.linalg.eigh(offset.T @ offset)[1][:, 2]
-    outward = (part.mean(axis=0) - (whole.min(axis=0) + whole.max(axis=0)) / 2) @ axis
-    axis = axis if outward >= 0 else -axis
-    along = offset @ axis
-    across = np.linalg.norm(offset - along[:, None] * axis, axis=1)
-    length = float(np.ptp(along))
-    return axis, length, float(2 * np.sqrt(np.mean(across**2))), bool(abs(outward) > _OUTWARD * length)
-
-
-def _middle_along(part: Floats, axis: Floats) -> Floats:
-    mean = part.mean(axis=0)
-    along = (part - mean) @ axis
-    return mean + axis * (along.min() + along.max()) / 2
-
-
-def _smallest_turn(a: Floats, b: Floats) -> Floats:
-    """The rotation matrix of the smallest turn from unit vector `a` to unit vector `b`."""
-    v, cosine = np.cross(a, b), float(a @ b)
-    skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return np.eye(3) + skew + skew @ skew / max(1 + cosine, 1e-9)
 
 
 def _warped(placed: Patch, fixed: Patch, diagonal_m: float) -> Patch:
@@ -171,7 +70,7 @@ def _warped(placed: Patch, fixed: Patch, diagonal_m: float) -> Patch:
 
 def _facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
     """For each point the sample of its partner part that is near and faces the same way."""
-    weight = _FACING * diagonal_m
+    weight = FACING * diagonal_m
     index = np.full(len(warped), -1)
     for label in np.unique(warped.label):
         mine = warped.label == label

@@ -62,7 +62,8 @@ def airspace_of(pair: Pair, settings: Settings) -> Airspace:
 def demonstrated_on_target(inspection: Inspection, pair: Pair) -> Floats:
     """The demonstrated positions after the box transform, turned as the structures are to each other."""
     registration, flown = pair.surface.registration, inspection.by_frustum.stations.positions
-    heading = np.arctan2(registration.rotation[1, 0], registration.rotation[0, 0])
+    turned = registration.rotation @ registration.turn
+    heading = np.arctan2(turned[1, 0], turned[0, 0])
     if abs(heading) > np.radians(30):
         return registered_map(registration).points(flown)
     return box_map(pair.voxels.source, pair.voxels.target).points(flown)

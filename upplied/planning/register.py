@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from upplied.config import RegistrationSettings
+from upplied.planning.boxes import box_scale, spacing
 from upplied.planning.icp import icp, mean_squared_nn_distance
-from upplied.records import Cloud, Floats, Registration
+from upplied.records import Cloud, Registration
 
 
 def register(source: Cloud, target: Cloud, settings: RegistrationSettings) -> Registration:
@@ -43,26 +42,6 @@ def register(source: Cloud, target: Cloud, settings: RegistrationSettings) -> Re
         accepted=accepted,
         reason="" if accepted else _refusal(score, gate, settings.gamma, spacing(source)),
     )
-
-
-def box_scale(source: Floats, target: Floats) -> Floats:
-    """Factors (3,) per axis that make the target's bounding box as large as the source's.
-
-    Where either is flat (no extent along an axis) the factor of that axis is 1.
-    """
-    size_d, size_t = np.ptp(source, axis=0), np.ptp(target, axis=0)
-    flat = np.minimum(size_d, size_t) <= 1e-9 * max(size_d.max(), size_t.max())
-    return np.where(flat, 1.0, size_d / np.where(flat, 1.0, size_t))
-
-
-def spacing(cloud: Cloud) -> float:
-    """Distance between neighbouring samples, m: the leaf of a voxel cloud, else from the area."""
-    if cloud.leaf_m > 0:
-        return cloud.leaf_m
-    if cloud.area_m2 is not None:
-        return float(np.sqrt(cloud.area_m2.mean()))
-    size = np.sort(np.ptp(cloud.points, axis=0))
-    return float(np.sqrt(2 * (size[2] * size[1] + size[2] * size[0] + size[1] * size[0]) / len(cloud)))
 
 
 def _refusal(score: float, gate: float, gamma: float, leaf: float) -> str:

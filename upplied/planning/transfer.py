@@ -53,7 +53,7 @@ def box_map(source: Cloud, target: Cloud) -> AxisMap:
 
 def registered_map(registration: Registration) -> AxisMap:
     """The inverse of the registration: where the demonstration's space lies on the target."""
-    matrix = (registration.rotation / registration.scale[None, :]).T
+    matrix = registration.turn.T @ (registration.rotation / registration.scale[None, :]).T
     return AxisMap(matrix, -matrix @ registration.translation)
 
 
