@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from upplied.planning.frechet import spread
 from upplied.planning.lean import lean
 from upplied.planning.look import Detours, Looks, View, bend, find_detours, find_looks
 from upplied.records import Bools, Floats, Ints, Waypoints
@@ -19,7 +18,7 @@ _ENOUGH = 0.003  # share of the need that may stay unseen before the next reach 
 def complete(
     path: Waypoints,
     view: View,
-    deviation: float,
+    reach_m: Floats,
     safe: Callable[[Floats], Floats],
     allowed: Callable[[Floats], Bools],
 ) -> Waypoints:
@@ -31,9 +30,8 @@ def complete(
         The carried flight, target frame.
     view : View
         What is to be seen, and by which camera.
-    deviation : float
-        How far bends may lead from the carried flight along each axis, in units of its own spread
-        there: what they may add to `frechet_z`.
+    reach_m : array, shape (3,), m
+        How far bends may lead from the carried flight along each axis.
     safe : callable
         Takes positions (M, 3), gives as many that keep the safety distance, also between them.
     allowed : callable
@@ -45,26 +43,26 @@ def complete(
         With a further waypoint for each turn of the camera, flagged as viewpoint.
     """
     positions = safe(path.positions)
-    base, unit_m = positions, deviation * spread(path.positions)[1]
+    base = positions
     for share in _REACHES:
-        reach_m = share * unit_m
+        near_m = share * reach_m
 
-        def within(tried: Floats, changed: Ints, reach_m: Floats = reach_m) -> bool:
-            strayed = np.linalg.norm((tried[changed] - base[changed]) / reach_m, axis=1)
+        def within(tried: Floats, changed: Ints, near_m: Floats = near_m) -> bool:
+            strayed = np.linalg.norm((tried[changed] - base[changed]) / near_m, axis=1)
             return bool((strayed <= 1.0 + 1e-9).all() and allowed(tried[changed]).all())
 
         seen = view.seen(positions, path.quat_xyzw)
         looks = find_looks(positions, path.quat_xyzw, seen.any(axis=0), view)
         turned = view.seen(positions[looks.station], looks.quat_xyzw).any(axis=0)
         covered = seen.any(axis=0) | turned
-        leant = _leant(positions, path.quat_xyzw, covered, view, reach_m, within)
+        leant = _leant(positions, path.quat_xyzw, covered, view, near_m, within)
         if leant is not positions:
             positions = leant
             seen = view.seen(positions, path.quat_xyzw)
             covered = seen.any(axis=0) | turned
         if view.need[~covered].sum() < _ENOUGH * view.need.sum():
             break
-        detours = find_detours(positions, covered, view, reach_m, allowed)
+        detours = find_detours(positions, covered, view, near_m, allowed)
         bent = _bent(positions, path.quat_xyzw, seen, detours, view, within)
         if bent is not positions:
             positions = safe(bent)

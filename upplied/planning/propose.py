@@ -7,11 +7,13 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.complete import complete
 from upplied.planning.follow import follow_counterparts
+from upplied.planning.frechet import spread
 from upplied.planning.inspect import Inspection
 from upplied.planning.judge import airspace_of
 from upplied.planning.look import View
 from upplied.planning.measure import sought
 from upplied.planning.pair import Memo, Pair, no_memo
+from upplied.planning.plane import at_height, in_plane, plane_height
 from upplied.planning.refine import gauss_newton
 from upplied.planning.retime import retime
 from upplied.planning.route import Ways, safe_positions
@@ -70,12 +72,17 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
     is_viewpoint[(inspection.viewpoints.start + inspection.viewpoints.stop - 1) // 2] = True
     path = Waypoints(positions, quats, flight.t_s, is_viewpoint)
 
-    ways = Ways(airspace_of(pair, settings), fit.target)
+    airspace, reach_m = airspace_of(pair, settings), settings.refine.deviation * spread(positions)[1]
+    if settings.transfer.plane:
+        height = plane_height(flight, pair, positions, settings.transfer)
+        airspace, path = in_plane(airspace, height), at_height(path, height)
+        reach_m = np.array([reach_m[0], reach_m[1], 1e-6])
+    ways = Ways(airspace, fit.target)
 
     def safe(places: Floats) -> Floats:
         return safe_positions(places, ways) if settings.route.enforce else places
 
-    return complete(path, view, settings.refine.deviation, safe, ways.planning.allowed)
+    return complete(path, view, reach_m, safe, ways.planning.allowed)
 
 
 def _centres_of_view(inspection: Inspection, pair: Pair, settings: Settings) -> tuple[Floats, Floats]:
