@@ -16,7 +16,8 @@ from mcap_ros1.decoder import DecoderFactory as StockRos1
 from mcap_ros2._dynamic import serialize_dynamic
 from mcap_ros2.decoder import DecoderFactory as StockRos2
 
-from upplied.inputs.mcap.rosmsg import DefinitionError, RosDecoder
+from upplied.inputs.mcap.definitions import DefinitionError
+from upplied.inputs.mcap.rosmsg import RosDecoder
 
 RANGES = {
     "bool": st.booleans(),

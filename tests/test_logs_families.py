@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pymap3d
 import pytest
+import zstandard
 from made_logs import (
+    ROS2,
     Flight,
     Topic,
     flight,
@@ -24,12 +26,13 @@ from made_logs import (
     xyz,
     xyzw,
 )
+from mcap_ros2._dynamic import serialize_dynamic
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.poses import angle_between, from_yaw_pitch
-from upplied.records import Demonstration
+from upplied.records import Demonstration, Placement
 
 FACTS = {"structure_id": "a320", "body_frame": "camera"}
 BODY = {"structure_id": "a320"}
@@ -238,6 +241,9 @@ def test_satellite_fixes_with_an_imu(tmp_path: Path) -> None:
         read_demonstration(
             write_log(tmp_path / "c.mcap", topics, FACTS | PLACE | {"structure_datum": "amsl"})
         )
+    stands = Placement(47.3, 8.5, 450.0, 30.0)
+    given = read_demonstration(tmp_path / "b.mcap", placements={"a320": stands, "b747": stands})
+    assert np.array_equal(given.positions, found.positions)
     lifted = FACTS | PLACE | {"structure_datum": "amsl", "structure_alt_m": "402", "geoid_undulation_m": "48"}
     assert np.allclose(
         read_demonstration(write_log(tmp_path / "d.mcap", topics, lifted)).positions, found.positions
@@ -400,3 +406,25 @@ def test_a_fast_flight_does_not_jump(tmp_path: Path) -> None:
         write_log(tmp_path / "a.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", flown)], FACTS)
     )
     assert not len(found.breaks)
+
+
+def test_messages_that_the_recorder_compressed_are_unwrapped(tmp_path: Path) -> None:
+    flown = flight()
+    topic = poses("/pose", "geometry_msgs/msg/PoseStamped", flown)
+    encode = serialize_dynamic(topic.schema, ROS2[topic.schema])[topic.schema]
+    packer = zstandard.ZstdCompressor()
+    topic.definition, topic.encode = ROS2[topic.schema].encode(), lambda told: packer.compress(encode(told))
+    assert_flown(read_demonstration(write_log(tmp_path / "a.mcap", [topic], FACTS)), flown)
+
+
+def test_a_boot_clock_is_kept_and_a_dead_one_passed_over(tmp_path: Path) -> None:
+    booted = flight(start_ns=5_000_000_000)
+    found = read_demonstration(
+        write_log(tmp_path / "a.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", booted)], FACTS)
+    )
+    assert found.clock == "header" and found.t_ns[0] == 5_000_000_000
+    topic = poses("/pose", "geometry_msgs/msg/PoseStamped", flight())
+    for _, told in topic.messages:
+        told["header"] = header(0)
+    found = read_demonstration(write_log(tmp_path / "b.mcap", [topic], FACTS))
+    assert found.clock == "publish" and np.array_equal(found.t_ns, flight().t_ns)

@@ -8,7 +8,7 @@ can be saved of a damaged one, is in `upplied.inputs.mcap`; what happens to the 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -23,9 +23,9 @@ from upplied.inputs.flight.tracks import Track
 from upplied.inputs.mcap.recording import Channel, Recording, open_recording
 from upplied.inputs.mcap.tables import Table, read_tables
 from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, px4, ros, tf
-from upplied.inputs.sidecar import LogOptions, inspection
+from upplied.inputs.sidecar import LogOptions, inspection, placed
 from upplied.poses import normalised
-from upplied.records import Demonstration
+from upplied.records import Demonstration, Placement
 
 __all__ = ["LogOptions", "read_demonstration"]
 
@@ -36,7 +36,11 @@ FIELDS = {
 }
 
 
-def read_demonstration(path: str | Path, options: LogOptions | None = None) -> Demonstration:
+def read_demonstration(
+    path: str | Path,
+    options: LogOptions | None = None,
+    placements: Mapping[str, Placement] | None = None,
+) -> Demonstration:
     """The demonstration that a log holds.
 
     Parameters
@@ -44,6 +48,8 @@ def read_demonstration(path: str | Path, options: LogOptions | None = None) -> D
     path : path
         Of an MCAP log; a side-car of the same name with the ending ``.toml`` is read with it.
     options : LogOptions, optional
+    placements : mapping of structure id to Placement, optional
+        Where structures stand, for logs of satellite positions that do not say it themselves.
 
     Returns
     -------
@@ -61,20 +67,26 @@ def read_demonstration(path: str | Path, options: LogOptions | None = None) -> D
     with ThreadPoolExecutor(1) as beside:  # hashing a large log takes longer than reading its poses
         sha256 = beside.submit(_sha256_of, path)
         try:
-            found, facts = _demonstration(path, recording, options or LogOptions())
+            found, facts = _demonstration(path, recording, options or LogOptions(), placements or {})
+            log = sha256.result()
         except InputError as error:
             raise _in_context(error, path, recording) from None
+        except OSError as error:
+            raise InputError(str(path), f"cannot be read ({error.strerror})", "a readable file") from None
         said = {name: value for name, value in vars(facts).items() if name != "demonstration_id"}
-        return replace(found, sha256=digest({"log": sha256.result(), "said": said}))
+        return replace(found, sha256=digest({"log": log, "said": said}))
 
 
-def _demonstration(path: Path, recording: Recording, options: LogOptions) -> tuple[Demonstration, LogOptions]:
+def _demonstration(
+    path: Path, recording: Recording, options: LogOptions, placements: Mapping[str, Placement]
+) -> tuple[Demonstration, LogOptions]:
     """The procedure: one pass over the messages that matter, then poses from end to end."""
     what = str(path)
     tables = read_tables(recording, _fields)
     # What is known besides: side-car, metadata, options.
     facts, notes = inspection(path, recording.metadata, options)
     _check_structure(facts, path)
+    facts = placed(facts, placements.get(facts.structure_id))
     camera, camera_frame, more = cameras.camera_of(tables, facts, what)
     tree = tf.tree_of(tables, facts)
     # One source of poses: a topic, or the transforms.

@@ -18,6 +18,7 @@ from typing import Any
 
 from upplied.checks import check_id
 from upplied.errors import InputError
+from upplied.records import Placement
 
 MAX_SIDECAR_BYTES = 2**20
 BODY_FRAMES = ("camera", "optical", "body")
@@ -136,6 +137,20 @@ def inspection(
     return facts, notes
 
 
+def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
+    """The facts with the structure's place on the Earth, where they do not tell it themselves."""
+    if placement is None or facts.structure_lat_deg is not None:
+        return facts
+    return replace(
+        facts,
+        structure_lat_deg=placement.lat_deg,
+        structure_lon_deg=placement.lon_deg,
+        structure_alt_m=placement.alt_m,
+        structure_heading_deg=placement.heading_deg,
+        structure_datum=placement.datum,
+    )
+
+
 def safe_id(text: str) -> str:
     """An id made of a file's name.
 
@@ -176,6 +191,8 @@ def _merged(facts: LogOptions, values: Mapping[str, Any], what: str, strict: boo
 
 def _value(name: str, value: Any, what: str) -> Any:
     try:
+        if isinstance(value, bool):
+            raise TypeError
         if name in _VECTORS:
             return tuple(float(part) for part in (value.split() if isinstance(value, str) else value))
         if name in _INTEGERS:

@@ -18,7 +18,8 @@ from google.protobuf.message import DecodeError
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
-from upplied.inputs.mcap.rosmsg import MAX_TEXT, Columns, DefinitionError
+from upplied.inputs.mcap.definitions import DefinitionError
+from upplied.inputs.mcap.rosmsg import MAX_TEXT, Columns
 from upplied.records import Ints
 
 # The same word in the three worlds: ROS 2, protobuf and JSON.

@@ -8,15 +8,18 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
+import zstandard
 
+from upplied.inputs.mcap.definitions import DefinitionError
 from upplied.inputs.mcap.objects import JsonDecoder, ProtobufDecoder
 from upplied.inputs.mcap.recording import MAX_MESSAGES, Channel, Recording
 from upplied.inputs.mcap.records import Sink
-from upplied.inputs.mcap.rosmsg import DefinitionError, RosDecoder
+from upplied.inputs.mcap.rosmsg import RosDecoder
 from upplied.records import Ints
 
 _BATCH_BYTES = 8 * 2**20  # payloads held before they are decoded
 _BATCH = 20_000  # messages
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no CDR begins so
 _MAX_PAYLOAD_BYTES = 2**20  # a pose or a tree of transforms is far smaller
 
 
@@ -175,12 +178,24 @@ class _Builder:
         if self._decoder is None or not held:
             return
         log_ns, publish_ns, payloads = zip(*held, strict=True)
+        if self._table.channel.encoding == "cdr" and payloads[0].startswith(_ZSTD_MAGIC):
+            payloads = tuple(map(_unwrapped, payloads))
         columns, row, unreadable = self._decoder.columns(payloads, self._paths)
         self._table.dropped["unreadable message"] += unreadable
         self._rows += len(row)
         if len(row):
             times = np.array([log_ns, publish_ns], np.uint64).T.astype(np.int64)
             self._pieces.append((columns, np.maximum(times, 0)[row]))
+
+
+def _unwrapped(payload: bytes) -> bytes:
+    """A message that rosbag2 compressed by itself; empty, and so unreadable, where it is damaged."""
+    try:
+        if zstandard.get_frame_parameters(payload).content_size > _MAX_PAYLOAD_BYTES:
+            return b""
+        return zstandard.ZstdDecompressor().decompress(payload, max_output_size=_MAX_PAYLOAD_BYTES)
+    except zstandard.ZstdError:
+        return b""
 
 
 def _stacked(pieces: list[tuple[dict[str, Any], Ints]], name: str) -> Any:

@@ -33,7 +33,7 @@ def calibrated(table: Table) -> tuple[Camera, str] | None:
     if "width" not in table or "height" not in table:
         return None
     values = np.column_stack([table.stack("width", "height"), matrix[:, [0, 4]]])
-    good = np.isfinite(values).all(axis=1) & (values > 0).all(axis=1)
+    good = ((values > 1e-3) & (values < 1e7)).all(axis=1)
     if not good.any():
         return None
     width, height, fx, fy = np.median(values[good], axis=0)

@@ -25,7 +25,6 @@ FIELDS = {
     "px4_msgs/VehicleOdometry": (*_STAMPS, "pose_frame", "position", "q", "reset_counter"),
     "px4_msgs/VehicleLocalPosition": (
         *_STAMPS, "x", "y", "z", "xy_valid", "z_valid", "xy_reset_counter", "z_reset_counter",
-        "xy_global", "z_global", "ref_lat", "ref_lon", "ref_alt",
     ),
     "px4_msgs/VehicleAttitude": (*_STAMPS, "q", "quat_reset_counter"),
 }  # fmt: skip
