@@ -86,7 +86,7 @@ def test_what_is_wrong_is_found(catalog, table, change, words):
 
 
 def test_a_damaged_mesh_is_found(catalog):
-    path = next(Path(catalog.meshes.folder).iterdir())
+    path = next(Path(catalog.meshes.files.root).iterdir())
     path.write_bytes(path.read_bytes()[:-100])
     assert f"{path}: is damaged; the mesh of" in said(catalog)
 

@@ -102,7 +102,7 @@ def test_a_change_is_a_newer_version_and_the_older_stays(catalog):
 
 def test_a_mesh_is_kept_once(catalog):
     catalog.add_structures([structure("a"), structure("b"), structure("a", notes="moved")])
-    assert len(list(Path(catalog.meshes.folder).iterdir())) == 1
+    assert len(list(Path(catalog.meshes.files.root).iterdir())) == 1
 
 
 def test_retired_structures_leave_the_fleet_and_may_return(catalog):
@@ -245,7 +245,7 @@ def test_a_catalog_of_an_older_program_gains_the_new_columns(catalog, monkeypatc
 
 def test_a_damaged_mesh_is_noticed(catalog):
     catalog.add_structures([structure()])
-    path = next(Path(catalog.meshes.folder).iterdir())
+    path = next(Path(catalog.meshes.files.root).iterdir())
     content = bytearray(path.read_bytes())
     content[len(content) // 3] ^= 1
     path.write_bytes(bytes(content))

@@ -39,7 +39,6 @@ def history(catalog: Catalog, limit: int | None = None) -> pd.DataFrame:
     for name, table in catalog.tables.items():
         delta = table.delta()
         for commit in delta.history(limit) if delta is not None else []:
-            measured = commit.get("operationMetrics", {})
             operation = str(commit.get("operation", "")).lower()
             found.append(
                 {
@@ -47,7 +46,7 @@ def history(catalog: Catalog, limit: int | None = None) -> pd.DataFrame:
                     "table": name,
                     "version": int(commit["version"]),
                     "operation": {"write": "add", "create table": "create"}.get(operation, operation),
-                    "rows_added": int(measured.get("num_added_rows", 0)) if operation == "write" else 0,
+                    "rows_added": int(commit.get("rows", 0)),
                 }
             )
     columns = ["at", "table", "version", "operation", "rows_added"]

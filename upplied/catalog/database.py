@@ -57,8 +57,7 @@ class Catalog:
     """
 
     def __init__(self, location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> None:
-        text = os.fspath(location)
-        self.location = text if "://" in text else str(Path(text).expanduser().absolute())
+        self.location = _checked(os.fspath(location))
         self.tables = {name: StoredTable(self.location, table) for name, table in TABLES.items()}
         self.meshes = MeshStore(self.location)
         self.cache = Cache(cache if cache is not None else _cache_folder(self.location))
@@ -249,6 +248,21 @@ class Catalog:
 
     def _poses(self, row: Row) -> pa.Table:
         return queries.steps(self.tables["poses"], "demonstration_id", row, row["n_poses"])
+
+
+def _checked(location: str) -> str:
+    """An absolute folder, or a URI that carries no credential."""
+    if "://" not in location:
+        return str(Path(location).expanduser().absolute())
+    scheme, _, rest = location.partition("://")
+    if "@" in rest or "?" in rest:
+        raise CatalogError(
+            f"location {scheme}://...",
+            "has a user, a password or options in it",
+            f"{scheme}://bucket/prefix",
+            "put credentials into the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, ...)",
+        )
+    return location.rstrip("/")
 
 
 def _cache_folder(location: str) -> Path:

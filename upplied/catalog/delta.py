@@ -7,19 +7,28 @@ would be lost.
 
 from __future__ import annotations
 
+import json
 import logging
 import random
 import threading
 import time
+import uuid
 from collections.abc import Callable
+from datetime import datetime, timedelta
+from io import BytesIO
 from pathlib import Path
 from typing import TypeVar
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.dataset as ds
-from deltalake import CommitProperties, DeltaTable, WriterProperties, write_deltalake
+import pyarrow.parquet as pq
+from deltalake import CommitProperties, DeltaTable, WriterProperties
+from deltalake import Schema as DeltaSchema
 from deltalake.exceptions import CommitFailedError, DeltaError, SchemaMismatchError, TableNotFoundError
+from deltalake.transaction import AddAction
 
+from upplied.catalog.files import FileStore, sync_path
 from upplied.catalog.tables import SCHEMA_VERSION, Table
 from upplied.errors import CatalogError
 
@@ -34,7 +43,9 @@ _PROPERTIES = {
     "delta.deletedFileRetentionDuration": "interval 30 days",
 }
 _PATIENCE_S = 60.0  # of conflicts, before a writer gives up
-WRITER = WriterProperties(compression="ZSTD", compression_level=3, max_row_group_size=16_384)
+_ROW_GROUP = 16_384
+_LONGEST_STATISTIC = 64
+WRITER = WriterProperties(compression="ZSTD", compression_level=3, max_row_group_size=_ROW_GROUP)
 
 
 class StoredTable:
@@ -50,6 +61,7 @@ class StoredTable:
     def __init__(self, root: str, declared: Table) -> None:
         self.declared = declared
         self.uri = f"{root.rstrip('/')}/{declared.name}"
+        self._files = FileStore(self.uri)
         self._lock = threading.Lock()
         self._delta: DeltaTable | None = None
         self._dataset: tuple[int, ds.Dataset] | None = None
@@ -98,7 +110,14 @@ class StoredTable:
         CatalogError
             If the place cannot be written, or was made by a newer program.
         """
-        self._insist(lambda: self._append(rows))
+        # The file is written here and not by delta-rs: on the disk before a commit names it, and an
+        # error of the disk comes back as an error (delta-rs 1.6 prints a panic besides).
+        name = f"part-{uuid.uuid4()}.parquet"
+        content = _parquet(rows)
+        self._insist(self._ready)
+        _told(self.uri, lambda: self._files.write(name, content))
+        added = AddAction(name, len(content), {}, int(time.time() * 1000), True, _statistics(rows))
+        self._insist(lambda: self._commit(added, rows))
 
     def change(self, act: Callable[[DeltaTable], T]) -> T | None:
         """Do maintenance on the newest version, again where a writer was faster; None without a table."""
@@ -124,18 +143,26 @@ class StoredTable:
                 log.debug("%s: another writer was faster, trying again", self.uri)
                 time.sleep(random.uniform(0.01, 0.25))
 
-    def _append(self, rows: pa.Table) -> None:
+    def _ready(self) -> None:
+        """Make the table where there is none, and add the columns that an older program lacked."""
         with self._lock:
             delta = self._refreshed() or self._created()
             known = {field.name for field in delta.schema().fields}
-            write_deltalake(
-                delta,
-                rows,
-                mode="append",
-                schema_mode=None if known >= set(rows.column_names) else "merge",
-                writer_properties=WRITER,
-                commit_properties=CommitProperties(max_commit_retries=30),
-            )
+            new = [field for field in self.declared.schema if field.name not in known]
+            if new:
+                delta.alter.add_columns(list(DeltaSchema.from_arrow(pa.schema(new)).fields))
+
+    def _commit(self, added: AddAction, rows: pa.Table) -> None:
+        with self._lock:
+            delta = self._refreshed()
+            assert delta is not None
+            said = CommitProperties({"rows": str(len(rows))}, max_commit_retries=30)
+            delta.create_write_transaction([added], "append", rows.schema, commit_properties=said)
+            delta.update_incremental()
+            if self._files.local:
+                entry = Path(self.uri) / "_delta_log" / f"{delta.version():020}.json"
+                sync_path(entry)
+                sync_path(entry.parent)
 
     def delta(self) -> DeltaTable | None:
         """The table itself, as of its newest commit, for maintenance; None where there is none."""
@@ -150,8 +177,7 @@ class StoredTable:
         return self._delta
 
     def _created(self) -> DeltaTable:
-        local = "://" not in self.uri
-        if local:
+        if self._files.local:
             Path(self.uri).mkdir(parents=True, exist_ok=True)
         self._delta = DeltaTable.create(
             self.uri,
@@ -189,6 +215,34 @@ def _opened(uri: str) -> DeltaTable | None:
             "use a newer version of upplied",
         )
     return delta
+
+
+def _parquet(rows: pa.Table) -> bytes:
+    """A data file, in row groups small enough that one trajectory is read alone."""
+    sink = BytesIO()
+    pq.write_table(rows, sink, row_group_size=_ROW_GROUP, compression="zstd")
+    return sink.getvalue()
+
+
+def _statistics(rows: pa.Table) -> str:
+    """What readers may skip the file by: the range of each column, and its nulls.
+
+    Long texts have no range; moments are stated to the millisecond, so theirs is a little wider. A
+    column that is filtered by must have one (ids are short enough): pyarrow takes a missing range
+    for nulls.
+    """
+    low, high = {}, {}
+    for name in rows.column_names:
+        ends = pc.min_max(rows[name]).as_py()
+        least, most = ends["min"], ends["max"]
+        if most is None or len(str(most)) > _LONGEST_STATISTIC or most != most:
+            continue
+        if isinstance(most, datetime):
+            most += timedelta(milliseconds=1)
+            least, most = (when.isoformat(timespec="milliseconds") for when in (least, most))
+        low[name], high[name] = least, most
+    nulls = {name: rows[name].null_count for name in rows.column_names}
+    return json.dumps({"numRecords": len(rows), "minValues": low, "maxValues": high, "nullCount": nulls})
 
 
 def _told(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:

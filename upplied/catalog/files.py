@@ -1,10 +1,59 @@
-"""Whole files or none."""
+"""Whole files or none, in a folder or an object store."""
 
 from __future__ import annotations
 
 import os
 import uuid
 from pathlib import Path
+
+import pyarrow.fs as pafs
+
+
+class FileStore:
+    """Files under one root that are written once and then only read.
+
+    Parameters
+    ----------
+    root : str
+        A folder, or the URI of an object store; its credentials and endpoint come from the
+        environment.
+    """
+
+    def __init__(self, root: str) -> None:
+        self.root = root.rstrip("/")
+        self.local = "://" not in root
+        self._remote: pafs.FileSystem | None = None
+
+    def path(self, name: str) -> str:
+        """Where a file lies."""
+        return f"{self.root}/{name}"
+
+    def has(self, name: str) -> bool:
+        """Whether the file is there."""
+        if self.local:
+            return Path(self.path(name)).exists()
+        return bool(self._store().get_file_info(name).type == pafs.FileType.File)
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file that appears whole; on a disk it is there to stay when this returns."""
+        if self.local:
+            replace_file(Path(self.path(name)), content)
+            return
+        with self._store().open_output_stream(name) as stream:
+            stream.write(content)
+
+    def read(self, name: str) -> bytes:
+        """The bytes of a file."""
+        if self.local:
+            return Path(self.path(name)).read_bytes()
+        with self._store().open_input_file(name) as stream:
+            return bytes(stream.read())
+
+    def _store(self) -> pafs.FileSystem:
+        if self._remote is None:
+            store, root = pafs.FileSystem.from_uri(self.root)
+            self._remote = pafs.SubTreeFileSystem(root, store)
+        return self._remote
 
 
 def replace_file(path: Path, content: bytes) -> None:
@@ -22,13 +71,14 @@ def replace_file(path: Path, content: bytes) -> None:
         os.replace(draft, path)
     finally:
         draft.unlink(missing_ok=True)
-    _sync_folder(path.parent)
+    sync_path(path.parent)
 
 
-def _sync_folder(folder: Path) -> None:
-    if not hasattr(os, "O_DIRECTORY"):
+def sync_path(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    if path.is_dir() and not hasattr(os, "O_DIRECTORY"):
         return  # Windows does not open folders
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:

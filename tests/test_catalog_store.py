@@ -1,0 +1,148 @@
+"""The same catalog in an object store: two writers at once, and no credential kept anywhere."""
+
+from __future__ import annotations
+
+import multiprocessing
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+
+import boto3
+import pytest
+from catalog_records import demonstration, differences, key_of, plan, structure
+
+from upplied.catalog import compact, export_tables, open_catalog, vacuum, verify
+from upplied.errors import CatalogError
+
+SECRET = "not-to-be-seen-anywhere"
+BUCKET = "fleet"
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    """An S3-compatible server on the loopback interface, in a process of its own."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    server = subprocess.Popen(
+        [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)], **quiet
+    )
+    try:
+        url = f"http://127.0.0.1:{port}"
+        wait_for(url)
+        yield url
+    finally:
+        server.terminate()
+        server.wait(20)
+
+
+def wait_for(url: str) -> None:
+    for _ in range(600):
+        try:
+            urllib.request.urlopen(f"{url}/moto-api/", timeout=1)
+        except urllib.error.HTTPError:
+            return
+        except OSError:
+            time.sleep(0.1)
+        else:
+            return
+    raise TimeoutError(url)
+
+
+@pytest.fixture
+def store(endpoint, monkeypatch, tmp_path):
+    """A bucket of its own, reached through the environment alone."""
+    for name, value in {
+        "AWS_ACCESS_KEY_ID": "writer",
+        "AWS_SECRET_ACCESS_KEY": SECRET,
+        "AWS_REGION": "us-east-1",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ENDPOINT_URL": endpoint,
+        "AWS_ALLOW_HTTP": "true",
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+    }.items():
+        monkeypatch.setenv(name, value)
+    client = boto3.client("s3", endpoint_url=endpoint)
+    client.create_bucket(Bucket=BUCKET)
+    yield client
+    for item in client.list_objects_v2(Bucket=BUCKET).get("Contents", []):
+        client.delete_object(Bucket=BUCKET, Key=item["Key"])
+    client.delete_bucket(Bucket=BUCKET)
+
+
+def content(client) -> dict[str, bytes]:
+    names = [item["Key"] for item in client.list_objects_v2(Bucket=BUCKET)["Contents"]]
+    return {name: client.get_object(Bucket=BUCKET, Key=name)["Body"].read() for name in names}
+
+
+def test_everything_works_as_in_a_folder(store, tmp_path):
+    catalog = open_catalog(f"s3://{BUCKET}/catalog")
+    catalog.add_structures([structure("boxy"), structure("target", 1)])
+    catalog.add_demonstrations([demonstration()])
+    catalog.add_plans([(key_of(at), plan("target", at), {}) for at in range(3)])
+    catalog.add_plans([(key_of(1), plan("target", 1), {})])
+    assert len(catalog.transfers(every=True)) == 3
+    again = open_catalog(f"s3://{BUCKET}/catalog/")
+    assert differences(structure("boxy"), again.structure("boxy")) == []
+    assert differences(demonstration(), again.demonstration("flight")) == []
+    assert differences(plan("target", 1).trajectory, again.plan(key_of(1)[:20]).trajectory) == []
+    assert verify(again) == []
+    assert compact(again)["transfers"] == 2
+    vacuum(again)
+    assert verify(again) == []
+    assert export_tables(again, tmp_path / "reports")["transfers"] == 1
+    assert str(again.cache.folder).startswith(str(tmp_path / "cache"))
+
+
+def test_no_credential_is_stored_or_said(store, tmp_path, caplog):
+    caplog.set_level("DEBUG")
+    catalog = open_catalog(f"s3://{BUCKET}/catalog")
+    catalog.add_structures([structure("boxy")])
+    catalog.add_plans([(key_of(0), plan(), {})])
+    assert SECRET not in caplog.text + repr(catalog) + repr(vars(catalog))
+    kept = content(store)
+    assert any(name.endswith(".parquet") for name in kept)
+    for name, stored in kept.items():
+        assert SECRET.encode() not in stored, name
+    for path in tmp_path.rglob("*"):
+        assert not path.is_file() or SECRET.encode() not in path.read_bytes()
+
+
+def test_a_store_that_cannot_be_reached_is_said_without_credentials(store, monkeypatch):
+    for location in (f"s3://key:{SECRET}@{BUCKET}/catalog", f"s3://{BUCKET}/catalog?secret_key={SECRET}"):
+        with pytest.raises(CatalogError, match="environment") as told:
+            open_catalog(location)
+        assert SECRET not in str(told.value)
+    with pytest.raises(CatalogError, match="no-such-bucket") as told:
+        open_catalog("s3://no-such-bucket/catalog").add_plans([(key_of(0), plan(), {})])
+    assert SECRET not in str(told.value)
+
+
+def writer(location: str, seed: int, count: int) -> None:
+    catalog = open_catalog(location)
+    for number in range(count):
+        own, shared = key_of(seed, number), key_of("shared", number)
+        catalog.add_plans(
+            [(own, plan(f"t-{seed}-{number}", number), {}), (shared, plan(f"s-{number}", number), {})]
+        )
+
+
+def test_two_writers_at_once_lose_nothing(store):
+    location, count = f"s3://{BUCKET}/catalog", 6
+    context = multiprocessing.get_context("spawn")
+    writers = [context.Process(target=writer, args=(location, seed, count)) for seed in (1, 2)]
+    for process in writers:
+        process.start()
+    for process in writers:
+        process.join(240)
+        assert process.exitcode == 0
+    catalog = open_catalog(location)
+    wanted = {key_of(seed, number) for seed in (1, 2, "shared") for number in range(count)}
+    found = catalog.transfers(every=True)
+    assert sorted(found["key"]) == sorted(wanted)
+    assert [f for f in verify(catalog) if "is not in" not in f.found] == []  # no structures here
