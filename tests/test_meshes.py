@@ -164,6 +164,7 @@ def test_weld_joins_neighbours_across_any_grid_and_leaves_others() -> None:
     step = np.array([0.0, 0.6, 5.0, 5.9, 20.0]) * WELD_M
     vertices = np.column_stack([step, 0 * step, 0 * step])
     assert weld(vertices).tolist() == [0, 0, 2, 2, 4]
+    assert weld(vertices - 7 * WELD_M).tolist() == [0, 0, 2, 2, 4]
 
 
 def test_clipping_below_the_ground_keeps_what_is_above(tmp_path: Path) -> None:

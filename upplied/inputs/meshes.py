@@ -17,7 +17,7 @@ from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import find_outliers
 from upplied.inputs.outside import look
 from upplied.inputs.points import outward_normals
-from upplied.inputs.repair import Repairs, clean, clip_below, compact
+from upplied.inputs.repair import Repairs, clean, clip_below, compact, used_vertices
 from upplied.inputs.topology import topology_of
 from upplied.records import Bools, Floats, Ints, Structure
 
@@ -99,7 +99,7 @@ def structure_frame(raw: RawMesh, entry: StructureEntry) -> Floats:
         )
     limit = min(_FARTHEST_M / (unit * entry.scale), _FARTHEST_M**2)
     near = np.abs(raw.vertices) <= limit
-    used = np.unique(raw.triangles) if len(raw.triangles) else slice(None)
+    used = used_vertices(raw.triangles, len(near)) if len(raw.triangles) else slice(None)
     far = raw.vertices[used][~near[used] & np.isfinite(raw.vertices[used])]
     if len(far):
         raise InputError(
@@ -127,7 +127,8 @@ def _axis(name: str) -> Floats:
 def _mesh(
     vertices: Floats, raw: RawMesh, entry: StructureEntry
 ) -> tuple[Floats, Ints, Floats | None, Findings]:
-    check_finite(vertices[np.unique(raw.triangles)], (None, 3), f"{entry.path}, vertices")
+    used = used_vertices(raw.triangles, len(vertices))
+    check_finite(vertices[used], (None, 3), f"{entry.path}, vertices")
     vertices, triangles, _, repairs = clean(vertices, raw.triangles)
     done = list(repairs.texts())
     ground = entry.surroundings.ground_z_m

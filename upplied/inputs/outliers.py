@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from upplied.inputs.compiled import boxes, longest_edges
+from upplied.inputs.repair import used_vertices
 from upplied.inputs.topology import Topology
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -64,15 +66,15 @@ def _planes(vertices: Floats, triangles: Ints, component: Ints) -> Ints:
     if flat.all():
         return np.empty(0, np.int64)
     low, high = _box(vertices, triangles[~flat[component]])
-    boxes = _boxes(vertices, triangles, component)
-    beyond = np.maximum(low - boxes[0], boxes[1] - high).max(axis=1)
+    lows, highs = boxes(vertices, triangles, component)
+    beyond = np.maximum(low - lows, highs - high).max(axis=1)
     return np.flatnonzero(flat & (beyond > _STICKS_OUT * np.linalg.norm(high - low)))
 
 
 def _far(vertices: Floats, triangles: Ints, cluster: Ints) -> Ints:
     """Clusters that are small against the main one and stick out of its box."""
     labels = np.unique(cluster)
-    low, high = _boxes(vertices, triangles, np.searchsorted(labels, cluster))
+    low, high = boxes(vertices, triangles, np.searchsorted(labels, cluster))
     side = high - low
     volume = np.prod(np.maximum(side, 1e-3 * side.max(axis=1, keepdims=True)), axis=1)
     main = int(np.argmax(volume))
@@ -90,7 +92,7 @@ def _clusters(vertices: Floats, triangles: Ints) -> Ints:
         return tuple(np.clip(np.floor((points - low) / edge), 0, _VOXELS).astype(np.int64).T)
 
     grid = np.zeros((_VOXELS + 1,) * 3, bool)
-    grid[cells(vertices[np.unique(triangles)])] = True
+    grid[cells(vertices[used_vertices(triangles, len(vertices))])] = True
     for points in _spread(vertices, triangles, edge):
         grid[cells(points)] = True
     label, _ = ndimage.label(grid, np.ones((3, 3, 3)))
@@ -99,9 +101,8 @@ def _clusters(vertices: Floats, triangles: Ints) -> Ints:
 
 def _spread(vertices: Floats, triangles: Ints, edge: float) -> Iterator[Floats]:
     """Points on the triangles longer than a voxel, close enough that no voxel between them is missed."""
-    corners = vertices[triangles]
-    length = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    large = corners[length > edge]
+    length = longest_edges(vertices, triangles)
+    large = vertices[triangles[length > edge]]
     steps = np.ceil(2 * length[length > edge] / edge)
     steps *= min(1.0, np.sqrt(2 * _SAMPLES / max((steps**2).sum(), 1)))  # bounded for meshes of giants alone
     steps = np.maximum(steps, 1).astype(np.int64)
@@ -118,10 +119,8 @@ def _flat(vertices: Floats, triangles: Ints, component: Ints) -> Bools:
     """(C,) components of few triangles in one plane."""
     number = component.max(initial=-1) + 1
     flat = np.bincount(component, minlength=number) <= _FEW
-    points = vertices[triangles].reshape(-1, 3)
-    owner = np.repeat(component, 3)
-    chosen = flat[owner]
-    points, owner = points[chosen], owner[chosen]
+    few = flat[component]
+    points, owner = vertices[triangles[few]].reshape(-1, 3), np.repeat(component[few], 3)
     count = np.maximum(np.bincount(owner, minlength=number), 1)
     mean = np.stack([np.bincount(owner, points[:, k], number) for k in range(3)], axis=1) / count[:, None]
     centred = points - mean[owner]
@@ -131,18 +130,9 @@ def _flat(vertices: Floats, triangles: Ints, component: Ints) -> Bools:
     return flat & (spread[:, 0] <= _FLAT**2 * spread[:, 2])
 
 
-def _boxes(vertices: Floats, triangles: Ints, label: Ints) -> tuple[Floats, Floats]:
-    """Corners (L, 3) of the box of the triangles of each label."""
-    number = label.max(initial=-1) + 1
-    low, high = np.full((number, 3), np.inf), np.full((number, 3), -np.inf)
-    np.minimum.at(low, label, vertices[triangles].min(axis=1))
-    np.maximum.at(high, label, vertices[triangles].max(axis=1))
-    return low, high
-
-
 def _box(vertices: Floats, triangles: Ints) -> tuple[Floats, Floats]:
-    corners = vertices[triangles]
-    return corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    low, high = boxes(vertices, triangles, np.zeros(len(triangles), np.int64))
+    return low[0], high[0]
 
 
 def _outlier(reason: str, vertices: Floats, triangles: Ints, which: Ints) -> Outlier:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.inputs.compiled import faults, first_near
 from upplied.records import Bools, Floats, Ints
 
 WELD_M = 1e-4  # a tenth of a millimetre: far below any detail that is flown, far above rounding
@@ -49,68 +50,41 @@ def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repair
         Which triangles of the input they are.
     repairs : Repairs
     """
-    used = np.zeros(len(vertices), bool)
-    used[triangles] = True
-    first = weld(vertices, used)
-    joined = first[triangles]
-    degenerate = _degenerate(vertices, joined)
-    duplicate = _duplicate(joined) & ~degenerate
-    kept = np.flatnonzero(~degenerate & ~duplicate)
-    vertices, triangles = compact(vertices, joined[kept])
-    welded = int((first[used] != np.flatnonzero(used)).sum())
-    repairs = Repairs(welded, int(degenerate.sum()), int(duplicate.sum()), int((~used).sum()))
-    return vertices, triangles, kept, repairs
-
-
-def weld(vertices: Floats, used: Bools | None = None) -> Ints:
-    """For each vertex the first one that it lies on, (V,); itself where it stands alone."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    chosen = np.arange(len(vertices)) if used is None else np.flatnonzero(used)
-    _, index, inverse = np.unique(vertices[chosen], axis=0, return_index=True, return_inverse=True)
-    pairs = cKDTree(vertices[chosen][index]).query_pairs(WELD_M, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(index),) * 2)
-    _, label = connected_components(graph, directed=False)
-    label = label[inverse.reshape(-1)]
-    lowest = np.full(label.max(initial=-1) + 1, len(vertices))
-    np.minimum.at(lowest, label, chosen)
+    used = used_vertices(triangles, len(vertices))
+    chosen = np.flatnonzero(used)
+    near = weld(vertices[chosen])
     first = np.arange(len(vertices))
-    first[chosen] = lowest[label]
-    return first
+    first[chosen] = chosen[near]
+    joined = first[triangles]
+    fault = faults(np.ascontiguousarray(vertices), joined)
+    kept = np.flatnonzero(fault == 0)
+    repairs = Repairs(
+        welded=int((near != np.arange(len(near))).sum()),
+        degenerate=int((fault == 1).sum()),
+        duplicate=int((fault == 2).sum()),
+        unused=len(vertices) - len(chosen),
+    )
+    return *compact(vertices, joined[kept]), kept, repairs
+
+
+def weld(vertices: Floats) -> Ints:
+    """For each vertex the first kept one that it lies on, (V,); itself where it stands alone."""
+    if not len(vertices):
+        return np.empty(0, np.int64)
+    return first_near(np.ascontiguousarray(vertices - vertices.min(axis=0)), WELD_M)
+
+
+def used_vertices(triangles: Ints, number: int) -> Bools:
+    """Which of a number of vertices a triangle uses."""
+    used = np.zeros(number, bool)
+    used[triangles] = True
+    return used
 
 
 def compact(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints]:
     """Only the vertices that a triangle uses, in their order."""
-    used = np.zeros(len(vertices), bool)
-    used[triangles] = True
+    used = used_vertices(triangles, len(vertices))
     return vertices[used], (np.cumsum(used) - 1)[triangles]
-
-
-def _degenerate(vertices: Floats, triangles: Ints) -> Bools:
-    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
-    twice_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    longest = np.sqrt(np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0))
-    same = (
-        (triangles[:, 0] == triangles[:, 1])
-        | (triangles[:, 1] == triangles[:, 2])
-        | (triangles[:, 2] == triangles[:, 0])
-    )
-    # A sliver whose height is rounding noise has no normal either.
-    return same | (twice_area <= longest * 1e-9)
-
-
-def _duplicate(triangles: Ints) -> Bools:
-    """Triangles with the corners of an earlier one, whatever their winding."""
-    if not len(triangles):
-        return np.zeros(0, bool)
-    a, b, c = np.sort(triangles, axis=1).T
-    order = np.lexsort((np.arange(len(triangles)), c, b, a))
-    same = (a[order][1:] == a[order][:-1]) & (b[order][1:] == b[order][:-1]) & (c[order][1:] == c[order][:-1])
-    duplicate = np.zeros(len(triangles), bool)
-    duplicate[order[1:][same]] = True
-    return duplicate
 
 
 def clip_below(vertices: Floats, triangles: Ints, z_m: float) -> tuple[Floats, Ints, Ints]:

@@ -8,72 +8,95 @@ import numpy as np
 
 from upplied.inputs.formats.polygons import triangulate
 from upplied.inputs.formats.raw import RawMesh, Source
-from upplied.inputs.formats.text import integers, numbers
+from upplied.inputs.formats.text import integers, numbers, widths
 from upplied.records import Floats, Ints
 
 _REST = re.compile(rb"/[^\s]*")  # texture and normal indices
-_SURFACES = (b"curv", b"curv2", b"surf", b"cstype")
+_SURFACES = re.compile(rb"^(curv2?|surf|cstype)\b", re.MULTILINE)
 
 
 def read_obj(source: Source) -> RawMesh:
     """The faces of an OBJ file, triangulated; its groups and objects become parts."""
-    if b"\0" in source.data[:4096]:
-        raise source.error("holds binary data", "OBJ is text")
-    data = source.data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
-    lines = [line.strip() for line in data.splitlines()]
-    kinds = [line.split(None, 1)[0] if line else b"" for line in lines]
-    if any(kind in _SURFACES for kind in kinds):
-        raise source.error("holds free-form surfaces", "polygons", "tessellate it on export")
-    rows = {kind: [i for i, have in enumerate(kinds) if have == kind] for kind in (b"v", b"f", b"l", b"p")}
-    vertices = _vertices(source, [lines[i][1:] for i in rows[b"v"]])
-    corners, sizes = _faces(source, lines, rows[b"f"], rows[b"v"])
+    lines = _Lines(source)
+    at_vertices, at_faces, at_names = (lines.of(kind) for kind in ("v", "f", "og"))
+    vertices = _vertices(source, lines.text(at_vertices))
+    corners, sizes = _faces(source, lines.text(at_faces))
+    # A negative index counts back from the last vertex above its face.
+    above = np.repeat(np.searchsorted(at_vertices, at_faces), sizes)
+    corners = np.where(corners > 0, corners - 1, above + corners)
     if len(corners) and not 0 <= corners.min() <= corners.max() < len(vertices):
         raise source.error("its faces refer to vertices that do not exist", f"1 to {len(vertices)}")
     triangles, polygon = triangulate(vertices, corners, sizes)
-    starts = [i for i, kind in enumerate(kinds) if kind in (b"o", b"g")]
-    names = ("", *(lines[i][1:].strip().decode("utf-8", "replace")[:80] for i in starts))
+    names = lines.text(at_names).decode("utf-8", "replace").split("\n")[: len(at_names)]
     return RawMesh(
         vertices,
         triangles,
-        part=np.searchsorted(starts, np.array(rows[b"f"], np.int64)[polygon]),
-        part_names=names,
-        remarks=_remarks(sizes, len(rows[b"l"]) + len(rows[b"p"])),
+        part=np.searchsorted(at_names, at_faces[polygon]),
+        part_names=("", *(name.strip()[:80] for name in names)),
+        remarks=_remarks(sizes, len(lines.of("lp"))),
     )
 
 
-def _vertices(source: Source, rows: list[bytes]) -> Floats:
+class _Lines:
+    """The lines of a text by their keyword, all at once."""
+
+    def __init__(self, source: Source) -> None:
+        data = source.data
+        if b"\0" in data[:4096]:
+            raise source.error("holds binary data", "OBJ is text")
+        if b"\r" in data:
+            data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        data = re.sub(rb"#[^\n]*", b"", data.replace(b"\\\n", b" "))
+        data = re.sub(rb"^[ \t]+", b"", data, flags=re.MULTILINE) + b"\n"
+        if _SURFACES.search(data):
+            raise source.error("holds free-form surfaces", "polygons", "tessellate it on export")
+        self._bytes = np.frombuffer(data + b"\n", np.uint8).copy()
+        ends = np.flatnonzero(self._bytes == ord("\n"))
+        self._starts = np.concatenate([[0], ends[:-1] + 1])
+        self._lengths = np.diff(self._starts, append=len(self._bytes))
+        first, second = self._bytes[self._starts[:-1]], self._bytes[self._starts[:-1] + 1]
+        self._keyword = np.where(second <= ord(" "), first, 0)  # of one letter, else 0
+        self._bytes[self._starts[:-1][self._keyword > 0]] = ord(" ")
+
+    def of(self, letters: str) -> Ints:
+        """Indices of the lines whose keyword is one of these letters."""
+        return np.flatnonzero(np.isin(self._keyword, np.frombuffer(letters.encode(), np.uint8)))
+
+    def text(self, which: Ints) -> bytes:
+        """These lines, one after the other, without their keywords."""
+        wanted = np.zeros(len(self._starts), bool)
+        wanted[which] = True
+        return self._bytes[np.repeat(wanted, self._lengths)].tobytes()
+
+
+def _vertices(source: Source, text: bytes) -> Floats:
     """x y z of each row; weights and colours may follow."""
     try:
-        values = numbers(b"\n".join(rows))
-        if rows and len(values) % len(rows) == 0 and len(values) >= 3 * len(rows):
-            width = len(values) // len(rows)
-            if all(len(row.split()) == width for row in rows[:: max(1, len(rows) // 100)]):
-                return values.reshape(len(rows), width)[:, :3]
-        return np.array([[float(word) for word in row.split()[:3]] for row in rows], float).reshape(-1, 3)
+        values, counts = numbers(text), widths(text)
     except ValueError:
         raise source.error("holds a vertex that is no three numbers", "v x y z") from None
+    if len(values) != counts.sum() or (counts < 3).any():
+        raise source.error("holds a vertex that is no three numbers", "v x y z")
+    first = np.cumsum(counts) - counts
+    return values[first[:, None] + np.arange(3)]
 
 
-def _faces(source: Source, lines: list[bytes], faces: list[int], vertices: list[int]) -> tuple[Ints, Ints]:
-    """Vertex indices from 0 and the number of corners of each face."""
+def _faces(source: Source, text: bytes) -> tuple[Ints, Ints]:
+    """Vertex indices as in the file and the number of corners of each face."""
+    text = _REST.sub(b"", text) if b"/" in text else text
     try:
-        words = [_REST.sub(b"", lines[i][1:]) for i in faces]
-        sizes = np.array([len(row.split()) for row in words], np.int64)
-        corners = integers(b"\n".join(words))
+        corners, sizes = integers(text), widths(text)
     except ValueError:
         raise source.error("holds a face that is no list of vertices", "f v1 v2 v3 ...") from None
     if len(corners) != sizes.sum() or (corners == 0).any():
         raise source.error("holds a face with a vertex 0", "vertices count from 1, or from -1 backwards")
-    # A negative index counts back from the last vertex above its face.
-    above = np.repeat(np.searchsorted(vertices, faces), sizes)
-    return np.where(corners > 0, corners - 1, above + corners), sizes
+    return corners, sizes
 
 
 def _remarks(sizes: Ints, lines: int) -> tuple[str, ...]:
-    split, short = int((sizes > 3).sum()), int((sizes < 3).sum())
-    found = [
-        (split, "polygons triangulated"),
+    found = (
+        (int((sizes > 3).sum()), "polygons triangulated"),
         (lines, "lines and points left aside"),
-        (short, "faces of less than three corners left aside"),
-    ]
+        (int((sizes < 3).sum()), "faces of less than three corners left aside"),
+    )
     return tuple(f"{count} {what}" for count, what in found if count)

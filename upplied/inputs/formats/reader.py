@@ -11,6 +11,7 @@ import numpy as np
 from upplied.errors import UppliedError
 from upplied.inputs.formats import collada, gltf, las, obj, off, pcd, ply, stl, threemf
 from upplied.inputs.formats.raw import RawMesh, Source
+from upplied.inputs.repair import used_vertices
 
 READERS: dict[str, Callable[[Source], RawMesh]] = {
     "ply": ply.read_ply,
@@ -141,7 +142,7 @@ def _check_content(source: Source, suffix: str) -> None:
 def _checked(source: Source, raw: RawMesh) -> RawMesh:
     """The same, or an error where nothing is there; points without a position are dropped from clouds."""
     if len(raw.triangles):
-        if not np.isfinite(raw.vertices[np.unique(raw.triangles)]).all():
+        if not np.isfinite(raw.vertices[used_vertices(raw.triangles, len(raw.vertices))]).all():
             raise source.error("has vertices that are not finite", "finite coordinates")
         return raw
     if len(raw.vertices) == 0:
