@@ -86,7 +86,15 @@ class FakeCatalog:
         )
 
     def demonstrations(self) -> pd.DataFrame:
-        return pd.DataFrame([{"demonstration_id": self._demonstration.demonstration_id, "sha256": "d"}])
+        return pd.DataFrame(
+            [
+                {
+                    "demonstration_id": self._demonstration.demonstration_id,
+                    "structure_id": "cube",
+                    "sha256": "d",
+                }
+            ]
+        )
 
     def waypoints(self, transfer_id: str) -> pd.DataFrame:
         plan = self.plans[transfer_id]

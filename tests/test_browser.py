@@ -44,7 +44,7 @@ def browser() -> Iterator[Any]:
 def reports(tmp_path_factory) -> Path:
     root = tmp_path_factory.mktemp("reports")
     catalog = FakeCatalog(targets=2)
-    publish_pages(catalog, root, pictures=False)
+    publish_pages(catalog, root, pictures=0)
     publish_file(catalog, root / "mail.html", target_id="cuboid-0")
     return root
 

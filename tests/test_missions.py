@@ -177,6 +177,13 @@ def test_thinning_never_takes_clearance_or_view():
     assert still_seen(plan.trajectory, coarse, scene, plan.surface, Camera()) < 0.7
 
 
+def test_a_recording_whose_every_pose_is_a_viewpoint_is_thinned_and_photographed_by_distance():
+    path = rounds(count=3000)
+    (mission,) = missions_of(made_plan(path, every=1), placed_box(), MissionOptions())
+    assert len(mission) < 300 and mission.photo_distance_m == 2.0 and not mission.photo.any()
+    assert any("recording" in note for note in mission.notes)
+
+
 def test_options_are_checked():
     for wrong in ({"max_waypoints": 3}, {"clearance_m": 0.0}, {"endurance_s": -1.0}, {"tolerance_m": -1.0}):
         with pytest.raises(SettingsError):

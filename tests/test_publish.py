@@ -10,11 +10,14 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from fake_catalog import FakeCatalog
 
-from upplied.errors import InputError, SettingsError
-from upplied.outputs.publish import publish_file, publish_pages
+from upplied.catalog import Catalog, open_catalog
+from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
+from upplied.outputs import render
+from upplied.outputs.publish import publish, publish_file, publish_pages
 
 EVIL = "</script><script>document.title='broken'</script>"
 
@@ -57,7 +60,7 @@ def catalog() -> FakeCatalog:
 @pytest.fixture(scope="module")
 def folder(catalog, tmp_path_factory) -> Path:
     root = tmp_path_factory.mktemp("reports")
-    publish_pages(catalog, root)
+    publish_pages(catalog, root, pictures=1)
     return root
 
 
@@ -69,10 +72,10 @@ def contents(root: Path) -> dict[str, bytes]:
     return {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
 
 
-def test_every_pair_has_a_page_and_a_picture(folder):
+def test_every_pair_has_a_page_and_those_that_need_a_person_a_picture(folder):
     names = {"orbit-1--cuboid-0", "orbit-1--cuboid-1", "orbit-1--odd"}
     assert {path.stem for path in (folder / "transfers").iterdir()} == names
-    assert {path.stem for path in (folder / "pictures").iterdir()} == names
+    assert {path.stem for path in (folder / "pictures").iterdir()} == {"orbit-1--odd"}
 
 
 def test_links_stay_inside_the_folder_and_lead_somewhere(folder):
@@ -113,24 +116,24 @@ def test_no_text_of_a_log_becomes_markup(folder):
 
 
 def test_publishing_again_writes_nothing_and_equal_catalogs_give_equal_bytes(folder, catalog, tmp_path):
-    again = publish_pages(catalog, folder)
+    again = publish_pages(catalog, folder, pictures=1)
     assert not again.written and not again.removed and again.kept
-    publish_pages(FakeCatalog(targets=2), tmp_path)
+    publish_pages(FakeCatalog(targets=2), tmp_path, pictures=1)
     assert contents(tmp_path) == contents(folder)
 
 
 def test_only_what_changed_is_written_and_what_is_gone_is_removed(tmp_path):
     catalog = FakeCatalog(targets=2)
-    publish_pages(catalog, tmp_path, pictures=False)
+    publish_pages(catalog, tmp_path, pictures=0)
     (tmp_path / "mine.txt").write_text("not ours")
     catalog.add(catalog.planned("cuboid-0", "recommended", 80.0), "2026-11-21T02:00:00Z")
-    news = publish_pages(catalog, tmp_path, pictures=False)
+    news = publish_pages(catalog, tmp_path, pictures=0)
     assert set(news.written) == {"transfers/orbit-1--cuboid-0.html", "index.html"}
     fleet = page(tmp_path / "index.html").data["fleet"]
     row = next(dict(zip(fleet["columns"], row, strict=True)) for row in fleet["rows"] if "cuboid-0" in row[0])
     assert row["change"] == "coverage -15.0%"
     catalog.rows = [row for row in catalog.rows if row["target_id"] != "cuboid-1"]
-    news = publish_pages(catalog, tmp_path, pictures=False)
+    news = publish_pages(catalog, tmp_path, pictures=0)
     assert set(news.removed) == {"transfers/orbit-1--cuboid-1.html", "data/cuboid-1.js"}
     assert (tmp_path / "mine.txt").exists()
 
@@ -142,7 +145,7 @@ def test_a_damaged_record_costs_time_but_no_file_of_others(tmp_path, record):
     for victim in (tmp_path / "victim", root / "victim"):
         victim.write_text("keep")
     (root / ".published.json").write_text(record)
-    publish_pages(FakeCatalog(targets=1), root, pictures=False)
+    publish_pages(FakeCatalog(targets=1), root, pictures=0)
     assert (tmp_path / "victim").exists() and (root / "victim").exists() and (root / "index.html").exists()
 
 
@@ -153,7 +156,7 @@ def test_one_broken_structure_costs_its_own_page_only(tmp_path):
                 raise InputError("cuboid-0", "its mesh is gone")
             return super().structure(structure_id)
 
-    done = publish_pages(Broken(targets=2), tmp_path, pictures=False)
+    done = publish_pages(Broken(targets=2), tmp_path, pictures=0)
     assert len(done.problems) == 1 and "cuboid-0" in done.problems[0]
     assert (tmp_path / "transfers" / "orbit-1--cuboid-1.html").exists()
 
@@ -163,6 +166,49 @@ def test_an_empty_catalog_has_an_empty_page(tmp_path):
     catalog.rows.clear()
     publish_pages(catalog, tmp_path)
     assert page(tmp_path / "index.html").data["fleet"]["rows"] == []
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory) -> Catalog:
+    """The same fleet in a real catalog."""
+    fake = FakeCatalog(targets=1)
+    catalog = open_catalog(tmp_path_factory.mktemp("kept") / "catalog")
+    catalog.add_structures(list(fake._structures.values()))
+    catalog.add_demonstrations([fake.demonstration("orbit-1")])
+    provenance = {"planned_at": pd.Timestamp("2026-11-20T02:00:00Z").to_pydatetime(), "run_id": "r"}
+    plans = [(hashlib.sha256(key.encode()).hexdigest(), plan, provenance) for key, plan in fake.plans.items()]
+    catalog.add_plans(plans)
+    return catalog
+
+
+def test_a_catalog_becomes_tables_that_pandas_reads_and_pages(kept, tmp_path):
+    done = publish(kept, tmp_path, pictures=0)
+    assert not done.problems and done.index == tmp_path / "index.html"
+    transfers = pd.read_parquet(tmp_path / "transfers.parquet")
+    assert len(transfers) == 4 and set(transfers["status"]) == {"ok", "refused"}
+    assert len(pd.read_parquet(tmp_path / "waypoints.parquet")) == transfers["n_waypoints"].sum()
+    plans = page(tmp_path / "transfers" / "orbit-1--cuboid-0.html").data["transfer"]["plans"]
+    assert [plan["preset"] for plan in plans] == ["recommended", "paper", "baseline"]
+    assert all("states" in plan for plan in plans)
+    before = contents(tmp_path)
+    assert not publish(kept, tmp_path, pictures=0).written and contents(tmp_path).keys() == before.keys()
+
+
+def test_pictures_and_missions_by_id(kept, tmp_path):
+    row = kept.transfers(preset="recommended", status="ok").iloc[0]
+    for png in (
+        render.render_structure(kept, "cube", ("top",)),
+        render.render_transfer(kept, row["transfer_id"]),
+        render.render_comparison(kept, "orbit-1", "cuboid-0"),
+    ):
+        assert png.startswith(b"\x89PNG")
+    assert render.export_transfer(kept, row["transfer_id"], "mcap", tmp_path / "p.mcap").paths[0].exists()
+    with pytest.raises(RefusedError, match="no place on the Earth"):
+        render.export_transfer(kept, row["transfer_id"], "kml", tmp_path / "p.kml")
+    with pytest.raises(CatalogError, match="not in the catalog"):
+        render.render_transfer(kept, "0" * 20)
+    with pytest.raises(CatalogError, match="no transfer"):
+        render.render_comparison(kept, "orbit-1", "nowhere")
 
 
 def test_the_mailed_file_needs_nothing_and_runs_only_our_scripts(catalog, tmp_path):

@@ -48,8 +48,8 @@ class Pair:
     source_id: str
     target_id: str
     kind: str
-    plans: Mapping[str, Mapping[str, Any]]  # preset -> row of the table of transfers
-    earlier: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    plans: dict[str, dict[str, Any]]  # preset -> row of the table of transfers
+    earlier: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -62,32 +62,43 @@ class Pair:
         return next(self.plans[preset] for preset in (*PRESETS, *self.plans) if preset in self.plans)
 
 
-def pairs_of(transfers: pd.DataFrame) -> list[Pair]:
-    """The pairs of a table of transfers, which may hold older plans too, those that need attention first."""
-    if not len(transfers):
+def pairs_of(current: pd.DataFrame, history: pd.DataFrame) -> list[Pair]:
+    """The pairs of a table of transfers, those that need attention first.
+
+    Parameters
+    ----------
+    current : DataFrame
+        One row for each demonstration, target and preset.
+    history : DataFrame
+        Older plans as well; the last before the current one tells what changed.
+    """
+    if not len(current):
         return []
-    ordered = transfers.sort_values(["planned_at", "transfer_id"], kind="stable")
-    pairs = []
-    for (demonstration_id, target_id), rows in ordered.groupby(["demonstration_id", "target_id"], sort=True):
-        plans: dict[str, dict[str, Any]] = {}
-        earlier: dict[str, dict[str, Any]] = {}
-        for row in rows.to_dict("records"):
-            preset = str(row["preset"])
-            if preset in plans:
-                earlier[preset] = plans[preset]
-            plans[preset] = {str(key): value for key, value in row.items()}
-        newest = rows.iloc[-1]
-        pairs.append(
-            Pair(
-                str(demonstration_id),
-                str(newest["source_id"]),
-                str(target_id),
-                str(newest["kind"]),
-                plans,
-                earlier,
-            )
-        )
-    return sorted(pairs, key=attention)
+    older = history[~history["transfer_id"].isin(current["transfer_id"])].sort_values(
+        "planned_at", kind="stable"
+    )
+    before = {_key(row): _row(row) for row in older.to_dict("records")}
+    pairs: dict[tuple[str, str], Pair] = {}
+    for raw in current.sort_values(_KEY, kind="stable").to_dict("records"):
+        key, row = _key(raw), _row(raw)
+        names = (key[0], str(row["source_id"]), key[1], str(row["kind"]))
+        pair = pairs.setdefault(key[:2], Pair(*names, plans={}, earlier={}))
+        pair.plans[key[2]] = row
+        if key in before:
+            pair.earlier[key[2]] = before[key]
+    return sorted(pairs.values(), key=attention)
+
+
+_KEY = ["demonstration_id", "target_id", "preset"]
+
+
+def _key(row: Mapping[Any, Any]) -> tuple[str, str, str]:
+    demonstration_id, target_id, preset = (str(row[name]) for name in _KEY)
+    return demonstration_id, target_id, preset
+
+
+def _row(row: Mapping[Any, Any]) -> dict[str, Any]:
+    return {str(name): value for name, value in row.items()}
 
 
 def attention(pair: Pair) -> tuple[float, float, float, str]:

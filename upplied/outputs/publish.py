@@ -19,6 +19,7 @@ from upplied.outputs.pairs import Pair, fleet_data, pairs_of
 from upplied.outputs.reports import Reader, Source
 
 TITLE = "Inspection fleet"
+PICTURES = 200  # at most, unless asked for more: each takes a second
 _RECORD = ".published.json"
 _MAILED = 60  # pairs that one file may hold
 
@@ -65,7 +66,7 @@ def publish(
     folder: str | Path,
     *,
     title: str = TITLE,
-    pictures: bool = True,
+    pictures: int = PICTURES,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Published:
     """Write tables, pages and pictures of everything in a catalog.
@@ -77,8 +78,8 @@ def publish(
         ``index.html`` is what a person opens, ``transfers.parquet`` what pandas reads. Files there
         that we did not make are left alone.
     title : str
-    pictures : bool
-        Also a PNG for each pair, for documents.
+    pictures : int
+        Of how many pairs a PNG is made for documents: those first that need a person.
     progress : callable
         Told the name of each pair when it is done.
     """
@@ -91,20 +92,20 @@ def publish_pages(
     folder: str | Path,
     *,
     title: str = TITLE,
-    pictures: bool = True,
+    pictures: int = PICTURES,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Published:
     """The pages and pictures alone, as `publish` writes them, of anything that answers like a catalog."""
     reader = Reader(source)
-    pairs = pairs_of(source.transfers(every=True))
+    pairs = pairs_of(source.transfers(), source.transfers(every=True))
     place = _Folder(Path(folder), _recorded(Path(folder)))
     code = digest([__version__, {name: digest(text) for name, text in pages.assets().items()}])
     for name, text in pages.assets().items():
         place.put(f"assets/{name}", digest(text), partial(str, text))
     problems = []
-    for pair in pairs:
+    for at, pair in enumerate(pairs):
         try:
-            _put_pair(place, reader, pair, code, pictures)
+            _put_pair(place, reader, pair, code, at < pictures)
         except UppliedError as error:
             problems.append(f"{pair.name}: {error}")
         progress(pair.name)
@@ -137,7 +138,7 @@ def publish_file(
     """
     chosen = [
         pair
-        for pair in pairs_of(source.transfers(every=True))
+        for pair in pairs_of(source.transfers(), source.transfers(every=True))
         if demonstration_id in (None, pair.demonstration_id) and target_id in (None, pair.target_id)
     ]
     if not 0 < len(chosen) <= _MAILED:
@@ -157,7 +158,7 @@ def publish_file(
     return replace_file(path, pages.single_page(title, data, f"{title}: this page needs scripts."))
 
 
-def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, pictures: bool) -> None:
+def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bool) -> None:
     used = list(dict.fromkeys((pair.source_id, pair.target_id)))
     hashes = [reader.sha256("structures", name) for name in used]
     for name, sha256 in zip(used, hashes, strict=True):
@@ -166,7 +167,7 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, pictures: b
     key = digest([code, _plain(pair.plans), _plain(pair.earlier), hashes, flown])
     scripts = [f"data/{name}.js" for name in used]
     place.put(f"transfers/{pair.name}.html", key, lambda: _pair_html(reader, pair, scripts))
-    if pictures:
+    if picture:
         place.put(f"pictures/{pair.name}.png", key, lambda: reader.picture(pair))
 
 

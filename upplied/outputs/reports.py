@@ -34,6 +34,9 @@ class Source(Protocol):
     def waypoints(self, transfer_id: str) -> pd.DataFrame:
         """The steps of one plan, in order."""
 
+    def surface(self, transfer_id: str) -> SurfaceStates | None:
+        """What one plan sees of its target, where that is still known."""
+
     def structure(self, structure_id: str) -> Structure:
         """One structure with its mesh."""
 
@@ -76,37 +79,14 @@ class Reader:
 
     def picture(self, pair: Pair, width: int = 1000) -> bytes:
         """PNG of the demonstration and of the plan that is flown."""
-        plan = self.plan(pair.main)
+        plan = plan_of(self.source, pair.main)
         source, target = self.structure(pair.source_id), self.structure(pair.target_id)
         return figures.transfer_png(
             source, target, self.demonstration(pair.demonstration_id), plan, width=width
         )
 
-    def plan(self, row: Any) -> Plan:
-        """The plan of a row of the table of transfers."""
-        done = row["status"] == "ok"
-        steps = self.source.waypoints(str(row["transfer_id"])) if done else pd.DataFrame()
-        given = {name: number(row, name) for name in Measures.__dataclass_fields__}
-        return Plan(
-            str(row["demonstration_id"]),
-            str(row["source_id"]),
-            str(row["target_id"]),
-            str(row["kind"]),
-            str(row["preset"]),
-            str(row["status"]),
-            reason=str(row.get("reason") or ""),
-            trajectory=trajectory_of(steps) if len(steps) else None,
-            is_viewpoint=steps["is_viewpoint"].to_numpy(bool) if len(steps) else None,
-            measures=Measures(**{name: value for name, value in given.items() if value is not None}),
-            surface=self._surface(row) if done else None,
-        )
-
-    def _surface(self, row: Any) -> SurfaceStates | None:
-        read = getattr(self.source, "surface", None)
-        return read(str(row["transfer_id"])) if read is not None else None
-
     def _states(self, row: Any, target_id: str) -> np.ndarray | None:
-        surface = self._surface(row)
+        surface = self.source.surface(str(row["transfer_id"]))
         return None if surface is None else display_states(display_mesh(self.structure(target_id)), surface)
 
     def _hashes_of(self, table: str) -> dict[str, str]:
@@ -123,6 +103,26 @@ class Reader:
         flown = self.demonstration(demonstration_id)
         origin = np.array(self._data(flown.structure_id)["origin"])
         return demonstration_data(flown, profile(flown.trajectory, self._scene(flown.structure_id)), origin)
+
+
+def plan_of(source: Source, row: Any) -> Plan:
+    """The plan of a row of the table of transfers, with what it sees of its target where that is known."""
+    done = row["status"] == "ok"
+    steps = source.waypoints(str(row["transfer_id"])) if done else pd.DataFrame()
+    given = {name: number(row, name) for name in Measures.__dataclass_fields__}
+    return Plan(
+        demonstration_id=str(row["demonstration_id"]),
+        source_id=str(row["source_id"]),
+        target_id=str(row["target_id"]),
+        kind=str(row["kind"]),
+        preset=str(row["preset"]),
+        status=str(row["status"]),
+        reason=str(row.get("reason") or ""),
+        trajectory=trajectory_of(steps) if len(steps) else None,
+        is_viewpoint=steps["is_viewpoint"].to_numpy(bool) if len(steps) else None,
+        measures=Measures(**{name: value for name, value in given.items() if value is not None}),
+        surface=source.surface(str(row["transfer_id"])) if done else None,
+    )
 
 
 def trajectory_of(steps: pd.DataFrame) -> Trajectory:

@@ -24,6 +24,8 @@ from upplied.records import (
     Trajectory,
 )
 
+_CROWDED_M = 0.25  # mean step between viewpoints
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mission(Record):
@@ -96,6 +98,11 @@ def missions_of(
     else:
         home = np.array(options.home_m, float)
     _check_home(airspace, home, options.clearance_m, structure.structure_id)
+    if is_viewpoint is not None and _crowded(path.positions[is_viewpoint]):
+        notes.append(
+            f"the viewpoints are a recording's poses: photos every {options.photo_distance_m:g} m instead"
+        )
+        is_viewpoint = None
     fixed = np.zeros(len(path), bool) if is_viewpoint is None else is_viewpoint
     tolerances = (options.tolerance_m, options.tolerance_deg)
     view = (surface, camera or Camera())
@@ -171,6 +178,12 @@ def _inspection(
             name, f"the structure given is {structure.structure_id}", f"the plan is for {plan.target_id}"
         )
     return plan.trajectory, plan.is_viewpoint, plan.surface, name
+
+
+def _crowded(viewpoints: Floats) -> bool:
+    """Whether viewpoints follow each other so closely that nobody stops at each for a photo."""
+    steps = np.linalg.norm(np.diff(viewpoints, axis=0), axis=1)
+    return len(steps) > 0 and float(steps.mean()) < _CROWDED_M
 
 
 def _check_home(airspace: Airspace, home: Floats, clearance_m: float, name: str) -> None:

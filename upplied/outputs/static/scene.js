@@ -101,7 +101,7 @@
       return own;
     });
     const radius = Math.hypot(...size) / 2 / longest;
-    const far = (0.74 * radius) / Math.sin(FOV / 2);
+    const far = (0.62 * radius) / Math.sin(FOV / 2);
     const home = { eye: { x: 0.562 * far, y: -0.719 * far, z: 0.407 * far }, center: { x: 0, y: 0, z: 0 }, up: { x: 0, y: 0, z: 1 } };
     const axis = (at) => ({ visible: false, autorange: false, range: bounds[at] });
     const layout = {

@@ -1,0 +1,75 @@
+"""Pictures and missions of what a catalog holds, by id: what `upplied render` and `upplied export` call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from upplied.errors import CatalogError
+from upplied.outputs import figures
+from upplied.outputs.colours import DEMONSTRATED
+from upplied.outputs.missions import Exported, MissionOptions, export
+from upplied.outputs.reports import Source, plan_of
+from upplied.outputs.views import View
+
+
+def render_structure(
+    source: Source, structure_id: str, views: Sequence[str | View] = ("three-quarter", "side", "top")
+) -> bytes:
+    """PNG of a structure with everything that was demonstrated on it."""
+    structure = source.structure(structure_id)
+    rows = source.demonstrations()
+    flown = rows.loc[rows["structure_id"] == structure_id, "demonstration_id"] if len(rows) else []
+    paths = [(str(name), source.demonstration(str(name)), DEMONSTRATED) for name in flown]
+    return figures.structure_png(structure, views, trajectories=paths)
+
+
+def render_transfer(source: Source, transfer_id: str, view: str | View = "three-quarter") -> bytes:
+    """PNG of one transfer: the demonstration on its structure, the plan on the target."""
+    row = _row(source, transfer_id)
+    flown, target = source.structure(str(row["source_id"])), source.structure(str(row["target_id"]))
+    demonstration = source.demonstration(str(row["demonstration_id"]))
+    return figures.transfer_png(flown, target, demonstration, plan_of(source, row), view=view)
+
+
+def render_comparison(
+    source: Source, demonstration_id: str, target_id: str, view: str | View = "three-quarter"
+) -> bytes:
+    """PNG of the newest plan of each preset for one demonstration and target, side by side."""
+    rows = source.transfers()
+    mine = (
+        rows[(rows["demonstration_id"] == demonstration_id) & (rows["target_id"] == target_id)]
+        if len(rows)
+        else rows
+    )
+    if not len(mine):
+        raise CatalogError(
+            f"{demonstration_id} to {target_id}", "no transfer is in the catalog", "", "run: upplied transfer"
+        )
+    order = {"recommended": 0, "paper": 1, "baseline": 2}
+    plans = sorted(
+        (plan_of(source, row) for row in mine.to_dict("records")), key=lambda plan: order.get(plan.preset, 3)
+    )
+    camera = source.demonstration(demonstration_id).camera
+    return figures.comparison_png(source.structure(target_id), plans, camera, view=view)
+
+
+def export_transfer(
+    source: Source, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
+) -> Exported:
+    """One transfer as mission files; see `upplied.outputs.missions.export`."""
+    row = _row(source, transfer_id)
+    camera = source.demonstration(str(row["demonstration_id"])).camera
+    structure = source.structure(str(row["target_id"]))
+    return export(plan_of(source, row), structure, format, path, options, camera)
+
+
+def _row(source: Source, transfer_id: str) -> Any:
+    rows = source.transfers(every=True)
+    mine = rows[rows["transfer_id"] == transfer_id] if len(rows) else rows
+    if not len(mine):
+        raise CatalogError(
+            f"transfer {transfer_id}", "is not in the catalog", "", "see: upplied catalog info"
+        )
+    return mine.iloc[0].to_dict()
