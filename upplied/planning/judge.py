@@ -16,8 +16,8 @@ from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Traj
 
 def judge(
     trajectory: Trajectory, inspection: Inspection, pair: Pair, settings: Settings, memo: Memo = no_memo
-) -> tuple[Measures, SurfaceStates | None]:
-    """All measures of a planned trajectory, and what becomes of the target's surface."""
+) -> tuple[Measures, SurfaceStates | None, tuple[str, ...]]:
+    """All measures of a planned trajectory, what becomes of the target's surface, and warnings in words."""
     camera = inspection.camera
     voxels, surface = pair.voxels, pair.surface
     paper = (
@@ -33,10 +33,28 @@ def judge(
         views(trajectory, surface.target, camera, TRULY, pair.target_scene),
     )
     if not surface.registration.accepted:
-        return measure(trajectory, carried, pair.target_scene, paper), None
+        warning = f"what is really seen was not measured: {surface.registration.reason}"
+        return measure(trajectory, carried, pair.target_scene, paper), None, (warning,)
     possible = attainable_samples(pair, camera, settings, memo)
     states = surface_states(true[0], true[1].total, possible)
-    return measure(trajectory, carried, pair.target_scene, paper, true, possible), states
+    found = measure(trajectory, carried, pair.target_scene, paper, true, possible)
+    return found, states, _warnings(found, true[0].without_pct, settings)
+
+
+def _warnings(found: Measures, without_pct: float, settings: Settings) -> tuple[str, ...]:
+    """What a person should know before this plan is flown, in words."""
+    said = []
+    if without_pct >= 1:
+        said.append(f"{without_pct:.0f} % of what the demonstration saw has no counterpart on the target")
+    short = found.coverage_attainable_pct - found.coverage_seen_pct
+    if short > 5:
+        said.append(f"{short:.0f} % of what could be seen is missed")
+    if found.min_clearance_m < settings.route.clearance_m:
+        said.append(
+            f"comes within {found.min_clearance_m:.2f} m of the structure; "
+            f"{settings.route.clearance_m:g} m are asked for"
+        )
+    return tuple(said)
 
 
 def attainable_samples(pair: Pair, camera: Camera, settings: Settings, memo: Memo = no_memo) -> Bools:

@@ -62,8 +62,15 @@ def plan_transfer(
     except RefusedError as refusal:
         return replace(plan, status="refused", reason=str(refusal))
     # How good is it? The same measures for every preset.
-    measures, surface = judge(trajectory, inspection, pair, settings, memo)
-    return replace(plan, trajectory=trajectory, is_viewpoint=is_viewpoint, measures=measures, surface=surface)
+    measures, surface, warnings = judge(trajectory, inspection, pair, settings, memo)
+    return replace(
+        plan,
+        trajectory=trajectory,
+        is_viewpoint=is_viewpoint,
+        measures=measures,
+        surface=surface,
+        warnings=warnings,
+    )
 
 
 def transfer_key(
