@@ -8,8 +8,10 @@ import os
 import random
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -184,21 +186,36 @@ def test_a_full_disk_is_said_and_changes_nothing(tmp_path, what):
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root to become somebody without rights")
 @pytest.mark.parametrize("what", WRITES)
-def test_a_read_only_folder_is_said_and_can_be_read(tmp_path, what):
-    before = filled(tmp_path / "catalog")
-    everyone_may_look(tmp_path)
-    done = in_a_child(WRITES[what], tmp_path / "catalog", NOBODY)
+def test_a_read_only_folder_is_said_and_can_be_read(open_place, what):
+    before = filled(open_place / "catalog")
+    everyone_may_look(open_place)
+    done = in_a_child(WRITES[what], open_place / "catalog", NOBODY)
     assert done.returncode == 1
     assert done.stderr.startswith("told: "), done.stderr
-    assert rows(tmp_path / "catalog") == before
-    read = in_a_child("assert len(catalog.trajectory(key_of(1)[:20])) == 60", tmp_path / "catalog", NOBODY)
+    assert rows(open_place / "catalog") == before
+    read = in_a_child("assert len(catalog.trajectory(key_of(1)[:20])) == 60", open_place / "catalog", NOBODY)
     assert read.returncode == 0, read.stderr
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root to become somebody without rights")
+def test_a_folder_that_may_not_be_read_is_not_taken_for_an_empty_one(open_place):
+    filled(open_place / "catalog")
+    everyone_may_look(open_place)
+    (open_place / "catalog" / "transfers").chmod(0o700)
+    done = in_a_child("catalog.transfers()", open_place / "catalog", NOBODY)
+    assert done.stderr.startswith("told: "), done.stderr
+    assert "transfers" in done.stderr
+
+
+@pytest.fixture
+def open_place() -> Iterator[Path]:
+    """A folder that others may look into, which pytest's own are not."""
+    with tempfile.TemporaryDirectory() as name:
+        Path(name).chmod(0o755)
+        yield Path(name)
+
+
 def everyone_may_look(place: Path) -> None:
-    for path in [place, *place.parents]:
-        if path.stat().st_uid == os.geteuid():
-            path.chmod(path.stat().st_mode | 0o055)
     for path in place.rglob("*"):
         path.chmod(0o755 if path.is_dir() else 0o644)
 

@@ -205,6 +205,8 @@ def _opened(uri: str) -> DeltaTable | None:
     try:
         delta = DeltaTable(uri)
     except TableNotFoundError:
+        if "://" not in uri and (Path(uri) / "_delta_log").exists():  # raises where we may not look
+            raise CatalogError(uri, "cannot be read", "", "ask for the right to read it") from None
         return None
     version = delta.metadata().configuration.get(_VERSION_KEY, "")
     if not version.isdigit() or int(version) > SCHEMA_VERSION:

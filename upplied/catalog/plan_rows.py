@@ -172,8 +172,13 @@ def _json_value(value: Any) -> Any:
 def _registration_of(text: str) -> Registration | None:
     if not text:
         return None
-    plain: dict[str, Any] = {
-        name: float("nan") if value is None else value for name, value in json.loads(text).items()
-    }
-    arrays = {name: np.array(plain[name], float) for name in ("scale", "rotation", "translation")}
-    return Registration(**{**plain, **arrays})
+    kept = json.loads(text)
+    known = {item.name for item in fields(Registration)}
+    return Registration(**{name: _from_json(value) for name, value in kept.items() if name in known})
+
+
+def _from_json(value: Any) -> Any:
+    """The opposite of `_json_value`."""
+    if isinstance(value, list):
+        return np.array(value, float)
+    return float("nan") if value is None else value
