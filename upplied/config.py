@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from upplied.errors import SettingsError
 
@@ -24,9 +25,8 @@ Preset = Literal["paper", "recommended", "baseline"]
 class CloudSettings:
     """Voxel clouds (paper, Sec. III-A) and surface samples."""
 
-    voxel_points: int = (
-        1000  # the leaf is chosen so that about this many remain; the paper's clouds hold 693 and 1120
-    )
+    # The leaf is chosen so that about this many remain; the paper's clouds hold 693 and 1120.
+    voxel_points: int = 1000
     raw_points: int = 60_000  # area-uniform points on the mesh that the voxel filter reads (the paper's Psi)
     surface_samples: int = 4000  # with normals, on the outside surface; 0: none are made
     seed: int = 0
@@ -175,12 +175,57 @@ def _changed(settings: Settings, stage: str, values: Mapping[str, Any]) -> Any:
     for name, value in values.items():
         if name not in known:
             raise SettingsError(f"setting {stage}.{name}", "is unknown", f"one of {', '.join(known)}")
-        current = getattr(before, name)
-        if isinstance(current, bool) != isinstance(value, bool) or (
-            isinstance(current, int | float) and value is not None and not isinstance(value, int | float)
-        ):
-            raise SettingsError(f"setting {stage}.{name}", f"got {value!r}", f"like {current!r}")
+        _check_value(f"{stage}.{name}", value, get_type_hints(type(before))[name])
     return replace(before, **values)
+
+
+def _check_value(name: str, value: Any, wanted: Any) -> None:
+    """Whether a value has the type its field declares, and lies in its range."""
+    choices = get_args(wanted)
+    if get_origin(wanted) is Literal:
+        fits, rule = value in choices, f"one of {', '.join(map(repr, choices))}"
+    elif wanted is bool:
+        fits, rule = isinstance(value, bool), "true or false"
+    elif wanted is int:
+        fits, rule = isinstance(value, int) and not isinstance(value, bool), "a whole number"
+    elif wanted is float or float in choices:
+        optional = type(None) in choices
+        fits = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        fits, rule = fits or (optional and value is None), "a number, or none" if optional else "a number"
+    else:
+        fits = all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in value)
+        rule = "pairs of names"
+    if not fits:
+        raise SettingsError(f"setting {name}", f"got {value!r}", rule)
+    low, high = _RANGES.get(name, (-math.inf, math.inf))
+    if isinstance(value, int | float) and not low <= value <= high:
+        raise SettingsError(f"setting {name}", f"got {value!r}", f"{low:g} to {high:g}")
+
+
+#: What a number may be, where not every number makes sense.
+_RANGES = {
+    "clouds.voxel_points": (50, 100_000),
+    "clouds.raw_points": (1000, 10_000_000),
+    "clouds.surface_samples": (100, 200_000),
+    "registration.iterations": (1, 1000),
+    "registration.gamma": (0, math.inf),
+    "registration.acceptance": (0, math.inf),
+    "visibility.max_incidence_deg": (1, 90),
+    "viewpoints.shared": (0, 1),
+    "viewpoints.most_poses": (2, 100_000),
+    "transfer.gsd_m": (1e-5, 10),
+    "refine.iterations": (0, 1000),
+    "refine.deviation": (0.01, 10),
+    "route.clearance_m": (0, 1000),
+    "route.ground_clearance_m": (0, 1000),
+    "retime.max_speed_mps": (0.01, 100),
+    "retime.max_acceleration_mps2": (0.01, 100),
+    "retime.max_yaw_rate_degps": (0.1, 1000),
+    "retime.max_gimbal_rate_degps": (0.1, 1000),
+    "retime.least_stop_s": (0, 3600),
+    "retime.min_gimbal_pitch_deg": (-90, 90),
+    "retime.max_gimbal_pitch_deg": (-90, 90),
+}
 
 
 def digest(value: Any) -> str:
