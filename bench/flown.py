@@ -60,7 +60,7 @@ def _line(transfer: Transfer, wind_mps: float, flights: int) -> str:
             flown = fly_trajectory(plan.trajectory, wind=wind, seed=seed)
         except RefusedError as refusal:
             return f"  {refusal}"
-        measures = measure_flown(flown, plan, *parts)
+        measures = measure_flown(flown, plan, *parts).measures
         clear.append(measures.min_clearance_m)
         seen.append(measures.coverage_seen_pct)
         off.append(

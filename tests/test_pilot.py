@@ -153,6 +153,18 @@ def test_moving_the_structure_moves_the_flight() -> None:
     assert np.abs(there.positions - shift - here.positions)[:, :2].max() < 0.6
 
 
+def test_a_point_cloud_is_flown_round_too() -> None:
+    mesh = member("yacht-1-v1").structure
+    rng = np.random.default_rng(0)
+    corners = mesh.vertices[mesh.triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    chosen = rng.choice(len(area), 20_000, p=area / area.sum())
+    points = np.einsum("nk,nkj->nj", rng.dirichlet((1, 1, 1), 20_000), corners[chosen])
+    cloud = Structure("yacht-cloud", "ship", points, np.empty((0, 3), np.int64))
+    flight = fly(cloud, "hull")
+    assert distance_between(flight, mesh) > 1.8  # of the mesh, which he never saw
+
+
 def test_what_cannot_be_inspected_is_refused() -> None:
     with pytest.raises(RefusedError, match="no engine"):
         fly(member("cruise-v1").structure, "engine_left")

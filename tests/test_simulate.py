@@ -142,11 +142,11 @@ def test_a_flight_is_measured_like_its_plan() -> None:
     plan = plan_transfer(flight, cube, cuboid, settings)
     assert isinstance(plan, Plan)
     assert plan.trajectory is not None
-    planned = measure_flown(plan.trajectory, plan, flight, cube, cuboid, settings)
+    planned = measure_flown(plan.trajectory, plan, flight, cube, cuboid, settings).measures
     assert planned.coverage_seen_pct == pytest.approx(plan.measures.coverage_seen_pct)
     assert planned.min_clearance_m == pytest.approx(plan.measures.min_clearance_m)
     flown = fly_trajectory(plan.trajectory, wind=Wind(6.0), seed=3)
-    measured = measure_flown(flown, plan, flight, cube, cuboid, settings)
+    measured = measure_flown(flown, plan, flight, cube, cuboid, settings).measures
     assert measured.coverage_seen_pct > plan.measures.coverage_seen_pct - 10
     assert abs(measured.min_clearance_m - plan.measures.min_clearance_m) < 2.0
     assert measured.min_clearance_m != plan.measures.min_clearance_m

@@ -20,7 +20,7 @@ from upplied.planning.inspect import inspect_demonstration
 from upplied.planning.judge import judge
 from upplied.planning.pair import Memo, no_memo, study_pair
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
-from upplied.records import Demonstration, Floats, Measures, Plan, Structure, Trajectory
+from upplied.records import Demonstration, Floats, Plan, Structure, Trajectory
 
 _GRAVITY_MPS2 = 9.81
 _STEP_S = 0.02
@@ -113,22 +113,30 @@ def measure_flown(
     target: Structure,
     settings: Settings,
     memo: Memo = no_memo,
-) -> Measures:
-    """The measures of a flight, by the same code as those of its plan.
+) -> Plan:
+    """A flight measured by the same code as its plan.
 
     Parameters
     ----------
     flown : Trajectory
         Of `fly_trajectory`, or read from a log, in the frame of the target.
     plan : Plan
-        What was to be flown; its attainable coverage is taken over.
+        What was to be flown.
     demonstration, source, target, settings, memo
         As for `upplied.planning.plan.plan_transfer`.
+
+    Returns
+    -------
+    Plan
+        The plan with what was flown in the place of what was planned: trajectory, measures, surface
+        and warnings.
     """
     pair = study_pair(source, target, settings, memo)
     inspection = inspect_demonstration(demonstration, pair, settings, memo)
-    measures, _ = judge(flown, inspection, pair, settings, memo)
-    return replace(measures, coverage_attainable_pct=plan.measures.coverage_attainable_pct)
+    measures, surface, warnings = judge(flown, inspection, pair, settings, memo)
+    return replace(
+        plan, trajectory=flown, is_viewpoint=None, measures=measures, surface=surface, warnings=warnings
+    )
 
 
 def wind_along(positions: Floats, wind: Wind, ground_z_m: float, rng: np.random.Generator) -> Floats:
