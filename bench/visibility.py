@@ -48,8 +48,14 @@ def main() -> None:
         f"{'structure':24}{'triangles':>10}{'pairs':>10}{'rays':>10}{'ours, CPU s':>13}{'peak Mray/s':>13}"
         f"{'ours Mray/s':>13}{'of peak':>9}{'plain, CPU s':>14}{'ratio':>7}{'differ':>10}"
     )
+    total = np.zeros(3)
     for structure in structures(options.real):
-        print(_line(structure, options.poses, options.samples), flush=True)
+        line, spent = _line(structure, options.poses, options.samples)
+        total += spent
+        print(line, flush=True)
+    rays, ours, peak = total
+    rates = f"{rays / peak / 1e6:13.2f}{rays / ours / 1e6:13.2f}{peak / ours:9.0%}"
+    print(f"{'all':44}{int(rays):10d}{ours:13.3f}{rates}")
 
 
 def structures(real: bool) -> list[Structure]:
@@ -64,21 +70,23 @@ def structures(real: bool) -> list[Structure]:
     return chosen or every[:5]
 
 
-def _line(structure: Structure, poses: int, samples: int) -> str:
+def _line(structure: Structure, poses: int, samples: int) -> tuple[str, Floats]:
     scene = scene_of(structure, threads=1)
     cloud = surface_samples(structure, scene, CloudSettings(surface_samples=samples))
     positions, quats = spiral(structure, poses)
     rays = wanted_rays(positions, quats, cloud, scene)
     ours, seen = clocked(lambda: visible(positions, quats, cloud, Camera(), TRULY, scene).seen, 5)
-    peak = len(rays) / clocked(lambda: scene.blocked(rays), 5)[0]
+    best = clocked(lambda: scene.blocked(rays), 5)[0]
+    peak = len(rays) / best
     every = max(1, poses // 50)  # the plain way is slow: a share of the poses, scaled up
     plain, same = clocked(lambda: plainly(positions[::every], quats[::every], cloud, scene), 1)
     plain *= poses / len(same)
-    return (
+    line = (
         f"{structure.structure_id:24}{len(structure.triangles):10d}{poses * len(cloud):10d}{len(rays):10d}"
         f"{ours:13.3f}{peak / 1e6:13.2f}{len(rays) / ours / 1e6:13.2f}{len(rays) / ours / peak:9.0%}"
         f"{plain:14.2f}{plain / ours:7.0f}{(seen[::every] != same).mean():10.1e}"
     )
+    return line, np.array([len(rays), ours, best])
 
 
 def spiral(structure: Structure, poses: int) -> tuple[Floats, Floats]:

@@ -59,10 +59,12 @@ def faces_of_box(half: float, number: int = 5) -> Cloud:
 @pytest.mark.parametrize("vfov", [10.0, 60.0, 120.0, 180.0])
 def test_frustum_is_its_definition(hfov: float, vfov: float) -> None:
     rng = np.random.default_rng(int(hfov * 1000 + vfov))
-    positions, points = rng.normal(0, 5, (20, 3)), rng.normal(0, 15, (500, 3))
-    quats = Rotation.random(20, rng).as_quat()
+    positions, points = rng.normal(0, 5, (60, 3)), rng.normal(0, 15, (500, 3))
+    quats = Rotation.random(60, rng).as_quat()
     camera = Camera(hfov, vfov, 2.0, 30.0)
-    seen = visible(positions, quats, Cloud(points), camera, FRUSTUM).seen
+    seen = visible(positions, quats, Cloud(points), camera, FRUSTUM).seen  # in bunches
+    few = visible(positions[:9], quats[:9], Cloud(points), camera, FRUSTUM).seen  # point by point
+    assert np.array_equal(few, seen[:9])
     assert np.array_equal(seen, brute_frustum(positions, quats, points, camera))
     assert seen.any() and not seen.all()
 

@@ -129,7 +129,7 @@ class Scene:
 
     @staticmethod
     def _tensor(array: np.ndarray) -> Any:
-        return open3d().core.Tensor(np.ascontiguousarray(array, np.float32))
+        return open3d().core.Tensor.from_numpy(np.ascontiguousarray(array, np.float32))
 
 
 _SCENES: WeakKeyDictionary[Structure, Scene] = WeakKeyDictionary()

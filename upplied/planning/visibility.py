@@ -8,15 +8,15 @@ are decided first, for all pairs in one compiled pass, so that rays are cast onl
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from upplied.config import VisibilitySettings
 from upplied.errors import SettingsError
+from upplied.planning.culling import bunches_of, gather_rays, in_view, limits_of, mark_free
 from upplied.poses import matrices
-from upplied.records import Bools, Camera, Cloud, Floats, Ints, Visibility
+from upplied.records import Camera, Cloud, Floats, Visibility
 from upplied.scene import Scene
 
-_BLOCK = 400_000  # rays at a time: 10 MB
+_BLOCK = 200_000  # rays at a time: 5 MB
 
 
 def visible(
@@ -68,133 +68,26 @@ def visible(
     """
     if settings.occlusion and scene is None:
         raise SettingsError("visibility", "occlusion without a scene", "a scene says what stands in the way")
-    limits = _limits(camera, settings, cloud)
+    limits = limits_of(camera, settings, cloud)
     origin = np.zeros(3) if scene is None else scene.origin
-    points = np.ascontiguousarray(cloud.points, float) - origin
-    normals = np.zeros((1, 3)) if cloud.normals is None else np.ascontiguousarray(cloud.normals, float)
+    sorted_cloud = bunches_of(cloud, origin, limits, len(positions))
+    bunches = (
+        sorted_cloud.points,
+        sorted_cloud.normals,
+        sorted_cloud.order,
+        sorted_cloud.start,
+        sorted_cloud.bounds,
+    )
     cameras = np.ascontiguousarray(positions, float) - origin
     axes = np.ascontiguousarray(matrices(quat_xyzw))
-    seen = np.zeros((len(cameras), len(points)), bool)
-    if not settings.occlusion:
-        _cull(cameras, axes, points, normals, limits, seen)
+    seen = np.zeros((len(cameras), len(cloud)), bool)
+    if not settings.occlusion or scene is None:
+        in_view(cameras, axes, limits, *bunches, seen)
         return Visibility(seen)
-    assert scene is not None
-    rays = np.empty((max(_BLOCK, len(points)), 6), np.float32)
+    rays = np.empty((max(_BLOCK, len(cloud)) + 1, 6), np.float32)
     pairs = np.empty(len(rays), np.int64)
     pose = 0
     while pose < len(cameras):
-        pose, count = _gather(cameras, axes, points, normals, limits, scene.grain_m, pose, rays, pairs)
-        free = ~scene.blocked(rays[:count])
-        seen.reshape(-1)[pairs[:count][free]] = True
+        pose, count = gather_rays(cameras, axes, limits, *bunches, scene.grain_m, pose, rays, pairs)
+        mark_free(pairs[:count], scene.blocked(rays[:count]), seen.reshape(-1))
     return Visibility(seen)
-
-
-def _limits(camera: Camera, settings: VisibilitySettings, cloud: Cloud) -> Floats:
-    """Sines and cosines of the half angles, squared ranges, and the least cosine of the incidence."""
-    if not (0 < camera.hfov_deg <= 360 and 0 < camera.vfov_deg <= 180):
-        raise SettingsError(
-            "camera",
-            f"field of view {camera.hfov_deg:g} x {camera.vfov_deg:g} deg",
-            "horizontal above 0 and up to 360, vertical above 0 and up to 180 deg",
-        )
-    if not 0 <= camera.min_range_m < camera.max_range_m:
-        raise SettingsError(
-            "camera", f"range {camera.min_range_m:g} to {camera.max_range_m:g} m", "0 <= smallest < largest"
-        )
-    half_h, half_v = np.radians(camera.hfov_deg / 2), np.radians(camera.vfov_deg / 2)
-    incidence = -1.0
-    if settings.occlusion and cloud.normals is not None:
-        incidence = max(float(np.cos(np.radians(settings.max_incidence_deg))), 1e-6)
-    return np.array(
-        [
-            np.sin(half_h) if camera.hfov_deg < 360 else 0.0,
-            np.cos(half_h),
-            np.sin(half_v) if camera.vfov_deg < 180 else 1.0,
-            np.cos(half_v) if camera.vfov_deg < 180 else 0.0,
-            float(camera.hfov_deg >= 180),
-            camera.min_range_m**2,
-            camera.max_range_m**2,
-            incidence,
-        ]
-    )
-
-
-@njit(cache=True, inline="always")
-def _inside(
-    ray_x: float, ray_y: float, ray_z: float, axes: Floats, normals: Floats, index: int, limits: Floats
-) -> bool:
-    """Whether one ray, from a camera to a point, lies in frustum, range and incidence.
-
-    An angle t in [0, pi] is at most a half angle h just when ``sin(h - t) >= 0``: no arc tangents.
-    """
-    squared = ray_x * ray_x + ray_y * ray_y + ray_z * ray_z
-    if squared < limits[5] or squared > limits[6]:
-        return False
-    forward = ray_x * axes[0, 0] + ray_y * axes[1, 0] + ray_z * axes[2, 0]
-    left = abs(ray_x * axes[0, 1] + ray_y * axes[1, 1] + ray_z * axes[2, 1])
-    if forward * limits[0] < left * limits[1]:
-        return False
-    up = abs(ray_x * axes[0, 2] + ray_y * axes[1, 2] + ray_z * axes[2, 2])
-    reach = np.sqrt(forward * forward + left * left) if limits[4] > 0 else forward
-    if reach * limits[2] < up * limits[3]:
-        return False
-    if limits[7] < 0:
-        return True
-    facing = -(ray_x * normals[index, 0] + ray_y * normals[index, 1] + ray_z * normals[index, 2])
-    return facing > 0 and facing * facing >= limits[7] * limits[7] * squared
-
-
-@njit(cache=True)
-def _cull(
-    cameras: Floats, axes: Floats, points: Floats, normals: Floats, limits: Floats, seen: Bools
-) -> None:
-    for pose in range(len(cameras)):
-        for index in range(len(points)):
-            seen[pose, index] = _inside(
-                points[index, 0] - cameras[pose, 0],
-                points[index, 1] - cameras[pose, 1],
-                points[index, 2] - cameras[pose, 2],
-                axes[pose],
-                normals,
-                index,
-                limits,
-            )
-
-
-@njit(cache=True)
-def _gather(
-    cameras: Floats,
-    axes: Floats,
-    points: Floats,
-    normals: Floats,
-    limits: Floats,
-    grain: float,
-    pose: int,
-    rays: Floats,
-    pairs: Ints,
-) -> tuple[int, int]:
-    """Rays of as many whole poses as fit, from `pose` on; the next pose, and how many rays there are.
-
-    Each ray ends `grain` short of its point.
-    """
-    count, number = 0, len(points)
-    while pose < len(cameras) and count + number <= len(rays):
-        for index in range(number):
-            ray_x = points[index, 0] - cameras[pose, 0]
-            ray_y = points[index, 1] - cameras[pose, 1]
-            ray_z = points[index, 2] - cameras[pose, 2]
-            if _inside(ray_x, ray_y, ray_z, axes[pose], normals, index, limits):
-                rays[count, 0] = cameras[pose, 0]
-                rays[count, 1] = cameras[pose, 1]
-                rays[count, 2] = cameras[pose, 2]
-                share = 1.0
-                if grain > 0:
-                    length = np.sqrt(ray_x * ray_x + ray_y * ray_y + ray_z * ray_z)
-                    share = max(1.0 - grain / max(length, 1e-12), 0.0)
-                rays[count, 3] = ray_x * share
-                rays[count, 4] = ray_y * share
-                rays[count, 5] = ray_z * share
-                pairs[count] = pose * number + index
-                count += 1
-        pose += 1
-    return pose, count
