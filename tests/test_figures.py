@@ -15,7 +15,7 @@ from upplied.outputs.canvas import Solid, picture
 from upplied.outputs.colours import DEMONSTRATED, PRESETS, STATES, rgb
 from upplied.outputs.shade import corner_normals
 from upplied.outputs.tubes import Tubes, frustum_corners, joined, path, thinned, tubes
-from upplied.outputs.views import VIEWS, View, fitted
+from upplied.outputs.views import VIEWS, View, facing, fitted
 from upplied.poses import look_at
 from upplied.records import Camera, Demonstration, Measures, Plan, Structure, SurfaceStates, Trajectory
 
@@ -209,3 +209,11 @@ def test_real_structures_take_under_three_seconds(real_data):
     png = figures.structure_png(real)
     assert time.process_time() - begin < 6  # CPU seconds of two cores
     assert (pixels(png) < 0.95).any(axis=2).mean() > 0.05
+
+
+@pytest.mark.parametrize(
+    ("side", "azimuth"), [((0, 9, 0), 52), ((0, -9, 0), -52), ((-20, 9, 0), 128), ((-20, -9, 0), -128)]
+)
+def test_the_view_is_from_the_side_on_which_was_flown(side, azimuth):
+    flown = circle(1.0).positions + np.array(side)
+    assert facing(structure().vertices, flown).azimuth_deg == azimuth

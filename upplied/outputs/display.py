@@ -92,9 +92,9 @@ class Neighbourhood:
         return np.concatenate([points, self._apart * normals], axis=1)
 
 
-def structure_data(structure: Structure) -> dict[str, Any]:
-    """What a page needs to draw a structure; coordinates are relative to `origin`."""
-    vertices, triangles = display_mesh(structure)
+def structure_data(structure: Structure, mesh: tuple[Floats, Ints]) -> dict[str, Any]:
+    """What a page needs to draw a structure's display mesh; coordinates are relative to `origin`."""
+    vertices, triangles = mesh
     origin = ((vertices.min(axis=0) + vertices.max(axis=0)) / 2).round(3)
     index = triangles.astype(np.uint16 if len(vertices) < 65536 else np.uint32)
     return {

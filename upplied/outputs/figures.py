@@ -13,7 +13,7 @@ from upplied.outputs.canvas import Solid, picture, solid
 from upplied.outputs.colours import DEMONSTRATED, PRESETS, STATES, rgb
 from upplied.outputs.files import replace_file
 from upplied.outputs.sheet import Panel, sheet_png
-from upplied.outputs.views import View, fitted, named_view, proportion
+from upplied.outputs.views import View, facing, fitted, named_view, proportion
 from upplied.records import (
     SURFACE_STATES,
     Camera,
@@ -84,7 +84,7 @@ def transfer_png(
     plan: Plan,
     *,
     source_states: SurfaceStates | None = None,
-    view: str | View = "three-quarter",
+    view: str | View | None = None,
     frusta: bool = True,
     title: str = "",
     width: int = _WIDTH,
@@ -92,9 +92,10 @@ def transfer_png(
     """Two panels: the demonstration on its structure, and the plan on the target.
 
     The target's surface is coloured by ``plan.surface`` where that is known. A refused plan shows
-    the target alone, with the reason. The same view serves both panels, each fitted to its own content.
+    the target alone, with the reason. The same view serves both panels, each fitted to its own content;
+    where none is given, it is from the side on which was flown.
     """
-    chosen = named_view(view)
+    chosen = facing(source.vertices, demonstration.positions) if view is None else named_view(view)
     half = width // 2
     shapes = [(source, demonstration.trajectory), (target, plan.trajectory)]
     high = max(_height(chosen, _content(structure, [path]), half) for structure, path in shapes)
@@ -129,7 +130,7 @@ def comparison_png(
     plans: Sequence[Plan],
     camera: Camera | None = None,
     *,
-    view: str | View = "three-quarter",
+    view: str | View | None = None,
     frusta: bool = False,
     title: str = "",
     width: int = _WIDTH,
@@ -138,9 +139,11 @@ def comparison_png(
     if not plans:
         raise SettingsError("plans", "none given", "at least one")
     camera = camera or Camera()
-    chosen = named_view(view)
     wide = width // len(plans)
-    everything = _content(target, [plan.trajectory for plan in plans])
+    paths = [plan.trajectory for plan in plans]
+    everything = _content(target, paths)
+    flown = next((path.positions for path in paths if path is not None), target.vertices)
+    chosen = facing(target.vertices, flown) if view is None else named_view(view)
     high = _height(chosen, everything, wide)
     body = solid(target) if all(plan.surface is None for plan in plans) else None
     panels = []

@@ -103,7 +103,8 @@ def publish_pages(
     for name, text in pages.assets().items():
         place.put(f"assets/{name}", digest(text), partial(str, text))
     problems = []
-    for at, pair in enumerate(pairs):
+    ordered = sorted(enumerate(pairs), key=lambda each: (each[1].target_id, each[1].source_id, each[1].name))
+    for at, pair in ordered:  # so that each mesh is read once
         try:
             _put_pair(place, reader, pair, code, at < pictures)
         except UppliedError as error:

@@ -25,7 +25,7 @@ def render_structure(
     return figures.structure_png(structure, views, trajectories=paths)
 
 
-def render_transfer(source: Source, transfer_id: str, view: str | View = "three-quarter") -> bytes:
+def render_transfer(source: Source, transfer_id: str, view: str | View | None = None) -> bytes:
     """PNG of one transfer: the demonstration on its structure, the plan on the target."""
     row = _row(source, transfer_id)
     flown, target = source.structure(str(row["source_id"])), source.structure(str(row["target_id"]))
@@ -34,7 +34,7 @@ def render_transfer(source: Source, transfer_id: str, view: str | View = "three-
 
 
 def render_comparison(
-    source: Source, demonstration_id: str, target_id: str, view: str | View = "three-quarter"
+    source: Source, demonstration_id: str, target_id: str, view: str | View | None = None
 ) -> bytes:
     """PNG of the newest plan of each preset for one demonstration and target, side by side."""
     rows = source.transfers()

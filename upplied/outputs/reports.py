@@ -13,7 +13,7 @@ from upplied.outputs.along import profile
 from upplied.outputs.display import display_mesh, display_states, structure_data
 from upplied.outputs.pair_page import demonstration_data, pair_data, planned_data
 from upplied.outputs.pairs import Pair, number
-from upplied.records import Demonstration, Floats, Measures, Plan, Structure, SurfaceStates, Trajectory
+from upplied.records import Demonstration, Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
 from upplied.scene import Scene, scene_of
 
 _POSE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
@@ -50,11 +50,12 @@ class Reader:
     def __init__(self, source: Source) -> None:
         self.source = source
         self.structure = lru_cache(4)(source.structure)
-        self.demonstration = lru_cache(4)(source.demonstration)
+        self.demonstration = lru_cache(32)(source.demonstration)
+        self._mesh = lru_cache(4)(self._mesh_of)
         self._hashes = lru_cache(2)(self._hashes_of)
         self._scene = lru_cache(4)(self._scene_of)
         self._data = lru_cache(4)(self._data_of)
-        self._flown = lru_cache(2)(self._flown_of)
+        self._flown = lru_cache(32)(self._flown_of)
 
     def sha256(self, table: str, name: str) -> str:
         """Hash of a structure or demonstration as it stands now; empty where it is not known."""
@@ -87,7 +88,7 @@ class Reader:
 
     def _states(self, row: Any, target_id: str) -> np.ndarray | None:
         surface = self.source.surface(str(row["transfer_id"]))
-        return None if surface is None else display_states(display_mesh(self.structure(target_id)), surface)
+        return None if surface is None else display_states(self._mesh(target_id), surface)
 
     def _hashes_of(self, table: str) -> dict[str, str]:
         rows = getattr(self.source, table)()
@@ -96,8 +97,11 @@ class Reader:
     def _scene_of(self, structure_id: str) -> Scene:
         return scene_of(self.structure(structure_id))
 
+    def _mesh_of(self, structure_id: str) -> tuple[Floats, Ints]:
+        return display_mesh(self.structure(structure_id))
+
     def _data_of(self, structure_id: str) -> dict[str, Any]:
-        return structure_data(self.structure(structure_id))
+        return structure_data(self.structure(structure_id), self._mesh(structure_id))
 
     def _flown_of(self, demonstration_id: str) -> dict[str, Any]:
         flown = self.demonstration(demonstration_id)

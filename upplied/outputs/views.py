@@ -39,6 +39,14 @@ def named_view(view: str | View) -> View:
     return VIEWS[view]
 
 
+def facing(vertices: Floats, positions: Floats) -> View:
+    """The three-quarter view from the side on which a path (N, 3) is flown around vertices (V, 3), m."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    aside = (positions.mean(axis=0) - (low + high) / 2) / np.maximum(high - low, 1e-9)
+    azimuth = 52.0 if aside[1] > 0.05 else -52.0
+    return View(float(np.copysign(180.0, azimuth) - azimuth) if aside[0] < -0.25 else azimuth, 24.0)
+
+
 @dataclass(frozen=True)
 class Frame:
     """A view fitted to what it shows, on a picture of given size in pixels."""

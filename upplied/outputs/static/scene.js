@@ -102,7 +102,8 @@
     });
     const radius = Math.hypot(...size) / 2 / longest;
     const far = (0.62 * radius) / Math.sin(FOV / 2);
-    const home = { eye: { x: 0.562 * far, y: -0.719 * far, z: 0.407 * far }, center: { x: 0, y: 0, z: 0 }, up: { x: 0, y: 0, z: 1 } };
+    const [ahead, aside] = side(structure, tracks);
+    const home = { eye: { x: ahead * 0.562 * far, y: aside * 0.719 * far, z: 0.407 * far }, center: { x: 0, y: 0, z: 0 }, up: { x: 0, y: 0, z: 1 } };
     const axis = (at) => ({ visible: false, autorange: false, range: bounds[at] });
     const layout = {
       margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, hoverlabel: { font: { size: 12 } },
@@ -142,6 +143,19 @@
       return { eye: inPlot(xyz), center: inPlot(ahead), up: { x, y, z } };
     }
   };
+
+  // From which side the first path is flown: signs of x and y of the eye.
+  function side(structure, tracks) {
+    if (!tracks.length) return [1, -1];
+    const vertices = unpack(structure.vertices), { xyz, count } = tracks[0].path;
+    const offset = [0, 1].map((axis) => {
+      const [low, high] = extent(axis, vertices, []);
+      let sum = 0;
+      for (let i = axis; i < xyz.length; i += 3) sum += xyz[i];
+      return (sum / count - (low + high) / 2) / Math.max(high - low, 1e-9);
+    });
+    return [offset[0] < -0.25 ? -1 : 1, offset[1] > 0.05 ? 1 : -1];
+  }
 
   function extent(axis, vertices, tracks) {
     let low = Infinity, high = -Infinity;
