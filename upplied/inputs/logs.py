@@ -18,7 +18,7 @@ from upplied.errors import InputError
 from upplied.inputs.flight import window
 from upplied.inputs.flight.choice import NOTHING, READERS, choose, nothing
 from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, timed
-from upplied.inputs.flight.mounts import camera_poses, in_structure_frame
+from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.mcap.recording import Channel, Recording, open_recording
 from upplied.inputs.mcap.tables import Table, read_tables
@@ -97,10 +97,10 @@ def _demonstration(
     # From the body to the camera, from the log's frame to the structure's.
     track = camera_poses(track, facts, tree, camera_frame, gimbal.gimbal(tables, facts))
     check_dropped(track, facts, f"{what}, {topic}")
-    track = in_structure_frame(track, facts)
+    track = in_structure_frame(in_frame(track, facts, tree, f"{what}, {topic}"), facts)
     _check_length(track, facts, what)
-    broken, counts = breaks(track, facts.gap_s)
-    notes += [*more, *chosen, *cut, *track.notes, *(f"{n} {kind}" for kind, n in counts.items() if n)]
+    broken, how = breaks(track, facts.gap_s)
+    notes += [*more, *chosen, *cut, *track.notes, *how]
     found = Demonstration(
         demonstration_id=facts.demonstration_id,
         structure_id=facts.structure_id,

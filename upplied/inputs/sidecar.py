@@ -84,6 +84,7 @@ _VECTORS = {
 _INTEGERS = ("start_ns", "end_ns")
 _TEXTS = tuple(item.name for item in fields(LogOptions) if item.default == "")
 _NAMES = tuple(item.name for item in fields(LogOptions) if item.name not in _READER_ONLY)
+_FAR_M = 1e7
 _BOUNDS: dict[str, tuple[float, float]] = {
     "structure_lat_deg": (-90, 90),
     "structure_lon_deg": (-180, 360),
@@ -91,6 +92,16 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "camera_vfov_deg": (1, 180),
     "camera_min_range_m": (0, 10_000),
     "camera_max_range_m": (0.01, 100_000),
+    "structure_alt_m": (-1000, 20_000),
+    "structure_heading_deg": (-360, 360),
+    "geoid_undulation_m": (-200, 200),
+    "start_s": (-1e7, 1e7),
+    "stop_s": (-1e7, 1e7),
+    "start_ns": (0, 2**63 - 1),
+    "end_ns": (0, 2**63 - 1),
+    "gap_s": (1e-3, 3600),
+    "max_dropped": (0, 1),
+    "min_duration_s": (0, 1e6),
 }
 
 
@@ -234,8 +245,7 @@ def _checked(facts: LogOptions, what: str) -> LogOptions:
 def _check_vector(name: str, vector: Vector | None, size: int, what: str) -> None:
     if vector is None:
         return
-    finite = len(vector) == size and all(math.isfinite(part) for part in vector)
-    if not finite:
+    if len(vector) != size or not all(abs(part) <= _FAR_M for part in vector):  # NaN is not
         raise InputError(f"{what}, {name}", f"got {str(vector)[:80]}", f"{size} finite numbers")
     if size == 4 and abs(math.hypot(*vector) - 1) > 1e-2:
         raise InputError(

@@ -25,6 +25,7 @@ _COMMANDED = re.compile(r"setpoint|goal|target|cmd|command|desired|reference|pla
 _INPUTS = re.compile(
     r"visual|vision|mocap_odometry|mocap/pose|fake_gps|raw|estimator_|groundtruth|/in$", re.IGNORECASE
 )
+_MOST = 8  # sources that are compared
 NOTHING = "holds no poses"
 SAME_M, SAME_RAD = 0.05, np.radians(3.0)  # sources of one estimate differ by their stamps alone
 
@@ -51,7 +52,7 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
         raise nothing(found, what)
     if not facts.topic:
         usable = _narrowed(usable, facts)
-    if len(usable) > 1:
+    if 1 < len(usable) <= _MOST:
         usable = _agreeing(usable, tables, facts)
     if len(usable) > 1:
         raise InputError(
@@ -66,10 +67,11 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
 
 def listed(tables: Sequence[Table]) -> str:
     """Topics with schema, rate and number of messages."""
-    return "; ".join(
+    shown = [
         f"{table.channel.topic} ({table.schema}, {table.rate_hz:.1f} Hz, {table.messages} messages)"
-        for table in tables
-    )
+        for table in tables[: 2 * _MOST]
+    ]
+    return "; ".join(shown) + (f" and {len(tables) - len(shown)} more" if len(tables) > len(shown) else "")
 
 
 def nothing(tables: Sequence[Table], what: str) -> InputError:

@@ -6,12 +6,13 @@ from collections import Counter
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from upplied.errors import InputError
 from upplied.inputs.flight.tracks import Track, are_unit
 from upplied.inputs.sidecar import LogOptions
 from upplied.poses import normalised
-from upplied.records import Bools, Floats, Ints
+from upplied.records import Bools, Ints
 
 MAX_SPAN_NS = 24 * 3600 * 10**9
 MAX_POSITION_M = 1e7
@@ -43,7 +44,7 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
         np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M, "position off the Earth"
     )
     track = track.keep(are_unit(track.quat_xyzw), "quaternion not of unit length")
-    track = _unrepeated(track.take(np.argsort(track.t_ns, kind="stable")))
+    track = _without_spikes(_unrepeated(track.take(np.argsort(track.t_ns, kind="stable"))))
     check_dropped(track, limits, what)
     return replace(track, quat_xyzw=normalised(track.quat_xyzw))
 
@@ -73,14 +74,15 @@ def reasons(track: Track) -> str:
     return ", ".join(f"{number} {reason}" for reason, number in sorted(track.dropped.items()))
 
 
-def breaks(track: Track, gap_s: float) -> tuple[Ints, dict[str, int]]:
-    """First sample after each gap, jump or reset of the estimator, and how many there are of each."""
+def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
+    """First sample after each gap, jump or reset of the estimator, and in words how many there are."""
     step_s = np.diff(track.t_ns) * 1e-9
     gaps = step_s > gap_s
     resets = np.zeros(len(step_s), bool) if track.epoch is None else np.diff(track.epoch) != 0
-    jumps = _jumps(np.linalg.norm(np.diff(track.positions, axis=0), axis=1), step_s) & ~gaps & ~resets
-    counts = {"gaps": int(gaps.sum()), "jumps": int(jumps.sum()), "estimator resets": int(resets.sum())}
-    return np.flatnonzero(gaps | jumps | resets) + 1, counts
+    jumps = _jumps(track) & ~gaps & ~resets
+    counts = {"gap": gaps.sum(), "jump": jumps.sum(), "estimator reset": resets.sum()}
+    words = [f"{number} {kind}{'s' if number > 1 else ''}" for kind, number in counts.items() if number]
+    return np.flatnonzero(gaps | jumps | resets) + 1, words
 
 
 def _finite(track: Track) -> Bools:
@@ -98,10 +100,20 @@ def _unrepeated(track: Track) -> Track:
     return replace(track.take(~same_time), dropped=+dropped)
 
 
-def _jumps(step_m: Floats, step_s: Floats) -> Bools:
-    speed = step_m / np.maximum(step_s, 1e-9)
-    jumps = np.zeros(len(speed), bool)
-    for index in np.flatnonzero((speed > MAX_SPEED_MPS) & (step_m > MIN_JUMP_M)):
-        around = speed[max(0, index - 5) : index + 6]  # a fast flight is fast for a while
-        jumps[index] = speed[index] > 3 * np.median(around)
-    return jumps
+def _without_spikes(track: Track) -> Track:
+    """Drop single samples that lie off the flight before and after them."""
+    if len(track) < 3:
+        return track
+    jumps = _jumps(track)
+    lone = np.concatenate([[False], jumps[:-1] & jumps[1:], [False]])
+    return track.keep(~lone, "far off its neighbours")
+
+
+def _jumps(track: Track) -> Bools:
+    """Which steps (N - 1,) are no flight: too fast, and much faster than the steps around."""
+    if len(track) < 2:
+        return np.zeros(0, bool)
+    step_m = np.linalg.norm(np.diff(track.positions, axis=0), axis=1)
+    speed = step_m / np.maximum(np.diff(track.t_ns) * 1e-9, 1e-9)
+    usual = median_filter(speed, size=11, mode="nearest")  # a fast flight is fast for a while
+    return (step_m > MIN_JUMP_M) & (speed > MAX_SPEED_MPS) & (speed > 3 * usual)

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.errors import InputError
 from upplied.inputs.flight.tracks import Track, at_times
+from upplied.inputs.schemas.geodetic import STRUCTURE
 from upplied.inputs.schemas.gimbal import Gimbal
 from upplied.inputs.schemas.tf import Tree
 from upplied.inputs.sidecar import LogOptions
-from upplied.records import Floats
+from upplied.records import Bools, Floats, Ints
 
 # Optical frames (ROS, REP-103) are z forward, x right, y down; ours is x forward, y left, z up.
 OPTICAL_R_CAMERA = Rotation.from_matrix([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
@@ -42,9 +44,37 @@ def camera_poses(
     return _noted(track, "no camera mount in the log: the camera is taken to look along the body's x axis")
 
 
+def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
+    """Poses in the frame in which the structure is placed, through the transforms where it is another.
+
+    Raises
+    ------
+    InputError
+        If the structure is placed in a frame that the log does not connect with that of the poses.
+    """
+    wanted = facts.frame_id.lstrip("/")
+    if not wanted or track.parent in ("", wanted, STRUCTURE):
+        return track
+    if not tree.path(track.parent, wanted):
+        if not _is_placed(facts):
+            return track
+        raise InputError(
+            what,
+            f"gives poses in the frame {track.parent!r}, the structure is placed in {wanted!r}",
+            "one frame, or transforms between them",
+            "place the structure in the frame of the poses",
+        )
+    fixed = tree.fixed(track.parent, wanted)
+    if fixed is not None:
+        return _under(track, np.tile(fixed[0], (len(track), 1)), fixed[1], wanted)
+    positions, quats, known = _at(tree, track.parent, wanted, track.t_ns, facts)
+    moved = _under(track, positions, Rotation.from_quat(quats), wanted)
+    return moved.keep(known, f"no transform to {wanted} at that time")
+
+
 def in_structure_frame(track: Track, facts: LogOptions) -> Track:
     """Poses in the frame of the structure, from its pose in the log's frame."""
-    if facts.structure_position_m is None and facts.structure_quat_xyzw is None:
+    if track.parent == STRUCTURE or not _is_placed(facts):
         return track
     position = np.array(facts.structure_position_m or _NOWHERE)
     turn = Rotation.from_quat(facts.structure_quat_xyzw or (0.0, 0.0, 0.0, 1.0)).inv()
@@ -96,11 +126,31 @@ def _on_tree(track: Track, tree: Tree, body: str, camera_frame: str, facts: LogO
     fixed = tree.fixed(camera_frame, body)
     if fixed is not None:
         return _noted(mounted(track, fixed[0], fixed[1] * OPTICAL_R_CAMERA), note)
-    positions, quats = at_times(tree.track(camera_frame, body, facts), track.t_ns, facts.gap_s)
-    known = np.isfinite(quats[:, 0])
-    quats[~known] = (0.0, 0.0, 0.0, 1.0)
-    moving = mounted(track, np.nan_to_num(positions), Rotation.from_quat(quats) * OPTICAL_R_CAMERA)
+    positions, quats, known = _at(tree, camera_frame, body, track.t_ns, facts)
+    moving = mounted(track, positions, Rotation.from_quat(quats) * OPTICAL_R_CAMERA)
     return _noted(moving.keep(known, "no transform to the camera at that time"), note)
+
+
+def _at(tree: Tree, leaf: str, root: str, t_ns: Ints, facts: LogOptions) -> tuple[Floats, Floats, Bools]:
+    """Pose of `leaf` in `root` at these times, and where it is known; no rotation where it is not."""
+    positions, quats = at_times(tree.track(leaf, root, facts), t_ns, facts.gap_s)
+    known: Bools = np.isfinite(quats[:, 0])
+    positions[~known], quats[~known] = 0.0, (0.0, 0.0, 0.0, 1.0)
+    return positions, quats, known
+
+
+def _under(track: Track, positions: Floats, rotation: Rotation, parent: str) -> Track:
+    """The track, seen from a frame in which its own parent has this pose."""
+    return replace(
+        track,
+        positions=positions + rotation.apply(track.positions),
+        quat_xyzw=(rotation * Rotation.from_quat(track.quat_xyzw)).as_quat(),
+        parent=parent,
+    )
+
+
+def _is_placed(facts: LogOptions) -> bool:
+    return facts.structure_position_m is not None or facts.structure_quat_xyzw is not None
 
 
 def _noted(track: Track, note: str) -> Track:

@@ -212,7 +212,7 @@ def collect(records: bytes, sinks: Mapping[int, Sink | None], define: Callable[[
     """
     at, end, number, unpack = 0, len(records), 0, _MESSAGE_RECORD.unpack_from
     while at + MESSAGE_HEAD <= end:
-        opcode, length, channel_id, _, log_ns, publish_ns = unpack(records, at)
+        opcode, length, channel_id, log_ns, publish_ns = unpack(records, at)
         stop = at + 9 + length
         if stop > end or length < MIN_RECORD_BYTES:
             raise DamagedError("a chunk holds what is no record")
@@ -248,5 +248,5 @@ def _decompressed(data: memoryview, compression: bytes, size: int) -> bytes:
 _ZSTD = zstandard.ZstdDecompressor()
 _CHUNK = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression's name
 _RECORD = struct.Struct("<BQ")
-_MESSAGE_RECORD = struct.Struct("<BQHIQQ")
+_MESSAGE_RECORD = struct.Struct("<BQH4xQQ")  # without the sequence number
 MESSAGE_HEAD = _MESSAGE_RECORD.size

@@ -17,6 +17,7 @@ from upplied.inputs.mcap.layouts import MAX_DEPTH, Layout, PayloadError, Walk
 
 Columns = dict[str, Any]
 
+MAX_PATHS = 10_000  # fields of one message, with those of the messages in it
 MAX_TEXT = 200  # characters of a name that are kept
 _MAX_GROUPS = 32  # layouts of one payload length that are read by array operations
 
@@ -43,9 +44,9 @@ class RosDecoder:
 
     def paths(self) -> set[str]:
         """Every path that a column can have; elements of a sequence of messages are ``name[].field``."""
-        found: set[str] = set()
+        found: list[str] = []
         self._collect(self._root, "", found, 0)
-        return found
+        return {path for path in found if not path.endswith(".")}
 
     def columns(self, payloads: Sequence[bytes], wanted: Iterable[str]) -> tuple[Columns, np.ndarray, int]:
         """The wanted values of many payloads.
@@ -64,7 +65,8 @@ class RosDecoder:
         unreadable : int
             Payloads that do not fit the definition.
         """
-        wanted = [path for path in wanted if path in self.paths()]
+        known = self.paths()
+        wanted = [path for path in wanted if path in known]
         pieces: list[tuple[Columns, np.ndarray]] = []
         unreadable = 0
         for rows in _by_length(payloads):
@@ -84,14 +86,15 @@ class RosDecoder:
                 rows = np.setdiff1d(rows, taken[same], assume_unique=True)
         return (*_joined(pieces, wanted), unreadable)
 
-    def _collect(self, message: str, prefix: str, found: set[str], depth: int) -> None:
-        if depth > MAX_DEPTH or len(found) > 10_000:
+    def _collect(self, message: str, prefix: str, found: list[str], depth: int) -> None:
+        found.append(prefix or ".")  # an empty message counts too, or the walk could be endless
+        if depth > MAX_DEPTH or len(found) > MAX_PATHS:
             raise DefinitionError("messages nest too deeply")
         for name, kind, size in self._messages[message]:
             if kind in SIZES or kind == "string":
                 # A sequence of numbers or strings has no width that a column could have.
                 if size is None or (size >= 0 and kind != "string"):
-                    found.add(prefix + name)
+                    found.append(prefix + name)
             else:
                 self._collect(kind, f"{prefix}{name}{'' if size is None else '[]'}.", found, depth + 1)
 

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 import zstandard
 
+from upplied.errors import InputError
 from upplied.inputs.mcap.definitions import DefinitionError
 from upplied.inputs.mcap.objects import JsonDecoder, ProtobufDecoder
 from upplied.inputs.mcap.recording import MAX_MESSAGES, Channel, Recording
@@ -18,6 +19,7 @@ from upplied.inputs.mcap.rosmsg import RosDecoder
 from upplied.records import Ints
 
 _BATCH_BYTES = 8 * 2**20  # payloads held before they are decoded
+_MAX_CHANNELS = 500
 _BATCH = 20_000  # messages
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no CDR begins so
 _MAX_PAYLOAD_BYTES = 2**20  # a pose or a tree of transforms is far smaller
@@ -76,6 +78,10 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
         paths = tuple(fields(channel))
         if not paths:
             return None
+        if len(builders) >= _MAX_CHANNELS:
+            raise InputError(
+                str(recording.path), f"holds more than {_MAX_CHANNELS} channels of poses", "fewer"
+            )
         builder = builders[channel.channel_id] = _Builder(channel, paths)
         return builder.sink
 

@@ -146,6 +146,8 @@ def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
                 _hold(tree, link, track)
             else:
                 loose.setdefault(link, []).append(track)
+    if len(loose) + len(tree.static) > _MAX_FRAMES:
+        raise InputError(tree.topic, f"holds more than {_MAX_FRAMES} links", "fewer")
     for link, tracks in loose.items():
         track = _cleaned(_merged(tracks), limits)
         if len(track) > 1 and (
