@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from upplied.errors import RefusedError
 from upplied.poses import angle_between, matrices, optical_axis, yaw_pitch
@@ -163,6 +166,16 @@ def test_a_point_cloud_is_flown_round_too() -> None:
     cloud = Structure("yacht-cloud", "ship", points, np.empty((0, 3), np.int64))
     flight = fly(cloud, "hull")
     assert distance_between(flight, mesh) > 1.8  # of the mesh, which he never saw
+
+
+@pytest.mark.parametrize("inspection", INSPECTIONS["airliner"])
+def test_an_airplane_may_stand_beside_the_origin(inspection: str) -> None:
+    structure = member("a320-v1").structure
+    shift = np.array([300.0, -40.0, 0.0])
+    moved = replace(structure, vertices=structure.vertices + shift)
+    here, there = fly(structure, inspection), fly(moved, inspection)
+    nearest = cKDTree(here.positions).query(there.positions - shift)[0]
+    assert np.percentile(nearest, 90) < 0.5
 
 
 def test_what_cannot_be_inspected_is_refused() -> None:

@@ -6,7 +6,7 @@ A route is a coarse wish: the hand that flies it (`upplied.samples.hand`) rounds
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
@@ -16,7 +16,7 @@ from upplied.errors import RefusedError
 from upplied.records import Floats, Structure
 from upplied.samples.airframe import airframe, left_nacelle
 from upplied.samples.plan_view import Pier, offset_outline, surface_points, tower_of, two_piers
-from upplied.scene import Scene
+from upplied.scene import Scene, scene_of
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,9 @@ class Route:
 
     positions: Floats
     look: Floats
+
+
+Inspection = Callable[[Structure, Scene, float], Route]  # of a structure, its scene and the ground's height
 
 
 def route_of(structure: Structure, inspection: str, scene: Scene, ground_z: float) -> Route:
@@ -40,6 +43,21 @@ def route_of(structure: Structure, inspection: str, scene: Scene, ground_z: floa
             f"inspection {inspection!r}", "is unknown", f"one of {', '.join(sorted(INSPECTIONS))}"
         )
     return INSPECTIONS[inspection](structure, scene, ground_z)
+
+
+def _about_the_middle(inspect: Inspection) -> Inspection:
+    """The inspection of an airplane whose plane of symmetry may lie beside y = 0."""
+
+    def route(structure: Structure, scene: Scene, ground_z: float) -> Route:
+        low, high = structure.vertices[:, 1].min(), structure.vertices[:, 1].max()
+        aside = np.array([0.0, (low + high) / 2, 0.0])
+        if abs(aside[1]) < 0.002 * (high - low):
+            return inspect(structure, scene, ground_z)
+        centred = replace(structure, vertices=structure.vertices - aside)
+        found = inspect(centred, scene_of(centred), ground_z)
+        return Route(found.positions + aside, found.look + aside)
+
+    return route
 
 
 def _fuselage(structure: Structure, scene: Scene, ground_z: float) -> Route:
@@ -79,46 +97,32 @@ def _engine_left(structure: Structure, scene: Scene, ground_z: float) -> Route:
     """A sweep round the front of the left engine at its height, and back a little higher."""
     frame = airframe(structure, scene)
     engine = left_nacelle(structure, frame, scene)
-    x, y, z = engine.centre
+    middle = np.array(engine.centre)
     off = engine.radius_m + float(np.clip(3.2 * engine.radius_m, 5.0, 8.0))
-    passes: list[tuple[Floats, float]] = []
+    passes: list[Floats] = []
     for lift in (0.0, 0.45 * off):
-        azimuth = _open_arc(
-            scene, np.array([x, y, z]), off + engine.length_m / 3, max(z + lift, ground_z + 2)
-        )
-        if azimuth is not None:
-            passes.append((azimuth if not passes else azimuth[::-1], max(z + lift, ground_z + 2)))
+        height = max(engine.centre[2] + lift, ground_z + 2)
+        arc = _open_arc(scene, middle, off + engine.length_m / 3, height)
+        if arc is not None:
+            passes.append(arc[::-1] if passes else arc)
     if not passes:
         raise RefusedError(structure.structure_id, "there is no room to fly round the left engine")
-    radius = off + engine.length_m / 3
-    positions = np.concatenate(
-        [
-            np.column_stack(
-                [x + radius * np.cos(azimuth), y + radius * np.sin(azimuth), np.full(len(azimuth), height)]
-            )
-            for azimuth, height in passes
-        ]
-    )
-    return Route(positions, np.broadcast_to([x, y, z], positions.shape).copy())
+    positions = np.concatenate(passes)
+    return Route(positions, np.broadcast_to(middle, positions.shape).copy())
 
 
-def _open_arc(scene: Scene, centre: Floats, radius: float, height: float) -> Floats | None:
-    """Azimuths round the engine, from ahead to both sides, that keep 3.5 m off; None where too few."""
+def _open_arc(scene: Scene, middle: Floats, radius: float, height: float) -> Floats | None:
+    """The arc round the engine, from ahead to both sides, that keeps 3.5 m off; None where too short."""
     azimuth = np.radians(np.arange(-100.0, 150.0, 3.0))
-    ring = np.column_stack(
-        [
-            centre[0] + radius * np.cos(azimuth),
-            centre[1] + radius * np.sin(azimuth),
-            np.full(len(azimuth), height),
-        ]
-    )
+    ring = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))]) * radius
+    ring += (middle[0], middle[1], height)
     free = scene.distance(ring) > 3.5
     ahead = int(np.argmin(np.abs(azimuth - np.radians(20))))
     if not free[ahead]:
         return None
     first = ahead - int(np.argmin(np.append(free[ahead::-1], False))) + 1
     last = ahead + int(np.argmin(np.append(free[ahead:], False)))
-    return azimuth[first:last] if last - first > 10 else None
+    return ring[first:last] if last - first > 10 else None
 
 
 def _tower(structure: Structure, scene: Scene, ground_z: float) -> Route:
@@ -232,10 +236,10 @@ def _nearest(outline: Floats, points: Floats) -> Floats:
     return np.asarray(outline[cKDTree(outline).query(points)[1]])
 
 
-INSPECTIONS: dict[str, Callable[[Structure, Scene, float], Route]] = {
-    "fuselage": _fuselage,
-    "wings": _wings,
-    "engine_left": _engine_left,
+INSPECTIONS: dict[str, Inspection] = {
+    "fuselage": _about_the_middle(_fuselage),
+    "wings": _about_the_middle(_wings),
+    "engine_left": _about_the_middle(_engine_left),
     "tower": _tower,
     "hull": _hull,
     "sides": _sides,
