@@ -125,10 +125,11 @@
           for (const name of ["x", "y", "z"]) tips[name].push(line[name]);
         }
         if (groups.length) await Plotly.restyle(root, tips, groups.map((own) => own.flying));
+        lens(aboard ? Math.min(camera.vfov_deg, 120) : (FOV * 180) / Math.PI);
         if (aboard && poses[chosen]) await Plotly.relayout(root, { "scene.camera": aboardCamera(poses[chosen]) });
         return poses;
       },
-      async home() { await ready; await Plotly.relayout(root, { "scene.camera": home }); },
+      async home() { await ready; lens((FOV * 180) / Math.PI); await Plotly.relayout(root, { "scene.camera": home }); },
       async visible(at, path, frusta) {
         await ready;
         await Plotly.restyle(root, { visible: [path, path && frusta, path] }, [groups[at].line, groups[at].frusta, groups[at].flying]);
@@ -136,6 +137,12 @@
       async coloured(codes) { await ready; await Plotly.restyle(root, structure.triangles.data ? { intensity: [codes] } : { "marker.color": [codes] }, [0]); },
       purge() { Plotly.purge(root); },
     };
+
+    // Plotly has no option for the angle of its lens; where its scene can be reached, it is the camera's own.
+    function lens(degrees) {
+      const plot = root._fullLayout && root._fullLayout.scene && root._fullLayout.scene._scene && root._fullLayout.scene._scene.glplot;
+      if (plot && typeof plot.fovy === "number") plot.fovy = (degrees * Math.PI) / 180;
+    }
 
     function aboardCamera({ xyz, quat }) {
       const ahead = turned(quat, [0.2 * longest, 0, 0]).map((value, at) => value + xyz[at]);
