@@ -200,18 +200,18 @@ def _with_unions(
 
 def _unions_like(one: Parts, part: int, other: Parts, free: Ints, diagonal_m: float) -> list[list[int]]:
     """Pairs of parts whose common box is like that of a part, the most alike first."""
-    found = []
-    alone = _single(one.low[part], one.high[part], float(one.area[part]))
-    for first, second in combinations(free.tolist(), 2):
-        pair = [first, second]
-        low, high = other.low[pair].min(axis=0), other.high[pair].max(axis=0)
-        union = _single(low, high, float(other.area[pair].sum()))
-        cost, allowed = _costs(alone, union, diagonal_m)
-        if allowed[0, 0] and other.area[pair].min() > _PART_OF * union.area[0]:
-            found.append((float(cost[0, 0]), pair))
-    return [pair for _, pair in sorted(found)[:_TRIES]]
+    pairs = np.array(list(combinations(free.tolist(), 2)), np.int64).reshape(-1, 2)
+    area = other.area[pairs]
+    pairs = pairs[area.min(axis=1) > _PART_OF * area.sum(axis=1)]
+    low, high = other.low[pairs].min(axis=1), other.high[pairs].max(axis=1)
+    unions = _boxes(low, high, other.area[pairs].sum(axis=1))
+    alone = _boxes(one.low[[part]], one.high[[part]], one.area[[part]])
+    cost, allowed = _costs(alone, unions, diagonal_m)
+    best = np.argsort(np.where(allowed[0], cost[0], np.inf), kind="stable")[:_TRIES]
+    return [pairs[index].tolist() for index in best if allowed[0, index]]
 
 
-def _single(low: Floats, high: Floats, area: float) -> Parts:
-    box = np.sort(high - low)[None, ::-1]
-    return Parts(low[None], high[None], np.array([area]), np.zeros((1, 1), bool), box)
+def _boxes(low: Floats, high: Floats, area: Floats) -> Parts:
+    """Parts known by their boxes alone."""
+    extent = np.sort(high - low, axis=1)[:, ::-1]
+    return Parts(low, high, area, np.zeros((len(low), len(low)), bool), extent)
