@@ -12,7 +12,7 @@ from upplied.inputs.formats.text import integers, numbers, widths
 from upplied.records import Floats, Ints
 
 _REST = re.compile(rb"/[^\s]*")  # texture and normal indices
-_SURFACES = re.compile(rb"^(curv2?|surf|cstype)\b", re.MULTILINE)
+_SURFACES = (b"\ncurv", b"\nsurf", b"\ncstype")
 
 
 def read_obj(source: Source) -> RawMesh:
@@ -46,16 +46,19 @@ class _Lines:
             raise source.error("holds binary data", "OBJ is text")
         if b"\r" in data:
             data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-        data = re.sub(rb"#[^\n]*", b"", data.replace(b"\\\n", b" "))
-        data = re.sub(rb"^[ \t]+", b"", data, flags=re.MULTILINE) + b"\n"
-        if _SURFACES.search(data):
+        data = b"\n" + data.replace(b"\\\n", b" ") + b"\n\n"
+        if data.count(b"#") > data.count(b"\n#"):  # comments behind something else
+            data = re.sub(rb"#[^\n]*", b"", data)
+        if b"\n " in data or b"\n\t" in data:
+            data = re.sub(rb"\n[ \t]+", b"\n", data)
+        if any(word in data for word in _SURFACES):
             raise source.error("holds free-form surfaces", "polygons", "tessellate it on export")
-        self._bytes = np.frombuffer(data + b"\n", np.uint8).copy()
+        self._bytes = np.frombuffer(data, np.uint8).copy()
         ends = np.flatnonzero(self._bytes == ord("\n"))
         self._starts = np.concatenate([[0], ends[:-1] + 1])
         self._lengths = np.diff(self._starts, append=len(self._bytes))
         first, second = self._bytes[self._starts[:-1]], self._bytes[self._starts[:-1] + 1]
-        self._keyword = np.where(second <= ord(" "), first, 0)  # of one letter, else 0
+        self._keyword = np.where((first > ord(" ")) & (second <= ord(" ")), first, 0)  # of one letter, else 0
         self._bytes[self._starts[:-1][self._keyword > 0]] = ord(" ")
 
     def of(self, letters: str) -> Ints:

@@ -30,7 +30,7 @@ def numbers(text: bytes) -> Floats:
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # older numpy warns where newer raises
         try:
-            return np.fromstring(text.decode("latin-1"), sep=" ")
+            return np.fromstring(text, sep=" ")
         except DeprecationWarning as error:
             raise ValueError(str(error)) from None
 
@@ -60,4 +60,4 @@ def widths(text: bytes) -> Ints:
     begins = inside.copy()
     begins[1:] &= ~inside[:-1]
     ends = np.flatnonzero(characters == ord("\n"))
-    return np.diff(np.concatenate([[0], np.cumsum(begins)[ends]]))
+    return np.diff(np.searchsorted(np.flatnonzero(begins), ends), prepend=0)
