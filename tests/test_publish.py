@@ -161,6 +161,13 @@ def test_one_broken_structure_costs_its_own_page_only(tmp_path):
     assert (tmp_path / "transfers" / "orbit-1--cuboid-1.html").exists()
 
 
+def test_an_id_that_is_no_file_name_makes_no_file(tmp_path):
+    catalog = FakeCatalog(targets=1)
+    catalog.rows[0]["target_id"] = "../../evil"
+    done = publish_pages(catalog, tmp_path / "a" / "reports", pictures=0)
+    assert len(done.problems) == 1 and not list(tmp_path.rglob("*evil*"))
+
+
 def test_an_empty_catalog_has_an_empty_page(tmp_path):
     catalog = FakeCatalog(targets=1)
     catalog.rows.clear()

@@ -11,6 +11,7 @@ from typing import Any
 
 from upplied import __version__
 from upplied.catalog import Catalog, export_tables
+from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import SettingsError, UppliedError
 from upplied.outputs import pages
@@ -160,6 +161,8 @@ def publish_file(
 
 
 def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bool) -> None:
+    for what in ("demonstration_id", "source_id", "target_id"):
+        check_id(getattr(pair, what), what)  # they become file names
     used = list(dict.fromkeys((pair.source_id, pair.target_id)))
     hashes = [reader.sha256("structures", name) for name in used]
     for name, sha256 in zip(used, hashes, strict=True):
