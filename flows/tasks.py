@@ -6,8 +6,11 @@ table is not the record of what is done: the catalog is.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from prefect import task
 from prefect.cache_policies import NO_CACHE
+from prefect.utilities.annotations import quote
 
 from upplied import fleet
 from upplied.catalog import open_catalog
@@ -31,6 +34,12 @@ def ingest_demonstrations(catalog: str, logs: list[str], workers: int) -> list[d
 def plan_shard(name: str, run_id: str, shard: int) -> None:
     """Plan one shard of a run in its worker processes."""
     SESSIONS[run_id].work(shard)
+
+
+@task(name="plan-elsewhere", task_run_name="{name}", cache_policy=NO_CACHE)
+def plan_elsewhere(name: str, catalog: str, jobs: quote[Sequence[fleet.Job]], run_id: str) -> fleet.Result:
+    """Plan one shard in the process that an engine chose."""
+    return fleet.plan_here(catalog, jobs.unquote(), run_id)
 
 
 @task(name="publish-reports", task_run_name="publish to {folder}", cache_policy=NO_CACHE)

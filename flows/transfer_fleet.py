@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from prefect import flow, runtime
 from prefect.states import Completed, State
-from prefect.task_runners import ThreadPoolTaskRunner
 
 from flows import tasks
 from flows.artifacts import transfer_artifacts
+from flows.engines import plan
 from flows.ingest_demonstrations import ingest_demonstrations
 from flows.ingest_structures import ingest_structures
 from flows.parameters import Changes, Id, Location, Presets, Resources
-from flows.progress import progress
 from upplied import fleet
 from upplied.catalog import open_catalog
 
@@ -69,23 +68,3 @@ def transfer_fleet(
     if reports:
         tasks.publish_reports(catalog, reports)
     return Completed(message=transfer_artifacts(decision, result, reports))
-
-
-def plan(catalog: str, jobs: list[fleet.Job], resources: Resources) -> fleet.Result:
-    """Plan the jobs, a task to a shard; the tasks feed one crew of worker processes."""
-    run_id = str(runtime.flow_run.id)
-    session = fleet.Session(open_catalog(catalog), jobs, run_id, resources.of_fleet())
-    tasks.SESSIONS[run_id] = session
-    try:
-        with ThreadPoolTaskRunner(max_workers=session.threads) as runner, session, progress(session):
-            submitted = [
-                runner.submit(
-                    tasks.plan_shard, {"name": fleet.shard_name(shard), "run_id": run_id, "shard": number}
-                )
-                for number, shard in enumerate(session.shards)
-            ]
-            for future in submitted:
-                future.result()
-    finally:
-        del tasks.SESSIONS[run_id]
-    return session.result

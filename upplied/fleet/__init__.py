@@ -9,10 +9,12 @@ import logging
 import uuid
 from datetime import UTC, datetime
 
+from upplied.fleet.crew import cores
 from upplied.fleet.decide import Decision, Job, Wish, decide
 from upplied.fleet.ingest import Ingested, check_structures, ingest_demonstrations, ingest_structures
 from upplied.fleet.ledger import Result
-from upplied.fleet.session import Resources, Session, shard_name, transfer
+from upplied.fleet.remote import plan_here
+from upplied.fleet.session import Resources, Session, shard_name, shards, transfer
 from upplied.fleet.workers import Limits
 from upplied.outputs.publish import publish
 
@@ -26,12 +28,15 @@ __all__ = [
     "Session",
     "Wish",
     "check_structures",
+    "cores",
     "decide",
     "ingest_demonstrations",
     "ingest_structures",
     "new_run_id",
+    "plan_here",
     "publish",
     "shard_name",
+    "shards",
     "transfer",
 ]
 

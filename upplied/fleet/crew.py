@@ -42,7 +42,7 @@ class Crew:
 
     def __init__(self, location: str, count: int = 0, limits: Limits | None = None) -> None:
         self.count = count or cores()
-        self._workers = Workers(self.count, _open, (location,), limits)
+        self._workers = Workers(self.count, prepare, (location,), limits)
 
     def close(self) -> None:
         """Stop the processes; jobs under way are given up and leave no row."""
@@ -58,7 +58,7 @@ class Crew:
         """
         began = time.monotonic()
         try:
-            return self._workers.run(_plan, job)
+            return self._workers.run(plan_in_process, job)
         except JobKilled as death:
             return Outcome(job, _without_path(job, "failed", str(death)), time.monotonic() - began)
 
@@ -73,7 +73,7 @@ def cores() -> int:
 _catalog: Catalog | None = None
 
 
-def _open(location: str) -> None:
+def prepare(location: str) -> None:
     """Open the catalog and load what planning needs, once per process."""
     global _catalog
     _catalog = open_catalog(location)
@@ -92,8 +92,8 @@ def _demonstration(demonstration_id: str) -> Demonstration:
     return _catalog.demonstration(demonstration_id)
 
 
-def _plan(job: Job) -> Outcome:
-    """Plan one job in this process; errors become plans with a reason."""
+def plan_in_process(job: Job) -> Outcome:
+    """Plan one job in this process, which was prepared; errors become plans with a reason."""
     assert _catalog is not None
     began = time.monotonic()
     detail = ""

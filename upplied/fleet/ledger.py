@@ -16,6 +16,10 @@ from upplied.planning.pair import METHOD_VERSION
 log = logging.getLogger(__name__)
 
 
+BATCH = 100  # outcomes that are committed together at the latest
+EVERY_S = 10.0  # a killed run loses no more than this much work
+
+
 class Ledger:
     """Collects outcomes from any thread and commits them together.
 
@@ -24,14 +28,10 @@ class Ledger:
     catalog : Catalog
     run_id : str
         Of the run that plans, kept with every row.
-    batch : int
-        A commit is made when this many outcomes wait ...
-    every_s : float
-        ... or when the last one is this long ago, so that a killed run loses little.
     """
 
-    def __init__(self, catalog: Catalog, run_id: str, batch: int = 100, every_s: float = 10.0) -> None:
-        self._catalog, self._run_id, self._batch, self._every_s = catalog, run_id, batch, every_s
+    def __init__(self, catalog: Catalog, run_id: str) -> None:
+        self._catalog, self._run_id = catalog, run_id
         self._waiting: list[Outcome] = []
         self._last = time.monotonic()
         self._lock = threading.Lock()
@@ -45,7 +45,7 @@ class Ledger:
             self.result.count(outcome)
             if outcome.plan.status != "superseded":
                 self._waiting.append(outcome)
-            if len(self._waiting) >= self._batch or time.monotonic() - self._last > self._every_s:
+            if len(self._waiting) >= BATCH or time.monotonic() - self._last > EVERY_S:
                 self._commit()
 
     def close(self) -> None:
@@ -87,6 +87,12 @@ class Result:
         setattr(self, status, getattr(self, status) + 1)
         if status != "ok":
             self.troubles.append((str(outcome.job), status, outcome.plan.reason))
+
+    def include(self, other: Result) -> None:
+        """Add the counts of another shard."""
+        for status in ("ok", "refused", "failed", "superseded"):
+            setattr(self, status, getattr(self, status) + getattr(other, status))
+        self.troubles += other.troubles
 
     @property
     def total(self) -> int:

@@ -7,11 +7,11 @@ process, since native code does not listen to anything gentler.
 
 from __future__ import annotations
 
-import logging
 import os
 import queue
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -20,8 +20,6 @@ from dataclasses import dataclass
 from multiprocessing import active_children, connection, get_context, parent_process
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
-
-log = logging.getLogger(__name__)
 
 Value = TypeVar("Value")
 
@@ -173,10 +171,7 @@ class _Worker:
         return executor
 
     def _obituary(self) -> str:
-        code = None
-        if self._process is not None:
-            self._process.join(5)
-            code = self._process.exitcode
+        code = _exit_code(self._process)
         if code is not None and code < 0:
             return f"its process was ended by {signal.Signals(-code).name}"
         return "its process ended" + ("" if code is None else f" with exit code {code}")
@@ -188,6 +183,16 @@ class _Worker:
             process.kill()
         if executor is not None:
             executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _exit_code(process: BaseProcess | None, patience_s: float = 5.0) -> int | None:
+    """The exit code of a process that has died; the executor's own thread may be about to note it."""
+    deadline = time.monotonic() + patience_s
+    while process is not None and time.monotonic() < deadline:
+        if process.exitcode is not None:
+            return process.exitcode
+        time.sleep(0.01)
+    return None
 
 
 def _gib(size: int) -> str:
