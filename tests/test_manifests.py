@@ -130,6 +130,7 @@ def test_a_symmetric_structure_needs_no_forward_axis(tmp_path: Path) -> None:
         ({"landmarks": {"no se": [0, 0, 0]}}, "A-Z a-z 0-9"),
         ({"landmarks": {"nose": [0, 0]}}, "x, y, z"),
         ({"symmetric": "yes"}, "true or false"),
+        ({"clip_ground": True}, "no ground_z"),
         ({"notes": "x" * 5000}, "4096"),
         ({"colour": "red"}, "known keys are id, kind, path"),
         ({"path": "../a.ply"}, "leaves the manifest's folder"),

@@ -138,6 +138,8 @@ def _csv_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
 def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool) -> StructureEntry:
     given = keys.parse(row, what)
     up, forward = keys.axes(given, what)
+    if given.get("clip_ground") and "ground_z" not in given:
+        raise InputError(what, "has clip_ground but no ground_z", "the height of the ground to clip at")
     return StructureEntry(
         structure_id=given["id"],
         kind=given["kind"],
