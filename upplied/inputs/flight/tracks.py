@@ -72,12 +72,10 @@ def source_times(table: Table, stamp_ns: Ints | None) -> tuple[Ints, str]:
 
 def stamps(table: Table, prefix: str) -> Ints | None:
     """Stamps of ``<prefix>.sec`` and ``<prefix>.nanosec``, ns; None where the messages have none."""
-    sec, nanosec = f"{prefix}.sec", f"{prefix}.nanosec"
-    if sec not in table or nanosec not in table:
+    if f"{prefix}.sec" not in table:
         return None
-    seconds, rest = (np.nan_to_num(np.asarray(table[name], float)) for name in (sec, nanosec))
-    exact = np.asarray(table[sec]) if np.asarray(table[sec]).dtype.kind in "iu" else seconds.clip(0, 9e9)
-    return exact.astype(np.int64).clip(0, 9_000_000_000) * 1_000_000_000 + rest.astype(np.int64)
+    seconds = table.integers(f"{prefix}.sec").clip(0, 9 * 10**9)
+    return seconds * 10**9 + table.integers(f"{prefix}.nanosec").clip(0, 10**9)
 
 
 def are_unit(quat_xyzw: Floats) -> Bools:
@@ -147,9 +145,7 @@ def pose_track(table: Table, stamp: str, position: str, rotation: str, parent: s
     """
     times, clock = source_times(table, stamps(table, stamp))
     parents, children = names(table, parent), names(table, child)
-    whole = all(path in table for path in pose_paths(position, rotation))
-    nothing = np.full((len(table), 7), np.nan)
-    values = table.stack(*pose_paths(position, rotation)) if whole else nothing
+    values = table.stack(*pose_paths(position, rotation))
     track = Track(
         times, values[:, :3], values[:, 3:], table.log_ns, clock=clock, dropped=Counter(table.dropped)
     )
@@ -176,9 +172,8 @@ def groups_of(parents: np.ndarray, children: np.ndarray) -> dict[tuple[str, str]
 
 def names(table: Table, path: str) -> np.ndarray:
     """The names of frames in a column, without a leading slash; empty where there are none."""
-    if path not in table or table[path].dtype != object:
-        return np.full(len(table), "", object)
-    known = {name: name.lstrip("/") for name in set(table[path].tolist())}
+    texts = table.texts(path)
+    known = {name: name.lstrip("/") for name in set(texts.tolist())}
     if len(known) == 1:
         return np.full(len(table), next(iter(known.values())), object)
-    return np.array([known[name] for name in table[path].tolist()], object)
+    return np.array([known[name] for name in texts.tolist()], object)

@@ -95,8 +95,7 @@ def _events(tables: Sequence[Table]) -> list[Span]:
 def _named(table: Table) -> list[bool]:
     words = [""] * len(table)
     for path in ("metadata", "event_type.name"):
-        if path in table:
-            words = [f"{word} {value}" for word, value in zip(words, table[path], strict=True)]
+        words = [f"{word} {value}" for word, value in zip(words, table.texts(path), strict=True)]
     return ["inspection" in word.lower() for word in words]
 
 

@@ -16,8 +16,9 @@ from upplied.inputs.mcap.objects import JsonDecoder, ProtobufDecoder
 from upplied.inputs.mcap.recording import MAX_MESSAGES, Channel, Recording
 from upplied.inputs.mcap.records import Sink
 from upplied.inputs.mcap.rosmsg import RosDecoder
-from upplied.records import Ints
+from upplied.records import Floats, Ints
 
+_LARGEST = np.uint64(2**62)  # no stamp and no counter comes near
 _BATCH_BYTES = 8 * 2**20  # payloads held before they are decoded
 _MAX_CHANNELS = 500
 _BATCH = 20_000  # messages
@@ -56,12 +57,37 @@ class Table:
     def __contains__(self, path: str) -> bool:
         return path in self.columns
 
-    def __getitem__(self, path: str) -> Any:
-        return self.columns[path]
+    def numbers(self, path: str) -> Floats:
+        """A column (N,) of numbers; NaN where there is none."""
+        column = self.columns.get(path)
+        if column is None or column.dtype == object or column.ndim != 1:
+            return np.full(len(self), np.nan)
+        return np.asarray(column, float)
 
-    def stack(self, *paths: str) -> Any:
-        """Several columns side by side, as floats (N, k)."""
-        return np.stack([np.asarray(self.columns[path], float) for path in paths], axis=-1)
+    def integers(self, path: str) -> Ints:
+        """A column (N,) of whole numbers; 0 where there is none."""
+        column = self.columns.get(path)
+        if column is None or column.dtype.kind not in "biu" or column.ndim != 1:
+            return np.nan_to_num(self.numbers(path)).clip(-(2.0**62), 2.0**62).astype(np.int64)
+        if column.dtype == np.uint64:
+            column = np.where(column > _LARGEST, np.uint64(0), column)
+        return np.asarray(column).astype(np.int64)
+
+    def vectors(self, path: str, width: int) -> Floats:
+        """A column (N, width) of lists of numbers; NaN where there is none of this width."""
+        column = self.columns.get(path)
+        if column is None or column.dtype == object or column.shape != (len(self), width):
+            return np.full((len(self), width), np.nan)
+        return np.asarray(column, float)
+
+    def texts(self, path: str) -> Any:
+        """A column (N,) of str, as objects; empty where there is none."""
+        column = self.columns.get(path)
+        return column if column is not None and column.dtype == object else np.full(len(self), "", object)
+
+    def stack(self, *paths: str) -> Floats:
+        """Several columns of numbers side by side, (N, k)."""
+        return np.stack([self.numbers(path) for path in paths], axis=-1)
 
     @property
     def rate_hz(self) -> float:
@@ -104,7 +130,7 @@ def joined(tables: list[Table]) -> Table:
     order = np.argsort(np.concatenate([table.log_ns for table in filled]), kind="stable")
     return Table(
         channel=tables[0].channel,
-        columns={path: np.concatenate([table[path] for table in filled])[order] for path in paths},
+        columns={path: np.concatenate([table.columns[path] for table in filled])[order] for path in paths},
         log_ns=np.concatenate([table.log_ns for table in filled])[order],
         publish_ns=np.concatenate([table.publish_ns for table in filled])[order],
         messages=sum(table.messages for table in tables),

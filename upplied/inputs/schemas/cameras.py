@@ -27,11 +27,7 @@ def calibrated(table: Table) -> tuple[Camera, str] | None:
 
     The pinhole model gives ``fov = 2 atan(w / 2 f)``, the fisheye models ``w / f``.
     """
-    matrix = next((table[name] for name in ("k", "K") if name in table), None)
-    if matrix is None or not len(table) or matrix.ndim != 2 or matrix.shape[1] != 9:
-        return None
-    if "width" not in table or "height" not in table:
-        return None
+    matrix = table.vectors("k" if "k" in table else "K", 9)
     values = np.column_stack([table.stack("width", "height"), matrix[:, [0, 4]]])
     good = ((values > 1e-3) & (values < 1e7)).all(axis=1)
     if not good.any():

@@ -22,7 +22,7 @@ from upplied.inputs.mcap.tables import Table
 from upplied.inputs.schemas import gimbal, px4
 from upplied.inputs.sidecar import LogOptions
 from upplied.poses import from_yaw_pitch
-from upplied.records import Floats
+from upplied.records import Bools, Floats, Ints
 
 _PLACE = ("latitude", "longitude", "altitude")
 _TURN = tuple(f"orientation.{axis}" for axis in "xyzw")
@@ -101,29 +101,20 @@ def _check_near(enu: Floats, table: Table) -> None:
         )
 
 
-def _fixes(table: Table, facts: LogOptions) -> tuple[np.ndarray, str, Floats, str]:
+def _fixes(table: Table, facts: LogOptions) -> tuple[Ints, str, Floats, str]:
+    """Times and their clock, latitude, longitude and altitude (N, 3), and the datum of the altitude."""
     if table.schema != "px4_msgs/VehicleGlobalPosition":
         prefix = "header.stamp" if table.schema == "sensor_msgs/NavSatFix" else "timestamp"
-        columns = [np.asarray(table[name], float) if name in table else _nothing(table) for name in _PLACE]
-        return *source_times(table, stamps(table, prefix)), np.column_stack(columns), "ellipsoid"
-    ellipsoid = "alt_ellipsoid" in table and np.isfinite(table["alt_ellipsoid"]).any()
+        return *source_times(table, stamps(table, prefix)), table.stack(*_PLACE), "ellipsoid"
+    ellipsoid = np.isfinite(table.numbers("alt_ellipsoid")).any()
     amsl = facts.structure_datum == "amsl" or not ellipsoid
-    height = "alt" if amsl else "alt_ellipsoid"
-    columns = [
-        np.asarray(table[name], float) if name in table else _nothing(table)
-        for name in ("lat", "lon", height)
-    ]
-    return *px4.stamps_us(table), np.column_stack(columns), "amsl" if amsl else "ellipsoid"
+    place = table.stack("lat", "lon", "alt" if amsl else "alt_ellipsoid")
+    return *px4.stamps_us(table), place, "amsl" if amsl else "ellipsoid"
 
 
-def _valid(table: Table) -> np.ndarray:
-    good = np.ones(len(table), bool)
-    if "status.status" in table:
-        good &= np.asarray(table["status.status"]) > _NO_FIX
-    for name in ("lat_lon_valid", "alt_valid"):
-        if name in table:
-            good &= np.asarray(table[name]).astype(bool)
-    return good
+def _valid(table: Table) -> Bools:
+    fixed = np.asarray(table.integers("status.status") > _NO_FIX)
+    return fixed & px4.flag(table, "lat_lon_valid") & px4.flag(table, "alt_valid")
 
 
 def _lifts(datum: str, facts: LogOptions, table: Table) -> tuple[float, float]:
@@ -148,10 +139,11 @@ def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: L
         _, quats = at_times(turns, track.t_ns, facts.gap_s)
         return replace(track, quat_xyzw=quats).keep(np.isfinite(quats[:, 0]), "no attitude at that time")
     level = "the attitude is taken to be level"
-    if "heading" in table and np.isfinite(table["heading"]).any():
-        quats = from_yaw_pitch(np.pi / 2 - np.asarray(table["heading"], float), np.zeros(len(table)))
-        kept = quats[_valid(table)]
-        return replace(track, quat_xyzw=kept, notes=(*track.notes, f"heading of the fix: {level}"))
+    heading = table.numbers("heading")[_valid(table)]
+    if np.isfinite(heading).any():
+        heading = np.where(np.abs(heading) < 1e3, heading, np.nan)
+        quats = from_yaw_pitch(np.pi / 2 - heading, np.zeros(len(heading)))
+        return replace(track, quat_xyzw=quats, notes=(*track.notes, f"heading of the fix: {level}"))
     if gimbal.earth_fixed(tables):
         return replace(track, quat_xyzw=np.tile([0.0, 0, 0, 1], (len(track), 1)))
     raise InputError(
@@ -163,28 +155,17 @@ def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: L
 
 
 def _imu(tables: Sequence[Table], facts: LogOptions) -> Track | None:
+    """The densest orientation of an IMU; REP-145 marks a missing one by a covariance of -1."""
     found = []
     for table in tables:
-        if table.schema == "sensor_msgs/Imu" and all(name in table for name in _TURN):
+        if table.schema == "sensor_msgs/Imu" and len(table):
             times, clock = source_times(table, stamps(table, "header.stamp"))
             quats = table.stack(*_TURN)
-            unknown = np.zeros(len(table), bool)
-            if "orientation_covariance" in table and np.ndim(table["orientation_covariance"]) == 2:
-                unknown = np.asarray(table["orientation_covariance"])[:, 0] == -1  # REP-145: no orientation
-            good = ~unknown & are_unit(quats)
+            good = are_unit(quats) & (table.vectors("orientation_covariance", 9)[:, 0] != -1)
             if good.mean() > 0.5:
                 track = Track(times, np.zeros((len(table), 3)), quats, table.log_ns, clock=clock)
-                found.append(
-                    (
-                        good.sum(),
-                        clean(track.take(good), replace(facts, max_dropped=1.0), table.channel.topic),
-                    )
-                )
-    return max(found, key=lambda item: item[0])[1] if found else None
-
-
-def _nothing(table: Table) -> Floats:
-    return np.full(len(table), np.nan)
+                found.append(clean(track.take(good), replace(facts, max_dropped=1.0), table.channel.topic))
+    return max(found, key=len, default=None)
 
 
 def _named(datum: str) -> str:

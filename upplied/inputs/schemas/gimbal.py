@@ -56,10 +56,10 @@ def gimbal(tables: Sequence[Table], facts: LogOptions) -> Gimbal | None:
     table = max(found, key=len)
     if table.schema.startswith("px4"):
         times, clock = px4.stamps_us(table)
-        quats = px4.xyzw(table["q"]) if "q" in table else np.full((len(table), 4), np.nan)
+        quats = px4.xyzw(table)
     else:
         times, clock = source_times(table, stamps(table, "header.stamp"))
-        quats = table.stack(*_Q) if all(name in table for name in _Q) else np.full((len(table), 4), np.nan)
+        quats = table.stack(*_Q)
     north = _from_north(table)
     most = bool(north.mean() >= 0.5)
     track = Track(times, np.zeros((len(table), 3)), quats, table.log_ns, clock=clock).take(north == most)
@@ -77,6 +77,6 @@ def earth_fixed(tables: Sequence[Table]) -> bool:
 
 def _from_north(table: Table) -> Bools:
     name = "device_flags" if "device_flags" in table else "flags"
-    flags = np.asarray(table[name]).astype(np.int64) if name in table else np.zeros(len(table), np.int64)
+    flags = table.integers(name)
     told = (flags & (_YAW_IN_VEHICLE | _YAW_IN_EARTH)) != 0
     return np.where(told, (flags & _YAW_IN_EARTH) != 0, (flags & _YAW_LOCK) != 0)

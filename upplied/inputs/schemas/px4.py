@@ -34,6 +34,7 @@ _HALF = np.sqrt(0.5)
 NED_R_ENU = Rotation.from_quat([_HALF, _HALF, 0, 0])  # its own inverse
 FRD_R_FLU = Rotation.from_quat([1, 0, 0, 0])
 _NED, _FRD = 1, 2  # VehicleOdometry.pose_frame
+_OTHER_FRAME = "pose frame not stated, or another than before"
 
 
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
@@ -52,14 +53,13 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
 
 def attitude(tables: Sequence[Table], facts: LogOptions) -> Track | None:
     """The attitude of the vehicle, FLU in ENU, clean; None where the log has none."""
-    found = [table for table in tables if table.schema == "px4_msgs/VehicleAttitude" and "q" in table]
+    found = [table for table in tables if table.schema == "px4_msgs/VehicleAttitude" and len(table)]
     if not found:
         return None
     table = max(found, key=len)
     times, clock = stamps_us(table)
-    epoch = np.asarray(table["quat_reset_counter"], np.int64) if "quat_reset_counter" in table else None
-    quats = enu_flu(xyzw(table["q"]))
-    track = Track(times, np.zeros((len(table), 3)), quats, table.log_ns, clock=clock, epoch=epoch)
+    nowhere, epoch = np.zeros((len(table), 3)), table.integers("quat_reset_counter")
+    track = Track(times, nowhere, enu_flu(xyzw(table)), table.log_ns, clock=clock, epoch=epoch)
     return clean(track, replace(facts, max_dropped=1.0), table.channel.topic)
 
 
@@ -86,19 +86,20 @@ def with_attitude(track: Track, tables: Sequence[Table], facts: LogOptions) -> T
 def stamps_us(table: Table) -> tuple[Ints, str]:
     """Stamps (N,) in ns and their clock: when sampled, else when published by the autopilot."""
     for name in ("timestamp_sample", "timestamp"):
-        if name in table:
-            times = np.clip(np.asarray(table[name]).astype(np.int64), 0, 9 * 10**15) * 1000
-            if times.any():
-                return source_times(table, times)
+        times = table.integers(name).clip(0, 9 * 10**15) * 1000
+        if times.any():
+            return source_times(table, times)
     return source_times(table, None)
 
 
-def xyzw(quat_wxyz: Floats) -> Floats:
-    """Quaternions (N, 4) ``w x y z`` to ``x y z w``; what is no quaternion becomes NaN."""
-    quats = np.asarray(quat_wxyz, float)
-    if quats.ndim != 2 or quats.shape[1] != 4:
-        return np.full((len(quats), 4), np.nan)
-    return quats[:, [1, 2, 3, 0]]
+def xyzw(table: Table) -> Floats:
+    """Quaternions (N, 4) ``x y z w`` from the field ``q``, which is ``w x y z``."""
+    return table.vectors("q", 4)[:, [1, 2, 3, 0]]
+
+
+def flag(table: Table, name: str) -> Bools:
+    """A flag of each sample (N,); set where the messages do not have it."""
+    return np.asarray(table.integers(name) != 0) if name in table else np.ones(len(table), bool)
 
 
 def enu_flu(ned_frd_xyzw: Floats) -> Floats:
@@ -116,40 +117,29 @@ def turned(left: Rotation, quats: Floats, right: Rotation) -> Floats:
 
 def _odometry(table: Table) -> Track:
     times, clock = stamps_us(table)
-    nothing = np.full((len(table), 3), np.nan)
-    positions = np.asarray(table["position"], float) if "position" in table else nothing
-    quats = xyzw(table["q"]) if "q" in table else np.full((len(table), 4), np.nan)
-    frame = np.asarray(table["pose_frame"], np.int64) if "pose_frame" in table else np.zeros(len(table), int)
-    epoch = np.asarray(table["reset_counter"], np.int64) if "reset_counter" in table else None
-    ned = positions[:, [1, 0, 2]] * (1, 1, -1), enu_flu(quats)
-    frd = positions * (1, -1, -1), turned(FRD_R_FLU, quats, FRD_R_FLU)
-    is_ned, notes = np.count_nonzero(frame == _NED) >= len(frame) / 2, tuple[str, ...]()
-    if not is_ned:
-        notes = ("the heading of the log's frame is arbitrary (PX4 frame FRD)",)
-    chosen, wanted = (ned, _NED) if is_ned else (frd, _FRD)
-    track = Track(times, chosen[0], chosen[1], table.log_ns, "", "base_link", clock, epoch, notes=notes)
-    return track.keep(frame == wanted, "pose frame not stated, or another than before")
+    positions, quats, frame = table.vectors("position", 3), xyzw(table), table.integers("pose_frame")
+    epoch = table.integers("reset_counter")
+    track = Track(times, positions, quats, table.log_ns, "", "base_link", clock, epoch)
+    if np.count_nonzero(frame == _NED) >= len(frame) / 2:
+        track = replace(track, positions=_enu(positions), quat_xyzw=enu_flu(quats))
+        return track.keep(frame == _NED, _OTHER_FRAME)
+    track = replace(
+        track,
+        positions=positions * (1.0, -1.0, -1.0),
+        quat_xyzw=turned(FRD_R_FLU, quats, FRD_R_FLU),
+        notes=("the heading of the log's frame is arbitrary (PX4 frame FRD)",),
+    )
+    return track.keep(frame == _FRD, _OTHER_FRAME)
 
 
 def _local(table: Table) -> Track:
     times, clock = stamps_us(table)
-    whole = all(name in table for name in "xyz")
-    ned = table.stack("x", "y", "z") if whole else np.full((len(table), 3), np.nan)
-    epoch = sum(
-        (np.asarray(table[name], np.int64) << shift)
-        for shift, name in ((0, "xy_reset_counter"), (8, "z_reset_counter"))
-        if name in table
-    )
-    track = Track(
-        times, ned[:, [1, 0, 2]] * (1, 1, -1), np.full((len(table), 4), np.nan), table.log_ns,
-        "", "base_link", clock, epoch if isinstance(epoch, np.ndarray) else None,
-    )  # fmt: skip
-    return track.keep(
-        _flag(table, "xy_valid") & _flag(table, "z_valid"), "position not valid by the estimator"
-    )
+    nothing = np.full((len(table), 4), np.nan)
+    epoch = (table.integers("xy_reset_counter") << 8) + table.integers("z_reset_counter")
+    ned = table.stack("x", "y", "z")
+    track = Track(times, _enu(ned), nothing, table.log_ns, "", "base_link", clock, epoch)
+    return track.keep(flag(table, "xy_valid") & flag(table, "z_valid"), "position not valid by the estimator")
 
 
-def _flag(table: Table, name: str) -> Bools:
-    if name not in table:
-        return np.ones(len(table), bool)
-    return np.asarray(table[name]).astype(bool)
+def _enu(ned: Floats) -> Floats:
+    return np.asarray(ned[:, [1, 0, 2]] * (1.0, 1.0, -1.0))

@@ -198,11 +198,10 @@ def _leaf(tree: Tree, facts: LogOptions, named: str, what: str) -> str:
 
 def _links(table: Table) -> list[tuple[Link, Track]]:
     stamp, transform, parent, child = _PLACES[table.schema]
-    paths = pose_paths(*_parts(transform))
-    if not len(table) or any(path not in table for path in paths):
+    if not len(table):
         return []
     times, clock = source_times(table, stamps(table, stamp))
-    values = table.stack(*paths)
+    values = table.stack(*pose_paths(*_parts(transform)))
     whole = Track(times, values[:, :3], values[:, 3:], table.log_ns, clock=clock)
     groups = groups_of(names(table, parent), names(table, child))
     if len(groups) > _MAX_FRAMES:
