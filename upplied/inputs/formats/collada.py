@@ -105,33 +105,34 @@ class _Reader:
     def _mesh(self, mesh: Any) -> tuple[Floats, Ints]:
         vertices: list[Floats] = []
         triangles: list[Ints] = []
-        known: dict[str, int] = {}
+        known: dict[int, tuple[int, Floats]] = {}  # of each source: its first vertex, and its positions
         for group in mesh:
             if group.tag in _LINES:
                 self._count("groups of lines left aside", 1)
             if group.tag not in _FACES:
                 continue
-            positions = self._input(mesh, group)
-            if positions.get("id") not in known:
-                known[positions.get("id")] = sum(map(len, vertices))
-                vertices.append(self._positions(positions))
-            at = known[positions.get("id")]
-            corners, sizes = self._corners(group)
-            every = np.concatenate(vertices)
-            if len(corners) and not 0 <= corners.min() <= corners.max() < len(every) - at:
-                raise self._source.error(
-                    "its faces refer to vertices that do not exist", f"0 to {len(every) - at - 1}"
-                )
-            if group.tag in ("trifans", "tristrips"):
-                triangles.append(_strips(corners, sizes, group.tag) + at)
-                continue
-            self._count("polygons triangulated", int((sizes > 3).sum()))
-            triangles.append(triangulate(every, corners + at, sizes)[0])
+            source = self._input(group)
+            if id(source) not in known:
+                known[id(source)] = (sum(map(len, vertices)), self._positions(source))
+                vertices.append(known[id(source)][1])
+            first, positions = known[id(source)]
+            triangles.append(self._triangles(group, positions) + first)
         return np.concatenate([np.empty((0, 3)), *vertices]), np.concatenate(
             [np.empty((0, 3), np.int64), *triangles]
         )
 
-    def _input(self, mesh: Any, group: Any) -> Any:
+    def _triangles(self, group: Any, positions: Floats) -> Ints:
+        corners, sizes = self._corners(group)
+        if len(corners) and not 0 <= corners.min() <= corners.max() < len(positions):
+            raise self._source.error(
+                "its faces refer to vertices that do not exist", f"0 to {len(positions) - 1}"
+            )
+        if group.tag in ("trifans", "tristrips"):
+            return _strips(corners, sizes, group.tag)
+        self._count("polygons triangulated", int((sizes > 3).sum()))
+        return triangulate(positions, corners, sizes)[0]
+
+    def _input(self, group: Any) -> Any:
         """The source of the positions of a group of faces."""
         for item in group.findall("input"):
             if item.get("semantic") == "VERTEX":

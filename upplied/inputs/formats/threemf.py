@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from array import array
 from dataclasses import dataclass, field
 from typing import Any
@@ -85,7 +86,7 @@ def _models(source: Source) -> dict[str, bytes]:
                         "unpacks to far more than its size", "at most 40 times", "export it again"
                     )
                 found["/" + info.filename.lstrip("/")] = text
-    except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, OSError) as error:
+    except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError) as error:
         raise source.error(f"its archive cannot be unpacked: {str(error)[:80]}", "a complete 3MF") from None
     if not found:
         raise source.error("its archive holds no model", "a .model part, as 3MF says")
