@@ -1,8 +1,9 @@
 """Coverage-guided fuzzing of the readers of logs, side-cars and manifests.
 
+    make fuzz
     python tests/faults/fuzz_logs.py --seconds 600
 
-Needs atheris (``pip install atheris``; Linux). The readers may refuse with an `UppliedError`; any
+Needs atheris (``pip install atheris``; Linux), which `make fuzz` installs. The readers may refuse with an `UppliedError`; any
 other exception, a warning, ten seconds or 2 GiB for one small file is a finding. Findings of one
 kind are kept once, in the folder given by ``--findings``; the small ones belong into
 ``tests/data/findings``, where `tests/test_logs_findings.py` replays them for ever.
@@ -67,7 +68,7 @@ def main() -> None:
     """Fuzz for the time that is asked for and report what was found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=int, default=600)
-    parser.add_argument("--findings", type=Path, default=FOLDER.parent / "findings")
+    parser.add_argument("--findings", type=Path, default=FOLDER.parent / "build" / "findings")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     try:
