@@ -72,3 +72,13 @@ def test_a_cloud_is_called_one(tmp_path: Path) -> None:
     path.write_bytes(mesh_files.pcd(np.random.default_rng(0).random((200, 3)) * 9))
     text = health_report(path).text
     assert "200 points" in text and "triangles" not in text.replace("triangulated", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "warned"), [("Ship_Wake", True), ("light_spot.001", True), ("Lighthouse", False)]
+)
+def test_parts_named_like_effects_are_pointed_at(tmp_path: Path, name: str, warned: bool) -> None:
+    path = tmp_path / "part.obj"
+    text = mesh_files.write(*mesh_files.shape(), "obj").decode()
+    path.write_text(text.replace("\nf ", f"\no {name}\nf ", 1))
+    assert ("sound like effects" in health_report(path).text) == warned

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from upplied.inputs.formats.raw import RawMesh
@@ -12,6 +14,9 @@ from upplied.records import Floats
 NOMINAL_TOLERANCE = 0.07  # passes nearly every good model of a type and flags toys and wrong units
 _SMALLEST_M, _LARGEST_M = 0.5, 2000.0
 _FAR_M = 10_000.0  # from the origin: single precision is off by a millimetre there
+_EFFECT = re.compile(
+    r"(?i)(?:^|[^a-z])(wake|lights?|flash|beacon|spots?|glow|billboard|halo|shadow)(?![a-z])"
+)
 _BESIDE = 0.05  # of the diagonal that a landmark may lie outside the box
 
 
@@ -23,6 +28,7 @@ def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> tuple[str
         _scale(vertices),
         _far(vertices, entry),
         _below(vertices, entry),
+        _effects(raw),
         *_landmarks(vertices, entry),
     ]
     return tuple(filter(None, found))
@@ -82,6 +88,14 @@ def _below(vertices: Floats, entry: StructureEntry) -> str:
         return ""
     deep = ground - vertices[:, 2].min()
     return f"it reaches {deep:.1f} m below the declared ground (clip_ground = true cuts that off)"
+
+
+def _effects(raw: RawMesh) -> str:
+    named = sorted({name for name in raw.part_names if _EFFECT.search(name)})
+    if not named:
+        return ""
+    shown = ", ".join(repr(name) for name in named[:5])
+    return f"parts named {shown} sound like effects, not like the structure: take them out of the file"
 
 
 def _landmarks(vertices: Floats, entry: StructureEntry) -> list[str]:
