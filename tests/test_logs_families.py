@@ -175,7 +175,7 @@ def test_px4_position_joined_with_attitude(tmp_path: Path) -> None:
     keep = np.delete(np.arange(0, 300, 3), 5)
     flown = Flight(flown.t_ns[keep] // 1000 * 1000, flown.positions[keep], flown.quat_xyzw[keep])
     assert_flown(found, flown, 2e-6, 1e-3)
-    assert found.dropped == {"position not valid by the estimator": 1}
+    assert found.dropped == {"no valid position": 1}
 
 
 def test_px4_position_without_attitude_is_refused(tmp_path: Path) -> None:
@@ -464,3 +464,29 @@ def test_poses_come_into_the_frame_in_which_the_structure_is_placed(tmp_path: Pa
     assert_flown(found, flown, 1e-3, 1e-6)
     with pytest.raises(InputError, match="frame 'odom', the structure is placed in 'map'"):
         read_demonstration(write_log(tmp_path / "b.mcap", topics[:1], facts))
+
+
+def test_an_estimate_that_begins_late_is_no_fault_of_the_log(tmp_path: Path) -> None:
+    flown = flight()
+    topic = Topic("/lp", "px4_msgs/msg/VehicleLocalPosition", px4(flown, xy_valid=True, z_valid=True))
+    for _, told in topic.messages[:100]:
+        told["xy_valid"] = False
+    attitude = Topic("/att", "px4_msgs/msg/VehicleAttitude", px4(flown)[:280])
+    found = read_demonstration(write_log(tmp_path / "a.mcap", [topic, attitude], FACTS))
+    assert len(found) == 183  # the last attitude is held for a tenth of a second
+    assert found.dropped == {
+        "no valid position yet or any more": 100,
+        "no attitude yet or any more": 17,
+    }
+
+
+def test_a_single_transform_a_message_is_read(tmp_path: Path) -> None:
+    flown = flight()
+    messages = [
+        (t, {"timestamp": told["timestamp"], "parent_frame_id": "map", "child_frame_id": "drone"})
+        for t, told in stamped(flown)
+    ]
+    for (_, told), p, q in zip(messages, flown.positions, flown.quat_xyzw, strict=True):
+        told |= {"translation": xyz(p), "rotation": xyzw(q)}
+    path = write_log(tmp_path / "a.mcap", [json_topic("/tf", "foxglove.FrameTransform", messages)], FACTS)
+    assert_flown(read_demonstration(path), flown)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from upplied.errors import InputError
-from upplied.inputs.flight.tracks import Track, are_unit
+from upplied.inputs.flight.tracks import AT_THE_ENDS, Track, are_unit
 from upplied.inputs.sidecar import LogOptions
 from upplied.poses import normalised
 from upplied.records import Bools, Ints
@@ -57,7 +57,9 @@ def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
     InputError
         With the reasons and their numbers.
     """
-    lost = sum(number for reason, number in track.dropped.items() if reason != REPEATED)
+    lost = sum(
+        n for reason, n in track.dropped.items() if reason != REPEATED and not reason.endswith(AT_THE_ENDS)
+    )
     if not len(track):
         raise InputError(what, f"holds no usable pose ({reasons(track) or 'no message'})", "at least 2 poses")
     if lost > limits.max_dropped * (lost + len(track)):

@@ -69,7 +69,7 @@ def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
         return _under(track, np.tile(fixed[0], (len(track), 1)), fixed[1], wanted)
     positions, quats, known = _at(tree, track.parent, wanted, track.t_ns, facts)
     moved = _under(track, positions, Rotation.from_quat(quats), wanted)
-    return moved.keep(known, f"no transform to {wanted} at that time")
+    return moved.during(known, f"transform to {wanted}")
 
 
 def in_structure_frame(track: Track, facts: LogOptions) -> Track:
@@ -116,9 +116,7 @@ def _on_gimbal(track: Track, gimbal: Gimbal, offset: Floats, turn: Rotation, fac
     positions = mounted(track, offset, turn).positions
     quats[~known] = (0.0, 0.0, 0.0, 1.0)
     track = replace(track, positions=positions, quat_xyzw=(Rotation.from_quat(quats) * turn).as_quat())
-    return _noted(
-        track.keep(known, "no gimbal attitude at that time"), f"camera on the gimbal of {gimbal.topic}"
-    )
+    return _noted(track.during(known, "gimbal attitude"), f"camera on the gimbal of {gimbal.topic}")
 
 
 def _on_tree(track: Track, tree: Tree, body: str, camera_frame: str, facts: LogOptions) -> Track:
@@ -128,7 +126,7 @@ def _on_tree(track: Track, tree: Tree, body: str, camera_frame: str, facts: LogO
         return _noted(mounted(track, fixed[0], fixed[1] * OPTICAL_R_CAMERA), note)
     positions, quats, known = _at(tree, camera_frame, body, track.t_ns, facts)
     moving = mounted(track, positions, Rotation.from_quat(quats) * OPTICAL_R_CAMERA)
-    return _noted(moving.keep(known, "no transform to the camera at that time"), note)
+    return _noted(moving.during(known, "transform to the camera"), note)
 
 
 def _at(tree: Tree, leaf: str, root: str, t_ns: Ints, facts: LogOptions) -> tuple[Floats, Floats, Bools]:

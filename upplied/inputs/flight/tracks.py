@@ -13,6 +13,7 @@ from upplied.poses import normalised
 from upplied.records import Bools, Floats, Ints, Record
 
 MAX_NORM_ERROR = 1e-2  # of a quaternion; a rounded or single-precision one is far within
+AT_THE_ENDS = " yet or any more"  # what was dropped for such a reason is not held against the log
 HOLD_NS = 100_000_000  # how long the first and the last pose are held for another topic's stamps
 
 
@@ -45,6 +46,16 @@ class Track(Record):
         dropped = Counter(self.dropped)
         dropped[reason] += int((~good).sum())
         return replace(self.take(good), dropped=dropped)
+
+    def during(self, known: Bools, what: str) -> Track:
+        """The samples for which something else is known; missing at the ends it is no fault of the log."""
+        inner = np.flatnonzero(known)
+        ends = np.ones(len(self), bool)
+        if len(inner):
+            ends[inner[0] : inner[-1] + 1] = False
+        else:
+            ends[:] = False
+        return self.keep(~ends, f"no {what}{AT_THE_ENDS}").keep(known[~ends], f"no {what}")
 
     def take(self, index: Ints | Bools) -> Track:
         """The samples of this index."""

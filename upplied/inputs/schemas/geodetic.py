@@ -63,7 +63,7 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     enu = np.column_stack([east, north, up])
     _check_near(enu, table)
     track = Track(times, enu, np.full((len(table), 4), np.nan), table.log_ns, "enu", "base_link", clock)
-    track = replace(track.keep(_valid(table), "no fix"), notes=(f"altitudes above the {_named(datum)}",))
+    track = replace(track.during(_valid(table), "fix"), notes=(f"altitudes above the {_named(datum)}",))
     return placed(_with_attitude(track, table, tables, facts), facts)
 
 
@@ -137,7 +137,7 @@ def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: L
     turns = px4.attitude(tables, facts) if table.schema.startswith("px4") else _imu(tables, facts)
     if turns is not None:
         _, quats = at_times(turns, track.t_ns, facts.gap_s)
-        return replace(track, quat_xyzw=quats).keep(np.isfinite(quats[:, 0]), "no attitude at that time")
+        return replace(track, quat_xyzw=quats).during(np.isfinite(quats[:, 0]), "attitude")
     level = "the attitude is taken to be level"
     heading = table.numbers("heading")[_valid(table)]
     if np.isfinite(heading).any():

@@ -80,7 +80,7 @@ def with_attitude(track: Track, tables: Sequence[Table], facts: LogOptions) -> T
             "record vehicle_attitude, or vehicle_odometry, too",
         )
     _, quats = at_times(turns, track.t_ns, facts.gap_s)
-    return replace(track, quat_xyzw=quats).keep(np.isfinite(quats[:, 0]), "no attitude at that time")
+    return replace(track, quat_xyzw=quats).during(np.isfinite(quats[:, 0]), "attitude")
 
 
 def stamps_us(table: Table) -> tuple[Ints, str]:
@@ -138,7 +138,7 @@ def _local(table: Table) -> Track:
     epoch = (table.integers("xy_reset_counter") << 8) + table.integers("z_reset_counter")
     ned = table.stack("x", "y", "z")
     track = Track(times, _enu(ned), nothing, table.log_ns, "", "base_link", clock, epoch)
-    return track.keep(flag(table, "xy_valid") & flag(table, "z_valid"), "position not valid by the estimator")
+    return track.during(flag(table, "xy_valid") & flag(table, "z_valid"), "valid position")
 
 
 def _enu(ned: Floats) -> Floats:

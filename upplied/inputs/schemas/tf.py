@@ -114,7 +114,7 @@ class Tree:
         chain = replace(
             lead, positions=positions, quat_xyzw=rotation.as_quat(), parent=links[0][0], child=leaf
         )
-        return chain.keep(known, "a transform of the chain is missing at that time")
+        return chain.during(known, "complete chain of transforms")
 
     def _link(self, link: Link, t_ns: Ints, limits: LogOptions) -> tuple[Floats, Rotation, Bools]:
         if link not in self.moving:
