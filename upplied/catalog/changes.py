@@ -39,7 +39,7 @@ def history(catalog: Catalog, limit: int | None = None) -> pd.DataFrame:
     for name, table in catalog.tables.items():
         delta = table.delta()
         for commit in delta.history(limit) if delta is not None else []:
-            operation = str(commit.get("operation", "")).lower()
+            operation = str(commit.get("doing", commit.get("operation", ""))).lower()
             found.append(
                 {
                     "at": pd.Timestamp(commit["timestamp"], unit="ms", tz="UTC"),

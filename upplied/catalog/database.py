@@ -27,6 +27,9 @@ from upplied.checks import check_id
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Plan, Structure, SurfaceStates
 
+#: What of a plan's row says which waypoints are its own.
+_OWNER = ("transfer_id", "commit_id", "n_waypoints", "status", "reason", "planned_at")
+
 
 def open_catalog(location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> Catalog:
     """Open a catalog; its tables are made when the first row is added.
@@ -132,7 +135,7 @@ class Catalog:
 
     def waypoints(self, transfer_id: str) -> pd.DataFrame:
         """The steps of one planned trajectory, in order."""
-        return queries.frame(self._waypoints(self.transfer(transfer_id)))
+        return queries.frame(self._waypoints(self.transfer(transfer_id, _OWNER)))
 
     def poses(self, demonstration_id: str) -> pd.DataFrame:
         """The steps of the current version of one demonstration, in order."""
@@ -148,7 +151,7 @@ class Catalog:
         CatalogError
             If the transfer is not known, or has no trajectory because it was refused or failed.
         """
-        row = self.transfer(transfer_id)
+        row = self.transfer(transfer_id, _OWNER)
         if not row["n_waypoints"]:
             raise CatalogError(
                 f"transfer {transfer_id}", f"has no trajectory: it is {row['status']}: {row['reason']}"
@@ -181,10 +184,11 @@ class Catalog:
         """What one plan sees of its target, where the cache still has it."""
         return self.cache.get(adding.SURFACE, SurfaceStates, transfer_id)
 
-    def transfer(self, transfer_id: str) -> Row:
-        """The row of one plan."""
+    def transfer(self, transfer_id: str, columns: Sequence[str] | None = None) -> Row:
+        """The row of one plan; only the columns that are named."""
         check_id(transfer_id, "transfer id")
-        found = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id)
+        wanted = None if columns is None else list(columns)
+        found = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id, wanted)
         if not len(found):
             raise CatalogError(
                 f"transfer {transfer_id}", "is not in the catalog", "", "list them: transfers()"

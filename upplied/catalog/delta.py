@@ -15,6 +15,7 @@ import time
 import uuid
 from collections.abc import Callable
 from datetime import datetime, timedelta
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TypeVar
@@ -23,7 +24,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
-from deltalake import CommitProperties, DeltaTable, WriterProperties
+from deltalake import CommitProperties, DeltaTable
 from deltalake import Schema as DeltaSchema
 from deltalake.exceptions import CommitFailedError, DeltaError, SchemaMismatchError, TableNotFoundError
 from deltalake.transaction import AddAction
@@ -45,7 +46,6 @@ _PROPERTIES = {
 _PATIENCE_S = 60.0  # of conflicts, before a writer gives up
 _ROW_GROUP = 16_384
 _LONGEST_STATISTIC = 64
-WRITER = WriterProperties(compression="ZSTD", compression_level=3, max_row_group_size=_ROW_GROUP)
 
 
 class StoredTable:
@@ -91,16 +91,20 @@ class StoredTable:
         if dataset is None:
             return wanted.empty_table()
         present = [name for name in wanted.names if name in dataset.schema.names]
-        found = _told(self.uri, lambda: dataset.to_table(columns=present, filter=where))
-        return pa.table(
-            [
-                found[field.name].cast(field.type)
-                if field.name in present
-                else pa.nulls(len(found), field.type)
-                for field in wanted
-            ],
-            schema=wanted,
+        return self.in_schema(
+            _told(self.uri, partial(dataset.to_table, columns=present, filter=where)), wanted
         )
+
+    def in_schema(self, found: pa.Table, wanted: pa.Schema | None = None) -> pa.Table:
+        """Rows in the declared columns and types; those that an older program lacked are null."""
+        schema = wanted or self.declared.schema
+        columns = [
+            found[field.name].cast(field.type)
+            if field.name in found.schema.names
+            else pa.nulls(len(found), field.type)
+            for field in schema
+        ]
+        return pa.table(columns, schema=schema)
 
     def append(self, rows: pa.Table) -> None:
         """Commit rows, all or none; returns when they are there to stay.
@@ -112,11 +116,8 @@ class StoredTable:
         """
         # The file is written here and not by delta-rs: on the disk before a commit names it, and an
         # error of the disk comes back as an error (delta-rs 1.6 prints a panic besides).
-        name = f"part-{uuid.uuid4()}.parquet"
-        content = _parquet(rows)
         self._insist(self._ready)
-        _told(self.uri, lambda: self._files.write(name, content))
-        added = AddAction(name, len(content), {}, int(time.time() * 1000), True, _statistics(rows))
+        added = _told(self.uri, lambda: self.new_file(rows))
         self._insist(lambda: self._commit(added, rows))
 
     def change(self, act: Callable[[DeltaTable], T]) -> T | None:
@@ -151,6 +152,14 @@ class StoredTable:
             new = [field for field in self.declared.schema if field.name not in known]
             if new:
                 delta.alter.add_columns(list(DeltaSchema.from_arrow(pa.schema(new)).fields))
+
+    def new_file(self, rows: pa.Table) -> AddAction:
+        """Write a data file that no commit names yet."""
+        sink = BytesIO()
+        pq.write_table(rows, sink, row_group_size=_ROW_GROUP, compression="zstd")
+        name = f"part-{uuid.uuid4()}.parquet"
+        self._files.write(name, sink.getvalue())
+        return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, _statistics(rows))
 
     def _commit(self, added: AddAction, rows: pa.Table) -> None:
         with self._lock:
@@ -217,13 +226,6 @@ def _opened(uri: str) -> DeltaTable | None:
             "use a newer version of upplied",
         )
     return delta
-
-
-def _parquet(rows: pa.Table) -> bytes:
-    """A data file, in row groups small enough that one trajectory is read alone."""
-    sink = BytesIO()
-    pq.write_table(rows, sink, row_group_size=_ROW_GROUP, compression="zstd")
-    return sink.getvalue()
 
 
 def _statistics(rows: pa.Table) -> str:

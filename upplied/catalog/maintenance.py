@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import pyarrow.compute as pc
 from deltalake import DeltaTable
 
-from upplied.catalog.delta import WRITER, StoredTable
+from upplied.catalog.delta import StoredTable
+from upplied.catalog.merging import merge, removing
 from upplied.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ KEEP_DAYS = 30.0  # of versions that `version` can still ask for
 SHORTEST_KEEP_HOURS = 1.0  # a writer that takes longer between points and row would lose its points
 CACHE_BYTES = 20 << 30
 
-_TARGET_BYTES = 128 << 20  # of a data file: a few of them hold a million transfers
+_TARGET_BYTES = 64 << 20  # of a data file; merging needs some eight times as much memory
 _OWNERS = {"waypoints": "transfers", "poses": "demonstrations"}
 
 
@@ -40,15 +41,7 @@ def compact(catalog: Catalog) -> dict[str, int]:
 
     Readers and writers go on meanwhile, and older versions can still be asked for.
     """
-    merged = {}
-    for name, table in catalog.tables.items():
-
-        def merge(delta: DeltaTable) -> int:
-            done = delta.optimize.compact(target_size=_TARGET_BYTES, writer_properties=WRITER)
-            return int(done["numFilesRemoved"])
-
-        merged[name] = table.change(merge) or 0
-    return merged
+    return {name: merge(table, _TARGET_BYTES) for name, table in catalog.tables.items()}
 
 
 def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CACHE_BYTES) -> Kept:
@@ -103,7 +96,7 @@ def _drop_orphans(steps: StoredTable, owners: StoredTable, before: datetime) -> 
     found = orphans(steps, owners, before)
     if found:
         listed = ", ".join(f"'{commit}'" for commit in found)
-        steps.change(lambda delta: delta.delete(f"commit_id IN ({listed})"))
+        steps.change(lambda delta: delta.delete(f"commit_id IN ({listed})", commit_properties=removing()))
     return len(found)
 
 

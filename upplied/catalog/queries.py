@@ -23,7 +23,7 @@ from upplied.catalog.delta import StoredTable
 from upplied.catalog.rows import Row
 from upplied.catalog.tables import TABLES
 from upplied.errors import CatalogError, SettingsError
-from upplied.records import Floats, Trajectory
+from upplied.records import Floats, Ints, Trajectory
 
 When = datetime | str
 
@@ -64,13 +64,11 @@ def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
     declared = TABLES["transfers"]
     wanted = declared.names if which.columns is None else _known_columns(declared.names, which.columns)
     sorting = [*PAIR, "planned_at", "transfer_id", "status"]
-    table = tables["transfers"].read(
-        _pair_filter(tables, which), [n for n in declared.names if n in {*wanted, *sorting}], which.version
-    )
-    found = frame(table)
-    found = _one_per_plan(found)
+    columns = [name for name in declared.names if name in {*wanted, *sorting}]
+    table = _one_per_plan(tables["transfers"].read(_pair_filter(tables, which), columns, which.version))
+    found = frame(table if which.every else _newest_of_pairs(table))
     if not which.every:
-        found = _in_use(tables, found.drop_duplicates(PAIR, keep="last"), which)
+        found = _in_use(tables, found, which)
     if which.status is not None:
         found = found[found["status"] == which.status]
     if which.since is not None:
@@ -115,8 +113,10 @@ def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:
     asked = set(keys)
     ids = [plan_rows.transfer_id(key) for key in asked]
     found: dict[str, list[Row]] = {}
-    if asked:
-        for row in rows.rows_of(table.read(pc.field("transfer_id").isin(ids))):
+    # First whether there are any, of one narrow column: most often there are none.
+    known = table.read(pc.field("transfer_id").isin(ids), ["transfer_id"])["transfer_id"].unique()
+    if len(known):
+        for row in rows.rows_of(table.read(pc.field("transfer_id").isin(known))):
             found.setdefault(row["key"], []).append(row)
     return {key: standing(same_plan) for key, same_plan in found.items() if key in asked}
 
@@ -128,8 +128,8 @@ def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
     where = pc.field("demonstration_id").isin(list({row["demonstration_id"] for row in plans}))
     where &= pc.field("target_id").isin(list({row["target_id"] for row in plans}))
     columns = ["transfer_id", *PAIR, "status", "planned_at"]
-    newest = _one_per_plan(frame(table.read(where, columns))).drop_duplicates(PAIR, keep="last")
-    current = set(newest["transfer_id"])
+    newest = _newest_of_pairs(_one_per_plan(table.read(where, columns)))
+    current = set(newest["transfer_id"].to_pylist())
     return [row for row in plans if row["transfer_id"] not in current]
 
 
@@ -213,15 +213,44 @@ def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expressi
     return joined
 
 
-def _one_per_plan(found: pd.DataFrame) -> pd.DataFrame:
-    """One row per plan, in order: racing writers may have added it twice, a failure may be followed.
+def _one_per_plan(table: pa.Table) -> pa.Table:
+    """One row per plan, ordered by pair and time: a failure may be followed, racing writers add twice.
 
     The newest row of a plan counts, since a plan that is asked for again becomes current again.
     """
-    found = found.assign(_settled=found["status"] != "failed")
-    found = found.sort_values(["transfer_id", "_settled", "planned_at"], kind="stable")
-    found = found.drop_duplicates("transfer_id", keep="last").drop(columns="_settled")
-    return found.sort_values([*PAIR, "planned_at", "transfer_id"], kind="stable")
+    plans = _codes(table["transfer_id"])
+    when = table["planned_at"].cast(pa.int64()).to_numpy()
+    if len(plans) and plans.max() + 1 < len(plans):
+        settled = pc.not_equal(table["status"], "failed").to_numpy()
+        order = np.lexsort((when, settled, plans))
+        order = np.sort(order[np.flatnonzero(np.diff(plans[order], append=-1))])
+        table, when = table.take(order), when[order]
+    return table.take(np.lexsort((when, _pairs(table))))
+
+
+def _newest_of_pairs(ordered: pa.Table) -> pa.Table:
+    """The last row of each pair, of rows ordered by pair and time."""
+    pairs = _pairs(ordered)
+    return ordered.take(np.flatnonzero(np.diff(pairs, append=-1)))
+
+
+def _pairs(table: pa.Table) -> Ints:
+    """A number per row that is the same for the same pair, and grows with its names."""
+    number = np.zeros(len(table), np.int64)
+    for name in PAIR:
+        codes = _codes(table[name])
+        number = number * (int(codes.max(initial=0)) + 1) + codes
+    return number
+
+
+def _codes(texts: pa.ChunkedArray) -> Ints:
+    """The rank of each text among the different ones."""
+    if not len(texts):
+        return np.empty(0, np.int64)
+    encoded = texts.combine_chunks().dictionary_encode()
+    rank = np.empty(len(encoded.dictionary), np.int64)
+    rank[pc.sort_indices(encoded.dictionary).to_numpy()] = np.arange(len(rank))
+    return rank[encoded.indices.to_numpy()]
 
 
 def _in_use(tables: Mapping[str, StoredTable], found: pd.DataFrame, which: Which) -> pd.DataFrame:

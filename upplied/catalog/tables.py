@@ -61,6 +61,7 @@ class Table:
     meaning: str
     key: tuple[str, ...]
     columns: tuple[Column, ...]
+    order: tuple[str, ...]  # of the rows in merged files: what is asked for together lies together
 
     @property
     def schema(self) -> pa.Schema:
@@ -119,6 +120,7 @@ STRUCTURES = Table(
         Column("added_at", MOMENT, "UTC", "when this version was added", required=True),
         _COMMIT,
     ),
+    ("structure_id", "added_at"),
 )
 
 DEMONSTRATIONS = Table(
@@ -152,6 +154,7 @@ DEMONSTRATIONS = Table(
         Column("added_at", MOMENT, "UTC", "when this version was added", required=True),
         _COMMIT,
     ),
+    ("demonstration_id", "added_at"),
 )
 
 POSES = Table(
@@ -165,6 +168,7 @@ POSES = Table(
         *_POSE,
         _COMMIT,
     ),
+    ("commit_id", "demonstration_id", "seq"),
 )
 
 TRANSFERS = Table(
@@ -223,6 +227,7 @@ TRANSFERS = Table(
         _id("key", "hash of everything the plan depends on"),
         _COMMIT,
     ),
+    ("transfer_id", "planned_at"),
 )
 
 WAYPOINTS = Table(
@@ -237,6 +242,7 @@ WAYPOINTS = Table(
         Column("is_viewpoint", TRUTH, "", "a pose chosen to see, not only to pass", required=True),
         _COMMIT,
     ),
+    ("commit_id", "transfer_id", "seq"),
 )
 
 TABLES = {table.name: table for table in (STRUCTURES, DEMONSTRATIONS, POSES, TRANSFERS, WAYPOINTS)}
