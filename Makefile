@@ -46,7 +46,7 @@ fuzz: $(READY) ## coverage-guided fuzzing of the readers, ten minutes or FUZZ_SE
 	$(BIN)/python tests/faults/fuzz_logs.py --seconds $${FUZZ_SECONDS:-600}
 
 bench: $(READY) ## print the benchmarks' tables
-	@for f in bench/*.py; do echo "== $$f"; $(BIN)/python $$f || exit 1; done
+	@for f in $$(grep -l __main__ bench/*.py); do echo "== $$f"; $(BIN)/python $$f || exit 1; done
 
 serve: $(READY) ## a Prefect server with the deployments and a worker, until Ctrl-C
 	@$(BIN)/python -m flows.serve

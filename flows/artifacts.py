@@ -13,10 +13,10 @@ MOST_ROWS = 500  # an artifact is for reading; the published table holds them al
 
 def ingested_artifacts(key: str, ingested: Sequence[dict[str, str]]) -> str:
     """What became of each file; returns the same in one line."""
-    counts = dict.fromkeys(("added", "unchanged", "failed"), 0)
+    counts = dict.fromkeys(("added", "unchanged", "retired", "failed"), 0)
     for item in ingested:
         counts[item["status"]] += 1
-    summary = ", ".join(f"{count} {status}" for status, count in counts.items())
+    summary = ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "nothing"
     troubles = [item for item in ingested if item["status"] == "failed"]
     create_table_artifact(list(ingested[:MOST_ROWS]), key=f"{key}-files")
     create_markdown_artifact(f"## {key}\n\n{summary}\n\n{_listed(troubles)}", key=key)

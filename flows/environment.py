@@ -18,6 +18,9 @@ SETTINGS = {
     "PREFECT_SERVER_ALLOW_EPHEMERAL_MODE": "false",
     # A killed run is told from a healthy one by its heartbeats (see prefect.yaml).
     "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": "30",
+    # Prefect's own history is kept for a month; the catalog keeps what matters for good.
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": "2592000",
     "PREFECT_LOGGING_EXTRA_LOGGERS": "upplied",
     "PREFECT_CLI_PROMPT": "false",
 }

@@ -37,7 +37,7 @@ def main() -> int:
 
 
 def prepare(server: Server) -> None:
-    """The work pool and the deployments of prefect.yaml.
+    """The work pool, the deployments of prefect.yaml, and what Prefect does by itself.
 
     Raises
     ------
@@ -45,12 +45,13 @@ def prepare(server: Server) -> None:
         If Prefect refuses them.
     """
     commands = (
-        ("work-pool", "create", POOL, "--type", "process", "--overwrite"),
-        ("--no-prompt", "deploy", "--all"),
+        ("prefect", "work-pool", "create", POOL, "--type", "process", "--overwrite"),
+        ("prefect", "--no-prompt", "deploy", "--all"),
+        ("flows.automations",),
     )
     for command in commands:
         done = subprocess.run(
-            [sys.executable, "-m", "prefect", *command],
+            [sys.executable, "-m", *command],
             env=server.environment,
             cwd=ROOT,
             check=False,
@@ -58,7 +59,7 @@ def prepare(server: Server) -> None:
             text=True,
         )
         if done.returncode:
-            raise ServerError(f"prefect {' '.join(command)} failed:\n{done.stdout}{done.stderr}")
+            raise ServerError(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
 
 
 def watch(server: Server, worker: subprocess.Popen[bytes]) -> int:

@@ -19,9 +19,10 @@ SESSIONS: dict[str, fleet.Session] = {}  # of the runs in this process, by run i
 
 
 @task(name="ingest-structures", task_run_name="ingest structures", cache_policy=NO_CACHE)
-def ingest_structures(catalog: str, manifest: str, workers: int) -> list[dict[str, str]]:
+def ingest_structures(catalog: str, manifest: str, workers: int, prune: bool) -> list[dict[str, str]]:
     """Every structure of a manifest into the catalog; a bad file stops itself alone."""
-    return [vars(item) for item in fleet.ingest_structures(open_catalog(catalog), manifest, workers)]
+    ingested = fleet.ingest_structures(open_catalog(catalog), manifest, workers, prune=prune)
+    return [vars(item) for item in ingested]
 
 
 @task(name="ingest-demonstrations", task_run_name="ingest demonstrations", cache_policy=NO_CACHE)

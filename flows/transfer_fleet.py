@@ -30,6 +30,7 @@ def transfer_fleet(
     catalog: Location = "catalog",
     reports: str = "reports",
     manifest: str = "",
+    prune: bool = False,
     logs: list[Location] | None = None,
     demonstrations: list[Id] | None = None,
     targets: list[Id] | None = None,
@@ -44,6 +45,7 @@ def transfer_fleet(
         catalog: Folder or object-store URI.
         reports: Folder to publish to; empty publishes nothing.
         manifest: Structures to read first; empty reads none.
+        prune: Retire structures that the manifest no longer names; their history stays.
         logs: Logs, or folders of them, to read first.
         demonstrations: Ids; none means every one.
         targets: Ids; none means every structure of the demonstration's kind.
@@ -53,7 +55,7 @@ def transfer_fleet(
         resources: Processes, time and memory.
     """
     if manifest:
-        ingest_structures(manifest, catalog, resources.workers)
+        ingest_structures(manifest, catalog, resources.workers, prune)
     if logs:
         ingest_demonstrations(logs, catalog, resources.workers)
     wish = fleet.Wish(

@@ -147,6 +147,10 @@ def test_a_bad_file_stops_itself_alone(tmp_path):
     assert (bad.status, good.status) == ("failed", "added")
     assert "bad.stl" in bad.reason
     assert catalog.structures()["structure_id"].tolist() == ["good"]
+    catalog.add_structures([random_member("box", 1).structure])
+    pruned = fleet.ingest_structures(catalog, tmp_path / "structures.toml", 1, prune=True)
+    assert [item.status for item in pruned] == ["failed", "unchanged", "retired"]
+    assert catalog.structures()["structure_id"].tolist() == ["good"]
     broken, flown = fleet.ingest_demonstrations(catalog, [tmp_path], 1)
     assert (broken.status, flown.status) == ("failed", "added")
     assert "broken.mcap" in broken.reason

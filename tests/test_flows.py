@@ -93,7 +93,7 @@ print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [
-        "1 added, 0 unchanged, 0 failed",
+        "1 added",
         "1 ok, 0 refused, 0 failed, 0 unchanged",
         "1 ok, 0 refused, 0 failed, 1 unchanged",
         "0 ok, 0 refused, 0 failed, 2 unchanged",

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
 from upplied.cli.terminal import (
     CatalogOption,
@@ -20,7 +21,14 @@ app = App(name="structures", help="The structures of the catalog.")
 
 
 @app.command
-def add(manifest: Path, /, *, catalog: CatalogOption = "catalog", workers: WorkersOption = 0) -> int:
+def add(
+    manifest: Path,
+    /,
+    *,
+    prune: Annotated[bool, Parameter(negative="", help="Retire what the manifest no longer names.")] = False,
+    catalog: CatalogOption = "catalog",
+    workers: WorkersOption = 0,
+) -> int:
     """Read the meshes that a manifest names into the catalog.
 
     Parameters
@@ -31,7 +39,7 @@ def add(manifest: Path, /, *, catalog: CatalogOption = "catalog", workers: Worke
     from upplied import fleet
 
     with progress("reading structures", None) as advance:
-        ingested = fleet.ingest_structures(opened(catalog), manifest, workers, lambda _: advance())
+        ingested = fleet.ingest_structures(opened(catalog), manifest, workers, lambda _: advance(), prune)
     return ingested_report(ingested)
 
 

@@ -72,7 +72,8 @@ def ingested_report(ingested: Sequence[Ingested]) -> int:
         if item.status == "failed":
             errors.print(f"failed: {item.reason}", markup=False, soft_wrap=True)
     counts = {
-        status: sum(item.status == status for item in ingested) for status in ("added", "unchanged", "failed")
+        status: sum(item.status == status for item in ingested)
+        for status in ("added", "unchanged", "retired", "failed")
     }
     console.print(
         ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "nothing to read"

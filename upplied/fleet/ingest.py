@@ -36,7 +36,7 @@ class Ingested:
     """What became of one file."""
 
     name: str  # the id, or the file where no id is known
-    status: str  # "added", "unchanged" or "failed"
+    status: str  # "added", "unchanged", "retired" or "failed"
     reason: str = ""
 
 
@@ -48,7 +48,11 @@ def _silent(ingested: Ingested) -> None:
 
 
 def ingest_structures(
-    catalog: Catalog, manifest: str | Path, workers: int = 0, progress: Progress = _silent
+    catalog: Catalog,
+    manifest: str | Path,
+    workers: int = 0,
+    progress: Progress = _silent,
+    prune: bool = False,
 ) -> list[Ingested]:
     """Read the structures of a manifest and keep those that are new or changed.
 
@@ -61,6 +65,8 @@ def ingest_structures(
         Processes; 0 takes one per core.
     progress : callable
         Called with what became of each file.
+    prune : bool
+        Retire structures that the manifest no longer names, and with them their plans; history stays.
 
     Raises
     ------
@@ -70,7 +76,12 @@ def ingest_structures(
     known = dict(zip(*_columns(catalog.structures(), "structure_id"), strict=True))
     entries = read_manifest(manifest)
     reads = _each(read_structure, entries, lambda entry: entry.structure_id, workers)
-    return _keep(reads, known, lambda it: it.structure_id, catalog.add_structures, progress)
+    ingested = _keep(reads, known, lambda it: it.structure_id, catalog.add_structures, progress)
+    if prune:
+        gone = sorted(known.keys() - {entry.structure_id for entry in entries})
+        catalog.retire_structures(gone)
+        ingested += [Ingested(name, "retired") for name in gone]
+    return ingested
 
 
 def ingest_demonstrations(

@@ -1,0 +1,63 @@
+"""What Prefect does by itself: a run whose heart stopped is marked crashed, and its slot is free again.
+
+``python -m flows.automations`` applies it to the server of the environment; again is the same as once.
+"""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+from prefect import get_client
+from prefect.automations import (
+    Automation,
+    AutomationCore,
+    ChangeFlowRunState,
+    EventTrigger,
+    Posture,
+)
+from prefect.client.schemas.objects import StateType
+
+from flows.environment import SETTINGS
+
+HEARTBEAT_S = int(SETTINGS["PREFECT_FLOWS_HEARTBEAT_FREQUENCY"])
+# Ten beats: a loaded server that answers late, or drops some events, must not kill a healthy run.
+SILENCE_S = 10 * HEARTBEAT_S
+
+ZOMBIES = AutomationCore(
+    name="a silent run is marked crashed",
+    description="A run that was killed together with its worker says nothing more, and would stay Running.",
+    trigger=EventTrigger(
+        posture=Posture.Proactive,
+        after={"prefect.flow-run.heartbeat"},
+        expect={
+            "prefect.flow-run.heartbeat",
+            "prefect.flow-run.Completed",
+            "prefect.flow-run.Failed",
+            "prefect.flow-run.Cancelled",
+            "prefect.flow-run.Crashed",
+        },
+        match={"prefect.resource.id": "prefect.flow-run.*"},
+        for_each={"prefect.resource.id"},
+        threshold=1,
+        within=timedelta(seconds=SILENCE_S),
+    ),
+    actions=[
+        ChangeFlowRunState(
+            state=StateType.CRASHED,
+            message=f"Not heard of for {SILENCE_S} s: it was killed together with its worker.",
+        )
+    ],
+)
+
+
+def apply() -> None:
+    """Put the automations in place of older ones of the same name."""
+    for automation in (ZOMBIES,):
+        with get_client(sync_client=True) as client:
+            for older in client.read_automations_by_name(automation.name):
+                client.delete_automation(older.id)
+        Automation(**automation.model_dump()).create()
+
+
+if __name__ == "__main__":
+    apply()
