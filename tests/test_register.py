@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from upplied.config import settings_for
+from upplied.config import CloudSettings, settings_for
 from upplied.planning.boxes import box_scale
 from upplied.planning.icp import icp, mean_squared_nn_distance, rigid_fit
 from upplied.planning.register import register
+from upplied.planning.surface import surface_samples
 from upplied.records import Cloud
-from upplied.scene import open3d
+from upplied.samples.fleet import member
+from upplied.samples.turbine import TURBINE_2, turbine
+from upplied.scene import open3d, scene_of
 
 PAPER = settings_for("paper").registration
 
@@ -109,3 +115,95 @@ def test_refusal_says_score_and_gate() -> None:
     found = register(cloud(box), cloud(line), PAPER)
     assert not found.accepted
     assert f"{found.score_m2:.3g} m^2" in found.reason and f"gate {PAPER.gamma:.3g} m^2" in found.reason
+
+
+RECOMMENDED = settings_for("recommended").registration
+
+
+@cache
+def surface(structure_id: str, number: int = 4000) -> Cloud:
+    structure = member(structure_id).structure
+    return surface_samples(structure, scene_of(structure, 1), CloudSettings(surface_samples=number))
+
+
+def turned(target: Cloud, rotation: np.ndarray) -> Cloud:
+    return replace(target, points=target.points @ rotation.T, normals=target.normals @ rotation.T)
+
+
+def test_recommended_identity() -> None:
+    one = surface("a320-v1")
+    found = register(one, one, RECOMMENDED)
+    assert found.accepted and found.acceptance == pytest.approx(0, abs=1e-9)
+    np.testing.assert_allclose(found.to_demo(one.points), one.points, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "same"),
+    [
+        ("a320-v1", "b747-v1", True),
+        ("beluga-v1", "a320-v1", True),
+        ("turbine-1-v1", "turbine-3-v1", True),
+        ("cruise-v1", "yacht-1-v1", True),
+        ("cube-v1", "cuboid-v1", True),
+        ("bridge-1-v1", "bridge-2-v1", True),
+        ("a320-v1", "turbine-1-v1", False),
+        ("a320-v1", "bridge-1-v1", False),
+        ("turbine-1-v1", "cube-v1", False),
+        ("cruise-v1", "a320-v1", False),
+        ("bridge-1-v1", "cruise-v1", False),
+    ],
+)
+def test_the_same_kind_is_accepted_and_another_refused(source: str, target: str, same: bool) -> None:
+    found = register(surface(source), surface(target), RECOMMENDED)
+    assert found.accepted == same
+    assert (found.acceptance < RECOMMENDED.acceptance) == same
+
+
+def test_a_refusal_says_what_and_where() -> None:
+    found = register(surface("a320-v1"), surface("bridge-1-v1"), RECOMMENDED)
+    assert "do not correspond" in found.reason and "gate 1 " in found.reason
+    assert "section of the" in found.reason and "% of its area, has no counterpart" in found.reason
+
+
+def test_acceptance_is_free_of_density_scale_and_place() -> None:
+    one, other = surface("a320-v1"), surface("b777-v1")
+    plain = register(one, other, RECOMMENDED).acceptance
+    small = replace(other, points=0.01 * other.points + 5, area_m2=1e-4 * other.area_m2)
+    assert register(one, small, RECOMMENDED).acceptance == pytest.approx(plain, rel=1e-6)
+    thin = register(surface("a320-v1", 1500), surface("b777-v1", 1500), RECOMMENDED).acceptance
+    assert thin == pytest.approx(plain, abs=0.1)
+
+
+def test_where_the_rotor_stopped_does_not_matter() -> None:
+    shape = replace(TURBINE_2, azimuth_deg=35.0)
+    stopped = turbine(shape, "stopped-v1").structure
+    other = surface_samples(stopped, scene_of(stopped, 1), CloudSettings())
+    assert register(surface("turbine-1-v1"), other, RECOMMENDED).accepted
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 77.0, 180.0, 250.0])
+@pytest.mark.parametrize(("source", "target"), [("a320-v1", "b747-v1"), ("cruise-v1", "yacht-1-v1")])
+def test_heading_is_found(source: str, target: str, heading_deg: float) -> None:
+    one, other = surface(source), surface(target)
+    away = Rotation.from_euler("z", heading_deg, degrees=True).as_matrix()
+    found = register(one, turned(other, away), replace(RECOMMENDED, search="heading"))
+    assert found.accepted
+    off = Rotation.from_matrix(found.rotation @ found.turn @ away).magnitude()
+    assert np.degrees(off) < 3
+    assert found.runner_up_gap > 0.15
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_orientation_is_found(seed: int) -> None:
+    one, other = surface("a320-v1"), surface("b777-v1")
+    away = Rotation.random(random_state=seed).as_matrix()
+    found = register(one, turned(other, away), replace(RECOMMENDED, search="orientation"))
+    assert found.accepted
+    assert np.degrees(Rotation.from_matrix(found.rotation @ found.turn @ away).magnitude()) < 6
+
+
+def test_symmetric_structures_keep_the_declared_heading_and_say_so() -> None:
+    found = register(surface("cube-v1"), surface("cube-v1"), replace(RECOMMENDED, search="heading"))
+    np.testing.assert_allclose(found.turn, np.eye(3), atol=1e-9)
+    assert found.runner_up_gap < 0.15
+    assert "declared heading is kept" in found.evidence

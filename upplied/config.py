@@ -43,7 +43,8 @@ class RegistrationSettings:
     # lets 9 % of the cross-kind ones through: no gamma parts them, `acceptance` does.
     gamma: float = 1.9
     search: Literal["none", "heading", "orientation"] = "none"  # the paper assumes the same orientation
-    acceptance: float | None = None  # gate on the measure free of density and scale; None: gamma alone
+    # Gate on the misfit (`planning.acceptance`), free of density and scale; None: gamma alone, as published.
+    acceptance: float | None = None
 
 
 @dataclass(frozen=True)
@@ -241,6 +242,7 @@ _PRESETS: dict[str, Settings] = {
     "recommended": replace(
         _PAPER,
         preset="recommended",
+        registration=RegistrationSettings(acceptance=1.0),
         correspondence=CorrespondenceSettings(method="parts"),
         visibility=VisibilitySettings(occlusion=True, max_incidence_deg=75.0),
         transfer=TransferSettings(method="counterparts"),

@@ -22,6 +22,7 @@ _MANY = 40  # pieces; a mesh of fewer keeps small ones too, down to this many sa
 _SAMPLES = 6
 _COMPACT = 0.2  # longest edge over the structure's diagonal: engines, not wings
 _NEAR = 0.015  # of the diagonal: pieces this close touch
+_SLENDER, _BLADE, _EQUAL = 4.0, 0.02, 0.2  # length over width, share of the surface, |log| of lengths
 _TOUCHING = 0.15  # least share of the smaller piece that touches the other, to be one body with it
 
 
@@ -88,6 +89,16 @@ def parts_of(cloud: Cloud) -> Parts:
         touching=_contacts(points, label)[0] > 0,
         extent=np.array([_extent(points[label == part]) for part in range(number)]),
     )
+
+
+def blades_of(cloud: Cloud) -> Bools:
+    """Which samples (N,) lie on blades: long parts of which there are several, that may point anywhere."""
+    parts = parts_of(cloud)
+    length, width = parts.extent[:, 0], parts.extent[:, 1]
+    blade = (length > _SLENDER * width) & (parts.area > _BLADE) & (np.arange(len(parts)) > 0)
+    alike = np.abs(np.log(np.maximum(length[:, None], 1e-9) / np.maximum(length[None, :], 1e-9))) < _EQUAL
+    blade &= (alike & blade[None, :]).sum(axis=1) > 1
+    return np.asarray(blade[labels_of(cloud)], bool)
 
 
 def labels_of(cloud: Cloud) -> Ints:

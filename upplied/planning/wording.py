@@ -6,7 +6,7 @@ import numpy as np
 
 from upplied.planning.matching import Matching
 from upplied.planning.parts import Parts
-from upplied.records import Bools, Ints
+from upplied.records import Bools, Floats, Ints
 
 _WORDS = (("rear", "front"), ("right", "left"), ("low", "high"))
 _CENTRAL = 0.08  # of the structure's extent: no word within this distance of the middle
@@ -42,3 +42,29 @@ def summary_of(source: Parts, matching: Matching, label: Ints, gone: Bools, targ
         places = [f"part_{part} ({place_of(target, int(part))})" for part in unused[:_NAMED]]
         text += "; only on the target: " + ", ".join(places)
     return text
+
+
+def place_in(whole: Floats, points: Floats, weight: Floats) -> tuple[str, Bools]:
+    """The third of a structure along each axis in which most of some points lie, in words.
+
+    Parameters
+    ----------
+    whole : array, shape (N, 3), m
+        All of the structure.
+    points : array, shape (K, 3), m
+    weight : array, shape (K,)
+
+    Returns
+    -------
+    str
+        E.g. ``the rear high section``.
+    array of bool, shape (K,)
+        Which of the points lie there.
+    """
+    low, size = whole.min(axis=0), np.maximum(np.ptp(whole, axis=0), 1e-9)
+    third = np.clip(((points - low) / size * 3).astype(int), 0, 2)
+    cell = third @ [9, 3, 1]
+    best = int(np.bincount(cell, weights=weight, minlength=27).argmax())
+    at = (best // 9, best // 3 % 3, best % 3)
+    words = [pair[side // 2] for pair, side in zip(_WORDS, at, strict=True) if side != 1]
+    return f"the {' '.join(words) or 'middle'} section", cell == best
