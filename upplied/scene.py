@@ -202,6 +202,10 @@ def simplified(vertices: Floats, triangles: Ints, count: int) -> tuple[Floats, I
         open3d().utility.Vector3iVector(triangles.astype(np.int32)),
     )
     mesh.remove_duplicated_vertices()
+    mesh.remove_degenerate_triangles()
+    mesh.remove_duplicated_triangles()
     coarse = mesh.simplify_quadric_decimation(count)
+    if len(coarse.triangles) > 1.2 * count:  # it stalls on non-manifold edges, and then tears the shape
+        coarse = mesh.remove_non_manifold_edges().simplify_quadric_decimation(count)
     coarse.remove_unreferenced_vertices()
     return np.asarray(coarse.vertices) + origin, np.asarray(coarse.triangles).astype(np.int64)

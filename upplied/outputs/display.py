@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.records import SURFACE_STATES, Floats, Ints, Structure, SurfaceStates
+from upplied.records import SURFACE_STATES, Floats, Ints, Record, Structure, SurfaceStates
 from upplied.scene import simplified
 
 _MOST_TRIANGLES = 18_000
@@ -17,17 +18,25 @@ _ROUNDS = 24
 _VOTES = 5
 
 
-def display_mesh(structure: Structure) -> tuple[Floats, Ints]:
-    """Vertices (V, 3), m, and triangles (T, 3) to show; for a point cloud vertices alone.
+@dataclass(frozen=True, eq=False, repr=False)
+class DisplayMesh(Record):
+    """A structure with as many triangles as a page can carry; for a point cloud vertices alone."""
+
+    vertices: Floats  # (V, 3) m, structure frame
+    triangles: Ints  # (T, 3) vertex indices
+
+
+def display_mesh(structure: Structure) -> DisplayMesh:
+    """The mesh to show.
 
     Fine meshes are simplified, large triangles split, so that a colour for each triangle says
     where the surface is seen.
     """
     if not len(structure.triangles):
         kept = np.linspace(0, len(structure.vertices) - 1, min(len(structure.vertices), _MOST_POINTS))
-        return structure.vertices[kept.astype(int)], np.empty((0, 3), np.int64)
+        return DisplayMesh(structure.vertices[kept.astype(int)], np.empty((0, 3), np.int64))
     vertices, triangles = simplified(structure.vertices, structure.triangles, _MOST_TRIANGLES * 3 // 4)
-    return _split(vertices, triangles, structure.diagonal_m / 50)
+    return DisplayMesh(*_split(vertices, triangles, structure.diagonal_m / 50))
 
 
 def _split(vertices: Floats, triangles: Ints, longest_m: float) -> tuple[Floats, Ints]:
@@ -52,9 +61,9 @@ def _split(vertices: Floats, triangles: Ints, longest_m: float) -> tuple[Floats,
     return vertices, triangles
 
 
-def display_states(mesh: tuple[Floats, Ints], states: SurfaceStates) -> np.ndarray:
+def display_states(mesh: DisplayMesh, states: SurfaceStates) -> np.ndarray:
     """State (T,) of each triangle, or (V,) of each point of a cloud, uint8."""
-    vertices, triangles = mesh
+    vertices, triangles = mesh.vertices, mesh.triangles
     if not len(states.points):
         return np.zeros(len(triangles) or len(vertices), np.uint8)
     near = Neighbourhood(states, float(np.linalg.norm(np.ptp(vertices, axis=0))))
@@ -92,9 +101,9 @@ class Neighbourhood:
         return np.concatenate([points, self._apart * normals], axis=1)
 
 
-def structure_data(structure: Structure, mesh: tuple[Floats, Ints]) -> dict[str, Any]:
+def structure_data(structure: Structure, mesh: DisplayMesh) -> dict[str, Any]:
     """What a page needs to draw a structure's display mesh; coordinates are relative to `origin`."""
-    vertices, triangles = mesh
+    vertices, triangles = mesh.vertices, mesh.triangles
     origin = ((vertices.min(axis=0) + vertices.max(axis=0)) / 2).round(3)
     index = triangles.astype(np.uint16 if len(vertices) < 65536 else np.uint32)
     return {

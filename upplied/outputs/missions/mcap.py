@@ -142,7 +142,7 @@ def mcap_bytes(plan: Plan | Trajectory, structure: Structure, camera: Camera | N
 
 def _surface(plan: Plan | Trajectory, structure: Structure) -> dict[str, Any]:
     mesh = display_mesh(structure)
-    vertices, triangles = mesh
+    vertices, triangles = mesh.vertices, mesh.triangles
     kind, points = (
         (_TRIANGLE_LIST, vertices[triangles].reshape(-1, 3)) if len(triangles) else (_POINTS, vertices)
     )

@@ -1,0 +1,209 @@
+"""What the pages are made of: meshes to show, values along a path, and what a person should see first."""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from fake_catalog import FakeCatalog, box_structure, orbit
+from hypothesis import given
+from hypothesis import strategies as st
+
+from upplied.outputs.along import profile, speeds
+from upplied.outputs.display import display_mesh, display_states, packed, structure_data
+from upplied.outputs.pages import inert_json
+from upplied.outputs.pairs import change, meaning, pairs_of
+from upplied.outputs.reports import Reader
+from upplied.poses import look_at
+from upplied.records import Structure, SurfaceStates, Trajectory
+from upplied.scene import scene_of, simplified
+
+
+def area(vertices: np.ndarray, triangles: np.ndarray) -> float:
+    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def sphere(rings: int) -> tuple[np.ndarray, np.ndarray]:
+    theta, phi = np.meshgrid(
+        np.linspace(0, np.pi, rings + 1), np.arange(rings) * 2 * np.pi / rings, indexing="ij"
+    )
+    vertices = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(rings), np.arange(rings), indexing="ij"))
+    a, b = i * rings + j, i * rings + (j + 1) % rings
+    quads = np.concatenate([np.stack([a, a + rings, b], 1), np.stack([b, a + rings, b + rings], 1)])
+    return vertices.reshape(-1, 3), quads
+
+
+def test_splitting_large_triangles_changes_neither_area_nor_extent():
+    box = box_structure("box", (30.0, 8.0, 12.0))
+    mesh = display_mesh(box)
+    assert area(mesh.vertices, mesh.triangles) == pytest.approx(area(box.vertices, box.triangles))
+    assert np.allclose(np.ptp(mesh.vertices, axis=0), [30, 8, 12])
+    edges = mesh.vertices[mesh.triangles] - mesh.vertices[np.roll(mesh.triangles, -1, axis=1)]
+    assert np.linalg.norm(edges, axis=2).max() <= 2 * box.diagonal_m / 50
+
+
+def test_a_fine_mesh_is_simplified_and_keeps_its_shape():
+    vertices, triangles = sphere(150)
+    coarse, fewer = simplified(vertices, triangles, 3000)
+    assert len(fewer) <= 3600 and area(coarse, fewer) == pytest.approx(4 * np.pi, rel=0.01)
+    assert np.allclose(np.linalg.norm(coarse, axis=1), 1, atol=0.02)
+    same = simplified(vertices, triangles, 10**6)
+    assert same[0] is vertices and same[1] is triangles
+
+
+def test_a_mesh_with_doubled_faces_is_not_torn():
+    vertices, triangles = sphere(100)
+    doubled = np.concatenate([triangles, triangles[:, ::-1], triangles[::3]])
+    coarse, fewer = simplified(vertices, doubled, 3000)
+    assert len(fewer) <= 3600 and np.linalg.norm(coarse, axis=1).max() < 1.05
+
+
+def test_each_triangle_has_the_state_of_its_own_side():
+    plate = box_structure("plate", (10.0, 10.0, 0.05))
+    grid = np.stack(np.meshgrid(*[np.linspace(-5, 5, 30)] * 2), axis=-1).reshape(-1, 2)
+    points = np.concatenate([np.c_[grid, np.full(900, z)] for z in (0.05, 0.0)])
+    normals = np.repeat([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], 900, axis=0)
+    mesh = display_mesh(plate)
+    codes = display_states(mesh, SurfaceStates(points, np.repeat([1, 2], 900), normals))
+    corners = mesh.vertices[mesh.triangles]
+    up = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2]
+    assert (codes[up > 1e-6] == 1).all() and (codes[up < -1e-6] == 2).all()
+
+
+def test_one_sample_that_differs_from_its_neighbours_is_outvoted():
+    box = box_structure("box", (10.0, 10.0, 10.0))
+    points = np.random.default_rng(0).uniform(-5, 5, (500, 3)) + np.array([0, 0, 5])
+    state = np.ones(500, np.int64)
+    state[7] = 3
+    assert set(display_states(display_mesh(box), SurfaceStates(points, state))) == {1}
+    assert set(display_states(display_mesh(box), SurfaceStates(np.empty((0, 3)), np.empty(0, np.int64)))) == {
+        0
+    }
+
+
+def test_a_point_cloud_is_shown_as_points():
+    points = np.random.default_rng(0).normal(size=(20_000, 3))
+    cloud = Structure("cloud", "statue", points, np.empty((0, 3), int))
+    mesh = display_mesh(cloud)
+    assert len(mesh.vertices) == 12_000 and not len(mesh.triangles)
+    assert structure_data(cloud, mesh)["triangles"]["data"] == ""
+
+
+@given(st.lists(st.floats(-1e6, 1e6, width=32), max_size=20))
+def test_packed_arrays_unpack_to_themselves(values):
+    array = np.array(values, np.float32)
+    made = packed(array)
+    assert made["type"] == "f4" and np.array_equal(
+        np.frombuffer(base64.b64decode(made["data"]), "<f4"), array
+    )
+
+
+@given(
+    st.recursive(
+        st.none() | st.floats() | st.text(),
+        lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+        max_leaves=8,
+    )
+)
+def test_data_in_a_page_is_never_markup(value):
+    text = inert_json(value)
+    assert not set("<>&") & set(text)
+    json.loads(text, parse_constant=lambda name: pytest.fail(name))
+
+
+def test_values_along_an_orbit_are_those_of_its_geometry():
+    box = box_structure("box", (8.0, 8.0, 8.0))
+    positions = np.array([[20.0, y, 4.0] for y in np.linspace(-3, 3, 13)])
+    path = Trajectory(np.arange(13) * 0.25, positions, look_at(positions, positions - [1.0, 0, 0]))
+    along = profile(path, scene_of(box))
+    assert np.allclose(along.speed_mps, 2.0) and np.allclose(along.standoff_m, 16, atol=1e-4)
+    assert np.allclose(along.clearance_m, 16, atol=1e-4)
+    away = Trajectory(path.t_s, positions, look_at(positions, positions + np.array([1.0, 0, 0])))
+    assert np.isnan(profile(away, scene_of(box)).standoff_m).all()
+    assert len(profile(orbit(box, count=5000), scene_of(box)).path) == 600
+    assert speeds(Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]]))).tolist() == [0]
+
+
+def row(
+    target: str,
+    status: str = "ok",
+    seen: float = 90.0,
+    preset: str = "recommended",
+    at: str = "2026-01-01",
+    **more,
+):
+    given = {
+        "transfer_id": f"{target}{preset}{at}",
+        "demonstration_id": "d",
+        "source_id": "s",
+        "target_id": target,
+    }
+    given |= {
+        "kind": "k",
+        "preset": preset,
+        "status": status,
+        "reason": "",
+        "planned_at": pd.Timestamp(at, tz="UTC"),
+    }
+    return given | {"coverage_seen_pct": seen, "min_clearance_m": 3.0} | more
+
+
+def test_those_that_need_a_person_come_first():
+    rows = [
+        row("good", seen=99.0),
+        row("poor", seen=60.0),
+        row("no", "refused", np.nan),
+        row("broken", "failed", np.nan),
+    ]
+    rows.append(row("good", seen=10.0, preset="baseline"))
+    pairs = pairs_of(pd.DataFrame(rows), pd.DataFrame(rows))
+    assert [pair.target_id for pair in pairs] == ["broken", "no", "poor", "good"]
+    assert set(pairs[-1].plans) == {"recommended", "baseline"} and pairs[-1].main["coverage_seen_pct"] == 99.0
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        ({"status": "ok"}, {"status": "refused"}, "ok → refused"),
+        ({"seen": 90.0}, {"seen": 92.5}, "coverage +2.5%"),
+        ({"min_clearance_m": 3.0}, {"min_clearance_m": 2.0}, "clearance -1.0 m"),
+        ({}, {}, ""),
+    ],
+)
+def test_what_changed_is_told_against_the_plan_before(before, after, told):
+    old, new = row("t", at="2026-01-01", **before), row("t", at="2026-01-02", **after)
+    (pair,) = pairs_of(pd.DataFrame([new]), pd.DataFrame([old, new]))
+    assert change(pair) == told
+    (pair,) = pairs_of(pd.DataFrame([old]), pd.DataFrame([old]))
+    assert change(pair) == ""
+
+
+def test_a_refusal_is_told_in_plain_words():
+    assert "shapes" in meaning("refused", "the clouds do not fit: score 2 m^2") and meaning("ok", "") == ""
+    assert "safety distance" in meaning("refused", "clearance 0.4 m at [1, 2, 3]")
+    assert "error" in meaning("failed", "worker was killed") and "reason" in meaning(
+        "refused", "something new"
+    )
+
+
+def test_a_source_with_a_cache_simplifies_each_mesh_once():
+    class Cached(FakeCatalog):
+        calls: list = []  # noqa: RUF012
+
+        def cache(self, stage, record_type, key, compute):
+            self.calls.append((stage, record_type.__name__, key))
+            return compute()
+
+    source = Cached(targets=1)
+    reader = Reader(source)
+    first, again = reader.structure_data("cube"), reader.structure_data("cube")
+    assert first is again and [call[:2] for call in source.calls] == [("display", "DisplayMesh")]
+    source._structures["cube"] = replace(source._structures["cube"], sha256="other")
+    Reader(source).structure_data("cube")
+    assert len({key for *_, key in source.calls}) == 2
