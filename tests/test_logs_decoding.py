@@ -76,9 +76,9 @@ def test_columns_equal_the_stock_decoder(conversation: tuple[str, list[dict[str,
     )
     decoded = [stock(payload) for payload in payloads]
     decoder = RosDecoder("p/msg/Outer", text, cdr=True)
-    plain = [path for path in decoder.paths() if "[]" not in path]
+    plain = [path for path in decoder.paths if "[]" not in path]
     compare(decoder, payloads, plain, decoded, lambda message: [message])
-    many = [path for path in decoder.paths() if "[]" in path]
+    many = [path for path in decoder.paths if "[]" in path]
     if many:
         compare(decoder, payloads, many, decoded, lambda message: message.inner)
 
@@ -117,7 +117,7 @@ def test_the_families_equal_the_stock_decoder(schema: str, end: str) -> None:
         "cdr", Schema(id=1, name=schema, encoding="ros2msg", data=ROS2[schema].encode())
     )
     decoder = RosDecoder(schema, ROS2[schema], cdr=True)
-    paths = [path for path in decoder.paths() if "[]" not in path]
+    paths = [path for path in decoder.paths if "[]" not in path]
     if end == "big":
         payloads = [swapped(decoder, payload) for payload in payloads]
     compare(decoder, payloads, paths, [stock(payload) for payload in payloads], lambda found: [found])
@@ -125,7 +125,7 @@ def test_the_families_equal_the_stock_decoder(schema: str, end: str) -> None:
 
 def swapped(decoder: RosDecoder, payload: bytes) -> bytes:
     """The payload in the other order of bytes, field by field."""
-    layout = decoder._layout(payload, decoder.paths())
+    layout = decoder._layout(payload, decoder.paths)
     data = bytearray(payload)
     data[1] ^= 1
     for at in layout.guards[2::4]:
@@ -162,7 +162,7 @@ def test_ros1_equals_the_stock_decoder() -> None:
         "ros1", Schema(id=1, name="p/Outer", encoding="ros1msg", data=text.encode())
     )
     decoder = RosDecoder("p/Outer", text, cdr=False)
-    columns, _, _ = decoder.columns(payloads, decoder.paths())
+    columns, _, _ = decoder.columns(payloads, decoder.paths)
     for i, found in enumerate(map(stock, payloads)):
         assert columns["last"][2 * i] == found.last
         assert columns["header.frame_id"][2 * i] == found.header.frame_id
@@ -175,7 +175,7 @@ def test_ros1_equals_the_stock_decoder() -> None:
 @given(st.binary(max_size=200), st.sampled_from(sorted(ROS2)))
 def test_any_bytes_are_a_message_or_unreadable(payload: bytes, schema: str) -> None:
     decoder = RosDecoder(schema, ROS2[schema], cdr=True)
-    columns, row, unreadable = decoder.columns([b"\0\1\0\0" + payload, payload], decoder.paths())
+    columns, row, unreadable = decoder.columns([b"\0\1\0\0" + payload, payload], decoder.paths)
     assert unreadable + len(set(row.tolist())) <= 2
     assert all(len(column) == len(row) for column in columns.values())
 
@@ -188,7 +188,7 @@ def test_any_bytes_are_a_message_or_unreadable(payload: bytes, schema: str) -> N
 def test_a_bad_definition_is_refused_or_harmless(text: str) -> None:
     try:
         decoder = RosDecoder("p/msg/Outer", text, cdr=True)
-        columns, row, unreadable = decoder.columns([b"\0\1\0\0" + bytes(64)] * 3, decoder.paths())
+        columns, row, unreadable = decoder.columns([b"\0\1\0\0" + bytes(64)] * 3, decoder.paths)
     except DefinitionError:
         return
     assert unreadable == 3 and not len(row) and all(len(column) == 0 for column in columns.values())

@@ -61,8 +61,10 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
             "one source",
             "choose one by topic, and by schema where a topic has several",
         )
-    used = [f"{len(found)} sources of poses"] if usable and len(found) > 1 and not facts.topic else []
-    return (usable[0] if usable else None), used
+    if not usable:
+        return None, []
+    others = len(found) > 1 and not facts.topic
+    return usable[0], [f"poses of {usable[0].channel.topic}, one of {len(found)} sources"] if others else []
 
 
 def listed(tables: Sequence[Table]) -> str:

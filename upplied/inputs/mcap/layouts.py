@@ -75,10 +75,8 @@ class Walk:
             for _ in range(1 if count is None else count):
                 self._step(0)
                 size = self._length(-1)
-                if count is None:
-                    self._leaf(
-                        path, "S", max(size - 1, 0) if self.cdr else size
-                    )  # CDR counts the closing zero
+                if count is None:  # CDR counts the closing zero
+                    self._leaf(path, "S", max(size - 1, 0) if self.cdr else size)
                 self.at += size
             return
         dtype, size = SIZES[part.kind]

@@ -100,6 +100,8 @@ class ProtobufDecoder:
             field = root.fields_by_name.get(many)
             if field is None or not field.is_repeated or field.message_type is None:
                 return {}, []
+            if field.message_type.GetOptions().map_entry:
+                return {}, []
             root = field.message_type
         names, guards = {}, set()
         for wanted, path in paths:

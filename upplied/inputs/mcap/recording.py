@@ -69,10 +69,10 @@ class Recording:
     channels: dict[int, mcap.ChannelRecord] = field(default_factory=dict)
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     chunks: list[mcap.ChunkRef] = field(default_factory=list)
-    loose: list[tuple[int, mcap.ChunkRef]] = field(
-        default_factory=list
-    )  # channel id, message outside of chunks
-    counts: dict[int, int] = field(default_factory=dict)  # messages by channel, as the statistics say
+    # Messages outside of chunks, each with the id of its channel.
+    loose: list[tuple[int, mcap.ChunkRef]] = field(default_factory=list)
+    # Messages by channel, as the statistics say.
+    counts: dict[int, int] = field(default_factory=dict)
     losses: list[str] = field(default_factory=list)
 
     def channel(self, channel_id: int) -> Channel | None:
@@ -175,6 +175,8 @@ def open_recording(path: Path) -> Recording:
     """
     try:
         size = path.stat().st_size
+        if not path.is_file():
+            raise InputError(str(path), "is no file", "an MCAP log")
         with path.open("rb") as stream:
             start = stream.read(10)
             if not start.startswith(mcap.MAGIC):

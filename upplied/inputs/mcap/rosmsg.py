@@ -19,6 +19,7 @@ Columns = dict[str, Any]
 
 MAX_PATHS = 10_000  # fields of one message, with those of the messages in it
 MAX_TEXT = 200  # characters of a name that are kept
+MAX_WALKS = 20_000  # layouts of one channel; a log has a handful
 _MAX_GROUPS = 32  # layouts of one payload length that are read by array operations
 
 
@@ -33,20 +34,28 @@ class RosDecoder:
         The definition with those of the messages it contains, as stored in the log.
     cdr : bool
         ROS 2 (aligned, four bytes of encapsulation) or ROS 1 (packed, little endian).
+
+    Attributes
+    ----------
+    paths : frozenset of str
+        Every path that a column can have; elements of a sequence of messages are ``name[].field``.
+
+    Raises
+    ------
+    DefinitionError
+        If the definition is empty, incomplete or endless.
     """
 
     def __init__(self, name: str, text: str, cdr: bool) -> None:
         self._messages = parse_definition(name, text)
         self._root = short_name(name)
         self._cdr = cdr
+        self._walks = 0
         if not self._messages.get(self._root):
             raise DefinitionError(f"the definition of {name} is empty")
-
-    def paths(self) -> set[str]:
-        """Every path that a column can have; elements of a sequence of messages are ``name[].field``."""
         found: list[str] = []
         self._collect(self._root, "", found, 0)
-        return {path for path in found if not path.endswith(".")}
+        self.paths = frozenset(path for path in found if not path.endswith("."))
 
     def columns(self, payloads: Sequence[bytes], wanted: Iterable[str]) -> tuple[Columns, np.ndarray, int]:
         """The wanted values of many payloads.
@@ -65,14 +74,16 @@ class RosDecoder:
         unreadable : int
             Payloads that do not fit the definition.
         """
-        known = self.paths()
-        wanted = [path for path in wanted if path in known]
+        wanted = [path for path in wanted if path in self.paths]
         pieces: list[tuple[Columns, np.ndarray]] = []
         unreadable = 0
         for rows in _by_length(payloads):
             groups = 0
             while len(rows):
-                groups += 1
+                groups, self._walks = groups + 1, self._walks + 1
+                if self._walks > MAX_WALKS:
+                    unreadable += len(rows)
+                    break
                 try:
                     layout = self._layout(payloads[rows[0]], set(wanted))
                 except PayloadError:
@@ -83,7 +94,7 @@ class RosDecoder:
                 block = block.reshape(len(taken), -1)
                 same = (block[:, layout.guards] == block[0, layout.guards]).all(axis=1)
                 pieces.append((_gather(block[same], layout, wanted), np.repeat(taken[same], layout.elements)))
-                rows = np.setdiff1d(rows, taken[same], assume_unique=True)
+                rows = rows[1:] if groups > _MAX_GROUPS else rows[~same]
         return (*_joined(pieces, wanted), unreadable)
 
     def _collect(self, message: str, prefix: str, found: list[str], depth: int) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -125,14 +125,16 @@ def joined(tables: list[Table]) -> Table:
     """Several channels of one topic and schema as one table, in the order of their log times."""
     if len(tables) == 1:
         return tables[0]
-    filled = [table for table in tables if len(table)] or tables[:1]
-    paths = set.intersection(*(set(table.columns) for table in filled))
-    order = np.argsort(np.concatenate([table.log_ns for table in filled]), kind="stable")
+    times = [np.column_stack([table.log_ns, table.publish_ns]) for table in tables]
+    pieces = [(table.columns, stamps) for table, stamps in zip(tables, times, strict=True) if len(table)]
+    together = np.concatenate(times)
+    order = np.argsort(together[:, 0], kind="stable")
+    paths = sorted({path for columns, _ in pieces for path in columns})
     return Table(
         channel=tables[0].channel,
-        columns={path: np.concatenate([table.columns[path] for table in filled])[order] for path in paths},
-        log_ns=np.concatenate([table.log_ns for table in filled])[order],
-        publish_ns=np.concatenate([table.publish_ns for table in filled])[order],
+        columns={path: _stacked(pieces, path)[order] for path in paths},
+        log_ns=together[order, 0],
+        publish_ns=together[order, 1],
         messages=sum(table.messages for table in tables),
         dropped=sum((table.dropped for table in tables), Counter()),
         problem=next((table.problem for table in tables if table.problem), ""),
@@ -147,23 +149,19 @@ def decoder_for(channel: Channel) -> Decoder:
     DefinitionError
         If encoding and schema do not allow to decode it.
     """
-    kinds: Mapping[tuple[str, str], Callable[[Channel], Decoder]] = {
-        ("cdr", "ros2msg"): lambda c: RosDecoder(
-            c.schema_name, c.schema.decode("utf-8", "replace"), cdr=True
-        ),
-        ("ros1", "ros1msg"): lambda c: RosDecoder(
-            c.schema_name, c.schema.decode("utf-8", "replace"), cdr=False
-        ),
-        ("protobuf", "protobuf"): lambda c: ProtobufDecoder(c.schema_name, c.schema),
-    }
-    if channel.encoding == "json":
-        return JsonDecoder()
-    kind = kinds.get((channel.encoding, channel.schema_encoding))
-    if kind is None:
-        raise DefinitionError(
-            f"messages in {channel.encoding or 'no'} encoding, schema in {channel.schema_encoding or 'none'}"
-        )
-    return kind(channel)
+    text = channel.schema.decode("utf-8", "replace")
+    match channel.encoding, channel.schema_encoding:
+        case "cdr", "ros2msg":
+            return RosDecoder(channel.schema_name, text, cdr=True)
+        case "ros1", "ros1msg":
+            return RosDecoder(channel.schema_name, text, cdr=False)
+        case "protobuf", "protobuf":
+            return ProtobufDecoder(channel.schema_name, channel.schema)
+        case "json", _:
+            return JsonDecoder()
+    raise DefinitionError(
+        f"messages in {channel.encoding or 'no'} encoding, schema in {channel.schema_encoding or 'none'}"
+    )
 
 
 class _Builder:
@@ -204,7 +202,8 @@ class _Builder:
         """Turn the messages that wait into columns."""
         self._table.messages += len(self.sink)
         held = [message for message in self.sink if len(message[2]) <= _MAX_PAYLOAD_BYTES]
-        self._table.dropped["too large a message"] += len(self.sink) - len(held)
+        if len(held) < len(self.sink):
+            self._table.dropped["too large a message"] += len(self.sink) - len(held)
         self.sink.clear()
         self._bytes = self._weighed = 0
         if self._decoder is None or not held:
@@ -213,7 +212,8 @@ class _Builder:
         if self._table.channel.encoding == "cdr" and payloads[0].startswith(_ZSTD_MAGIC):
             payloads = tuple(map(_unwrapped, payloads))
         columns, row, unreadable = self._decoder.columns(payloads, self._paths)
-        self._table.dropped["unreadable message"] += unreadable
+        if unreadable:
+            self._table.dropped["unreadable message"] += unreadable
         self._rows += len(row)
         if len(row):
             times = np.array([log_ns, publish_ns], np.uint64).T.astype(np.int64)
@@ -233,15 +233,11 @@ def _unwrapped(payload: bytes) -> bytes:
 def _stacked(pieces: list[tuple[dict[str, Any], Ints]], name: str) -> Any:
     """A column over all batches; NaN or "" where a batch does not have it."""
     like = next(columns[name] for columns, _ in pieces if name in columns)
-    parts = []
+    is_text, parts = like.dtype == object, []
     for columns, times in pieces:
         part = columns.get(name)
-        if (
-            part is None
-            or part.shape[1:] != like.shape[1:]
-            or (part.dtype == object) != (like.dtype == object)
-        ):
-            blank = "" if like.dtype == object else np.nan
-            part = np.full((len(times), *like.shape[1:]), blank, object if like.dtype == object else float)
+        if part is None or part.shape[1:] != like.shape[1:] or (part.dtype == object) != is_text:
+            shape = (len(times), *like.shape[1:])
+            part = np.full(shape, "", object) if is_text else np.full(shape, np.nan)
         parts.append(part)
     return np.concatenate(parts)
