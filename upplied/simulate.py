@@ -16,9 +16,9 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.errors import RefusedError, SettingsError
-from upplied.planning.inspect import inspect_demonstration
 from upplied.planning.judge import judge
 from upplied.planning.pair import Memo, no_memo, study_pair
+from upplied.planning.repeat import takes_of
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.records import Demonstration, Floats, Plan, Structure, Trajectory
 
@@ -132,8 +132,8 @@ def measure_flown(
         and warnings.
     """
     pair = study_pair(source, target, settings, memo)
-    inspection = inspect_demonstration(demonstration, pair, settings, memo)
-    measures, surface, warnings = judge(flown, inspection, pair, settings, memo)
+    takes = takes_of(demonstration, pair, settings, memo)
+    measures, surface, warnings = judge(flown, takes, settings, memo)
     return replace(
         plan, trajectory=flown, is_viewpoint=None, measures=measures, surface=surface, warnings=warnings
     )

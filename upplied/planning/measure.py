@@ -6,6 +6,7 @@ Two questions come first. `sought`: which points of the target answer for what t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +36,7 @@ BY_FRUSTUM = VisibilitySettings(occlusion=False)
 TRULY = VisibilitySettings(occlusion=True, max_incidence_deg=75.0)
 
 _STEP_M, _STEP_RAD = 0.5, np.radians(3.0)  # between the poses that are asked what they see
-_MOST = 1000
+_MOST = 3000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,6 +145,19 @@ def sought(
     all_seen = float(weight[seen].sum())
     without = 100 * float(weight[seen & ~paired].sum()) / all_seen if all_seen else 0.0
     return Sought(target, need, standoff, without)
+
+
+def together(parts: Sequence[Sought]) -> Sought:
+    """What several flights over one target should see, each adding its need."""
+    if len(parts) == 1:
+        return parts[0]
+    needs = np.array([part.need for part in parts])
+    need = needs.sum(axis=0)
+    distances = np.where(needs > 0, [part.standoff_m for part in parts], 0.0)
+    with np.errstate(invalid="ignore"):
+        standoff = (distances * needs).sum(axis=0) / need
+    without = float(np.average([part.without_pct for part in parts], weights=needs.sum(axis=1) + 1e-12))
+    return Sought(parts[0].cloud, need, standoff, without)
 
 
 def coverage(sought: Sought, seen: Bools) -> float:

@@ -60,7 +60,9 @@ def pinned_parts(
 def choices_for(source: Parts, part: int, target: Parts) -> Ints:
     """Target parts of the shape of a source part, those on its side first; boxes of both made equal."""
     return np.array(
-        sorted(_alike(source, part, target), key=lambda other: _side(target, other) != _side(source, part)),
+        sorted(
+            _alike(source, part, target), key=lambda other: side_of(target, other) != side_of(source, part)
+        ),
         np.int64,
     )
 
@@ -78,8 +80,8 @@ def _named(name: str, cloud: Cloud, parts: Parts, landmarks: Landmarks) -> int |
 def _placed(words: list[str], source: Parts, part: int, target: Parts) -> int | None:
     candidates = _alike(source, part, target)
     side = {"left": 1, "right": -1}.get(next((word for word in words if word in ("left", "right")), ""), 0)
-    side = side or _side(source, part)
-    candidates = [other for other in candidates if _side(target, other) == side] or candidates
+    side = side or side_of(source, part)
+    candidates = [other for other in candidates if side_of(target, other) == side] or candidates
     offset = _offsets(target)
     score = {"outer": np.abs(offset[:, 1]), "inner": -np.abs(offset[:, 1])}
     score |= {"front": offset[:, 0], "rear": -offset[:, 0], "high": offset[:, 2], "low": -offset[:, 2]}
@@ -108,8 +110,8 @@ def _offsets(parts: Parts) -> Floats:
     return np.asarray(_boxed(parts).middle - 0.5)
 
 
-def _side(parts: Parts, part: int) -> int:
-    """1 left (+Y), -1 right, 0 in the middle."""
+def side_of(parts: Parts, part: int) -> int:
+    """Side on which a part lies: 1 left (+Y), -1 right, 0 in the middle."""
     offset = _offsets(parts)[part, 1]
     return 0 if abs(offset) < _SIDE else int(np.sign(offset))
 

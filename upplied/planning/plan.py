@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from upplied.config import Settings, digest
 from upplied.errors import RefusedError
-from upplied.planning.inspect import inspect_demonstration
 from upplied.planning.judge import judge
 from upplied.planning.pair import METHOD_VERSION, Memo, no_memo, study_pair
 from upplied.planning.propose import propose
+from upplied.planning.repeat import takes_of
 from upplied.records import Demonstration, Plan, Structure
 
 
@@ -55,14 +55,14 @@ def plan_transfer(
     if not pair.fit_for(settings).registration.accepted:
         return replace(plan, status="refused", reason=pair.fit_for(settings).registration.reason)
     # What did the expert look at, and from which viewpoints? (Algorithm 2, lines 1 to 13)
-    inspection = inspect_demonstration(demonstration, pair, settings, memo)
+    takes = takes_of(demonstration, pair, settings, memo)
     # From where does the target show the same? (lines 14 to 18)
     try:
-        trajectory, is_viewpoint = propose(inspection, pair, settings, memo)
+        trajectory, is_viewpoint = propose(takes, settings)
     except RefusedError as refusal:
         return replace(plan, status="refused", reason=str(refusal))
     # How good is it? The same measures for every preset.
-    measures, surface, warnings = judge(trajectory, inspection, pair, settings, memo)
+    measures, surface, warnings = judge(trajectory, takes, settings, memo)
     return replace(
         plan,
         trajectory=trajectory,

@@ -2,29 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.complete import complete
+from upplied.planning.fair import faired
 from upplied.planning.follow import follow_counterparts
 from upplied.planning.frechet import spread
 from upplied.planning.inspect import Inspection
 from upplied.planning.judge import airspace_of
 from upplied.planning.look import View
 from upplied.planning.measure import sought
-from upplied.planning.pair import Memo, Pair, no_memo
+from upplied.planning.pair import Pair
 from upplied.planning.plane import at_height, in_plane, plane_height
 from upplied.planning.refine import gauss_newton
+from upplied.planning.repeat import Take, joined
 from upplied.planning.retime import retime
-from upplied.planning.route import Ways, safe_positions
+from upplied.planning.route import Ways, route, safe_positions
 from upplied.planning.transfer import aimed, box_map, registered_map, zscore_map
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
+_RIPPLES = 0.05  # of the usual stand-off: what is taken out of a path that was led and bent
 
-def propose(
-    inspection: Inspection, pair: Pair, settings: Settings, memo: Memo = no_memo
-) -> tuple[Trajectory, Bools]:
+
+def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bools]:
     """The planned trajectory, and which of its waypoints are viewpoints.
+
+    Parameters
+    ----------
+    takes : sequence of Take
+        One, or as many as the demonstration is to be repeated.
+    settings : Settings
 
     Raises
     ------
@@ -32,8 +42,25 @@ def propose(
         If no path keeps what the settings demand.
     """
     way = completed if settings.refine.method == "view" else published
-    waypoints = way(inspection, pair, settings)
-    return retime(waypoints, inspection.flight, settings.retime)
+    flight = joined([take.inspection.flight for take in takes])
+    waypoints = _in_one([way(take.inspection, take.pair, settings) for take in takes], takes, flight)
+    if len(takes) > 1:
+        pair = takes[0].pair
+        waypoints = route(waypoints, Ways(airspace_of(pair, settings), pair.surface.target))
+    return retime(waypoints, flight, settings.retime)
+
+
+def _in_one(paths: Sequence[Waypoints], takes: Sequence[Take], flight: Trajectory) -> Waypoints:
+    """The paths of several takes one after another, in the times of the joined flight."""
+    lengths = [len(take.inspection.flight) for take in takes]
+    begins = flight.t_s[np.cumsum([0, *lengths[:-1]])]
+    offset = [begin - take.inspection.flight.t_s[0] for begin, take in zip(begins, takes, strict=True)]
+    return Waypoints(
+        np.concatenate([path.positions for path in paths]),
+        np.concatenate([path.quat_xyzw for path in paths]),
+        np.concatenate([path.t_s + shift for path, shift in zip(paths, offset, strict=True)]),
+        np.concatenate([path.is_viewpoint for path in paths]),
+    )
 
 
 def published(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoints:
@@ -79,8 +106,12 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
         reach_m = np.array([reach_m[0], reach_m[1], 1e-6])
     ways = Ways(airspace, fit.target)
 
+    ripples_m = _RIPPLES * float(np.nan_to_num(np.nanmedian(wanted.standoff_m)))
+
     def safe(places: Floats) -> Floats:
-        return safe_positions(places, ways) if settings.route.enforce else places
+        if not settings.route.enforce:
+            return places
+        return faired(safe_positions(places, ways), ways.planning, ripples_m)
 
     return complete(path, view, reach_m, safe, ways.planning.allowed)
 
