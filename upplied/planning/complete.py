@@ -66,6 +66,7 @@ def complete(
         bent = _bent(positions, path.quat_xyzw, seen, detours, view, within)
         if bent is not positions:
             positions = safe(bent)
+    positions = safe(positions)  # leans were tested at the positions only
     covered = view.seen(positions, path.quat_xyzw).any(axis=0)
     return with_looks(path, positions, find_looks(positions, path.quat_xyzw, covered, view))
 
