@@ -7,7 +7,7 @@ long axis). A camera pose is a position and a quaternion ``x y z w`` that turns 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -227,6 +227,10 @@ class Waypoints(Record):
     def __len__(self) -> int:
         return len(self.positions)
 
+    def __getitem__(self, part: slice) -> Waypoints:
+        """The waypoints of a slice."""
+        return Waypoints(self.positions[part], self.quat_xyzw[part], self.t_s[part], self.is_viewpoint[part])
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measures(Record):
@@ -285,6 +289,16 @@ class Plan(Record):
     def n_viewpoints(self) -> int:
         """How many waypoints are viewpoints."""
         return 0 if self.is_viewpoint is None else int(self.is_viewpoint.sum())
+
+
+def in_a_row(paths: Sequence[Waypoints]) -> Waypoints:
+    """Several stretches of waypoints one after another, as one."""
+    return Waypoints(
+        np.concatenate([path.positions for path in paths]),
+        np.concatenate([path.quat_xyzw for path in paths]),
+        np.concatenate([path.t_s for path in paths]),
+        np.concatenate([path.is_viewpoint for path in paths]),
+    )
 
 
 def as_dict(record: Any) -> dict[str, Any]:

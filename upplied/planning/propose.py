@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,9 +24,9 @@ from upplied.planning.repeat import Take, joined
 from upplied.planning.retime import retime
 from upplied.planning.route import Ways, route, safe_positions
 from upplied.planning.transfer import aimed, box_map, registered_map, zscore_map
-from upplied.records import Bools, Floats, Trajectory, Waypoints
+from upplied.records import Bools, Floats, Trajectory, Waypoints, in_a_row
 
-_RIPPLES = 0.05  # of the usual stand-off: what is taken out of a path that was led and bent
+_RIPPLES = 0.07  # of the usual stand-off: what is taken out of a path that was led and bent
 
 
 def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bools]:
@@ -43,24 +45,33 @@ def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bool
     """
     way = completed if settings.refine.method == "view" else published
     flight = joined([take.inspection.flight for take in takes])
-    waypoints = _in_one([way(take.inspection, take.pair, settings) for take in takes], takes, flight)
+    paths = _in_joined_times([way(take.inspection, take.pair, settings) for take in takes], takes, flight)
     if len(takes) > 1:
         pair = takes[0].pair
-        waypoints = route(waypoints, Ways(airspace_of(pair, settings), pair.surface.target))
-    return retime(waypoints, flight, settings.retime)
+        paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.surface.target))
+    return retime(in_a_row(paths), flight, settings.retime)
 
 
-def _in_one(paths: Sequence[Waypoints], takes: Sequence[Take], flight: Trajectory) -> Waypoints:
-    """The paths of several takes one after another, in the times of the joined flight."""
+def _in_joined_times(
+    paths: Sequence[Waypoints], takes: Sequence[Take], flight: Trajectory
+) -> list[Waypoints]:
+    """The paths of several takes in the times of the joined flight."""
     lengths = [len(take.inspection.flight) for take in takes]
     begins = flight.t_s[np.cumsum([0, *lengths[:-1]])]
-    offset = [begin - take.inspection.flight.t_s[0] for begin, take in zip(begins, takes, strict=True)]
-    return Waypoints(
-        np.concatenate([path.positions for path in paths]),
-        np.concatenate([path.quat_xyzw for path in paths]),
-        np.concatenate([path.t_s + shift for path, shift in zip(paths, offset, strict=True)]),
-        np.concatenate([path.is_viewpoint for path in paths]),
-    )
+    return [
+        replace(path, t_s=path.t_s - take.inspection.flight.t_s[0] + begin)
+        for path, take, begin in zip(paths, takes, begins, strict=True)
+    ]
+
+
+def _with_transits(paths: Sequence[Waypoints], ways: Ways) -> list[Waypoints]:
+    """The paths, and between them safe ways from the end of each to the start of the next."""
+    whole = [paths[0]]
+    for before, after in itertools.pairwise(paths):
+        ends = in_a_row([before[-1:], after[:1]])
+        transit = route(replace(ends, is_viewpoint=np.zeros(2, bool)), ways)
+        whole += [transit[1:-1], after]
+    return whole
 
 
 def published(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoints:
