@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import solveh_banded
+from scipy.ndimage import gaussian_filter1d
 
 from upplied.planning.airspace import Airspace
 from upplied.records import Bools, Floats
 
-_TRIES = 6  # each with half the reach
+_TRIES = 8  # each with half the step where a rule was broken
+_BLEND = 3.0  # positions over which full and halved steps meet
 
 
 def faired(positions: Floats, airspace: Airspace, reach_m: float) -> Floats:
@@ -30,32 +32,33 @@ def faired(positions: Floats, airspace: Airspace, reach_m: float) -> Floats:
     -------
     array, shape (M, 3), m
     """
-    if len(positions) < 5:
+    if len(positions) < 5 or reach_m <= 0:
         return positions
-    allowed = airspace.broken(positions)
-    reach = np.full(len(positions), float(reach_m))
+    before = airspace.broken(positions)
+    step = _whittaker(positions, reach_m) - positions
+    step[[0, -1]] = 0.0
+    step *= np.minimum(1, reach_m / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
+    share = np.ones(len(positions))
     for _ in range(_TRIES):
-        smooth = _whittaker(positions, reach_m)
-        step = smooth - positions
-        length = np.linalg.norm(step, axis=1)
-        tried = positions + step * np.minimum(1, reach / np.maximum(length, 1e-12))[:, None]
-        worse = airspace.broken(tried) & ~allowed
+        tried = positions + share[:, None] * step
+        worse = airspace.broken(tried) & ~before
         if not worse.any():
             return tried
-        reach = np.minimum(reach, np.where(_near(worse), reach / 2, reach))
-        reach[_ends(worse)] = 0.0
+        share = np.where(_near(worse), share / 2, share)
+        share = np.minimum(share, gaussian_filter1d(share, _BLEND, mode="nearest"))
+        share[_ends(worse)] /= 2
     return positions
 
 
 def _whittaker(positions: Floats, reach_m: float) -> Floats:
     """Least squares of the distance and, weighted, of the second derivative along the path."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
-    gap = np.maximum(np.diff(along), 1e-3 * max(along[-1], 1e-9) / len(positions))
+    gap = np.maximum(np.diff(along), max(0.1 * along[-1] / len(positions), 0.01 * reach_m))
     weight = (gap[:-1] + gap[1:]) / 2
     a, c = 1 / (gap[:-1] * weight), 1 / (gap[1:] * weight)
     rows = np.stack([a, -a - c, c])  # second derivative at each inner position
     mass = np.concatenate([[gap[0] / 2], weight, [gap[-1] / 2]])
-    mass[[0, -1]] = 1e9 * mass.max()
+    mass[[0, -1]] = 1e6 * mass.max()  # both ends stay
     stiff = reach_m**4 * weight
     bands = np.zeros((3, len(positions)))
     bands[0] = mass
