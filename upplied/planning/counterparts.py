@@ -7,6 +7,7 @@ top of one wing to the bottom of the other, and an inner engine to an outer one 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,6 +20,7 @@ from upplied.planning.wording import summary_of
 from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Registration
 
 _CONTROLS, _ANCHORS = 200, 450  # points of the source that move, points of the target that pull
+_TRIED, _NEARER = 300, 0.7  # samples of a part, and how much nearer a drift must bring them
 _GONE = 0.05  # of the diagonal: a point that stays this far from the target has no counterpart there
 _SAME_FACE = 0.3  # least cosine between a normal and its counterpart's, for a part that has no partner
 _CLAIM = 1.5  # spacings: how near a counterpart of a matched part makes a target sample taken
@@ -61,11 +63,26 @@ def by_parts(
 
 
 def _warped(placed: Patch, fixed: Patch, diagonal_m: float) -> Patch:
+    """Drifted where that brings the surfaces clearly nearer; a part that lies well already stays."""
     controls = farthest_points(placed.points, _CONTROLS)
     anchors = farthest_points(fixed.points, _ANCHORS)
     found = drift(placed.at(controls), fixed.at(anchors), diagonal_m)
-    moved = placed.points + found.at(placed.points, placed.label)
-    return Patch(moved, placed.normals, placed.label)
+    drifted = replace(placed, points=placed.points + found.at(placed.points, placed.label))
+    points = placed.points.copy()
+    for label in np.unique(placed.label):
+        mine = np.flatnonzero(placed.label == label)
+        tried = mine[:: max(1, len(mine) // _TRIED)]
+        before = _off(placed.at(tried), fixed, diagonal_m)
+        if _off(drifted.at(tried), fixed, diagonal_m) < _NEARER * before:
+            points[mine] = drifted.points[mine]
+    return replace(placed, points=points)
+
+
+def _off(patch: Patch, fixed: Patch, diagonal_m: float) -> float:
+    """Mean distance of points from the skin of their counterparts, along its normal."""
+    index = _facing_nearest(patch, fixed, diagonal_m)
+    offset = np.einsum("ij,ij->i", patch.points - fixed.points[index], fixed.normals[index])
+    return float(np.abs(offset).mean())
 
 
 def _facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
