@@ -335,3 +335,19 @@ def test_the_golden_pair(real_data: Path) -> None:
     assert np.abs(ned.positions - enu.positions).max() < 1e-6
     # The twin took the nearest attitude, ours is interpolated to the position's moment.
     assert np.degrees(angle_between(ned.quat_xyzw, enu.quat_xyzw)).max() < 0.3
+
+
+def test_a_flood_of_poses_in_a_small_file_is_refused(tmp_path: Path) -> None:
+    """A hundred kilobytes that unpack to a million equal poses."""
+    path = write_log(tmp_path / "a.mcap", [poses("/pose", POSE, flight(2))], FACTS, use_chunking=False)
+    data = path.read_bytes()
+    start = 8 + 9 + int.from_bytes(data[9:17], "little")  # after the header: schema, channel, message
+    at = data.index(b"\x05" + struct.pack("<Q", 22 + 76))
+    records = data[start:at] + data[at : at + 9 + 22 + 76] * 700_000
+    packed = zstandard.ZstdCompressor().compress(records)
+    body = struct.pack("<QQQI", 0, 1, len(records), 0) + struct.pack("<I", 4) + b"zstd"
+    body += struct.pack("<Q", len(packed)) + packed
+    flood = MAGIC + b"\x01" + struct.pack("<Q", 8) + bytes(8) + b"\x06" + struct.pack("<Q", len(body)) + body
+    assert len(flood) < 100_000
+    with pytest.raises(InputError, match="messages of poses"):
+        read(tmp_path, flood, "b.mcap")

@@ -129,9 +129,14 @@ def _split(wanted: Iterable[str]) -> tuple[str, list[str]]:
 
 def _walk(value: Any, steps: list[tuple[str, ...]]) -> Any:
     for names in steps:
-        if not isinstance(value, dict):
+        for name in names:
+            try:
+                value = value[name]
+                break
+            except (KeyError, TypeError, IndexError):
+                continue
+        else:
             return None
-        value = next((value[name] for name in names if name in value), None)
     return value
 
 

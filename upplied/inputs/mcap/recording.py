@@ -105,7 +105,7 @@ class Recording:
 
         Damaged chunks are skipped and named in `losses`.
         """
-        sinks = _Sinks(self, sink_of)
+        sinks, most = _Sinks(self, sink_of), self.limit(MAX_MESSAGES) + 1
         lost, unpacked, records = Counter[str](), 0, 0
         with self.path.open("rb", buffering=0) as stream:
             for ref in self.chunks:
@@ -115,7 +115,7 @@ class Recording:
                     chunk = mcap.unpack_chunk(_content(stream, ref))
                     unpacked += len(chunk)
                     self.check(unpacked, MAX_UNPACKED, "bytes after decompression")
-                    records += mcap.collect(chunk, sinks, self.add)
+                    records += mcap.collect(chunk, sinks, self.add, most)
                 except mcap.DamagedError as error:
                     lost[str(error)] += 1
                 self.check(records, MAX_RECORDS, "records")
@@ -124,7 +124,7 @@ class Recording:
             for channel_id, ref in self.loose:
                 if sinks[channel_id] is not None:
                     head = ref.offset - 9
-                    mcap.collect(_content(stream, mcap.ChunkRef(head, ref.length + 9)), sinks, self.add)
+                    mcap.collect(_content(stream, mcap.ChunkRef(head, ref.length + 9)), sinks, self.add, most)
                     yield
         for reason, number in lost.items():
             self.losses.append(f"{number} of {len(self.chunks)} chunks lost: {reason}")
@@ -135,6 +135,10 @@ class Recording:
         if missing and not self.losses:
             self.losses.append(f"{missing} messages that the log counts are not in it")
 
+    def limit(self, bound: tuple[float, float]) -> int:
+        """What a log of this size may hold."""
+        return int(bound[0] + bound[1] * self.size)
+
     def check(self, number: int, bound: tuple[float, float], what: str) -> None:
         """Refuse a log that holds more than a log of its size can.
 
@@ -142,11 +146,10 @@ class Recording:
         ------
         InputError
         """
-        limit = int(bound[0] + bound[1] * self.size)
-        if number > limit:
+        if number > self.limit(bound):
             raise InputError(
                 str(self.path),
-                f"holds more than {limit} {what}",
+                f"holds more than {self.limit(bound)} {what}",
                 "what an honest log of its size can hold",
                 "check where it is from",
             )

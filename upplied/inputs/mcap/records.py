@@ -189,7 +189,9 @@ def spans(records: bytes) -> Iterator[Span]:
         yield opcode, start, at
 
 
-def collect(records: bytes, sinks: Mapping[int, Sink | None], define: Callable[[int, bytes], None]) -> int:
+def collect(
+    records: bytes, sinks: Mapping[int, Sink | None], define: Callable[[int, bytes], None], most: int
+) -> int:
     """Put the messages of a chunk into the sinks of their channels.
 
     Parameters
@@ -199,6 +201,8 @@ def collect(records: bytes, sinks: Mapping[int, Sink | None], define: Callable[[
     sinks : mapping of channel id to list, or to None where the channel is not wanted
     define : callable
         Takes opcode and content of each schema and channel.
+    most : int
+        Messages that one sink may hold; beyond that the walk ends.
 
     Returns
     -------
@@ -221,6 +225,8 @@ def collect(records: bytes, sinks: Mapping[int, Sink | None], define: Callable[[
             sink = sinks[channel_id]
             if sink is not None and length >= MESSAGE_HEAD - 9:
                 sink.append((log_ns, publish_ns, records[at + MESSAGE_HEAD : stop]))
+                if len(sink) > most:
+                    return number
         elif opcode in (SCHEMA, CHANNEL):
             define(opcode, records[at + 9 : stop])
         at = stop
@@ -239,13 +245,12 @@ def _decompressed(data: memoryview, compression: bytes, size: int) -> bytes:
         frame = zstandard.get_frame_parameters(data).content_size
         if frame not in (size, zstandard.CONTENTSIZE_UNKNOWN):
             raise DamagedError(f"a chunk unpacks to {frame} bytes instead of {size}")
-        return _ZSTD.decompress(data, max_output_size=max(size, 1))
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
     if compression == b"lz4":
         return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
     raise DamagedError(f"unknown compression {compression[:20]!r}")
 
 
-_ZSTD = zstandard.ZstdDecompressor()
 _CHUNK = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression's name
 _RECORD = struct.Struct("<BQ")
 _MESSAGE_RECORD = struct.Struct("<BQH4xQQ")  # without the sequence number

@@ -114,8 +114,9 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
     for _ in recording.read(sink_of):
         for builder in builders.values():
             if builder.is_full():
+                held = sum(len(one) for one in builders.values())
+                recording.check(held + len(builder.sink), MAX_MESSAGES, "messages of poses")
                 builder.decode()
-                recording.check(sum(map(len, builders.values())), MAX_MESSAGES, "poses")
     tables = [builders[channel_id].table() for channel_id in sorted(builders)]
     recording.compare({table.channel.channel_id: table.messages for table in tables})
     return tables
