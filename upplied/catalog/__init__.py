@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from upplied.catalog.cache import Cache
     from upplied.catalog.changes import changed_structures, diff, history, runs
     from upplied.catalog.database import Catalog, open_catalog
+    from upplied.catalog.exchange import export_dataset, import_dataset
+    from upplied.catalog.lerobot import export_lerobot
     from upplied.catalog.maintenance import compact, vacuum
     from upplied.catalog.published import export_tables
     from upplied.catalog.queries import PlannedTrajectory
@@ -24,8 +26,11 @@ __all__ = [
     "changed_structures",
     "compact",
     "diff",
+    "export_dataset",
+    "export_lerobot",
     "export_tables",
     "history",
+    "import_dataset",
     "open_catalog",
     "recipe",
     "runs",
@@ -38,6 +43,8 @@ _HOME = {
     "cache": ("Cache",),
     "changes": ("changed_structures", "diff", "history", "runs"),
     "database": ("Catalog", "open_catalog"),
+    "exchange": ("export_dataset", "import_dataset"),
+    "lerobot": ("export_lerobot",),
     "maintenance": ("compact", "vacuum"),
     "published": ("export_tables",),
     "queries": ("PlannedTrajectory",),

@@ -81,6 +81,26 @@ def add_plans(catalog: Catalog, plans: Sequence[Planned]) -> int:
     return added
 
 
+def adopt_plans(catalog: Catalog, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:
+    """Add plans of another catalog as they are, with the steps that they own there."""
+    stored = queries.rows_of_keys(catalog.tables["transfers"], [row["key"] for row in plans])
+    new = [
+        row
+        for row in plans
+        if row["key"] not in stored
+        or (stored[row["key"]]["status"] == "failed" and row["status"] != "failed")
+    ]
+    owned = [waypoints[row["transfer_id"], row["commit_id"]] for row in new if row["n_waypoints"]]
+
+    def carrying(commit: str) -> list[pa.Table]:
+        at = TABLES["waypoints"].names.index("commit_id")
+        field = TABLES["waypoints"].schema.field(at)
+        return [steps.set_column(at, field, pa.repeat(commit, len(steps))) for steps in owned]
+
+    commit = _add_steps(catalog, "waypoints", carrying)
+    return _add(catalog, "transfers", [{**row, "commit_id": commit} for row in new])
+
+
 def retire(catalog: Catalog, name: str, ids: Sequence[str]) -> int:
     """Add a version of structures or demonstrations that says they are out of use."""
     now = datetime.now(UTC)

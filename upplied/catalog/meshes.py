@@ -31,8 +31,8 @@ class MeshStore:
         bare = _bare(structure)
         sha256 = sha256_of(bare)
         try:
-            if not self.files.has(_name(sha256)):
-                self.files.write(_name(sha256), encode(bare))
+            if not self.files.has(file_name(sha256)):
+                self.files.write(file_name(sha256), encode(bare))
         except (OSError, pa.ArrowException) as error:
             remedy = "free space, or ask for the right to write there; nothing was changed"
             raise CatalogError(self.path(sha256), f"cannot be written: {error}", "", remedy) from None
@@ -47,7 +47,7 @@ class MeshStore:
             If the mesh is not there, or is damaged.
         """
         try:
-            found = decode(self.files.read(_name(sha256)), Structure)
+            found = decode(self.files.read(file_name(sha256)), Structure)
             damaged = sha256_of(found) != sha256
         except (OSError, pa.ArrowException) as error:
             raise CatalogError(self.path(sha256), f"cannot be read: {error}") from None
@@ -59,10 +59,11 @@ class MeshStore:
 
     def path(self, sha256: str) -> str:
         """Where a mesh lies."""
-        return self.files.path(_name(sha256))
+        return self.files.path(file_name(sha256))
 
 
-def _name(sha256: str) -> str:
+def file_name(sha256: str) -> str:
+    """The name of the file of a mesh; what is no hash is refused."""
     if not _HASH.fullmatch(sha256):
         raise CatalogError(f"mesh {sha256[:80]!r}", "is no hash", "64 hexadecimal digits")
     return f"{sha256}.parquet"

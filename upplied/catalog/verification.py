@@ -15,6 +15,7 @@ import pyarrow.compute as pc
 from upplied.catalog.plan_rows import settings_text
 from upplied.catalog.published import owned_steps
 from upplied.catalog.recipes import settings_of
+from upplied.catalog.rows import Row
 from upplied.catalog.steps import pose_arrays, poses_sha256
 from upplied.catalog.tables import TABLES, Column
 from upplied.errors import CatalogError, UppliedError
@@ -49,7 +50,7 @@ def verify(catalog: Catalog) -> list[Finding]:
     }
     found: list[Finding] = []
     for name, frame in frames.items():
-        found += _values(name, frame)
+        found += broken_values(name, frame)
     found += _references(frames)
     found += _meshes(catalog, frames["structures"])
     found += _settings(frames["transfers"])
@@ -58,7 +59,7 @@ def verify(catalog: Catalog) -> list[Finding]:
     return found
 
 
-def _values(name: str, frame: pd.DataFrame) -> Iterator[Finding]:
+def broken_values(name: str, frame: pd.DataFrame) -> Iterator[Finding]:
     """Values against the constraints of their columns."""
     key = frame[frame.columns[0]]
     for column in TABLES[name].columns:
@@ -164,14 +165,26 @@ def _hashes(name: str, steps: pa.Table, hashes: dict[tuple[str, str], str]) -> I
     for start, stop in zip(starts, [*starts[1:], len(steps)], strict=True):
         one = steps.slice(start, stop - start)
         owner = (one[key][0].as_py(), one["commit_id"][0].as_py())
-        times = one["t_s" if name == "waypoints" else "t_ns"].to_numpy()
-        flags = np.array(one["is_viewpoint"]) if name == "waypoints" else None
-        if not pc.all(pc.equal(one["seq"], pa.array(np.arange(stop - start)))).as_py():
-            yield Finding(f"{name} of {owner[0]}", "the steps are not numbered 0, 1, 2 ...")
-        elif np.any(np.diff(times) <= 0):
-            yield Finding(f"{name} of {owner[0]}", "time does not increase")
-        elif poses_sha256(times, *pose_arrays(one), flags) != hashes[owner]:
-            yield Finding(f"{name} of {owner[0]}", "the steps do not answer to the hash in their row")
+        if found := _wrong(name, one, hashes[owner]):
+            yield Finding(f"{name} of {owner[0]}", found)
+
+
+def answers(name: str, row: Row, steps: pa.Table) -> bool:
+    """Whether steps in order are those that a row says."""
+    return len(steps) == row[f"n_{name}"] and not _wrong(name, steps, row[f"{name}_sha256"])
+
+
+def _wrong(name: str, steps: pa.Table, sha256: str) -> str:
+    """What is wrong with the steps of one owner, in words."""
+    times = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy()
+    flags = np.array(steps["is_viewpoint"]) if name == "waypoints" else None
+    if not pc.all(pc.equal(steps["seq"], pa.array(np.arange(len(steps))))).as_py():
+        return "the steps are not numbered 0, 1, 2 ..."
+    if np.any(np.diff(times) <= 0):
+        return "time does not increase"
+    if poses_sha256(times, *pose_arrays(steps), flags) != sha256:
+        return "the steps do not answer to the hash in their row"
+    return ""
 
 
 def _some(names: pd.Series) -> str:
