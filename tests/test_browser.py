@@ -24,7 +24,7 @@ GRAPHICS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swifts
 QUIET = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"]
 FLAGS = ["--no-sandbox", "--disable-sync", *GRAPHICS, *QUIET]
 COLUMNS = ["pair", "status", "demonstration", "source", "target", "kind", "coverage", "attainable", "paper"]
-COLUMNS += ["baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason"]
+COLUMNS += ["baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason", "page"]
 
 pytestmark = [
     pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine; apt-get install chromium"),
@@ -127,6 +127,7 @@ def test_thousands_of_rows_are_drawn_a_screen_at_a_time(visit, tmp_path):
             "",
             "",
             "",
+            True,
         ]
         for at in range(20_000)
     ]

@@ -159,6 +159,9 @@ def test_one_broken_structure_costs_its_own_page_only(tmp_path):
     done = publish_pages(Broken(targets=2), tmp_path, pictures=0)
     assert len(done.problems) == 1 and "cuboid-0" in done.problems[0]
     assert (tmp_path / "transfers" / "orbit-1--cuboid-1.html").exists()
+    fleet = page(tmp_path / "index.html").data["fleet"]
+    linked = {row[0]: row[fleet["columns"].index("page")] for row in fleet["rows"]}
+    assert not linked["orbit-1--cuboid-0"] and linked["orbit-1--cuboid-1"]
 
 
 def test_an_id_that_is_no_file_name_makes_no_file(tmp_path):

@@ -93,6 +93,7 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
         "reason": _text(row.get("reason")),
         "counterparts": _text(row.get("counterpart_summary")),
         "warnings": _warnings(row.get("warnings")),
+        "safety_m": _safety_m(row.get("settings_json")),
         "measures": {item.name: number(row, item.name) for item in fields(Measures)}
         | {name: number(row, name) for name in ("n_viewpoints", "n_waypoints")},
         "provenance": {name: _shown(name, row[name]) for name in _PROVENANCE if name in row},
@@ -111,6 +112,15 @@ def _warnings(value: Any) -> str:
     except ValueError:
         found = [value]
     return " ".join(str(part) for part in found) if isinstance(found, list) else str(found)
+
+
+def _safety_m(settings_json: Any) -> float | None:
+    """The distance that the plan was asked to keep, m; None where it was not asked to or it is not known."""
+    try:
+        route = json.loads(settings_json)["route"]
+        return float(route["clearance_m"]) if route["enforce"] else None
+    except (TypeError, ValueError, KeyError):
+        return None
 
 
 def _shown(name: str, value: Any) -> str:

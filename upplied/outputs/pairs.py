@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -147,13 +147,17 @@ def change(pair: Pair) -> str:
     return ", ".join(parts)
 
 
-def fleet_data(pairs: list[Pair], title: str) -> dict[str, Any]:
-    """What the fleet page needs: columns by name, and rows in order of attention."""
+def fleet_data(pairs: list[Pair], title: str, without_page: Collection[str] = ()) -> dict[str, Any]:
+    """What the fleet page needs: columns by name, and rows in order of attention.
+
+    `without_page` names the pairs whose own page could not be made, so that nothing links there.
+    """
     columns = [
         "pair", "status", "demonstration", "source", "target", "kind", "coverage", "attainable", "paper",
-        "baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason",
+        "baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason", "page",
     ]  # fmt: skip
-    return {"title": title, "columns": columns, "rows": [_fleet_row(pair) for pair in pairs]}
+    rows = [[*_fleet_row(pair), pair.name not in without_page] for pair in pairs]
+    return {"title": title, "columns": columns, "rows": rows}
 
 
 def _fleet_row(pair: Pair) -> list[Any]:

@@ -103,15 +103,15 @@ def publish_pages(
     code = digest([__version__, {name: digest(text) for name, text in pages.assets().items()}])
     for name, text in pages.assets().items():
         place.put(f"assets/{name}", digest(text), partial(str, text))
-    problems = []
+    problems: dict[str, str] = {}
     ordered = sorted(enumerate(pairs), key=lambda each: (each[1].target_id, each[1].source_id, each[1].name))
     for at, pair in ordered:  # so that each mesh is read once
         try:
             _put_pair(place, reader, pair, code, at < pictures)
         except UppliedError as error:
-            problems.append(f"{pair.name}: {error}")
+            problems[pair.name] = f"{pair.name}: {error}"
         progress(pair.name)
-    data = {"fleet": fleet_data(pairs, title)}
+    data = {"fleet": fleet_data(pairs, title, problems)}
     fallback = (
         f"{title}: {len(pairs)} transfers. The tables are in transfers.parquet; this page needs scripts."
     )
@@ -120,7 +120,9 @@ def publish_pages(
     removed = place.remove_others()
     replace_file(place.root / _RECORD, json.dumps(place.now, indent=0, sort_keys=True) + "\n")
     kept = len(place.now) - len(place.written)
-    return Published(place.root / "index.html", tuple(place.written), kept, tuple(removed), tuple(problems))
+    return Published(
+        place.root / "index.html", tuple(place.written), kept, tuple(removed), tuple(problems.values())
+    )
 
 
 def publish_file(

@@ -94,7 +94,7 @@
     const number = (key, value) => element("div", { class: "cell number " + key, role: "cell" }, value);
     const bar = element("span", { class: "bar" }, element("i", {}));
     bar.firstChild.style.width = Math.max(0, Math.min(100, row.coverage || 0)) + "%";
-    const link = element("a", { href: address(row.pair) }, row.target);
+    const link = row.page ? element("a", { href: address(row.pair) }, row.target) : element("span", { title: "its page could not be made" }, row.target);
     return [
       text("status", badge(row.status)), text("demonstration", row.demonstration), text("target", link), text("kind", row.kind),
       row.status === "ok"

@@ -100,10 +100,13 @@
       traces.push({ ...shared, ...pyramids([track.path.at(0)], camera, 0.1 * longest), line: { color: "#111820", width: 6 }, hoverinfo: "skip" });
       return own;
     });
-    const radius = Math.hypot(...size) / 2 / longest;
-    const far = (0.62 * radius) / Math.sin(FOV / 2);
     const [ahead, aside] = side(structure, tracks);
-    const home = { eye: { x: ahead * 0.562 * far, y: aside * 0.719 * far, z: 0.407 * far }, center: { x: 0, y: 0, z: 0 }, up: { x: 0, y: 0, z: 1 } };
+    const towards = [ahead * 0.562, aside * 0.719, 0.407].map((value) => value / Math.hypot(0.562, 0.719, 0.407));
+    const focus = [0, 1, 2].map((axis) => { const [low, high] = extent(axis, unpack(structure.vertices), tracks.slice(0, 1)); return (low + high) / 2; });
+    const far = distance(structure, tracks, focus, longest, towards, root.clientWidth / Math.max(root.clientHeight, 1));
+    const center = focus.map((value, axis) => (value - middle[axis]) / longest);
+    const point = (values) => ({ x: values[0], y: values[1], z: values[2] });
+    const home = { eye: point(center.map((value, axis) => value + far * towards[axis])), center: point(center), up: { x: 0, y: 0, z: 1 } };
     const axis = (at) => ({ visible: false, autorange: false, range: bounds[at] });
     const layout = {
       margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, hoverlabel: { font: { size: 12 } },
@@ -150,6 +153,24 @@
       return { eye: inPlot(xyz), center: inPlot(ahead), up: { x, y, z } };
     }
   };
+
+  // How far the eye must stand, in units of the longest side, to see the structure and the first path.
+  function distance(structure, tracks, focus, longest, towards, aspect) {
+    const flat = Math.hypot(towards[0], towards[1]);
+    const right = [-towards[1] / flat, towards[0] / flat, 0];
+    const up = [-towards[2] * right[1], towards[2] * right[0], flat];
+    const slope = 0.92 * Math.tan(FOV / 2);
+    let far = 0.2;
+    const see = (point) => {
+      const local = point.map((value, axis) => (value - focus[axis]) / longest);
+      const along = (axis) => local[0] * axis[0] + local[1] * axis[1] + local[2] * axis[2];
+      far = Math.max(far, along(towards) + Math.abs(along(right)) / (slope * aspect), along(towards) + Math.abs(along(up)) / slope);
+    };
+    const vertices = unpack(structure.vertices), step = 3 * Math.ceil(vertices.length / 9000);
+    for (let i = 0; i < vertices.length; i += step) see([0, 1, 2].map((axis) => vertices[i + axis]));
+    for (const { path } of tracks.slice(0, 1)) for (let i = 0; i < path.count; i++) see([0, 1, 2].map((axis) => path.xyz[3 * i + axis]));
+    return far;
+  }
 
   // From which side the first path is flown: signs of x and y of the eye.
   function side(structure, tracks) {

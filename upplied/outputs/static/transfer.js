@@ -63,7 +63,7 @@
     const left = upplied.scene(panes[0], upplied.structures[data.source], demonstration.camera,
       [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown, viewpoints: every(flown, 60), states: null }]);
     const right = upplied.scene(panes[1], upplied.structures[data.target], demonstration.camera, planned);
-    const drawn = drawCharts(charts, [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown }, ...planned]);
+    const drawn = drawCharts(charts, [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown }, ...planned], main.safety_m);
 
     let timer = null, busy = false, again = false;
     async function fly() {
@@ -110,7 +110,7 @@
     return Array.from({ length: values.length / 7 }, (_, at) => ({ xyz: Array.from(values.slice(7 * at, 7 * at + 3)), quat: Array.from(values.slice(7 * at + 3, 7 * at + 7)) }));
   }
 
-  function drawCharts(root, tracks) {
+  function drawCharts(root, tracks, safety) {
     const traces = CHARTS.flatMap(([key], row) => tracks.map((track) => ({
       x: Array.from(track.path.t, (time) => (100 * time) / (track.path.duration || 1)),
       y: Array.from(track.path[key], (value) => (Number.isFinite(value) ? value : null)),
@@ -128,6 +128,10 @@
       layout["yaxis" + (row ? row + 1 : "")] = { ...AXIS, domain: [Math.max(0, top - height), top], rangemode: "tozero" };
       layout.annotations.push({ text: title, xref: "paper", yref: "paper", x: 0, y: top, xanchor: "left", yanchor: "bottom", showarrow: false });
     });
+    if (safety) {
+      layout.shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, yref: "y2", y0: safety, y1: safety, line: { color: "#d55e00", width: 1.5, dash: "dashdot" } });
+      layout.annotations.push({ text: "safety distance " + safety + " m", xref: "paper", x: 1, xanchor: "right", yref: "y2", y: safety, yanchor: "bottom", showarrow: false, font: { color: "#8a3b00", size: 11 } });
+    }
     return Plotly.newPlot(root, traces, layout, { displaylogo: false, responsive: true, displayModeBar: false });
   }
 
