@@ -186,15 +186,19 @@ def main() -> None:
             f"log of {path.stat().st_size / 1e6:.0f} MB, images at {IMAGE_HZ} Hz, poses at {RATE_HZ} Hz, zstd"
         )
         print(f"{'':42s} {'CPU s':>7s} {'wall s':>7s} {'MB':>6s} {'poses':>8s} {'CPU / limit':>12s}")
-        base = None
+        base, poses = None, set()
         for name, (title, _) in CONTENDERS.items():
             found = min((measured(name, path) for _ in range(arguments.repeats)), key=lambda m: m["cpu"])
             base = base or found["cpu"]
             ratio = found["cpu"] / base
+            if name != "limit":
+                poses.add((found["poses"], round(found["sum"], 6)))
             print(
                 f"{title:42s} {found['cpu']:7.2f} {found['wall']:7.2f} {found['rss']:6.0f} "
                 f"{found['poses']:8.0f} {ratio:12.2f}"
             )
+        if len(poses) != 1:
+            sys.exit("the readers do not agree on the poses")
 
 
 if __name__ == "__main__":
