@@ -156,7 +156,7 @@ def run(name: str, path: Path) -> None:
     rows = CONTENDERS[name][1](path)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000
-    total = float(np.nansum(rows)) if len(rows) else 0.0
+    total = float(rows[:, :3].sum() + np.abs(rows[:, 3:]).sum())  # q and -q are one rotation
     print(json.dumps({"wall": wall, "cpu": cpu, "rss": peak, "poses": len(rows), "sum": total}))
 
 
