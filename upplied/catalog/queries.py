@@ -65,8 +65,8 @@ def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
     wanted = declared.names if which.columns is None else _known_columns(declared.names, which.columns)
     sorting = [*PAIR, "planned_at", "transfer_id", "status"]
     columns = [name for name in declared.names if name in {*wanted, *sorting}]
-    table = _one_per_plan(tables["transfers"].read(_pair_filter(tables, which), columns, which.version))
-    found = frame(table if which.every else _newest_of_pairs(table))
+    table = tables["transfers"].read(_pair_filter(tables, which), columns, which.version)
+    found = frame(_in_order(table, newest=not which.every))
     if not which.every:
         found = _in_use(tables, found, which)
     if which.status is not None:
@@ -128,7 +128,7 @@ def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
     where = pc.field("demonstration_id").isin(list({row["demonstration_id"] for row in plans}))
     where &= pc.field("target_id").isin(list({row["target_id"] for row in plans}))
     columns = ["transfer_id", *PAIR, "status", "planned_at"]
-    newest = _newest_of_pairs(_one_per_plan(table.read(where, columns)))
+    newest = _in_order(table.read(where, columns), newest=True)
     current = set(newest["transfer_id"].to_pylist())
     return [row for row in plans if row["transfer_id"] not in current]
 
@@ -213,44 +213,40 @@ def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expressi
     return joined
 
 
-def _one_per_plan(table: pa.Table) -> pa.Table:
-    """One row per plan, ordered by pair and time: a failure may be followed, racing writers add twice.
+def _in_order(table: pa.Table, newest: bool) -> pa.Table:
+    """One row per plan, ordered by pair and time; with `newest`, the last of each pair alone.
 
-    The newest row of a plan counts, since a plan that is asked for again becomes current again.
+    There may be more rows of a plan: a failure may be followed, racing writers may add it twice, and
+    one that is asked for again becomes current again. Its newest row counts.
     """
-    plans = _codes(table["transfer_id"])
+    pairs = _pairs(table)
     when = table["planned_at"].cast(pa.int64()).to_numpy()
-    if len(plans) and plans.max() + 1 < len(plans):
-        settled = pc.not_equal(table["status"], "failed").to_numpy()
-        order = np.lexsort((when, settled, plans))
-        order = np.sort(order[np.flatnonzero(np.diff(plans[order], append=-1))])
-        table, when = table.take(order), when[order]
-    return table.take(np.lexsort((when, _pairs(table))))
+    chosen = _standing(table, when)
+    order = chosen[np.lexsort((when[chosen], pairs[chosen]))]
+    if newest:
+        order = order[np.flatnonzero(np.diff(pairs[order], append=-1))]
+    return table.take(order)
 
 
-def _newest_of_pairs(ordered: pa.Table) -> pa.Table:
-    """The last row of each pair, of rows ordered by pair and time."""
-    pairs = _pairs(ordered)
-    return ordered.take(np.flatnonzero(np.diff(pairs, append=-1)))
+def _standing(table: pa.Table, when: Ints) -> Ints:
+    """Which row stands for each plan: one that is not a failure, and of those the newest."""
+    plans = table["transfer_id"].combine_chunks().dictionary_encode()
+    if len(plans.dictionary) == len(table):
+        return np.arange(len(table))
+    codes = plans.indices.to_numpy()
+    order = np.lexsort((when, pc.not_equal(table["status"], "failed").to_numpy(), codes))
+    return np.asarray(order[np.flatnonzero(np.diff(codes[order], append=-1))], np.int64)
 
 
 def _pairs(table: pa.Table) -> Ints:
     """A number per row that is the same for the same pair, and grows with its names."""
     number = np.zeros(len(table), np.int64)
     for name in PAIR:
-        codes = _codes(table[name])
-        number = number * (int(codes.max(initial=0)) + 1) + codes
+        encoded = table[name].combine_chunks().dictionary_encode()
+        rank = np.empty(len(encoded.dictionary), np.int64)
+        rank[pc.sort_indices(encoded.dictionary).to_numpy()] = np.arange(len(rank))
+        number = number * max(1, len(rank)) + rank[encoded.indices.to_numpy()]
     return number
-
-
-def _codes(texts: pa.ChunkedArray) -> Ints:
-    """The rank of each text among the different ones."""
-    if not len(texts):
-        return np.empty(0, np.int64)
-    encoded = texts.combine_chunks().dictionary_encode()
-    rank = np.empty(len(encoded.dictionary), np.int64)
-    rank[pc.sort_indices(encoded.dictionary).to_numpy()] = np.arange(len(rank))
-    return rank[encoded.indices.to_numpy()]
 
 
 def _in_use(tables: Mapping[str, StoredTable], found: pd.DataFrame, which: Which) -> pd.DataFrame:
