@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from upplied.fleet.workers import JobKilled, Limits, Workers
+from upplied.fleet.workers import JobKilled, Limits, Workers, WorkersBroken
 
 
 def hang() -> None:
@@ -75,6 +75,15 @@ def test_a_worker_computes_on_one_thread_and_the_parent_keeps_its_environment():
     with Workers(1) as workers:
         assert workers.run(os.getenv, "OMP_NUM_THREADS") == "1"
     assert dict(os.environ) == before
+
+
+def fail_to_set_up() -> None:
+    raise OSError("no such library")
+
+
+def test_where_no_worker_starts_the_run_ends_and_no_job_is_blamed():
+    with Workers(1, fail_to_set_up) as workers, pytest.raises(WorkersBroken, match="do not start"):
+        workers.run(slow_square, 2)
 
 
 PARENT = """

@@ -18,7 +18,7 @@ import pandas as pd
 from upplied.catalog import Catalog
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.crew import cores
-from upplied.fleet.workers import JobKilled, Workers
+from upplied.fleet.workers import JobKilled, Workers, WorkersBroken
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry, read_manifest
 from upplied.inputs.meshes import read_structure
@@ -142,6 +142,8 @@ def _each(
         def one(item: Item) -> tuple[str, Read | str]:
             try:
                 return name(item), pool.run(read, item)
+            except WorkersBroken:
+                raise
             except (JobKilled, UppliedError) as error:
                 return name(item), f"{name(item)}: {error}" if isinstance(error, JobKilled) else str(error)
             except Exception as error:

@@ -21,6 +21,8 @@ from multiprocessing import active_children, connection, get_context, parent_pro
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
+from upplied.errors import UppliedError
+
 Value = TypeVar("Value")
 
 # Every worker computes on one core: libraries that start a thread per core would only compete.
@@ -47,6 +49,10 @@ class JobKilled(Exception):
 
 class WorkersClosed(Exception):
     """The workers were closed while the job ran; nothing is known about the job."""
+
+
+class WorkersBroken(UppliedError):
+    """Not even an empty worker runs on this machine: the run ends, and no target is blamed."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +118,8 @@ class Workers:
         ------
         JobKilled
             If the process died, ran out of memory or had to be stopped after the time limit.
+        WorkersBroken
+            If no process could be started.
         WorkersClosed
             If `close` was called before the job was done.
         """
@@ -158,14 +166,18 @@ class _Worker:
             self.stop()
             raise JobKilled(reason) from None
 
-    def _start(self) -> ProcessPoolExecutor:
+    def _start(self, attempts: int = 2) -> ProcessPoolExecutor:
         executor = ProcessPoolExecutor(1, get_context("spawn"), _prepare, self._arguments)
         try:
             with _single_threaded():
                 pid = executor.submit(os.getpid).result(START_UP_S)
         except (BrokenProcessPool, TimeoutError):
             executor.shutdown(wait=False, cancel_futures=True)
-            raise JobKilled("its worker process did not start") from None
+            if attempts > 1:
+                return self._start(attempts - 1)
+            raise WorkersBroken(
+                "worker processes", "do not start", remedy="see what `upplied doctor` says"
+            ) from None
         self._process = next((child for child in active_children() if child.pid == pid), None)
         self._executor = executor
         return executor
