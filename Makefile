@@ -2,7 +2,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help quickstart test test-all check fuzz bench serve lock
+.PHONY: help quickstart test test-all check faults fuzz bench serve lock
 
 # The first of these that runs and is new enough builds the environment; PYTHON=... overrides.
 PYTHONS := python3 python3.13 python3.12 python3.11
@@ -44,6 +44,9 @@ check: $(READY) ## ruff and mypy
 fuzz: $(READY) ## coverage-guided fuzzing of the readers, ten minutes or FUZZ_SECONDS=... (Linux)
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --only-binary :all: "atheris>=3,<4"
 	$(BIN)/python tests/faults/fuzz_logs.py --seconds $${FUZZ_SECONDS:-600}
+
+faults: $(READY) ## kill, fill and forbid: every fault test, the long ones too
+	$(BIN)/python -m pytest tests/faults
 
 bench: $(READY) ## print the benchmarks' tables
 	@for f in $$(grep -l __main__ bench/*.py); do echo "== $$f"; $(BIN)/python $$f || exit 1; done
