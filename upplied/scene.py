@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import os
 from functools import cache
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -41,7 +42,8 @@ class Scene:
     vertices : array, shape (V, 3), m
     triangles : array, shape (T, 3), vertex indices
     threads : int
-        Threads of each call; 0 lets the library choose. Results do not depend on it.
+        Threads of each call; 0: as `UPPLIED_THREADS` says, else as the library chooses. Results do not
+        depend on it.
     grain_m : float
         How coarsely the triangles stand for the surface: 0 for a mesh, the discs' radius for a
         sampled cloud. A sight line that comes this near to its target has arrived.
@@ -50,9 +52,9 @@ class Scene:
     def __init__(self, vertices: Floats, triangles: Ints, threads: int = 0, grain_m: float = 0.0) -> None:
         core = open3d().core
         self.origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        self.threads = threads
+        self.threads = threads or int(os.environ.get("UPPLIED_THREADS", "0"))
         self.grain_m = grain_m
-        self._scene = open3d().t.geometry.RaycastingScene(nthreads=threads)
+        self._scene = open3d().t.geometry.RaycastingScene(nthreads=self.threads)
         self._scene.add_triangles(
             core.Tensor(np.ascontiguousarray(vertices - self.origin, np.float32)),
             core.Tensor(np.ascontiguousarray(triangles, np.uint32)),
