@@ -59,6 +59,7 @@ def test_several_records_add_up_and_others_may_hold_what_they_like(tmp_path: Pat
         ('structure_id = "../etc"', "A-Z a-z 0-9"),
         ('demonstration_id = "<b>"', "A-Z a-z 0-9"),
         ("structure_id = 7", "rule: text"),
+        (f"operator = '{'x' * 3000}'", "at most 2000 characters"),
         ("structure_position_m = [1, 2]", "3 finite numbers"),
         ("structure_position_m = [1, 2, nan]", "3 finite numbers"),
         ('structure_position_m = "1 2 x"', "3 numbers"),

@@ -20,6 +20,7 @@ from upplied.checks import check_id
 from upplied.errors import InputError
 from upplied.records import Placement
 
+MAX_TEXT = 2000  # characters
 MAX_SIDECAR_BYTES = 2**20
 BODY_FRAMES = ("camera", "optical", "body")
 _CHOICES = ("topic", "schema", "start_s", "stop_s")
@@ -209,12 +210,18 @@ def _value(name: str, value: Any, what: str) -> Any:
         if name in _INTEGERS:
             return int(value)
         if name in _TEXTS:
-            if not isinstance(value, str):
+            if not isinstance(value, str) or len(value) > MAX_TEXT:
                 raise TypeError
             return value
         return float(value)
     except (TypeError, ValueError, OverflowError):
-        form = f"{_VECTORS[name]} numbers" if name in _VECTORS else "text" if name in _TEXTS else "a number"
+        form = (
+            f"{_VECTORS[name]} numbers"
+            if name in _VECTORS
+            else f"text of at most {MAX_TEXT} characters"
+            if name in _TEXTS
+            else "a number"
+        )
         raise InputError(f"{what}, {name}", f"got {str(value)[:80]!r}", form) from None
 
 

@@ -23,6 +23,7 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
 CHUNK_INDEX, STATISTICS, METADATA, METADATA_INDEX, DATA_END = 8, 0x0B, 0x0C, 0x0D, 0x0F
 
 MAX_CHUNK_BYTES = 256 * 2**20  # of one chunk, unpacked; recorders write 1 to 16 MiB
+MAX_NAME = 500  # characters of a topic or schema
 MIN_RECORD_BYTES = 8  # the shortest record that a chunk or a summary may hold
 MAX_RECORD_BYTES = 16 * 2**20  # of a schema, channel, metadata or index record
 
@@ -85,6 +86,13 @@ class Cursor:
         except UnicodeDecodeError:
             raise DamagedError("a text is not UTF-8") from None
 
+    def name(self) -> str:
+        """A string that names something, and so is short."""
+        name = self.text()
+        if len(name) > MAX_NAME:
+            raise DamagedError(f"a name of {len(name)} characters")
+        return name
+
     def mapping(self) -> dict[str, str]:
         """A map of strings to strings."""
         inner = Cursor(self.take(self.number(4)))
@@ -103,13 +111,13 @@ class Cursor:
 def read_schema(content: bytes) -> SchemaRecord:
     """A schema record."""
     cursor = Cursor(content)
-    return SchemaRecord(cursor.number(2), cursor.text(), cursor.text(), cursor.take(cursor.number(4)))
+    return SchemaRecord(cursor.number(2), cursor.name(), cursor.name(), cursor.take(cursor.number(4)))
 
 
 def read_channel(content: bytes) -> ChannelRecord:
     """A channel record; its own metadata is not kept."""
     cursor = Cursor(content)
-    return ChannelRecord(cursor.number(2), cursor.number(2), cursor.text(), cursor.text())
+    return ChannelRecord(cursor.number(2), cursor.number(2), cursor.name(), cursor.name())
 
 
 def read_metadata(content: bytes) -> tuple[str, dict[str, str]]:
