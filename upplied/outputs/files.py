@@ -12,7 +12,10 @@ def replace_file(path: str | Path, content: bytes | str) -> Path:
     goal.parent.mkdir(parents=True, exist_ok=True)
     partial = goal.with_name(f".{goal.name}.{os.getpid()}.partial")
     try:
-        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+        with partial.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())  # or a power cut leaves an empty file under the final name
         partial.replace(goal)
     finally:
         partial.unlink(missing_ok=True)
