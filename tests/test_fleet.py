@@ -134,11 +134,10 @@ def test_a_bad_file_stops_itself_alone(tmp_path):
     cube = member("cube-v1").structure
     trimesh.Trimesh(cube.vertices, cube.triangles).export(tmp_path / "good.stl")
     (tmp_path / "bad.stl").write_bytes(b"solid nothing")
-    entries = [
-        f'[[structure]]\nid = "{name}"\nkind = "box"\npath = "{name}.stl"\nunits = "m"\nup = "z"\nforward = "x"\n'
-        for name in ("bad", "good")
-    ]
-    (tmp_path / "structures.toml").write_text("\n".join(entries))
+    entry = (
+        '[[structure]]\nid = "NAME"\nkind = "box"\npath = "NAME.stl"\nunits = "m"\nup = "z"\nforward = "x"\n'
+    )
+    (tmp_path / "structures.toml").write_text(entry.replace("NAME", "bad") + entry.replace("NAME", "good"))
     (tmp_path / "broken.mcap").write_bytes(b"not a log at all")
     write_log(tmp_path / "good.mcap", fly(cube, "sides"), cube)
 
