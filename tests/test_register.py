@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -207,3 +208,13 @@ def test_symmetric_structures_keep_the_declared_heading_and_say_so() -> None:
     np.testing.assert_allclose(found.turn, np.eye(3), atol=1e-9)
     assert found.runner_up_gap < 0.15
     assert "declared heading is kept" in found.evidence
+
+
+def test_a_wrong_heading_is_mentioned_and_a_right_one_is_not() -> None:
+    one, other = surface("a320-v1"), surface("b777-v1")
+    assert "declared forward axis" not in register(one, other, RECOMMENDED).evidence
+    about = turned(other, np.diag([-1.0, -1.0, 1.0]))
+    said = re.search(r"turned by (-?\d+) deg about the vertical", register(one, about, RECOMMENDED).evidence)
+    assert said is not None and abs(int(said[1])) > 170
+    aside = register(one, turned(other, Rotation.from_euler("z", 90, degrees=True).as_matrix()), RECOMMENDED)
+    assert not aside.accepted and "check its declared forward axis" in aside.reason

@@ -25,6 +25,7 @@ _FEW, _MORE = 250, 700  # samples by which all candidates and by which the best 
 _REFINED = 6  # candidates
 _ITERATIONS = 15
 _SAME_DEG = 25.0  # candidates this near are one orientation
+_SLIGHT = 0.95  # ICP must lower the cost to this share, or the candidate stays as it is
 _SURE = 0.15  # least relative gap between the best and the next orientation
 _TURNED_NORMAL, _STRETCH = 0.03, 0.03  # what a reversed normal and a stretch by e count, over the diagonal
 
@@ -128,7 +129,7 @@ def _refined(source: _Few, target: _Few, turn: Floats, search: str) -> Floats:
     if search == "heading":
         rotation = Rotation.from_euler("z", float(np.arctan2(rotation[1, 0], rotation[0, 0]))).as_matrix()
     candidate = rotation @ turn
-    return candidate if _cost(source, target, candidate) < _cost(source, target, turn) else turn
+    return candidate if _cost(source, target, candidate) < _SLIGHT * _cost(source, target, turn) else turn
 
 
 def _headings() -> Floats:

@@ -10,13 +10,15 @@ from upplied.config import RegistrationSettings
 from upplied.planning.acceptance import Misfit, misfit_of
 from upplied.planning.boxes import box_scale, laid, spacing
 from upplied.planning.icp import icp, mean_squared_nn_distance
-from upplied.planning.orient import find_orientation
+from upplied.planning.orient import Orientation, find_orientation
 from upplied.planning.parts import blades_of, labels_of, parts_of
 from upplied.records import Bools, Cloud, Floats, Registration
 
 _BETTER = (
     0.8  # a registration that leaves the declared orientation or the boxes must lower the misfit to this
 )
+_HOPELESS = 2.0  # gates: a misfit that no fine alignment mends
+_SAME_DEG, _STRONG = 25.0, 0.25  # how far off, and how much better, a heading must be to be mentioned
 _FEW = 700  # points of the cloud that fine alignment moves
 
 
@@ -69,13 +71,15 @@ def judged(source: Cloud, target: Cloud, settings: RegistrationSettings, gate: f
     Rigid ICP after box scaling lowers the score and raises the true error of structures whose
     orientations agree, so it is taken only where it helps much.
     """
-    turn, gap, evidence = np.eye(3), float("nan"), "orientation as declared"
-    if settings.search != "none":
-        found = find_orientation(source, target, settings.search)
-        turn, gap, evidence = found.turn, found.gap, found.evidence
+    found = find_orientation(source, target, "heading" if settings.search == "none" else settings.search)
+    turn, gap, evidence, doubt = found.turn, found.gap, found.evidence, ""
+    if settings.search == "none":
+        turn, gap, evidence, doubt = np.eye(3), float("nan"), "orientation as declared", _doubt(found)
     start = box_on_box(source, target, turn)
     best, misfit, laid_how = start, misfit_of(source, target, start), ""
-    others = {"aligned by ICP": _aligned(source, target, start)}
+    others = {}
+    if misfit.value < _HOPELESS * gate:
+        others["aligned by ICP"] = _aligned(source, target, start)
     if blades_of(source).any() and blades_of(target).any():
         others["laid body on body, since blades may have turned"] = body_on_body(source, target, turn)
     for how, other in others.items():
@@ -87,10 +91,10 @@ def judged(source: Cloud, target: Cloud, settings: RegistrationSettings, gate: f
         best,
         score_m2=mean_squared_nn_distance(source.points, laid(target, best).points),
         accepted=accepted,
-        reason="" if accepted else _misfit_in_words(misfit, gate),
+        reason="" if accepted else _misfit_in_words(misfit, gate) + doubt,
         acceptance=misfit.value,
         runner_up_gap=gap,
-        evidence=f"{evidence}{laid_how}; {_figures(misfit)}",
+        evidence=f"{evidence}{laid_how}; {_figures(misfit)}{doubt}",
     )
 
 
@@ -126,6 +130,17 @@ def _aligned(source: Cloud, target: Cloud, start: Registration) -> Registration:
     lying = laid(target, start).points
     rotation, _ = icp(lying[:: max(1, len(lying) // _FEW)], source.points, 15)
     return box_on_box(source, target, rotation @ start.turn)
+
+
+def _doubt(found: Orientation) -> str:
+    """What speaks against the declared heading, in words; empty where nothing does."""
+    angle = float(np.degrees(np.arctan2(found.turn[1, 0], found.turn[0, 0])))
+    if abs(angle) < _SAME_DEG or not found.gap > _STRONG:
+        return ""
+    return (
+        f"; turned by {angle:.0f} deg about the vertical the target would fit {100 * found.gap:.0f} % better "
+        "than in any other heading: check its declared forward axis, or search the heading"
+    )
 
 
 def _misfit_in_words(misfit: Misfit, gate: float) -> str:
