@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from upplied.config import settings_for
+from upplied.errors import SettingsError
 from upplied.planning.plan import plan_transfer, transfer_key
-from upplied.poses import angle_between, moved
+from upplied.poses import angle_between, moved, yaw_pitch
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
 
@@ -40,7 +41,8 @@ def test_on_the_demonstrated_structure_itself_everything_is_seen_again(fleet, ar
     assert plan.registration.score_m2 == pytest.approx(0, abs=1e-9)
     if preset != "paper":
         assert plan.measures.coverage_seen_pct > 99.9
-        assert plan.measures.frechet_z < 0.05
+        # What `recommended` changes is the jitter of the pilot's hand, 0.3 m on a path of 80 m.
+        assert plan.measures.frechet_z < (0.15 if preset == "recommended" else 1e-9)
 
 
 def test_paper_gives_the_demonstrated_viewpoints_back_on_the_same_structure(fleet, around_cube):
@@ -119,3 +121,17 @@ def test_the_key_depends_on_all_that_goes_in(fleet, around_cube):
         transfer_key(around_cube, cube, cuboid, settings_for("baseline")),
     }
     assert len(keys) == 6
+
+
+def test_the_camera_keeps_within_its_gimbal(fleet, around_cube):
+    limits = {"min_gimbal_pitch_deg": -20.0, "max_gimbal_pitch_deg": 5.0}
+    settings = settings_for("recommended", retime=limits)
+    plan = plan_transfer(around_cube, fleet["cube-v1"], fleet["cuboid-v1"], settings)
+    pitch = np.degrees(yaw_pitch(plan.trajectory.quat_xyzw)[1])
+    assert pitch.min() >= -20 - 1e-6 and pitch.max() <= 5 + 1e-6
+
+
+def test_settings_that_do_not_go_together_say_so(fleet, around_cube):
+    settings = settings_for("recommended", visibility={"occlusion": False})
+    with pytest.raises(SettingsError, match="occlusion"):
+        plan_transfer(around_cube, fleet["cube-v1"], fleet["cuboid-v1"], settings)

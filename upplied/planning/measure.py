@@ -163,7 +163,8 @@ def together(parts: Sequence[Sought]) -> Sought:
 def coverage(sought: Sought, seen: Bools) -> float:
     """Share, in percent, of the demonstrated surface whose counterpart is in `seen` (N,); NaN if none was."""
     whole = float(sought.need.sum())
-    return 100 * float(sought.need[seen].sum()) / whole if whole > 0 else float("nan")
+    missed = float(sought.need[~seen].sum())  # exactly 0, and so exactly 100 %, where nothing is missed
+    return 100 * (1 - missed / whole) if whole > 0 else float("nan")
 
 
 def measure(

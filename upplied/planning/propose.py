@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import Settings
+from upplied.errors import SettingsError
 from upplied.planning.complete import complete
 from upplied.planning.fair import faired
 from upplied.planning.follow import follow_counterparts
@@ -24,6 +25,7 @@ from upplied.planning.repeat import Take, joined
 from upplied.planning.retime import retime
 from upplied.planning.route import Ways, route, safe_positions
 from upplied.planning.transfer import aimed, box_map, registered_map, zscore_map
+from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Trajectory, Waypoints, in_a_row
 
 _RIPPLES = 0.07  # of the usual stand-off: what is taken out of a path that was led and bent
@@ -92,18 +94,10 @@ def published(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
 
 def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoints:
     """Ours: the whole flight carried to the counterparts, made safe, and completed by turns and bends."""
+    if not settings.visibility.occlusion:
+        raise SettingsError("refine.method 'view'", "with visibility.occlusion false", "what is truly seen")
     flight, fit, camera = inspection.flight, pair.surface, inspection.camera
-    positions, quats = follow_counterparts(
-        flight,
-        inspection.visibility,
-        fit.source,
-        fit.correspondences,
-        registered_map(fit.registration),
-        settings.transfer,
-        camera,
-        settings.route.clearance_m,
-        settings.refine.deviation / 2,
-    )
+    positions, quats = _carried(inspection, pair, settings)
     wanted = sought(fit.source, fit.target, fit.correspondences, inspection.truly)
     view = View(fit.target, wanted.need, camera, settings.visibility, settings.retime, pair.target_scene)
     is_viewpoint = np.zeros(len(flight), bool)
@@ -125,6 +119,29 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
         return faired(safe_positions(places, ways), ways.planning, ripples_m)
 
     return complete(path, view, reach_m, safe, ways.planning.allowed)
+
+
+def _carried(inspection: Inspection, pair: Pair, settings: Settings) -> tuple[Floats, Floats]:
+    """The flight on the target, before anything is made better: positions and level orientations."""
+    flight, fit, limits = inspection.flight, pair.surface, settings.retime
+    if settings.transfer.method == "counterparts":
+        positions, quats = follow_counterparts(
+            flight,
+            inspection.visibility,
+            fit.source,
+            fit.correspondences,
+            registered_map(fit.registration),
+            settings.transfer,
+            inspection.camera,
+            settings.route.clearance_m,
+            settings.refine.deviation / 2,
+        )
+    else:
+        carrier = (zscore_map if settings.transfer.method == "zscore" else box_map)(fit.source, fit.target)
+        positions, quats = carrier.points(flight.positions), carrier.orientations(flight.quat_xyzw)
+    yaw, pitch = yaw_pitch(quats)
+    low, high = np.radians([limits.min_gimbal_pitch_deg, limits.max_gimbal_pitch_deg])
+    return positions, from_yaw_pitch(yaw, np.clip(pitch, low, high))
 
 
 def _centres_of_view(inspection: Inspection, pair: Pair, settings: Settings) -> tuple[Floats, Floats]:
