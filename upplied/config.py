@@ -44,6 +44,8 @@ class RegistrationSettings:
     gamma: float = 1.9
     search: Literal["none", "heading", "orientation"] = "none"  # the paper assumes the same orientation
     # Gate on the misfit (`planning.acceptance`), free of density and scale; None: gamma alone, as published.
+    # At 1.0, of all pairs of 40 real structures 95.5 % of those of one form and 0.6 % of the cross-kind ones
+    # are accepted, 96.5 and 0.3 % with the samples (bench/acceptance.py, which also calibrates on halves).
     acceptance: float | None = None
 
 
