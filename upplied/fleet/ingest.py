@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TypeVar
@@ -22,7 +23,7 @@ from upplied.fleet.workers import JobKilled, Workers, WorkersBroken
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry, read_manifest
 from upplied.inputs.meshes import read_structure
-from upplied.records import Demonstration, Structure
+from upplied.records import Demonstration, Placement, Structure
 
 BATCH = 50  # files read before what they hold is committed together
 
@@ -89,8 +90,16 @@ def ingest_demonstrations(
 ) -> list[Ingested]:
     """Read logs, or folders of them, and keep those that are new or changed; parameters as above."""
     known = dict(zip(*_columns(catalog.demonstrations(), "demonstration_id"), strict=True))
-    reads = _each(read_demonstration, find_logs(logs), str, workers)
+    read = partial(read_demonstration, placements=_placements(catalog.structures()))
+    reads = _each(read, find_logs(logs), str, workers)
     return _keep(reads, known, lambda it: it.demonstration_id, catalog.add_demonstrations, progress)
+
+
+def _placements(structures: pd.DataFrame) -> dict[str, Placement]:
+    """Where the known structures stand, for logs in latitude and longitude."""
+    placed = structures[structures["lat_deg"].notna()]
+    columns = ["structure_id", "lat_deg", "lon_deg", "alt_m", "heading_deg", "datum"]
+    return {row[0]: Placement(*row[1:]) for row in placed[columns].itertuples(index=False)}
 
 
 def check_structures(manifest: str | Path, workers: int = 0, progress: Progress = _silent) -> list[Ingested]:
