@@ -13,7 +13,7 @@ from prefect.cache_policies import NO_CACHE
 from prefect.utilities.annotations import quote
 
 from upplied import fleet
-from upplied.catalog import open_catalog
+from upplied.catalog import maintenance, open_catalog, verification
 
 SESSIONS: dict[str, fleet.Session] = {}  # of the runs in this process, by run id
 
@@ -47,3 +47,21 @@ def plan_elsewhere(name: str, catalog: str, jobs: quote[Sequence[fleet.Job]], ru
 def publish_reports(catalog: str, folder: str) -> None:
     """Write the published tables, pages and pictures."""
     fleet.publish(open_catalog(catalog), folder)
+
+
+@task(name="compact", task_run_name="compact {catalog}", cache_policy=NO_CACHE)
+def compact(catalog: str) -> dict[str, int]:
+    """Merge small files; how many, by table."""
+    return maintenance.compact(open_catalog(catalog))
+
+
+@task(name="vacuum", task_run_name="vacuum {catalog}", cache_policy=NO_CACHE)
+def vacuum(catalog: str, keep_days: float) -> None:
+    """Remove files that no version young enough needs."""
+    maintenance.vacuum(open_catalog(catalog), keep_days)
+
+
+@task(name="verify", task_run_name="verify {catalog}", cache_policy=NO_CACHE)
+def verify(catalog: str) -> list[str]:
+    """What is wrong with the catalog, in words; empty where all is well."""
+    return [str(finding) for finding in verification.verify(open_catalog(catalog))]

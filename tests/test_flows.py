@@ -102,6 +102,25 @@ print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
     assert (place / "reports" / "index.html").is_file()
 
 
+def test_maintenance_checks_the_catalog_and_says_what_is_wrong_with_it(server, place):
+    code = """
+from flows.maintain_catalog import maintain_catalog
+state = maintain_catalog(catalog="catalog", return_state=True)
+print(state.type.value, state.message)
+"""
+    done = python(server, place, code)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("COMPLETED") and "0 findings" in done.stdout
+    mesh = sorted((place / "catalog" / "meshes").glob("*.parquet"))[0]
+    whole = mesh.read_bytes()
+    try:
+        mesh.write_bytes(whole[: len(whole) // 2])
+        done = python(server, place, code)
+        assert done.stdout.startswith("FAILED") and "1 findings" in done.stdout
+    finally:
+        mesh.write_bytes(whole)
+
+
 def test_runs_say_what_they_do_and_leave_something_to_read(server, place):
     names = ask(server, place, "print([run.name for run in await client.read_flow_runs()])")
     assert "demonstrations of flight.mcap" in names
@@ -185,10 +204,9 @@ def test_from_a_clone_to_a_scheduled_worker(server, place):
     assert (plans["status"] == "ok").all()
     assert scheduled(server, place) >= 1
 
-    wrong = prefect(
-        server, "deployment", "run", "transfer-fleet/transfer-fleet", "--param", 'presets=["best"]'
-    )
-    assert wrong.returncode != 0
+    short = "import sys; from upplied.cli import main; sys.exit(main(['fleet', 'run', 'presets=[\"best\"]']))"
+    wrong = python(server, place, short)
+    assert wrong.returncode == 1
     assert "best" in wrong.stdout + wrong.stderr
 
 
