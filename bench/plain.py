@@ -191,8 +191,12 @@ def densified(positions, quats):
 
 
 def zscored(path):
-    """Each axis by its own mean and deviation."""
-    return (path - path.mean(0)) / path.std(0)
+    """Each axis by the mean and deviation along the path, a level axis by a tenth of the largest."""
+    legs, middle = np.diff(path, axis=0), (path[1:] + path[:-1]) / 2
+    weight = np.linalg.norm(legs, axis=1) / np.linalg.norm(legs, axis=1).sum()
+    mean = weight @ middle
+    deviation = np.sqrt(weight @ ((middle - mean) ** 2 + legs**2 / 12))
+    return (path - mean) / np.maximum(deviation, deviation.max() / 10)
 
 
 def clearance(vertices, triangles, path):

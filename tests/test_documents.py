@@ -29,8 +29,9 @@ def place(tmp_path_factory) -> Path:
     """A folder in which the README's Python was run."""
     place = tmp_path_factory.mktemp("readme")
     (code,) = blocks("python")
+    (place / "script.py").write_text(code)
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=place, capture_output=True, text=True, check=False
+        [sys.executable, "script.py"], cwd=place, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     (place / "said.txt").write_text(done.stdout)

@@ -89,10 +89,9 @@ def test_where_no_worker_starts_the_run_ends_and_no_job_is_blamed():
 PARENT = """
 import os, time
 from upplied.fleet.workers import Workers
-if __name__ == "__main__":
-    workers = Workers(1)
-    print(workers.run(os.getpid), flush=True)
-    workers.run(time.sleep, 60)
+workers = Workers(1)  # no guard: a worker does not run the script again
+print(workers.run(os.getpid), flush=True)
+workers.run(time.sleep, 60)
 """
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import queue
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import active_children, connection, get_context, parent_process
 from multiprocessing.process import BaseProcess
+from types import ModuleType
 from typing import Any, TypeVar
 
 from upplied.errors import UppliedError
@@ -169,7 +171,7 @@ class _Worker:
     def _start(self, attempts: int = 2) -> ProcessPoolExecutor:
         executor = ProcessPoolExecutor(1, get_context("spawn"), _prepare, self._arguments)
         try:
-            with _single_threaded():
+            with _bare_child():
                 pid = executor.submit(os.getpid).result(START_UP_S)
         except (BrokenProcessPool, TimeoutError):
             executor.shutdown(wait=False, cancel_futures=True)
@@ -212,14 +214,21 @@ def _gib(size: int) -> str:
 
 
 @contextmanager
-def _single_threaded() -> Iterator[None]:
-    """The environment of a child that is started within; libraries read it while they load."""
+def _bare_child() -> Iterator[None]:
+    """What a child that is started within inherits: one thread a library, and not the caller's script.
+
+    Libraries read the environment while they load. A spawned process would run the main script again,
+    which then must hide its work behind ``if __name__ == "__main__"``; our jobs need nothing of it.
+    """
     with _environment:
         before = {name: os.environ.get(name) for name in ONE_THREAD}
+        script = sys.modules["__main__"]
         os.environ.update(ONE_THREAD)
+        sys.modules["__main__"] = ModuleType("__main__")
         try:
             yield
         finally:
+            sys.modules["__main__"] = script
             for name, value in before.items():
                 if value is None:
                     del os.environ[name]
