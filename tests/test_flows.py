@@ -186,6 +186,7 @@ def test_every_deployment_names_a_flow_of_its_own_name():
 
 def test_from_a_clone_to_a_scheduled_worker(server, place):
     """The README's commands: pool, deployments, worker, a run on demand, and runs for the nights to come."""
+    open_catalog(place / "catalog").add_demonstrations([fly(member("cube-v1").structure, "sides")])
     assert prefect(server, "work-pool", "create", "local", "--type", "process").returncode == 0
     deployed = prefect(server, "--no-prompt", "deploy", "--all")
     assert deployed.returncode == 0, deployed.stdout + deployed.stderr
