@@ -51,24 +51,24 @@ def complete(
             strayed = np.linalg.norm((tried[changed] - base[changed]) / near_m, axis=1)
             return bool((strayed <= 1.0 + 1e-9).all() and allowed(tried[changed]).all())
 
-        seen = view.seen(positions, path.quat_xyzw)
-        looks = find_looks(positions, path.quat_xyzw, seen.any(axis=0), view)
-        turned = view.seen(positions[looks.station], looks.quat_xyzw).any(axis=0)
-        covered = seen.any(axis=0) | turned
-        leant = _leant(positions, path.quat_xyzw, covered, view, near_m, within)
-        if leant is not positions:
-            positions = leant
-            seen = view.seen(positions, path.quat_xyzw)
-            covered = seen.any(axis=0) | turned
+        covered = _covered(positions, path.quat_xyzw, view)
+        positions, covered = _leant(positions, path.quat_xyzw, covered, view, near_m, within)
         if view.need[~covered].sum() < _ENOUGH * view.need.sum():
             break
         detours = find_detours(positions, covered, view, near_m, allowed)
-        bent = _bent(positions, path.quat_xyzw, seen, detours, view, within)
+        bent = _bent(positions, path.quat_xyzw, detours, view, within)
         if bent is not positions:
             positions = safe(bent)
     positions = safe(positions)  # leans were tested at the positions only
-    covered = view.seen(positions, path.quat_xyzw).any(axis=0)
+    covered = view.covered(positions, path.quat_xyzw)
     return with_looks(path, positions, find_looks(positions, path.quat_xyzw, covered, view))
+
+
+def _covered(positions: Floats, quat_xyzw: Floats, view: View) -> Bools:
+    """What the path and the turns that it would be given see, (N,)."""
+    seen = view.covered(positions, quat_xyzw)
+    looks = find_looks(positions, quat_xyzw, seen, view)
+    return seen | view.covered(positions[looks.station], looks.quat_xyzw)
 
 
 def _leant(
@@ -78,38 +78,36 @@ def _leant(
     view: View,
     reach_m: Floats,
     within: Callable[[Floats, Ints], bool],
-) -> Floats:
-    """The path after as many leans as show more than they hide; the same array where none does."""
+) -> tuple[Floats, Bools]:
+    """The path after as many leans as show more than they hide, and what it covers then."""
     best = view.need[covered].sum()
     for _ in range(_LEANS):
         missing = np.flatnonzero((view.need > 0) & ~covered)
         if len(missing) == 0:
-            return positions
+            break
         asked = lean(positions, missing, view, reach_m)
         for share in (1.0, 0.5):
             tried = positions + share * asked
             if not within(tried, np.arange(len(tried))):
                 continue
-            seen = view.seen(tried, quat_xyzw).any(axis=0)
-            looks = find_looks(tried, quat_xyzw, seen, view)
-            seen |= view.seen(tried[looks.station], looks.quat_xyzw).any(axis=0)
+            seen = _covered(tried, quat_xyzw, view)
             if view.need[seen].sum() > best:
                 positions, covered, best = tried, seen, view.need[seen].sum()
                 break
         else:
-            return positions
-    return positions
+            break
+    return positions, covered
 
 
 def _bent(
     positions: Floats,
     quat_xyzw: Floats,
-    seen: Bools,
     detours: Detours,
     view: View,
     within: Callable[[Floats, Ints], bool],
 ) -> Floats:
     """The path with each bend that shows more than it hides; the same array where none does."""
+    seen = view.seen(positions, quat_xyzw)
     shown = np.zeros(seen.shape[1], bool)
     for place, quat, station in zip(detours.positions, detours.quat_xyzw, detours.station, strict=True):
         tried = bend(positions, place, int(station))

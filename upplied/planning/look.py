@@ -64,6 +64,10 @@ class View(Record):
         seen[:, needed] = part.seen
         return seen
 
+    def covered(self, positions: Floats, quat_xyzw: Floats) -> Bools:
+        """(N,) the needed samples that any of these poses truly sees."""
+        return np.asarray(self.seen(positions, quat_xyzw).any(axis=0), bool)
+
     def reach(self, positions: Floats, missing: Ints) -> Bools:
         """(M, m) which missing samples these positions see with the camera turned anywhere."""
         round_camera = replace(self.camera, hfov_deg=360.0, vfov_deg=180.0)
@@ -191,7 +195,8 @@ def _greedy(shows: Bools, need: Floats, ease: Floats, worth: float) -> tuple[Int
     """Rows chosen one after another by what they add times their ease, until none adds `worth`."""
     left = np.array(need, float)
     table = shows.astype(np.float32)
-    chosen, gains = [], []
+    chosen: list[int] = []
+    gains: list[float] = []
     while True:
         gain = table @ left.astype(np.float32)
         best = int(np.argmax(gain * ease))
