@@ -16,18 +16,21 @@ from rich.markup import escape
 
 import upplied
 from upplied.cli import (
-    catalog,
     demonstrations,
     doctor,
+    export,
     fleet,
+    fly,
+    keeping,
     quickstart,
+    render,
     report,
     samples,
     structures,
     transfer,
 )
 from upplied.cli.terminal import console, errors
-from upplied.errors import UppliedError
+from upplied.errors import RefusedError, UppliedError
 
 app = App(
     name="upplied",
@@ -36,7 +39,9 @@ app = App(
     console=console,
     error_console=errors,
     result_action="return_value",
+    help_epilogue="--quiet, anywhere: only errors, and the JSON that was asked for.",
 )
+app.register_install_completion_command(help="Let the shell complete commands and options.")
 for command in (
     quickstart.app,
     samples.app,
@@ -44,8 +49,12 @@ for command in (
     demonstrations.app,
     transfer.app,
     transfer.plan,
+    recommend.app,
+    fly.app,
+    export.app,
+    render.app,
     report.app,
-    catalog.app,
+    keeping.app,  # all of `upplied catalog`
     fleet.app,
     doctor.app,
 ):
@@ -57,11 +66,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if os.environ.get("UPPLIED_DEBUG"):
         logging.basicConfig(level=logging.INFO)
     try:
-        tokens = _catalog_last(list(sys.argv[1:] if arguments is None else arguments))
+        tokens = list(sys.argv[1:] if arguments is None else arguments)
+        console.quiet = "--quiet" in tokens
+        tokens = _catalog_last([token for token in tokens if token != "--quiet"])
         return app(tokens, exit_on_error=False, print_error=False) or 0
     except CycloptsError as error:
         errors.print(f"[red]error:[/] {escape(str(error))} Try --help.", soft_wrap=True)
         return 2
+    except RefusedError as error:
+        errors.print(f"[yellow]refused:[/] {escape(str(error))}", soft_wrap=True)
+        return 1
     except UppliedError as error:
         errors.print(f"[red]error:[/] {escape(str(error))}", soft_wrap=True)
         return 2
@@ -77,6 +91,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         errors.print(f"[red]fault:[/] {escape(f'{type(error).__name__}: {error}')}", soft_wrap=True)
         errors.print("This should not happen. UPPLIED_DEBUG=1 shows where it did.", soft_wrap=True)
         return 3
+    finally:
+        console.quiet = False
 
 
 def _catalog_last(tokens: list[str]) -> list[str]:

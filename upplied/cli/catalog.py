@@ -1,12 +1,40 @@
-"""`upplied catalog`: what is kept, and how much of it."""
+"""`upplied catalog`: what is kept, how it came to be, and whether it is whole."""
 
 from __future__ import annotations
 
-from cyclopts import App
+from typing import TYPE_CHECKING, Annotated, Any
 
-from upplied.cli.terminal import CatalogOption, JsonOption, opened, show
+from cyclopts import App, Parameter
+
+from upplied.cli.terminal import CatalogOption, JsonOption, console, opened, show
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 app = App(name="catalog", help="The catalog itself.")
+
+LimitOption = Annotated[int, Parameter(name="--limit", help="At most so many, the newest.")]
+PLANNED = {
+    "transfer_id": "transfer",
+    "demonstration_id": "demonstration",
+    "target_id": "target",
+    "preset": "preset",
+    "status": "status",
+    "coverage_seen_pct": "seen %",
+    "min_clearance_m": "clear m",
+    "planned_at": "planned",
+}
+CHANGED = {
+    "demonstration_id": "demonstration",
+    "target_id": "target",
+    "preset": "preset",
+    "change": "change",
+    "why": "why",
+    "status_before": "before",
+    "status_after": "after",
+    "coverage_seen_pct_change": "seen %",
+    "min_clearance_m_change": "clear m",
+}
 
 
 @app.command
@@ -23,3 +51,88 @@ def info(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int
         rows.append({"what": f"transfers {status}", "count": int(count)})
     show(f"catalog {store.location}", rows, json)
     return 0
+
+
+@app.command
+def history(*, limit: LimitOption = 30, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+    """List the commits, newest first: when, to which table, what was done."""
+    from upplied.catalog import history as commits
+
+    show("commits", _rows(commits(opened(catalog), limit)), json)
+    return 0
+
+
+@app.command
+def diff(
+    before: str,
+    after: str | None = None,
+    /,
+    *,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """Say which plans changed between two moments, and why.
+
+    Parameters
+    ----------
+    before : str
+        A moment, as 2026-11-21T02:00:00Z, or a version of the table of transfers.
+    after : str
+        The same; now if it is not said.
+    """
+    from upplied.catalog import diff as changed
+
+    frame = changed(opened(catalog), _when(before), None if after is None else _when(after))
+    show("changes", _rows(frame, None if json else CHANGED), json)
+    return 0
+
+
+@app.command
+def transfers(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+    """List the newest plan of every demonstration, target and preset."""
+    frame = opened(catalog).transfers()
+    show("transfers", _rows(frame, None if json else PLANNED), json)
+    return 0
+
+
+@app.command(name="as-of")
+def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+    """List the plans as they stood at a moment.
+
+    Parameters
+    ----------
+    moment : str
+        As 2026-11-21 or 2026-11-21T02:00:00Z; without a zone it is UTC.
+    """
+    frame = opened(catalog).transfers(as_of=moment)
+    show(f"transfers as of {moment}", _rows(frame, None if json else PLANNED), json)
+    return 0
+
+
+@app.command
+def verify(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+    """Check every row, count, reference and hash."""
+    from upplied.catalog import verify as check
+
+    found = check(opened(catalog))
+    if json:
+        show("", [vars(finding) for finding in found], json)
+    else:
+        for finding in found:
+            console.print(str(finding), markup=False, soft_wrap=True)
+        console.print(f"{len(found)} findings" if found else "all is well")
+    return int(bool(found))
+
+
+def _rows(frame: pd.DataFrame, names: dict[str, str] | None = None) -> list[dict[str, Any]]:
+    """The rows of a frame, its columns chosen and named anew; None where a value is missing."""
+    chosen = frame if names is None else frame[list(names)].rename(columns=names)
+    for name in chosen.select_dtypes("datetimetz"):
+        chosen = chosen.assign(**{name: chosen[name].dt.strftime("%Y-%m-%d %H:%M:%SZ")})
+    rows: list[dict[str, Any]] = chosen.astype(object).where(chosen.notna(), None).to_dict("records")
+    return rows
+
+
+def _when(text: str) -> str | int:
+    """A small number is a version; anything else a moment."""
+    return int(text) if text.isdigit() and len(text) < 8 else text

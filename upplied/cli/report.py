@@ -3,26 +3,48 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, console, errors, opened
+from upplied.cli.terminal import CatalogOption, console, errors, opened, progress
 
 app = App(name="report", help="Publish tables, pages and pictures.")
 
+FileOption = Annotated[
+    Path | None, Parameter(name="--self-contained", help="One HTML file with everything inside, for mail.")
+]
+
 
 @app.default
-def report(folder: Path = Path("reports"), *, catalog: CatalogOption = "catalog") -> int:
-    """Publish the catalog as plain Parquet, an HTML page and pictures.
+def report(
+    folder: Path | None = None,
+    *,
+    self_contained: FileOption = None,
+    demonstration: Annotated[str | None, Parameter(help="Of the one file: this demonstration only.")] = None,
+    target: Annotated[str | None, Parameter(help="Of the one file: this target only.")] = None,
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Publish the catalog as plain Parquet, HTML pages and pictures, or as one file for mail.
 
     Parameters
     ----------
     folder : Path
-        Where to; what it held is replaced.
+        Where to, `reports` if neither a folder nor a file is named; only what changed is made anew.
     """
     from upplied import fleet
+    from upplied.outputs.publish import publish_file
 
-    with errors.status("publishing"):
-        fleet.publish(opened(catalog), folder)
-    console.print(f"{folder / 'index.html'}", soft_wrap=True)
-    return 0
+    store = opened(catalog)
+    problems: tuple[str, ...] = ()
+    if folder is not None or self_contained is None:
+        with progress("publishing", None) as advance:
+            published = fleet.publish(store, folder or Path("reports"), progress=lambda _: advance())
+        console.print(str(published.index), markup=False, soft_wrap=True)
+        problems = published.problems
+    if self_contained is not None:
+        made = publish_file(store, self_contained, demonstration_id=demonstration, target_id=target)
+        console.print(str(made), markup=False, soft_wrap=True)
+    for problem in problems:
+        errors.print(f"problem: {problem}", markup=False, soft_wrap=True)
+    return int(bool(problems))

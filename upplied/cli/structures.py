@@ -52,17 +52,28 @@ def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> in
 
 
 @app.command
-def check(manifest: Path, /, *, json: JsonOption = False, workers: WorkersOption = 0) -> int:
-    """Read what a manifest names and say what is wrong with it; nothing is kept.
+def check(
+    file: Path,
+    /,
+    *,
+    png: Annotated[Path | None, Parameter(help="Of a mesh: its picture, else NAME-check.png here.")] = None,
+    json: JsonOption = False,
+    workers: WorkersOption = 0,
+) -> int:
+    """Say what is wrong with a mesh, or with what a manifest names; nothing is kept in the catalog.
 
     Parameters
     ----------
-    manifest : Path
-        `structures.toml` or a CSV.
+    file : Path
+        A manifest (`structures.toml` or a CSV), or a mesh or point cloud.
     """
     from upplied import fleet
+    from upplied.cli.health import check_mesh
+
+    if file.suffix.lower() not in (".toml", ".csv"):
+        return check_mesh(file, png)
 
     with progress("checking structures", None) as advance:
-        found = fleet.check_structures(manifest, workers, lambda _: advance())
+        found = fleet.check_structures(file, workers, lambda _: advance())
     show("structures", [vars(item) for item in found], json)
     return int(any(item.status == "failed" for item in found))

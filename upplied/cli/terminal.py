@@ -42,7 +42,8 @@ def opened(location: str) -> Catalog:
 def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool = False) -> None:
     """Print rows as a table, or as JSON."""
     if as_json:
-        console.out(json.dumps(list(rows), indent=2, default=str, allow_nan=False), highlight=False)
+        text = json.dumps(list(rows), indent=2, default=str, allow_nan=False)
+        sys.stdout.write(f"{text}\n")  # asked for: even where --quiet is
         return
     if not rows:
         console.print(f"{title}: none")
@@ -110,6 +111,6 @@ def progress(title: str, total: int | None) -> Iterator[Advance]:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=errors, disable=not errors.is_terminal) as bar:
+    with Progress(*columns, console=errors, disable=console.quiet or not errors.is_terminal) as bar:
         task = bar.add_task(title, total=total)
         yield lambda: bar.advance(task)

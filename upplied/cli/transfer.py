@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
+from upplied.cli.choices import Choices
 from upplied.cli.terminal import (
     CatalogOption,
     JsonOption,
@@ -44,12 +45,16 @@ DEFAULT_PRESETS = ("recommended", "baseline")
 
 @app.default
 def transfer(
-    demonstration: str,
+    demonstration: str = "",
     /,
     *,
     to: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="", show_default=False)] = (),
     preset: PresetOption = DEFAULT_PRESETS,
     set_: SetOption = (),
+    choices: Choices | None = None,
+    reproduce: Annotated[
+        str | None, Parameter(help="Instead: make the plan of this id again and compare it.")
+    ] = None,
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
     timeout: TimeoutOption = 600.0,
@@ -65,9 +70,15 @@ def transfer(
         Ids of the targets; none: every other structure of the kind.
     """
     from upplied import fleet
+    from upplied.cli.reproduce import reproduce as made_again
+    from upplied.errors import SettingsError
 
+    if reproduce is not None:
+        return made_again(catalog, reproduce)
+    if not demonstration:
+        raise SettingsError("transfer", "no demonstration is named", "", "see: upplied demonstrations list")
     opened_catalog = opened(catalog)
-    wish = fleet.Wish(preset, changes(set_), (demonstration,), to)
+    wish = fleet.Wish(preset, (choices or Choices()).onto(changes(set_)), (demonstration,), to)
     run(opened_catalog, fleet.decide(opened_catalog, wish), workers, timeout)
     rows = current(opened_catalog, demonstration, to, preset)
     show_plans(demonstration, rows, json)
@@ -128,6 +139,7 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
 
 
 COLUMNS = {
+    "transfer_id": "transfer",
     "target_id": "target",
     "preset": "preset",
     "status": "status",
@@ -147,7 +159,7 @@ def current(
     wanted = table["preset"].isin(presets)
     if to:
         wanted &= table["target_id"].isin(to)
-    rows = table.loc[wanted].sort_values(["target_id", "preset"])[["transfer_id", "reason", *COLUMNS]]
+    rows = table.loc[wanted].sort_values(["target_id", "preset"])[["reason", *COLUMNS]]
     return rows.astype(object).where(rows.notna(), None).to_dict("records")
 
 

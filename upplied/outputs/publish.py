@@ -172,7 +172,8 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
     flown = reader.sha256("demonstrations", pair.demonstration_id)
     key = digest([code, _plain(pair.plans), _plain(pair.earlier), hashes, flown])
     scripts = [f"data/{name}.js" for name in used]
-    place.put(f"transfers/{pair.name}.html", key, lambda: _pair_html(reader, pair, scripts))
+    told = digest([key, [reader.flown(row) for row in pair.plans.values()]])
+    place.put(f"transfers/{pair.name}.html", told, lambda: _pair_html(reader, pair, scripts))
     if picture:
         place.put(f"pictures/{pair.name}.png", key, lambda: reader.picture(pair))
 

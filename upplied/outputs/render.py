@@ -70,6 +70,6 @@ def _row(source: Source, transfer_id: str) -> Any:
     mine = rows[rows["transfer_id"] == transfer_id] if len(rows) else rows
     if not len(mine):
         raise CatalogError(
-            f"transfer {transfer_id}", "is not in the catalog", "", "see: upplied catalog info"
+            f"transfer {transfer_id}", "is not in the catalog", "", "see: upplied catalog transfers"
         )
     return mine.iloc[0].to_dict()

@@ -13,6 +13,7 @@ from upplied.config import digest
 from upplied.outputs import figures
 from upplied.outputs.along import profile
 from upplied.outputs.display import DisplayMesh, display_mesh, display_states, structure_data
+from upplied.outputs.flown import flown_sentence, last_flown
 from upplied.outputs.pair_page import demonstration_data, pair_data, planned_data
 from upplied.outputs.pairs import Pair, number
 from upplied.records import Demonstration, Floats, Measures, Plan, Structure, SurfaceStates, Trajectory
@@ -78,7 +79,12 @@ class Reader:
                     states = self._states(row, pair.target_id)
                     path = profile(trajectory_of(steps), self._scene(pair.target_id))
                     paths[preset] = planned_data(path, viewpoints_of(steps), origin, states)
+                    paths[preset]["flown"] = self.flown(row)
         return pair_data(pair, self._flown(pair.demonstration_id), paths)
+
+    def flown(self, row: Any) -> str:
+        """What came of flying a plan in simulation, in words; empty where nobody did."""
+        return flown_sentence(last_flown(self.source, row), row)
 
     def picture(self, pair: Pair, width: int = 1000) -> bytes:
         """PNG of the demonstration and of the plan that is flown."""

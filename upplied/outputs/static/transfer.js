@@ -149,6 +149,6 @@
     return element("section", {}, element("h2", {}, "Where this comes from"),
       facts([["Demonstration", data.demonstration.id + ", " + data.demonstration.poses + " poses"], ["Notes", data.demonstration.notes]]),
       data.plans.map((plan) => element("details", { open: plan === data.plans[0] }, element("summary", {}, plan.preset),
-        facts([["Counterparts", plan.counterparts], ["Warnings", plan.warnings], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
+        facts([["Counterparts", plan.counterparts], ["Warnings", plan.warnings], ["Flown in simulation", plan.flown], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
   }
 })();

@@ -1,0 +1,68 @@
+"""What a person may decide about transfers, as options with names of their own; `--set` reaches the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+Pairs = Annotated[tuple[str, ...], Parameter(name="--counterpart", negative="", show_default=False)]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Choices:
+    """Settings that differ from those of the presets.
+
+    Parameters
+    ----------
+    standoff : str
+        Distance to the surface: scaled with the structure, or kept in metres.
+    gsd : float
+        Size of a pixel on the surface, m, to keep instead of the demonstrated distance.
+    plane : bool
+        A demonstration in a plane stays in its plane.
+    counterpart : tuple of str
+        Landmarks that answer to each other, as SOURCE=TARGET; repeatable.
+    repeat : str
+        Fly what was demonstrated on one part on each part of its kind, or on its mirror image too.
+    clearance : float
+        Least distance from the structure, m.
+    search : str
+        Find how a target is turned, about the vertical or altogether.
+    """
+
+    standoff: Literal["scaled", "kept"] | None = None
+    gsd: float | None = None
+    plane: Annotated[bool, Parameter(negative="", show_default=False)] = False
+    counterpart: Pairs = ()
+    repeat: Literal["each", "mirror"] | None = None
+    clearance: float | None = None
+    search: Literal["none", "heading", "orientation"] | None = None
+
+    def onto(self, stages: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        """The changes `stages` (stage -> setting -> value) with those of the options over them."""
+        chosen = {
+            ("transfer", "standoff"): self.standoff,
+            ("transfer", "gsd_m"): self.gsd,
+            ("transfer", "plane"): self.plane or None,
+            ("correspondence", "counterparts"): tuple(map(_pair, self.counterpart)) or None,
+            ("correspondence", "repeat"): self.repeat,
+            ("route", "clearance_m"): self.clearance,
+            ("registration", "search"): self.search,
+        }
+        made = {stage: dict(values) for stage, values in stages.items()}
+        for (stage, name), value in chosen.items():
+            if value is not None:
+                made.setdefault(stage, {})[name] = value
+        return made
+
+
+def _pair(text: str) -> tuple[str, str]:
+    from upplied.errors import SettingsError
+
+    source, equals, target = text.partition("=")
+    if not (source and equals and target):
+        raise SettingsError(f"--counterpart {text}", "cannot be read", "SOURCE=TARGET, names of landmarks")
+    return source, target

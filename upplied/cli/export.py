@@ -1,0 +1,100 @@
+"""`upplied export`: a plan as a mission file for an autopilot or a map."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import App, Parameter
+
+from upplied.cli.terminal import CatalogOption, console, opened
+
+app = App(name="export", help="Write a plan as a mission for an autopilot, or for a map.")
+
+Format = Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Flags:
+    """The fields of `MissionOptions`, a test says so; that class would cost the help half a second.
+
+    Parameters
+    ----------
+    altitude : str
+        What heights are counted from.
+    home_m : tuple of float
+        Take-off, x y z in the structure's frame, m; none: on the ground beside the structure.
+    clearance_m : float
+        That the legs to and from the inspection keep, m.
+    tolerance_m : float
+        Waypoints are left out where the path strays less than this, m.
+    tolerance_deg : float
+        And where the camera turns less than this.
+    photos : str
+        Where photos are taken.
+    photo_distance_m : float
+        Between photos by distance, m.
+    endurance_s : float
+        Of one battery, s: longer missions are split into sorties.
+    reserve_pct : float
+        Of the endurance that is not planned with.
+    max_waypoints : int
+        Of one file; none: what the format takes.
+    transit_mps : float
+        Speed to and from the inspection, m/s.
+    firmware : str
+        Of the autopilot.
+    gimbal : str
+        MAVLink's gimbal protocol, or the older mount command.
+    drone : str
+        DJI's model, for instance m30t.
+    payload : int
+        DJI's payload number where the model has none of its own.
+    """
+
+    altitude: Literal["relative", "amsl", "ellipsoid"] = "relative"
+    home_m: tuple[float, float, float] | None = None
+    clearance_m: float = 2.0
+    tolerance_m: float = 0.1
+    tolerance_deg: float = 3.0
+    photos: Literal["viewpoints", "distance", "none"] = "viewpoints"
+    photo_distance_m: float = 2.0
+    endurance_s: float | None = None
+    reserve_pct: float = 20.0
+    max_waypoints: int | None = None
+    transit_mps: float = 5.0
+    firmware: Literal["px4", "ardupilot"] = "px4"
+    gimbal: Literal["v2", "mount"] = "v2"
+    drone: str = ""
+    payload: int | None = None
+
+
+@app.default
+def export(
+    transfer: str,
+    /,
+    *,
+    to: Annotated[Format, Parameter(help="Format of the mission.")],
+    output: Annotated[Path, Parameter(name=("--output", "-o"), help="File; several sorties are numbered.")],
+    flags: Flags | None = None,
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Write a plan as a mission file, or one for each sortie, and say what was assumed.
+
+    Parameters
+    ----------
+    transfer : str
+        Its id, as `upplied transfer` prints it.
+    """
+    from upplied.outputs.missions import MissionOptions
+    from upplied.outputs.render import export_transfer
+
+    options = MissionOptions(**asdict(flags or Flags()))
+    written = export_transfer(opened(catalog), transfer, to, output, options)
+    for path in written.paths:
+        console.print(str(path), markup=False, soft_wrap=True)
+    for note in written.notes:
+        console.print(f"note: {note}", markup=False, soft_wrap=True)
+    return 0

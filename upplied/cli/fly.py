@@ -1,0 +1,78 @@
+"""`upplied fly`: a plan flown in simulated wind, planned against flown."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, Parameter
+
+from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, opened, show
+
+if TYPE_CHECKING:
+    from upplied.outputs.flown import Flown
+
+app = App(name="fly", help="Fly a plan in simulated wind, and see what margin it keeps.")
+
+MEASURED = {
+    "min_clearance_m": "least clearance, m",
+    "coverage_seen_pct": "really seen, %",
+    "coverage_paper_pct": "seen by frustum, %",
+    "duration_s": "duration, s",
+    "peak_speed_mps": "peak speed, m/s",
+}
+
+
+@app.default
+def fly(
+    transfer: str,
+    /,
+    *,
+    wind: Annotated[float, Parameter(help="Mean wind, m/s.")] = 5.0,
+    towards: Annotated[float, Parameter(help="Where it blows to, deg counter-clockwise from +X.")] = 60.0,
+    gusts: bool = True,
+    seed: Annotated[int, Parameter(help="Of gusts and errors.")] = 0,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """Fly a plan in simulation and compare; the next report tells of it.
+
+    Exit code 1 where the flight comes nearer than the plan was asked to keep.
+
+    Parameters
+    ----------
+    transfer : str
+        Its id, as `upplied transfer` prints it.
+    gusts : bool
+        Whether the wind is gusty.
+    """
+    from upplied.catalog.recipes import settings_of
+    from upplied.fleet.flights import fly_plan
+    from upplied.simulate import Wind
+
+    store = opened(catalog)
+    with errors.status("flying"):
+        flown = fly_plan(store, transfer, Wind(wind, towards, gusts), seed)
+    row = store.transfer(transfer)
+    route = settings_of(row["settings_json"]).route
+    show(f"{transfer} in {wind:g} m/s of wind", _compared(flown, row), json)
+    if not route.enforce:
+        return 0
+    margin = flown.measures.min_clearance_m - route.clearance_m
+    if not json:
+        console.print(f"margin over the {route.clearance_m:g} m that were asked for: {margin:+.2f} m")
+    if margin < 0:
+        errors.print("Too near in this wind: plan with a larger --clearance, or fly in less wind.")
+    return int(margin < 0)
+
+
+def _compared(flown: Flown, row: dict[str, Any]) -> list[dict[str, Any]]:
+    rows = []
+    for name, title in MEASURED.items():
+        planned, measured = _number(row[name]), _number(getattr(flown.measures, name))
+        change = None if planned is None or measured is None else measured - planned
+        rows.append({"measure": title, "planned": planned, "flown": measured, "change": change})
+    return rows
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None or value != value else float(value)

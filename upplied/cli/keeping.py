@@ -1,0 +1,98 @@
+"""The half of `upplied catalog` that writes: merging, cleaning, giving away and taking in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from upplied.cli.catalog import app
+from upplied.cli.terminal import CatalogOption, console, opened
+
+
+@app.command
+def compact(*, catalog: CatalogOption = "catalog") -> int:
+    """Merge small data files; readers and writers go on meanwhile."""
+    from upplied.catalog import compact as merge
+
+    _counted("merged files", merge(opened(catalog)))
+    return 0
+
+
+@app.command
+def vacuum(
+    *,
+    keep_days: Annotated[float, Parameter(help="Younger versions can still be asked for.")] = 30.0,
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Remove files that no version needs any more; rows are never removed."""
+    from upplied.catalog import vacuum as clean
+
+    done = clean(opened(catalog), keep_days)
+    _counted("files merged", done.files_merged)
+    _counted("files removed", done.files_removed)
+    _counted("rows of stopped writers removed", done.orphan_commits)
+    console.print(f"{done.drafts_removed} drafts removed, {done.cache_bytes_freed} bytes of cache freed")
+    return 0
+
+
+@app.command
+def export(
+    folder: Path,
+    /,
+    *,
+    licence: Annotated[str, Parameter(help="As an SPDX name (CC-BY-4.0), or in words.")],
+    name: Annotated[str, Parameter(help="With its version, as boxes-v1; else the folder's.")] = "",
+    attribution: Annotated[str, Parameter(help="Whom to name.")] = "",
+    kind: Annotated[str | None, Parameter(help="Only structures of this kind.")] = None,
+    demonstration: Annotated[str | None, Parameter(help="Only this demonstration.")] = None,
+    preset: Annotated[str | None, Parameter(help="Only plans of this preset.")] = None,
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Write the plans that are ok, with all they refer to, as a folder that stands for itself.
+
+    Parameters
+    ----------
+    folder : Path
+        New, or empty.
+    """
+    from upplied.catalog import export_dataset
+
+    store = opened(catalog)
+    chosen = store.transfers(status="ok", kind=kind, demonstration=demonstration, preset=preset)
+    name = name or folder.resolve().name
+    _counted(str(folder), export_dataset(store, folder, name, chosen, licence, attribution))
+    return 0
+
+
+@app.command(name="import")
+def import_(
+    folder: Path,
+    /,
+    *,
+    replace: Annotated[
+        bool, Parameter(negative="", help="Let what has the same name here become a newer version.")
+    ] = False,
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Take in an exported folder after checking all of it.
+
+    Parameters
+    ----------
+    folder : Path
+        As `upplied catalog export` wrote it.
+    """
+    from upplied.catalog import import_dataset
+
+    _counted("added rows", import_dataset(opened(catalog), folder, replace))
+    return 0
+
+
+def _counted(what: str, counts: dict[str, int]) -> None:
+    console.print(f"{what}: {_words(counts)}", markup=False, soft_wrap=True)
+
+
+def _words(counts: dict[str, int]) -> str:
+    said = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items() if count)
+    return said or "none"

@@ -1,0 +1,79 @@
+"""`upplied render`: pictures of what the catalog holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+from upplied.cli.terminal import CatalogOption, console, opened
+
+app = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
+
+OutputOption = Annotated[Path, Parameter(name=("--output", "-o"), help="The PNG to write.")]
+ViewOption = Annotated[
+    str | None,
+    Parameter(name="--view", help="three-quarter, other side, perspective, side, front, top or below."),
+]
+
+
+@app.command
+def structure(id: str, /, *, output: OutputOption, catalog: CatalogOption = "catalog") -> int:
+    """Draw a structure from three sides, with everything that was demonstrated on it.
+
+    Parameters
+    ----------
+    id : str
+        Of the structure.
+    """
+    from upplied.outputs.render import render_structure
+
+    return _saved(output, render_structure(opened(catalog), id))
+
+
+@app.command
+def transfer(
+    id: str, /, *, output: OutputOption, view: ViewOption = None, catalog: CatalogOption = "catalog"
+) -> int:
+    """Draw a demonstration on its structure, and its plan on the target.
+
+    Parameters
+    ----------
+    id : str
+        Of the transfer, as `upplied transfer` prints it.
+    """
+    from upplied.outputs.render import render_transfer
+
+    return _saved(output, render_transfer(opened(catalog), id, view))
+
+
+@app.command
+def comparison(
+    demonstration: str,
+    target: str,
+    /,
+    *,
+    output: OutputOption,
+    view: ViewOption = None,
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Draw the newest plan of each preset side by side.
+
+    Parameters
+    ----------
+    demonstration : str
+        Its id.
+    target : str
+        Id of the structure it was carried to.
+    """
+    from upplied.outputs.render import render_comparison
+
+    return _saved(output, render_comparison(opened(catalog), demonstration, target, view))
+
+
+def _saved(output: Path, png: bytes) -> int:
+    from upplied.outputs.figures import save
+
+    console.print(str(save(output, png)), markup=False, soft_wrap=True)
+    return 0

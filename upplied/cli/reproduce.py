@@ -1,0 +1,30 @@
+"""`upplied transfer --reproduce`: a stored plan made again from its recorded inputs, and compared."""
+
+from __future__ import annotations
+
+from upplied.cli.terminal import console, errors, opened
+
+
+def reproduce(catalog: str, transfer_id: str) -> int:
+    """Plan again what a transfer was planned from; 0 when the same bytes come of it, else 1."""
+    from upplied.catalog import recipe
+    from upplied.planning.plan import plan_transfer
+
+    made_from = recipe(opened(catalog), transfer_id)
+    with errors.status("planning again"):
+        plan = plan_transfer(made_from.demonstration, made_from.source, made_from.target, made_from.settings)
+    different = made_from.differences(plan)
+    row = made_from.row
+    for doubt in made_from.doubts:
+        console.print(f"note: {doubt}", markup=False, soft_wrap=True)
+    if not different:
+        what = f"{row['n_waypoints']} waypoints" if row["status"] == "ok" else row["status"]
+        console.print(f"{transfer_id}: the same again ({what})", markup=False, soft_wrap=True)
+        return 0
+    console.print(f"{transfer_id}: differs in {', '.join(different)}", markup=False, soft_wrap=True)
+    console.print(
+        f"It was planned by method {row['method_version']}, code {row['code_version']}.",
+        markup=False,
+        soft_wrap=True,
+    )
+    return 1
