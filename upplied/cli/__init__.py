@@ -49,7 +49,6 @@ for command in (
     demonstrations.app,
     transfer.app,
     transfer.plan,
-    recommend.app,
     fly.app,
     export.app,
     render.app,
