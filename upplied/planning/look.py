@@ -152,11 +152,11 @@ def bend(positions: Floats, place: Floats, station: int) -> Floats:
     """The path bent smoothly so that it passes through a place at one of its stations.
 
     The bend is a raised cosine over arc length, wide enough that it leaves the path at less than
-    about 30 degrees.
+    about 22 degrees.
     """
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
     offset = place - positions[station]
-    width = max(3.0 * float(np.linalg.norm(offset)), 1e-6)
+    width = max(4.0 * float(np.linalg.norm(offset)), 1e-6)
     distance = np.abs(along - along[station]) / width
     return positions + np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * distance), 0)[:, None] * offset
 

@@ -28,6 +28,7 @@ from upplied.planning.transfer import aimed, box_map, registered_map, zscore_map
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Trajectory, Waypoints, in_a_row
 
+_COMPACT = 1.2  # of the stand-off: a path with less spread counts as small
 _RIPPLES = 0.07  # of the usual stand-off: what is taken out of a path that was led and bent
 
 
@@ -104,21 +105,30 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
     is_viewpoint[(inspection.viewpoints.start + inspection.viewpoints.stop - 1) // 2] = True
     path = Waypoints(positions, quats, flight.t_s, is_viewpoint)
 
-    airspace, reach_m = airspace_of(pair, settings), settings.refine.deviation * spread(positions)[1]
+    standoff_m = float(np.nan_to_num(np.nanmedian(wanted.standoff_m)))
+    airspace, reach_m = airspace_of(pair, settings), _reach(positions, standoff_m, settings)
     if settings.transfer.plane:
         height = plane_height(flight, pair, positions, settings.transfer)
         airspace, path = in_plane(airspace, height), at_height(path, height)
         reach_m = np.array([reach_m[0], reach_m[1], 1e-6])
     ways = Ways(airspace, fit.target)
 
-    ripples_m = _RIPPLES * float(np.nan_to_num(np.nanmedian(wanted.standoff_m)))
-
     def safe(places: Floats) -> Floats:
         if not settings.route.enforce:
             return places
-        return faired(safe_positions(places, ways), ways.planning, ripples_m)
+        return faired(safe_positions(places, ways), ways.planning, _RIPPLES * standoff_m)
 
     return complete(path, view, reach_m, safe, ways.planning.allowed)
+
+
+def _reach(positions: Floats, standoff_m: float, settings: Settings) -> Floats:
+    """How far (3,), m, bends may lead from the carried flight along each axis.
+
+    In units of the path's spread, as its likeness is measured; a path that is small beside its
+    stand-off, such as one round an engine, is bent in proportion to that.
+    """
+    scale = spread(positions)[1]
+    return settings.refine.deviation * scale * max(1.0, _COMPACT * standoff_m / float(scale.max()))
 
 
 def _carried(inspection: Inspection, pair: Pair, settings: Settings) -> tuple[Floats, Floats]:
