@@ -19,7 +19,7 @@ from upplied.cli.terminal import (
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
-    from upplied.fleet import Decision, Result
+    from upplied.fleet import Decision, Result, Wish
 
 app = App(name="transfer", help="Carry a demonstration to other structures.")
 plan = App(name="plan", help="Say what a run over the fleet would plan, and why; or plan it.")
@@ -80,7 +80,7 @@ def transfer(
     opened_catalog = opened(catalog)
     wish = fleet.Wish(preset, (choices or Choices()).onto(changes(set_)), (demonstration,), to)
     run(opened_catalog, fleet.decide(opened_catalog, wish), workers, timeout)
-    rows = current(opened_catalog, demonstration, to, preset)
+    rows = current(opened_catalog, wish)
     show_plans(demonstration, rows, json)
     return int(any(row["status"] != "ok" for row in rows))
 
@@ -151,15 +151,14 @@ COLUMNS = {
 }
 
 
-def current(
-    catalog: Catalog, demonstration: str, to: tuple[str, ...], presets: tuple[str, ...]
-) -> list[dict[str, Any]]:
-    """The catalog's newest plans of a demonstration."""
-    table = catalog.transfers(demonstration=demonstration)
-    wanted = table["preset"].isin(presets)
-    if to:
-        wanted &= table["target_id"].isin(to)
-    rows = table.loc[wanted].sort_values(["target_id", "preset"])[["reason", *COLUMNS]]
+def current(catalog: Catalog, wish: Wish) -> list[dict[str, Any]]:
+    """The newest plans of what was wished for: with these very settings, whatever was planned since."""
+    table = catalog.transfers(every=True)
+    wanted = table["settings_sha256"].isin([settings.sha256 for settings in wish.settings()])
+    wanted &= table["demonstration_id"].isin(wish.demonstrations)
+    wanted &= table["target_id"].isin(wish.targets or catalog.structures()["structure_id"])
+    newest = table.loc[wanted].drop_duplicates(["target_id", "preset"], keep="last")
+    rows = newest.sort_values(["target_id", "preset"])[["reason", *COLUMNS]]
     return rows.astype(object).where(rows.notna(), None).to_dict("records")
 
 
