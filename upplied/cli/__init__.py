@@ -23,6 +23,7 @@ from upplied.cli import (
     fly,
     keeping,
     quickstart,
+    recommend,
     render,
     report,
     samples,
@@ -51,6 +52,7 @@ for command in (
     transfer.plan,
     fly.app,
     export.app,
+    recommend.app,
     render.app,
     report.app,
     keeping.app,  # all of `upplied catalog`

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from upplied.cli.choices import Choices
+from upplied.cli.recommend import best as best_for
 from upplied.cli.terminal import (
     CatalogOption,
     JsonOption,
@@ -39,6 +40,12 @@ SetOption = Annotated[
         help="A setting that differs, as STAGE.NAME=VALUE; repeatable.",
     ),
 ]
+BestOption = Annotated[
+    str,
+    Parameter(
+        name="--best", show_default=False, help="A structure: carry to it the demonstration that fits best."
+    ),
+]
 TimeoutOption = Annotated[float, Parameter(name="--timeout", help="Seconds after which a target is stopped.")]
 DEFAULT_PRESETS = ("recommended", "baseline")
 
@@ -52,6 +59,7 @@ def transfer(
     preset: PresetOption = DEFAULT_PRESETS,
     set_: SetOption = (),
     choices: Choices | None = None,
+    best: BestOption = "",
     reproduce: Annotated[
         str | None, Parameter(help="Instead: make the plan of this id again and compare it.")
     ] = None,
@@ -65,7 +73,7 @@ def transfer(
     Parameters
     ----------
     demonstration : str
-        Its id in the catalog.
+        Its id in the catalog; none with --best.
     to : tuple of str
         Ids of the targets; none: every other structure of the kind.
     """
@@ -75,6 +83,12 @@ def transfer(
 
     if reproduce is not None:
         return made_again(catalog, reproduce)
+    if best and (demonstration or to):
+        raise SettingsError(
+            "transfer", "--best beside a demonstration or --to", "one way to say what is carried"
+        )
+    if best:
+        demonstration, to = best_for(catalog, best), (best,)
     if not demonstration:
         raise SettingsError("transfer", "no demonstration is named", "", "see: upplied demonstrations list")
     opened_catalog = opened(catalog)

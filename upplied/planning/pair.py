@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
-from upplied.config import CloudSettings, Settings, digest, settings_for
+from upplied.config import CloudSettings, RegistrationSettings, Settings, digest, settings_for
 from upplied.planning.clouds import voxel_cloud
 from upplied.planning.correspond import correspond
 from upplied.planning.register import register
@@ -103,6 +103,22 @@ def content_key(*parts: Any) -> str:
     return digest({"method": METHOD_VERSION, "parts": [digest(part) for part in parts]})
 
 
+def surface_key(structure_sha256: str, clouds: CloudSettings) -> str:
+    """Key of a structure's surface samples."""
+    return content_key("surface", structure_sha256, clouds)
+
+
+def registration_key(
+    sort: str,
+    source_sha256: str,
+    target_sha256: str,
+    clouds: CloudSettings,
+    registration: RegistrationSettings,
+) -> str:
+    """Key of the registration of two structures by clouds of one sort, "voxels" or "surface"."""
+    return content_key("register", sort, source_sha256, target_sha256, clouds, registration)
+
+
 def _with_clouds(preset: str, settings: Settings) -> Settings:
     return replace(settings_for(preset), clouds=settings.clouds)
 
@@ -113,7 +129,7 @@ def _voxels(structure: Structure, clouds: CloudSettings, memo: Memo) -> Cloud:
 
 
 def _samples(structure: Structure, scene: Scene, clouds: CloudSettings, memo: Memo) -> Cloud:
-    key = content_key("surface", structure.sha256, clouds)
+    key = surface_key(structure.sha256, clouds)
     return memo("clouds", Cloud, key, lambda: surface_samples(structure, scene, clouds))
 
 
@@ -126,7 +142,7 @@ def _fit(
 ) -> Fit:
     source, target = structures
     facts = (sort, source.sha256, target.sha256, settings.clouds, settings.registration)
-    key = content_key("register", *facts)
+    key = registration_key(*facts)
     found = memo("registration", Registration, key, lambda: register(*clouds, settings.registration))
     key = content_key("correspond", *facts, settings.correspondence)
     matched = memo(

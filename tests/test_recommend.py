@@ -1,0 +1,179 @@
+"""Retrieval: shapes are known again wherever they lie, and the right flight comes first, and fast."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from upplied.catalog import open_catalog
+from upplied.cli import main
+from upplied.config import settings_for
+from upplied.errors import InputError
+from upplied.fleet.recommend import recommend
+from upplied.planning.features import ShapeLibrary, joined, library_of, shape_features, unlikeness
+from upplied.planning.foresee import foresee, inspected
+from upplied.planning.measure import TRULY, views
+from upplied.planning.register import register
+from upplied.planning.surface import surface_samples
+from upplied.records import Camera, Cloud
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+from upplied.scene import scene_of
+
+
+def cloud_of(structure) -> Cloud:
+    return surface_samples(structure, scene_of(structure), settings_for("recommended").clouds)
+
+
+@pytest.fixture(scope="module")
+def clouds() -> dict[str, Cloud]:
+    names = ("a320-v1", "b777-v1", "turbine-1-v1", "turbine-2-v1", "cube-v1", "bridge-1-v1")
+    return {name: cloud_of(member(name).structure) for name in names}
+
+
+@pytest.fixture(scope="module")
+def location(tmp_path_factory) -> str:
+    """Flights over an airliner, a turbine and a cube, with declared kinds that mislead."""
+    catalog = open_catalog(tmp_path_factory.mktemp("recommend") / "catalog")
+    flown = [("a320-v1", "fuselage"), ("turbine-1-v1", "tower"), ("cube-v1", "sides")]
+    for name, inspection in flown:
+        structure = member(name).structure
+        catalog.add_structures([replace(structure, kind="thing")])
+        catalog.add_demonstrations([fly(structure, inspection)])
+    others = [("b777-v1", "ship"), ("turbine-2-v1", "bridge"), ("cuboid-v1", "airliner")]
+    catalog.add_structures([replace(member(name).structure, kind=kind) for name, kind in others])
+    return str(catalog.location)
+
+
+def test_features_do_not_change_with_place_and_size(clouds):
+    cloud = clouds["a320-v1"]
+    moved = replace(cloud, points=2.5 * cloud.points + [10.0, -3.0, 4.0], area_m2=6.25 * cloud.area_m2)
+    here, there = shape_features(cloud), shape_features(moved)
+    assert np.mean(here.occupied != there.occupied) < 0.1  # samples on a border of cells
+    np.testing.assert_allclose(here.facing, there.facing)
+    assert unlikeness(here, library_of([there]))[0] < 0.01
+
+
+def test_unlikeness_is_symmetric_and_zero_for_itself(clouds):
+    features = [shape_features(cloud) for cloud in clouds.values()]
+    library = library_of(features)
+    table = np.array([unlikeness(one, library) for one in features])
+    np.testing.assert_allclose(table, table.T)
+    np.testing.assert_allclose(np.diag(table), 0)
+    assert (table[~np.eye(len(table), dtype=bool)] > 0.01).all()
+
+
+def test_unlikeness_agrees_with_counting_cells(clouds):
+    """An independent count of common cells, one after another."""
+    one, other = (shape_features(clouds[name]) for name in ("a320-v1", "b777-v1"))
+    bits = [
+        np.unpackbits(words.view(np.uint8)) for words in (one.occupied, one.near, other.occupied, other.near)
+    ]
+    forth = sum(int(a and b) for a, b in zip(bits[0], bits[3], strict=True)) / sum(map(int, bits[0]))
+    back = sum(int(a and b) for a, b in zip(bits[2], bits[1], strict=True)) / sum(map(int, bits[2]))
+    same = replace(other, extent_m=one.extent_m, facing=one.facing)
+    assert unlikeness(one, library_of([same]))[0] == pytest.approx((1 - (forth + back) / 2) / 0.45)
+
+
+def test_library_is_the_same_however_it_is_joined(clouds):
+    features = [shape_features(cloud) for cloud in clouds.values()]
+    whole, pieces = (
+        library_of(features),
+        joined([library_of(features[:2]), library_of([]), library_of(features[2:])]),
+    )
+    np.testing.assert_array_equal(unlikeness(features[0], whole), unlikeness(features[0], pieces))
+    assert len(joined([])) == 0
+
+
+def test_ten_thousand_structures_are_compared_in_a_blink(clouds):
+    features = [shape_features(cloud) for cloud in clouds.values()]
+    few = library_of(features)
+    rows = np.arange(10_000) % len(few)
+    many = ShapeLibrary(few.extent_m[rows], few.occupied[rows], few.near[rows], few.facing[rows])
+    began = time.process_time()
+    found = unlikeness(features[0], many)
+    assert time.process_time() - began < 0.3
+    np.testing.assert_array_equal(np.flatnonzero(found == 0), np.flatnonzero(rows == 0))
+
+
+def test_on_itself_all_that_was_inspected_is_foreseen(clouds):
+    structure, cloud = member("a320-v1").structure, clouds["a320-v1"]
+    flight = fly(structure, "fuselage")
+    seen = inspected(cloud, views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(structure)))
+    assert 0.05 < seen.share < 1
+    laid = register(cloud, cloud, settings_for("recommended").registration)
+    found = foresee(structure.diagonal_m, cloud, laid, seen, flight.camera)
+    assert found.coverage_seen_pct == pytest.approx(100)
+    assert found.without_pct == 0
+    blind = foresee(structure.diagonal_m, cloud, laid, seen, Camera(max_range_m=2.5))
+    assert blind.coverage_seen_pct < 5
+
+
+@pytest.mark.parametrize(
+    ("structure", "expected"),
+    [("b777-v1", "a320-v1"), ("turbine-2-v1", "turbine-1-v1"), ("cuboid-v1", "cube-v1")],
+)
+def test_the_shape_decides_whatever_kind_is_declared(location, structure, expected):
+    found = recommend(open_catalog(location), structure)
+    assert found[0].source_id == expected
+    assert found[0].verdict == "fits"
+    assert found[0].rank == 1
+    assert "parts match" in found[0].why
+    assert found[0].unlikeness == min(one.unlikeness for one in found)
+
+
+def test_second_answer_comes_from_the_cache_and_is_the_same(location):
+    first = recommend(open_catalog(location), "b777-v1")
+    again = open_catalog(location)
+    assert recommend(again, "b777-v1") == first
+    assert again.cache.misses == 0
+
+
+def test_flight_over_the_structure_itself_comes_first(location):
+    found = recommend(open_catalog(location), "a320-v1")
+    assert (found[0].verdict, found[0].source_id) == ("own", "a320-v1")
+
+
+def test_unknown_ids_and_empty_catalogs_are_told(tmp_path, location, capsys):
+    with pytest.raises(InputError, match="known: a320-v1"):
+        recommend(open_catalog(location), "nothing")
+    empty = open_catalog(tmp_path / "empty")
+    with pytest.raises(InputError, match="known: none"):
+        recommend(empty, "a320-v1")
+    empty.add_structures([random_member("box", 1).structure])
+    with pytest.raises(InputError, match="no demonstration"):
+        recommend(empty, "box-random-1")
+    assert main(["recommend", "nothing", "--catalog", location]) == 2
+    assert "not in the catalog" in capsys.readouterr().err
+
+
+def test_command_answers_in_json(location, capsys):
+    assert main(["recommend", "cuboid-v1", "--most", "2", "--json", "--catalog", location]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["rank"] for row in rows] == [1, 2]
+    assert rows[0]["source_id"] == "cube-v1"
+
+
+def test_best_asks_for_one_way_only(location, capsys):
+    assert main(["transfer", "--catalog", location]) == 2
+    capsys.readouterr()
+    assert main(["transfer", "a", "--best", "cuboid-v1", "--catalog", location]) == 2
+    assert "one way" in capsys.readouterr().err
+
+
+def test_best_plans_the_first_but_only_within_a_kind(tmp_path, capsys):
+    catalog = open_catalog(tmp_path / "catalog")
+    cube, cuboid = member("cube-v1").structure, member("cuboid-v1").structure
+    catalog.add_structures([cube, replace(cuboid, kind="ship", sha256="0" * 64)])
+    catalog.add_demonstrations([fly(cube, "sides")])
+    arguments = ["--preset", "baseline", "--workers", "1", "--json", "--catalog", catalog.location]
+    assert main(["transfer", "--best", "cuboid-v1", *arguments]) == 2
+    assert "is declared a ship" in capsys.readouterr().err
+    catalog.add_structures([cuboid])
+    assert main(["transfer", "--best", "cuboid-v1", *arguments]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [(row["target_id"], row["status"]) for row in rows] == [("cuboid-v1", "ok")]

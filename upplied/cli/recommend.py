@@ -1,0 +1,92 @@
+"""`upplied recommend`: which expert's flight fits a structure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
+
+from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, opened, show
+
+app = App(name="recommend", help="Say which demonstrations would transfer best to a structure, and why.")
+
+MostOption = Annotated[int, Parameter(name="--most", help="How many are shown.")]
+
+
+@app.default
+def recommend(
+    structure: str, /, *, most: MostOption = 10, catalog: CatalogOption = "catalog", json: JsonOption = False
+) -> int:
+    """Rank the catalog's demonstrations by how well they would transfer; nothing is planned.
+
+    Parameters
+    ----------
+    structure : str
+        Id of the structure to be inspected.
+    """
+    from upplied.fleet.recommend import recommend as rank
+
+    with errors.status("comparing shapes"):
+        found = [asdict(one) for one in rank(opened(catalog), structure, most)]
+    if json:
+        show("", [_finite(row) for row in found], json)
+    else:
+        show(f"demonstrations for {structure}", [_row(row) for row in found])
+        for row in found:
+            console.print(
+                f"{row['rank']}. {row['demonstration_id']}: {row['why']}", markup=False, soft_wrap=True
+            )
+    return int(found[0]["verdict"] not in ("own", "fits"))
+
+
+def best(location: str, structure: str) -> str:
+    """The demonstration that fits a structure best, other than its own.
+
+    Raises
+    ------
+    InputError
+        If none fits beyond doubt, or the best is of another declared kind.
+    """
+    from upplied.errors import InputError
+    from upplied.fleet.recommend import recommend as rank
+
+    store = opened(location)
+    others = [one for one in rank(store, structure, 100) if one.verdict != "own"]
+    fitting = next((one for one in others if one.verdict == "fits"), None)
+    if fitting is None:
+        closest = f"; the closest is {others[0].demonstration_id}: {others[0].why}" if others else ""
+        raise InputError(f"structure {structure}", f"no demonstration fits beyond doubt{closest}")
+    kind = store.newest("structures", structure)["kind"]
+    if kind != fitting.kind:
+        raise InputError(
+            f"structure {structure}",
+            f"is declared a {kind}, but {fitting.demonstration_id}, which fits best, was flown on a "
+            f"{fitting.kind}",
+            "flights are carried within a kind",
+            "correct the kind in the manifest if they are of one",
+        )
+    errors.print(f"{fitting.demonstration_id}: {fitting.why}", markup=False, soft_wrap=True)
+    return fitting.demonstration_id
+
+
+def _row(row: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "rank": row["rank"],
+        "demonstration": row["demonstration_id"],
+        "kind": row["kind"],
+        "verdict": row["verdict"],
+        "misfit": row["misfit"],
+        "seen %": row["predicted_seen_pct"],
+        "lost %": row["without_pct"],
+        "inspected %": row["inspected_pct"],
+    }
+
+
+def _finite(row: dict[str, Any]) -> dict[str, Any]:
+    """JSON knows no NaN."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in row.items()
+    }
