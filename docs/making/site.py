@@ -1,0 +1,161 @@
+"""What the site says from the code itself: reference pages, data dictionary, settings, commands, examples.
+
+A hook of MkDocs: nothing here is written to `docs/`, so nothing can grow stale.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parents[2]
+#: What a program may build on, by room.
+MODULES = {
+    "Records": ["upplied.records", "upplied.errors", "upplied.poses", "upplied.scene"],
+    "Inputs": ["upplied.inputs.manifests", "upplied.inputs.meshes", "upplied.inputs.logs"],
+    "Planning": [
+        "upplied.planning.plan",
+        "upplied.planning.pair",
+        "upplied.planning.register",
+        "upplied.planning.correspond",
+        "upplied.planning.visibility",
+        "upplied.planning.viewpoints",
+        "upplied.planning.transfer",
+        "upplied.planning.refine",
+        "upplied.planning.route",
+        "upplied.planning.retime",
+        "upplied.planning.measure",
+        "upplied.planning.attainable",
+        "upplied.planning.frechet",
+        "upplied.planning.acceptance",
+    ],
+    "Catalog": ["upplied.catalog", "upplied.catalog.database"],
+    "Fleet": ["upplied.fleet.decide", "upplied.fleet.ingest", "upplied.fleet.session"],
+    "Outputs": [
+        "upplied.outputs.missions",
+        "upplied.outputs.missions.options",
+        "upplied.outputs.render",
+        "upplied.outputs.figures",
+        "upplied.outputs.publish",
+        "upplied.outputs.logs",
+    ],
+    "Simulation and samples": ["upplied.simulate", "upplied.samples.fleet", "upplied.samples.pilot"],
+}
+#: Documents that lie elsewhere in the repository, and where the site has them.
+BORROWED = {
+    "CONVENTIONS.md": "reference/conventions.md",
+    "CHANGELOG.md": "reference/changelog.md",
+    "catalog/README.md": "reference/dictionary.md",
+}
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages that are made from the code."""
+    for address, text in made_pages().items():
+        files.append(File.generated(config, address, content=text))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Put the measured table in its place, and lead links to borrowed documents to their pages."""
+    markdown = markdown.replace(
+        "<!-- measured -->", (ROOT / "docs/pictures/measured.md").read_text(encoding="utf-8")
+    )
+    markdown = re.sub(r"\]\((\.\./)+examples/[^)]*\)", "](../examples.md)", markdown)
+    up = "../" * page.file.src_uri.count("/")
+    for document, address in BORROWED.items():
+        markdown = re.sub(rf"\]\((\.\./)+{re.escape(document)}", f"]({up}{address}", markdown)
+    return markdown
+
+
+def made_pages() -> dict[str, str]:
+    """Address to text of every page that is made from the code."""
+    pages = {address: (ROOT / document).read_text(encoding="utf-8") for document, address in BORROWED.items()}
+    for room, modules in MODULES.items():
+        text = "\n".join(f"::: {module}\n" for module in modules)
+        pages[f"reference/{room.lower().replace(' ', '-')}.md"] = f"# {room}\n\n{text}"
+    pages["reference/settings.md"] = "\n".join(_settings())
+    pages["reference/manifest.md"] = "\n".join(_keys())
+    pages["reference/command.md"] = "\n".join(_commands())
+    pages["examples.md"] = "\n".join(_examples())
+    return pages
+
+
+def _settings() -> Iterator[str]:
+    from upplied.config import PRESETS, settings_for
+
+    presets = [settings_for(name) for name in PRESETS]
+    yield "# Settings\n\nEvery number a plan depends on, and its value in each preset."
+    yield "`--set STAGE.NAME=VALUE` and the flow's parameter `changes` replace single ones.\n"
+    for stage in fields(presets[0]):
+        if stage.name == "preset":
+            continue
+        meaning = (type(getattr(presets[0], stage.name)).__doc__ or "").strip()
+        yield f"## {stage.name}\n\n{meaning}\n"
+        yield f"| setting | {' | '.join(PRESETS)} |\n|---|{'---|' * len(PRESETS)}"
+        for setting in fields(getattr(presets[0], stage.name)):
+            values = (getattr(getattr(preset, stage.name), setting.name) for preset in presets)
+            shown = " | ".join(f"`{value}`" for value in values)
+            yield f"| `{stage.name}.{setting.name}` | {shown} |"
+        yield ""
+
+
+def _keys() -> Iterator[str]:
+    from upplied.inputs.manifest_keys import KEYS
+    from upplied.inputs.sidecar import LogOptions
+
+    yield "# Manifest and side-car\n\n## Keys of a structure\n"
+    yield "`[[structure]]` of a TOML file, or the columns of a CSV.\n"
+    yield "| key | required | meaning |\n|---|---|---|"
+    for name, key in KEYS.items():
+        yield f"| `{name}` | {'yes' if key.required else ''} | {key.meaning} |"
+    yield "\n## Facts of a flight\n"
+    yield "`[inspection]` of `flight.toml` beside `flight.mcap`, or a metadata record `inspection`"
+    yield "in the log. Metres and degrees. The last three are options of the reader alone.\n"
+    yield "| key | type | default |\n|---|---|---|"
+    for item in fields(LogOptions):
+        yield f"| `{item.name}` | {str(item.type).replace(' | None', '')} | {item.default or ''} |"
+
+
+def _commands() -> Iterator[str]:
+    from cyclopts import App
+
+    from upplied.cli import app
+
+    def pages(inner: App, words: tuple[str, ...]) -> Iterator[str]:
+        yield f"## {' '.join(('upplied', *words))}\n\n```text\n{help_of(app, words)}\n```\n"
+        for name in inner:
+            if not name.startswith("-"):
+                yield from pages(inner[name], (*words, name))
+
+    yield "# The command\n\nExit codes: 0 all is well, 1 some files or targets were refused or failed,"
+    yield "2 the command was wrong, 3 a fault of the program itself.\n"
+    yield from pages(app, ())
+
+
+def help_of(app: Any, words: tuple[str, ...]) -> str:
+    """What `--help` prints, without boxes, eighty-eight letters wide."""
+    from rich.console import Console
+
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        app.help_print(list(words), console=Console(file=said, width=88, color_system=None))
+    lines = (re.sub(r"[╭╮╰╯─│]+", " ", line).rstrip() for line in said.getvalue().splitlines())
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).strip()
+
+
+def _examples() -> Iterator[str]:
+    yield "# Examples\n\nSmall scripts of the folder `examples/`."
+    yield "Each stands for itself, writes where it is run, and the tests run it.\n"
+    for path in sorted((ROOT / "examples").glob("[0-9]*.py")):
+        code = path.read_text(encoding="utf-8")
+        title = code.split('"""')[1].splitlines()[0].rstrip(".")
+        yield f"## {title}\n\n`examples/{path.name}`\n\n```python\n{code.strip()}\n```\n"
