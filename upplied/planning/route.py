@@ -113,7 +113,7 @@ def safe_positions(positions: Floats, ways: Ways) -> Floats:
         changed = np.zeros(len(safe), bool)
         for first, last in _runs(broken):
             _lead_round(safe, changed, first, last + 1, ways.graph)
-        safe = _smoothed(safe, _widened(changed, 15), ways.planning)
+        safe = _smoothed(safe, _widened(changed, 15), ways.planning, like=positions)
     _refuse_unsafe(safe, ways.airspace)
     return safe
 
@@ -225,13 +225,19 @@ def _around_added(origin: Floats) -> Bools:
     return _widened(~np.isclose(origin, np.round(origin), atol=1e-9), 1)
 
 
-def _smoothed(positions: Floats, movable: Bools, airspace: Airspace) -> Floats:
-    """Corners rounded where that breaks no rule; ends and what is not movable stay."""
+def _smoothed(positions: Floats, movable: Bools, airspace: Airspace, like: Floats | None = None) -> Floats:
+    """Corners rounded where that breaks no rule; ends and what is not movable stay.
+
+    Where a path to be `like` is given, the difference from it is smoothed instead: rounding the path
+    itself would pull every curve inwards.
+    """
     smooth, movable = np.array(positions), np.array(movable)
+    like = np.zeros_like(smooth) if like is None else like
     movable[[0, -1]] = False
     for _ in range(_SMOOTHINGS):
         wanted = np.array(smooth)
-        wanted[1:-1] += 0.5 * ((smooth[2:] + smooth[:-2]) / 2 - smooth[1:-1])
+        off = smooth - like
+        wanted[1:-1] += 0.5 * ((off[2:] + off[:-2]) / 2 - off[1:-1])
         wanted[~movable] = smooth[~movable]
         broken = airspace.broken(wanted)
         if broken.any():
