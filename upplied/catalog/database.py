@@ -191,7 +191,7 @@ class Catalog:
         found = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id, wanted)
         if not len(found):
             raise CatalogError(
-                f"transfer {transfer_id}", "is not in the catalog", "", "list them: transfers()"
+                f"transfer {transfer_id}", "is not in the catalog", "", "see: upplied catalog transfers"
             )
         return queries.standing(rows.rows_of(found))
 

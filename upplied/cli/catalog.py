@@ -120,7 +120,9 @@ def verify(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> i
     else:
         for finding in found:
             console.print(str(finding), markup=False, soft_wrap=True)
-        console.print(f"{len(found)} findings" if found else "all is well")
+        console.print(
+            f"{len(found)} finding(s): take the damaged files from a backup" if found else "all is well"
+        )
     return int(bool(found))
 
 

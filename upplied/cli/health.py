@@ -1,20 +1,45 @@
-"""The mesh half of `upplied structures check`: one file in words and as a picture."""
+"""The mesh half of `upplied structures check`: one structure in words and as a picture."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from upplied.cli.terminal import console
+from upplied.cli.terminal import console, errors
+
+if TYPE_CHECKING:
+    from upplied.inputs.manifests import StructureEntry
 
 
 def check_mesh(file: Path, png: Path | None) -> int:
-    """Say how a mesh or cloud file is, and draw it; 1 when it would be refused."""
+    """Say how a mesh or cloud file is that no manifest declares, and draw it; 1 when it would be refused."""
+    return _told(file, file, png or Path(f"{file.stem}-check.png"))
+
+
+def check_entry(manifest: Path, id: str, png: Path | None) -> int:
+    """The same of one structure of a manifest, with the units, axes and sizes that are declared there."""
+    from upplied.errors import InputError
+    from upplied.inputs.manifests import read_manifest
+
+    entries = {entry.structure_id: entry for entry in read_manifest(manifest)}
+    if id not in entries:
+        raise InputError(f"{manifest}: {id}", "is not in the manifest", f"one of {', '.join(entries)}")
+    return _told(entries[id], entries[id].path, png or Path(f"{id}-check.png"))
+
+
+def _told(what: StructureEntry | Path, file: Path, png: Path) -> int:
+    from upplied.errors import InputError
     from upplied.inputs.health import health_report
     from upplied.outputs.figures import save, structure_png
 
-    report = health_report(file)
+    if not file.is_file():
+        raise InputError(str(file), "is no file", remedy="check the path")
+    try:
+        report = health_report(what)
+    except InputError as error:
+        errors.print(f"refused: {error}", markup=False, soft_wrap=True)
+        return 1
     console.print(report.text, markup=False, soft_wrap=True)
-    goal = png or Path(f"{file.stem}-check.png")
-    save(goal, structure_png(report.structure, title=file.name))
-    console.print(f"  picture     {goal}", markup=False, soft_wrap=True)
+    save(png, structure_png(report.structure, title=png.stem.removesuffix("-check")))
+    console.print(f"  picture     {png}", markup=False, soft_wrap=True)
     return int(bool(report.problems))

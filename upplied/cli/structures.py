@@ -56,7 +56,8 @@ def check(
     file: Path,
     /,
     *,
-    png: Annotated[Path | None, Parameter(help="Of a mesh: its picture, else NAME-check.png here.")] = None,
+    id: Annotated[str | None, Parameter(help="Of a manifest: tell all of this one structure.")] = None,
+    png: Annotated[Path | None, Parameter(help="Picture of the one; else NAME-check.png here.")] = None,
     json: JsonOption = False,
     workers: WorkersOption = 0,
 ) -> int:
@@ -68,10 +69,12 @@ def check(
         A manifest (`structures.toml` or a CSV), or a mesh or point cloud.
     """
     from upplied import fleet
-    from upplied.cli.health import check_mesh
+    from upplied.cli.health import check_entry, check_mesh
 
     if file.suffix.lower() not in (".toml", ".csv"):
         return check_mesh(file, png)
+    if id is not None:
+        return check_entry(file, id, png)
 
     with progress("checking structures", None) as advance:
         found = fleet.check_structures(file, workers, lambda _: advance())

@@ -1,0 +1,203 @@
+"""The commands on a small catalog: checks, choices, pictures, missions, flights, reports and upkeep."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+
+from upplied.catalog import open_catalog
+from upplied.cli import main
+from upplied.cli.choices import Choices
+from upplied.cli.export import Flags
+from upplied.config import settings_for
+from upplied.outputs.missions import FORMATS, MissionOptions
+from upplied.records import Placement
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def location(tmp_path_factory) -> str:
+    """A catalog with a demonstration, a target with a place on the Earth, and a plan for it."""
+    catalog = open_catalog(tmp_path_factory.mktemp("commands") / "catalog")
+    cube, target = member("cube-v1").structure, random_member("box", 1).structure
+    target = replace(target, placement=Placement(48.0, 11.0, 500.0, 30.0))
+    catalog.add_structures([cube, target])
+    catalog.add_demonstrations([fly(cube, "sides")])
+    arguments = ["transfer", "cube-sides-v1", "--preset", "baseline", "--workers", "1", "--quiet"]
+    assert main([*arguments, "--catalog", str(catalog.location)]) == 0
+    return str(catalog.location)
+
+
+@pytest.fixture
+def planned(location, monkeypatch) -> str:
+    """The id of the baseline's plan, its catalog the default."""
+    monkeypatch.setenv("UPPLIED_CATALOG", location)
+    rows = open_catalog(location).transfers(preset="baseline")
+    return str(rows["transfer_id"].iloc[0])
+
+
+TETRAHEDRON = """v 0 0 0
+v 4 0 0
+v 0 3 0
+v 0 0 5
+f 1 3 2
+f 1 2 4
+f 2 3 4
+f 3 1 4
+"""
+
+
+def test_a_mesh_is_checked_in_words_and_drawn(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("good.obj").write_text(TETRAHEDRON)
+    assert main(["structures", "check", "good.obj"]) == 0
+    assert "4.00 x 3.00 x 5.00 m" in capsys.readouterr().out
+    assert Path("good-check.png").read_bytes().startswith(PNG)
+    Path("bad.obj").write_text("no mesh at all")
+    assert main(["structures", "check", "bad.obj"]) == 1
+    assert main(["structures", "check", "none.obj"]) == 2
+    assert not Path("bad-check.png").exists()
+
+
+def test_one_structure_of_a_manifest_is_checked_against_what_is_declared(tmp_path, capsys):
+    (tmp_path / "mesh.obj").write_text(TETRAHEDRON)
+    manifest, png = tmp_path / "structures.csv", tmp_path / "there.png"
+    manifest.write_text("id,kind,path,units,up,forward,nominal_length_m\none,box,mesh.obj,m,z,x,4\nother,box,mesh.obj,mm,z,x,4\n")
+    arguments = ["structures", "check", str(manifest), "--png", str(png)]
+    assert main([*arguments, "--id", "one"]) == 0
+    assert main([*arguments, "--id", "other"]) == 1
+    assert "refused" in capsys.readouterr().out
+    assert png.read_bytes().startswith(PNG)
+    assert main([*arguments, "--id", "third"]) == 2
+
+
+def test_choices_become_settings():
+    chosen = Choices("kept", 0.01, True, ("nose=bow", "tail=stern"), "mirror", 3.0, "heading")
+    made = settings_for("recommended", **chosen.onto({"route": {"clearance_m": 9.0, "enforce": False}}))
+    assert (made.transfer.standoff, made.transfer.gsd_m, made.transfer.plane) == ("kept", 0.01, True)
+    assert made.correspondence.counterparts == (("nose", "bow"), ("tail", "stern"))
+    assert (made.correspondence.repeat, made.registration.search) == ("mirror", "heading")
+    assert (made.route.clearance_m, made.route.enforce) == (3.0, False)
+    assert settings_for("recommended", **Choices().onto({})) == settings_for("recommended")
+
+
+def test_flags_of_missions_are_the_options_of_missions():
+    assert asdict(Flags()) == asdict(MissionOptions())
+
+
+def test_choices_reach_the_plan_and_the_plan_that_was_asked_for_is_shown(planned, capsys):
+    arguments = ["transfer", "cube-sides-v1", "--preset", "paper", "--workers", "1", "--json"]
+    shown = []
+    for chosen in ([], ["--search", "heading"], []):  # the last one is not the newest plan
+        assert main([*arguments, *chosen]) == 0
+        (row,) = json.loads(capsys.readouterr().out)
+        shown.append(row["transfer_id"])
+    assert shown[0] == shown[2] != shown[1]
+    assert main([*arguments, "--counterpart", "nose"]) == 2
+
+
+def test_a_plan_is_made_again(planned, location, capsys):
+    assert main(["transfer", "--reproduce", planned]) == 0
+    assert "the same again" in capsys.readouterr().out
+    assert main(["transfer", "--reproduce", "0" * 20]) == 2
+
+
+@pytest.mark.parametrize(
+    "what", [["structure", "cube-v1"], ["transfer", ""], ["comparison", "cube-sides-v1", "box-random-1"]]
+)
+def test_pictures(what, planned, tmp_path):
+    output = tmp_path / "picture.png"
+    assert main(["render", *(word or planned for word in what), "--output", str(output)]) == 0
+    assert output.read_bytes().startswith(PNG)
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_missions(format, planned, tmp_path, capsys):
+    output = tmp_path / f"mission{FORMATS[format]}"
+    arguments = ["export", planned, "--to", format, "--output", str(output), "--drone", "m30t"]
+    assert main(arguments) == 0
+    assert output.stat().st_size > 100
+    assert "note: " in capsys.readouterr().out
+    assert main([*arguments, "--reserve-pct", "200"]) == 2
+
+
+def test_a_refused_mission_is_code_1_and_says_why(planned, tmp_path, capsys):
+    output = str(tmp_path / "mission.kmz")
+    wrong = ["--drone", "m30t", "--altitude", "ellipsoid"]
+    assert main(["export", planned, "--to", "dji-wpml", "--output", output, *wrong]) == 1
+    assert capsys.readouterr().err.startswith("refused: ")
+
+
+def test_a_flight_in_wind_is_told_in_the_report(planned, tmp_path, capsys):
+    reports = tmp_path / "reports"
+    assert main(["report", str(reports)]) == 0
+    (page,) = (reports / "transfers").glob("*.html")
+    assert "In a wind of" not in page.read_text()
+    capsys.readouterr()
+    assert main(["fly", planned, "--wind", "7", "--seed", "3", "--json"]) == 0
+    rows = {row["measure"]: row for row in json.loads(capsys.readouterr().out)}
+    clearance = rows["least clearance, m"]
+    assert clearance["flown"] != clearance["planned"]
+    assert main(["report", str(reports)]) == 0
+    told = f"In a wind of 7 m/s with gusts (seed 3): least clearance {clearance['flown']:.2f} m"
+    assert told in page.read_text()
+
+
+def test_a_flight_that_is_blown_away_is_refused(planned, capsys):
+    assert main(["fly", planned, "--wind", "40"]) == 1
+    assert "fly slower" in capsys.readouterr().err.lower()
+
+
+def test_a_report_in_one_file(planned, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["report", "--self-contained", "one.html", "--target", "box-random-1"]) == 0
+    assert "box-random-1" in (tmp_path / "one.html").read_text()
+    assert not (tmp_path / "reports").exists()
+    assert main(["report", "--self-contained", "none.html", "--target", "nowhere"]) == 2
+
+
+def test_the_catalog_tells_and_is_kept(planned, capsys):
+    def told(*arguments: str) -> list[dict]:
+        assert main(["catalog", *arguments, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    assert planned in {row["transfer_id"] for row in told("transfers")}
+    assert told("as-of", "2020-01-01") == []
+    assert {row["table"] for row in told("history")} >= {"structures", "transfers"}
+    assert len(told("history", "--limit", "1")) == 1
+    assert {row["change"] for row in told("diff", "2020-01-01")} == {"added"}
+    assert told("verify") == []
+    assert main(["catalog", "compact"]) == 0
+    assert main(["catalog", "vacuum", "--keep-days", "1"]) == 0
+    assert main(["catalog", "vacuum", "--keep-days", "0"]) == 2
+    assert main(["catalog", "as-of", "never"]) == 2
+    capsys.readouterr()
+    assert told("verify") == []
+
+
+def test_a_damaged_catalog_is_code_1(planned, location, tmp_path, capsys):
+    assert main(["catalog", "export", str(tmp_path / "boxes-v1"), "--licence", "CC-BY-4.0"]) == 0
+    other = str(tmp_path / "other")
+    assert main(["catalog", "import", str(tmp_path / "boxes-v1"), "--catalog", other]) == 0
+    capsys.readouterr()
+    assert main(["catalog", "import", str(tmp_path / "boxes-v1"), "--catalog", other]) == 0
+    assert capsys.readouterr().out == "added rows: none\n"
+    mesh = next((Path(other) / "meshes").rglob("*.parquet"))
+    mesh.write_bytes(mesh.read_bytes()[:-20])
+    assert main(["catalog", "verify", "--catalog", other]) == 1
+    assert "1 finding" in capsys.readouterr().out
+
+
+def test_quiet_says_nothing_and_json_is_still_told(planned, capsys):
+    assert main(["--quiet", "catalog", "info"]) == 0
+    assert capsys.readouterr().out == ""
+    assert main(["catalog", "info", "--json", "--quiet"]) == 0
+    assert json.loads(capsys.readouterr().out)
+    assert main(["catalog", "info"]) == 0
+    assert "structures" in capsys.readouterr().out
