@@ -196,3 +196,14 @@ def test_the_ground_margin_is_kept_only_where_ground_is_known() -> None:
     deep = np.array([[20.0, 0, -500]])
     assert airspace.allowed(deep)[0]
     assert not replace(airspace, surroundings=Surroundings(ground_z_m=-10.0)).allowed(deep)[0]
+
+
+def test_a_small_push_leaves_a_curve_its_shape() -> None:
+    turn = np.linspace(0, 4 * np.pi, 160)
+    ring = np.column_stack([30 * np.cos(turn), 30 * np.sin(turn), np.linspace(-2, 2, 160)])
+    near = np.array(ring)
+    near[70:74, :2] *= 0.2  # into the box
+    safe = safe_positions(near, ways())
+    assert independent_clearance(safe) >= CLEARANCE
+    untouched = np.abs(np.arange(160) - 71.5) > 12
+    assert np.linalg.norm((safe - ring)[untouched], axis=1).max() < 1.0
