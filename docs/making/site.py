@@ -76,6 +76,17 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     return markdown
 
 
+def on_post_page(output: str, page: Any, **_: Any) -> str:
+    """The theme would fetch from the web what lets search work in a folder: ours lies beside the pages."""
+    up = "../" * page.file.src_uri.count("/")
+    return output.replace("https://unpkg.com/iframe-worker/shim", f"{up}assets/local-worker.js")
+
+
+def on_post_template(output_content: str, **_: Any) -> str:
+    """The same on the page for addresses that do not exist."""
+    return output_content.replace("https://unpkg.com/iframe-worker/shim", "assets/local-worker.js")
+
+
 def made_pages() -> dict[str, str]:
     """Address to text of every page that is made from the code."""
     pages = {address: (ROOT / document).read_text(encoding="utf-8") for document, address in BORROWED.items()}
