@@ -102,7 +102,7 @@ def _candidates(
     """The flights over the structures most alike, with how unlike those are."""
     sources = sorted(set(flights["structure_id"]))
     shapes = Shapes(catalog)
-    library = shapes.library({name: structures.loc[name, "sha256"] for name in sources})
+    library = shapes.library(structures.loc[sources, "sha256"].to_dict())
     mine = shapes.features(structure_id, structures.loc[structure_id, "sha256"])
     unlike = unlikeness(mine, library)
     nearest = np.argsort(unlike, kind="stable")[:_SOURCES]
