@@ -68,7 +68,9 @@ def test_a_mesh_is_checked_in_words_and_drawn(tmp_path, monkeypatch, capsys):
 def test_one_structure_of_a_manifest_is_checked_against_what_is_declared(tmp_path, capsys):
     (tmp_path / "mesh.obj").write_text(TETRAHEDRON)
     manifest, png = tmp_path / "structures.csv", tmp_path / "there.png"
-    manifest.write_text("id,kind,path,units,up,forward,nominal_length_m\none,box,mesh.obj,m,z,x,4\nother,box,mesh.obj,mm,z,x,4\n")
+    manifest.write_text(
+        "id,kind,path,units,up,forward,nominal_length_m\none,box,mesh.obj,m,z,x,4\nother,box,mesh.obj,mm,z,x,4\n"
+    )
     arguments = ["structures", "check", str(manifest), "--png", str(png)]
     assert main([*arguments, "--id", "one"]) == 0
     assert main([*arguments, "--id", "other"]) == 1
