@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from upplied.errors import InputError
-from upplied.records import Floats, Ints
+from upplied.records import Floats
 
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
@@ -42,14 +42,3 @@ def check_finite(values: Floats, shape: tuple[int | None, ...], what: str) -> Fl
     if bad:
         raise InputError(what, f"{bad} of {array.size} numbers are not finite", "finite numbers")
     return array
-
-
-def check_times(t_ns: Ints, what: str) -> Ints:
-    """Strictly increasing time stamps, ns."""
-    times = np.asarray(t_ns, np.int64)
-    late = np.flatnonzero(np.diff(times) <= 0)
-    if len(late):
-        raise InputError(
-            what, f"time does not increase at sample {late[0] + 1}", "strictly increasing stamps"
-        )
-    return times

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -299,8 +298,3 @@ def in_a_row(paths: Sequence[Waypoints]) -> Waypoints:
         np.concatenate([path.t_s for path in paths]),
         np.concatenate([path.is_viewpoint for path in paths]),
     )
-
-
-def as_dict(record: Any) -> dict[str, Any]:
-    """The fields of a record by name, arrays untouched."""
-    return {item.name: getattr(record, item.name) for item in fields(record)}
