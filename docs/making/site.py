@@ -153,12 +153,12 @@ def _commands() -> Iterator[str]:
 
 
 def help_of(app: Any, words: tuple[str, ...]) -> str:
-    """What `--help` prints, without boxes, eighty-eight letters wide."""
+    """What `--help` prints, without boxes, seventy-eight letters wide."""
     from rich.console import Console
 
     said = io.StringIO()
     with contextlib.redirect_stdout(said):
-        app.help_print(list(words), console=Console(file=said, width=88, color_system=None))
+        app.help_print(list(words), console=Console(file=said, width=78, color_system=None))
     lines = (re.sub(r"[╭╮╰╯─│]+", " ", line).rstrip() for line in said.getvalue().splitlines())
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).strip()
 
