@@ -94,7 +94,7 @@ class RefineSettings:
 
     method: Literal["none", "gauss-newton", "view"] = "gauss-newton"
     iterations: int = 20
-    deviation: float = 0.7  # how far `view` may bend the path, in units of its spread along each axis
+    deviation: float = 0.6  # how far `view` may bend the path, in units of its spread along each axis
 
 
 @dataclass(frozen=True)
