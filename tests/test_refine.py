@@ -1,6 +1,5 @@
 """Gauss-Newton of Eq. 3 against geometry whose answer is known, and scipy's solver."""
 
-
 import numpy as np
 from scipy.optimize import least_squares
 
