@@ -23,6 +23,7 @@ from typing import TypeVar
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
+import pyarrow.fs as fs
 import pyarrow.parquet as pq
 from deltalake import CommitProperties, DeltaTable
 from deltalake import Schema as DeltaSchema
@@ -75,7 +76,7 @@ class StoredTable:
             if delta is None:
                 return None
             if self._dataset is None or self._dataset[0] != delta.version():
-                self._dataset = (delta.version(), delta.to_pyarrow_dataset())
+                self._dataset = (delta.version(), rows_of(delta, self.uri))
             return self._dataset[1]
 
     def read(
@@ -206,8 +207,19 @@ class StoredTable:
         if not 0 <= version <= current.version():
             raise CatalogError(f"{self.uri} version {version}", "does not exist", f"0 to {current.version()}")
         return _told(
-            f"{self.uri} version {version}", lambda: DeltaTable(self.uri, version).to_pyarrow_dataset()
+            f"{self.uri} version {version}", lambda: rows_of(DeltaTable(self.uri, version), self.uri)
         )
+
+
+def rows_of(delta: DeltaTable, uri: str) -> ds.Dataset:
+    """The rows of a table for pyarrow to read.
+
+    Local files are read by pyarrow itself. Through delta-rs's own file system one process in seven
+    aborted at its exit, since pyarrow's threads may outlive the interpreter that it calls back into.
+    """
+    if "://" in uri:
+        return delta.to_pyarrow_dataset()
+    return delta.to_pyarrow_dataset(filesystem=fs.SubTreeFileSystem(uri, fs.LocalFileSystem()))
 
 
 def _opened(uri: str) -> DeltaTable | None:
