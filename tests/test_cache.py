@@ -67,6 +67,7 @@ def test_arrays_that_come_back_can_be_written():
     back = decode(encode(everything(np.ones((3, 3), bool))), Everything)
     back.seen[0] = False
     back.cloud.points[0] = 1.0
+    assert not back.seen[0].any() and (back.cloud.points[0] == 1.0).all()
 
 
 def test_truth_values_are_packed():
