@@ -22,8 +22,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import catalog_actors
 from catalog_records import key_of, plan, structure
+from deltalake import DeltaTable
+from deltalake.exceptions import TableNotFoundError
 
-from upplied.catalog import compact, export_tables, open_catalog, verify
+from upplied.catalog import compact, delta, export_tables, open_catalog, verify
 from upplied.catalog.tables import TABLES
 from upplied.errors import CatalogError
 
@@ -233,3 +235,18 @@ def test_processes_that_read_end_well(tmp_path):
     with ThreadPoolExecutor(4) as pool:
         done = list(pool.map(lambda _: in_a_child("catalog.transfers()", tmp_path / "catalog"), range(16)))
     assert [child.returncode for child in done] == [0] * 16, done[0].stderr
+
+
+def test_a_table_that_another_writer_makes_meanwhile_is_found(tmp_path, monkeypatch):
+    open_catalog(tmp_path).add_structures([structure("a")])
+    looked = []
+
+    def late(*given):
+        looked.append(given)
+        if len(looked) == 1:  # what a look finds in the moment before the other's first commit
+            raise TableNotFoundError("no log files")
+        return DeltaTable(*given)
+
+    monkeypatch.setattr(delta, "DeltaTable", late)
+    assert list(open_catalog(tmp_path).structures()["structure_id"]) == ["a"]
+    assert looked[0] == looked[1]

@@ -226,9 +226,9 @@ def _opened(uri: str) -> DeltaTable | None:
     try:
         delta = DeltaTable(uri)
     except TableNotFoundError:
-        if "://" not in uri and (Path(uri) / "_delta_log").exists():  # raises where we may not look
-            raise CatalogError(uri, "cannot be read", "", "ask for the right to read it") from None
-        return None
+        if not _has_commits(uri):
+            return None
+        delta = DeltaTable(uri)  # another writer made the table since we looked
     version = delta.metadata().configuration.get(_VERSION_KEY, "")
     if not version.isdigit() or int(version) > SCHEMA_VERSION:
         raise CatalogError(
@@ -238,6 +238,14 @@ def _opened(uri: str) -> DeltaTable | None:
             "use a newer version of upplied",
         )
     return delta
+
+
+def _has_commits(uri: str) -> bool:
+    """Whether a local table has a log after all; raises where we may not look into it."""
+    log_folder = Path(uri) / "_delta_log"
+    if "://" in uri or not log_folder.exists():
+        return False
+    return any(entry.suffix == ".json" for entry in log_folder.iterdir())
 
 
 def _statistics(rows: pa.Table) -> str:
@@ -284,5 +292,5 @@ def _remedy(said: str) -> str:
     if "No space" in said or "os error 28" in said or "File too large" in said:
         return "free some space; nothing was changed"
     if "ermission" in said or "ead-only" in said:
-        return "ask for the right to write there; nothing was changed"
+        return "ask for the right to read and write there; nothing was changed"
     return ""
