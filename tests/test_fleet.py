@@ -12,6 +12,7 @@ from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
 from upplied.config import settings_for
 from upplied.errors import InputError
+from upplied.fleet import ingest
 from upplied.fleet.session import SINGLE_TARGETS, shards
 from upplied.outputs.logs import write_log
 from upplied.planning.plan import transfer_key
@@ -168,3 +169,47 @@ def test_two_logs_of_one_name_do_not_hide_each_other(tmp_path):
     first, second = fleet.ingest_demonstrations(catalog, [tmp_path], 1)
     assert (first.status, second.status) == ("added", "failed")
     assert "first.mcap" in second.reason
+
+
+def test_what_is_unchanged_is_known_by_its_bytes_and_not_parsed(tmp_path, monkeypatch):
+    cube = member("cube-v1").structure
+    entry = (
+        '[[structure]]\nid = "NAME"\nkind = "box"\npath = "NAME.stl"\nunits = "m"\nup = "z"\nforward = "x"\n'
+    )
+    for name in ("one", "two"):
+        trimesh.Trimesh(cube.vertices, cube.triangles).export(tmp_path / f"{name}.stl")
+    manifest = tmp_path / "structures.toml"
+    manifest.write_text(entry.replace("NAME", "one") + entry.replace("NAME", "two"))
+    write_log(tmp_path / "good.mcap", fly(cube, "sides"), cube)
+    catalog = open_catalog(tmp_path / "catalog")
+    fleet.ingest_structures(catalog, manifest, 1)
+    fleet.ingest_demonstrations(catalog, [tmp_path], 1)
+
+    parsed = []
+
+    def run(self, function, item):
+        parsed.append(item)
+        return function(item)
+
+    def status(items):
+        return [item.status for item in items]
+
+    monkeypatch.setattr(ingest.Workers, "run", run)
+    assert status(fleet.ingest_structures(catalog, manifest)) == ["unchanged"] * 2
+    assert status(fleet.ingest_demonstrations(catalog, [tmp_path])) == ["unchanged"]
+    assert parsed == []
+
+    # Another axis, and then a nominal size that the mesh does not have: read again, that one alone.
+    for change in ('up = "y"\nforward = "x"', 'up = "y"\nforward = "x"\nnominal_length_m = 400'):
+        manifest.write_text(
+            entry.replace("NAME", "one")
+            + entry.replace("NAME", "two").replace('up = "z"\nforward = "x"', change)
+        )
+        parsed.clear()
+        fleet.ingest_structures(catalog, manifest)
+        assert [item.structure_id for item in parsed] == ["two"]
+    manifest.write_text(entry.replace("NAME", "one"))
+    trimesh.Trimesh(cube.vertices * 1.5, cube.triangles).export(tmp_path / "one.stl")
+    assert status(fleet.ingest_structures(catalog, manifest)) == ["added"]
+    (tmp_path / "good.toml").write_text('[inspection]\noperator = "somebody else"\n')
+    assert status(fleet.ingest_demonstrations(catalog, [tmp_path])) == ["added"]

@@ -1,28 +1,31 @@
 """Files into the catalog: a bad one stops itself alone, an unchanged one is left as it is.
 
-Files are read in worker processes: a file that crashes a reader costs itself alone, and many are
-read at a time.
+What is unchanged is known by its bytes and is not parsed again. The rest is read in worker
+processes: a file that crashes a reader costs itself alone, and many are read at a time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.crew import cores
 from upplied.fleet.workers import JobKilled, Workers, WorkersBroken
-from upplied.inputs.logs import read_demonstration
+from upplied.inputs import logs as log_reader
+from upplied.inputs import meshes
+from upplied.inputs.concerns import nominal_problems
 from upplied.inputs.manifests import StructureEntry, read_manifest
-from upplied.inputs.meshes import read_structure
 from upplied.records import Demonstration, Placement, Structure
 
 BATCH = 50  # files read before what they hold is committed together
@@ -74,9 +77,11 @@ def ingest_structures(
     InputError
         If the manifest itself cannot be read.
     """
-    known = dict(zip(*_columns(catalog.structures(), "structure_id"), strict=True))
+    table = catalog.structures()
+    known = _hashes(table, "structure_id")
     entries = read_manifest(manifest)
-    reads = _each(read_structure, entries, lambda entry: entry.structure_id, workers)
+    stored = _Stored(known, dict(zip(table["structure_id"], table[_SIZES].to_numpy(), strict=True)))
+    reads = _each(meshes.read_structure, entries, lambda entry: entry.structure_id, workers, stored.same)
     ingested = _keep(reads, known, lambda it: it.structure_id, catalog.add_structures, progress)
     if prune:
         gone = sorted(known.keys() - {entry.structure_id for entry in entries})
@@ -89,9 +94,11 @@ def ingest_demonstrations(
     catalog: Catalog, logs: Iterable[str | Path], workers: int = 0, progress: Progress = _silent
 ) -> list[Ingested]:
     """Read logs, or folders of them, and keep those that are new or changed; parameters as above."""
-    known = dict(zip(*_columns(catalog.demonstrations(), "demonstration_id"), strict=True))
-    read = partial(read_demonstration, placements=_placements(catalog.structures()))
-    reads = _each(read, find_logs(logs), str, workers)
+    known = _hashes(catalog.demonstrations(), "demonstration_id")
+    placements = _placements(catalog.structures())
+    read = partial(log_reader.read_demonstration, placements=placements)
+    same = partial(_same_log, known, placements)
+    reads = _each(read, find_logs(logs), str, workers, same)
     return _keep(reads, known, lambda it: it.demonstration_id, catalog.add_demonstrations, progress)
 
 
@@ -130,25 +137,64 @@ def find_logs(logs: Iterable[str | Path]) -> list[Path]:
     return found
 
 
-def _columns(table: pd.DataFrame, key: str) -> tuple[list[str], list[str]]:
-    return table[key].tolist(), table["sha256"].tolist()
+def _hashes(table: pd.DataFrame, key: str) -> dict[str, str]:
+    return dict(zip(table[key], table["sha256"], strict=True))
+
+
+_SIZES = ["size_x_m", "size_y_m", "size_z_m"]
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """What the catalog knows of its structures, by id."""
+
+    sha256: Mapping[str, str]
+    size_m: Mapping[str, np.ndarray]
+
+    def same(self, entry: StructureEntry) -> Ingested | None:
+        """Whether file and entry are as they were; a nominal size that fails is for the reader to tell."""
+        name = entry.structure_id
+        if name not in self.sha256:
+            return None
+        box = np.stack([np.zeros(3), self.size_m[name]])
+        if nominal_problems(box, entry, ()) or meshes.fingerprint(entry) != self.sha256[name]:
+            return None
+        return Ingested(name, "unchanged")
+
+
+def _same_log(known: Mapping[str, str], placements: Mapping[str, Placement], path: Path) -> Ingested | None:
+    """Whether a log and what is said of it are as they were."""
+    if not known:
+        return None
+    name, sha256 = log_reader.fingerprint(path, placements=placements)
+    return Ingested(name, "unchanged") if known.get(name) == sha256 else None
 
 
 def _checked(entry: StructureEntry) -> Ingested:
-    structure = read_structure(entry)
+    structure = meshes.read_structure(entry)
     length, width, height = structure.vertices.max(axis=0) - structure.vertices.min(axis=0)
     size = f"{length:.1f} x {width:.1f} x {height:.1f} m, {len(structure.triangles)} triangles"
     return Ingested(entry.structure_id, "good", size)
 
 
 def _each(
-    read: Callable[[Item], Read], items: Sequence[Item], name: Callable[[Item], str], workers: int
-) -> Iterator[tuple[str, Read | str]]:
-    """Name and record of each file, in order; where there is no record, the reason."""
+    read: Callable[[Item], Read],
+    items: Sequence[Item],
+    name: Callable[[Item], str],
+    workers: int,
+    same: Callable[[Item], Ingested | None] = lambda item: None,
+) -> Iterator[tuple[str, Read | Ingested | str]]:
+    """Name and record of each file, in order; where there is no record, the reason.
+
+    A file that is the `same` as before is not read; whatever hinders that look, the reader tells.
+    """
     count = max(1, min(workers or cores(), len(items)))
     with Workers(count) as pool, ThreadPoolExecutor(count) as threads:
 
-        def one(item: Item) -> tuple[str, Read | str]:
+        def one(item: Item) -> tuple[str, Read | Ingested | str]:
+            with suppress(UppliedError, OSError, ValueError):
+                if (before := same(item)) is not None:
+                    return name(item), before
             try:
                 return name(item), pool.run(read, item)
             except WorkersBroken:
@@ -164,7 +210,7 @@ def _each(
 
 
 def _keep(
-    reads: Iterator[tuple[str, Kept | str]],
+    reads: Iterator[tuple[str, Kept | Ingested | str]],
     known: Mapping[str, str],
     identify: Callable[[Kept], str],
     add: Callable[[list[Kept]], object],
@@ -174,14 +220,15 @@ def _keep(
     waiting: list[Kept] = []
     seen: dict[str, str] = {}
     for name, read in reads:
+        item = "" if isinstance(read, str) else read.name if isinstance(read, Ingested) else identify(read)
         if isinstance(read, str):
             ingested.append(Ingested(name, "failed", read))
-        elif (first := seen.setdefault(identify(read), name)) is not name:
-            ingested.append(Ingested(name, "failed", f"{name}: its id {identify(read)!r} is that of {first}"))
-        elif known.get(identify(read)) == read.sha256:
-            ingested.append(Ingested(identify(read), "unchanged"))
+        elif (first := seen.setdefault(item, name)) is not name:
+            ingested.append(Ingested(name, "failed", f"{name}: its id {item!r} is that of {first}"))
+        elif isinstance(read, Ingested) or known.get(item) == read.sha256:
+            ingested.append(Ingested(item, "unchanged"))
         else:
-            ingested.append(Ingested(identify(read), "added"))
+            ingested.append(Ingested(item, "added"))
             waiting.append(read)
         progress(ingested[-1])
         if len(waiting) >= BATCH:

@@ -73,8 +73,32 @@ def read_demonstration(
             raise _in_context(error, path, recording) from None
         except OSError as error:
             raise InputError(str(path), f"cannot be read ({error.strerror})", "a readable file") from None
-        said = {name: value for name, value in vars(facts).items() if name != "demonstration_id"}
-        return replace(found, sha256=digest({"log": log, "said": said}))
+        return replace(found, sha256=_digest(log, facts))
+
+
+def fingerprint(
+    path: str | Path, options: LogOptions | None = None, placements: Mapping[str, Placement] | None = None
+) -> tuple[str, str]:
+    """The id and the hash that `read_demonstration` would give; no message is read.
+
+    The hash differs where what is said of the flight stands among the messages of a damaged log:
+    such a log is read to be known.
+
+    Raises
+    ------
+    InputError, OSError
+        If the file cannot be read or is no log.
+    """
+    path = Path(path)
+    facts, _ = inspection(path, open_recording(path).metadata, options or LogOptions())
+    facts = placed(facts, (placements or {}).get(facts.structure_id))
+    return facts.demonstration_id, _digest(_sha256_of(path), facts)
+
+
+def _digest(log: str, facts: LogOptions) -> str:
+    """Of the bytes of the log and of all that is said of it."""
+    said = {name: value for name, value in vars(facts).items() if name != "demonstration_id"}
+    return digest({"log": log, "said": said})
 
 
 def _demonstration(

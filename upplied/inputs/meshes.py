@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import astuple, replace
 
 import numpy as np
@@ -50,6 +51,21 @@ def read_structure(entry: StructureEntry) -> Structure:
     for found, rule, remedy in findings.problems:
         raise InputError(f"{entry.path} ({entry.structure_id})", found, rule, remedy)
     return structure
+
+
+def fingerprint(entry: StructureEntry) -> str:
+    """The hash that `read_structure` would give, from the bytes of the file alone; nothing is parsed.
+
+    It differs where a file refers to others beside it (glTF), whose bytes only a reader finds: such
+    a file is read to be known.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
+    with entry.path.open("rb") as stream:
+        return _sha256(hashlib.file_digest(stream, "sha256").hexdigest(), entry)
 
 
 def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structure, Findings]:
