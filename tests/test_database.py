@@ -100,6 +100,25 @@ def test_a_change_is_a_newer_version_and_the_older_stays(catalog):
     assert list(catalog.structures(every=True)["version"]) == [1, 2, 3]
 
 
+@pytest.mark.parametrize("changes", [{"kind": "ship"}, {"placement": None}, {"notes": "moved"}])
+def test_a_change_of_what_is_said_of_the_same_mesh_shows(catalog, changes):
+    catalog.add_structures([structure()])
+    assert catalog.add_structures([structure(**changes)]) == 1
+    found = catalog.structures().iloc[0].to_dict()
+    assert differences(structure(**changes), catalog.structure("boxy")) == []
+    assert found["version"] == 2
+    for name, value in changes.items():
+        assert name == "placement" or found[name] == value
+    assert np.isnan(found["lat_deg"]) == (changes.get("placement", 0) is None)
+
+
+def test_the_same_version_added_by_two_writers_counts_once(catalog):
+    catalog.add_structures([structure(placement=None)])
+    table = catalog.tables["structures"]
+    table.append(table.read())
+    assert list(catalog.structures(every=True)["version"]) == [1]
+
+
 def test_a_mesh_is_kept_once(catalog):
     catalog.add_structures([structure("a"), structure("b"), structure("a", notes="moved")])
     assert len(list(Path(catalog.meshes.files.root).iterdir())) == 1

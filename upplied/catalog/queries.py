@@ -174,9 +174,7 @@ def versions(
     found = frame(table.read(_until("added_at", as_of))).sort_values(
         [name, "added_at", "commit_id"], kind="stable"
     )
-    content = [name, "sha256", f"{_CONTENT[table.declared.name]}_sha256", "retired"]
-    repeated = (found[content] == found[content].shift()).all(axis=1)
-    found = found[~repeated]  # two writers may add the same version at once
+    found = found[~_repeated(found)]  # two writers may add the same version at once
     found["version"] = found.groupby(name).cumcount() + 1
     if not every:
         found = found.drop_duplicates(name, keep="last")
@@ -187,7 +185,11 @@ def versions(
     return found.reset_index(drop=True)
 
 
-_CONTENT = {"structures": "mesh", "demonstrations": "poses"}
+def _repeated(ordered: pd.DataFrame) -> pd.Series:
+    """Which rows say the same as the one before, apart from when and by which commit they were added."""
+    said = ordered.drop(columns=list(rows.ADDED))
+    before = said.shift()
+    return ((said == before) | (said.isna() & before.isna())).all(axis=1)
 
 
 def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expression | None:

@@ -21,6 +21,8 @@ from upplied.records import (
 
 Row = dict[str, Any]
 
+ADDED = ("version", "added_at", "commit_id")  # of a row: when and by which commit it was added
+
 # --- structures --------------------------------------------------------------------------------
 
 
@@ -166,11 +168,8 @@ def rows_of(table: pa.Table) -> list[Row]:
 
 def says_same(table: Table, stored: Row, given: Row) -> bool:
     """Whether a row says the same as a stored one, apart from when and by which commit it was added."""
-    left, right = (table_of(table, [row]).drop_columns(list(_ADDED)) for row in (stored, given))
+    left, right = (table_of(table, [row]).drop_columns(list(ADDED)) for row in (stored, given))
     return bool(left.equals(right))
-
-
-_ADDED = ("version", "added_at", "commit_id")
 
 
 def json_text(value: Any) -> str:
