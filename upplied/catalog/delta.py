@@ -23,7 +23,6 @@ from typing import TypeVar
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
-import pyarrow.fs as fs
 import pyarrow.parquet as pq
 from deltalake import CommitProperties, DeltaTable
 from deltalake import Schema as DeltaSchema
@@ -76,8 +75,16 @@ class StoredTable:
             if delta is None:
                 return None
             if self._dataset is None or self._dataset[0] != delta.version():
-                self._dataset = (delta.version(), rows_of(delta, self.uri))
+                self._dataset = (delta.version(), self.rows_of(delta))
             return self._dataset[1]
+
+    def rows_of(self, delta: DeltaTable) -> ds.Dataset:
+        """The rows of one version, read by pyarrow itself.
+
+        Through delta-rs's own file system one process in seven aborted at its exit, since pyarrow's
+        threads may outlive the interpreter that it calls back into.
+        """
+        return delta.to_pyarrow_dataset(filesystem=self._files.filesystem())
 
     def read(
         self,
@@ -206,20 +213,7 @@ class StoredTable:
             return None
         if not 0 <= version <= current.version():
             raise CatalogError(f"{self.uri} version {version}", "does not exist", f"0 to {current.version()}")
-        return _told(
-            f"{self.uri} version {version}", lambda: rows_of(DeltaTable(self.uri, version), self.uri)
-        )
-
-
-def rows_of(delta: DeltaTable, uri: str) -> ds.Dataset:
-    """The rows of a table for pyarrow to read.
-
-    Local files are read by pyarrow itself. Through delta-rs's own file system one process in seven
-    aborted at its exit, since pyarrow's threads may outlive the interpreter that it calls back into.
-    """
-    if "://" in uri:
-        return delta.to_pyarrow_dataset()
-    return delta.to_pyarrow_dataset(filesystem=fs.SubTreeFileSystem(uri, fs.LocalFileSystem()))
+        return _told(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))
 
 
 def _opened(uri: str) -> DeltaTable | None:

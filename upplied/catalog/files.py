@@ -22,7 +22,7 @@ class FileStore:
     def __init__(self, root: str) -> None:
         self.root = root.rstrip("/")
         self.local = "://" not in root
-        self._remote: pafs.FileSystem | None = None
+        self._filesystem: pafs.FileSystem | None = None
 
     def path(self, name: str) -> str:
         """Where a file lies."""
@@ -32,28 +32,30 @@ class FileStore:
         """Whether the file is there."""
         if self.local:
             return Path(self.path(name)).exists()
-        return bool(self._store().get_file_info(name).type == pafs.FileType.File)
+        return bool(self.filesystem().get_file_info(name).type == pafs.FileType.File)
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file that appears whole; on a disk it is there to stay when this returns."""
         if self.local:
             replace_file(Path(self.path(name)), content)
             return
-        with self._store().open_output_stream(name) as stream:
+        with self.filesystem().open_output_stream(name) as stream:
             stream.write(content)
 
     def read(self, name: str) -> bytes:
         """The bytes of a file."""
         if self.local:
             return Path(self.path(name)).read_bytes()
-        with self._store().open_input_file(name) as stream:
+        with self.filesystem().open_input_file(name) as stream:
             return bytes(stream.read())
 
-    def _store(self) -> pafs.FileSystem:
-        if self._remote is None:
-            store, root = pafs.FileSystem.from_uri(self.root)
-            self._remote = pafs.SubTreeFileSystem(root, store)
-        return self._remote
+    def filesystem(self) -> pafs.FileSystem:
+        """The root as pyarrow's own file system, in which names are paths."""
+        if self._filesystem is None:
+            local = pafs.LocalFileSystem(), self.root
+            store, root = local if self.local else pafs.FileSystem.from_uri(self.root)
+            self._filesystem = pafs.SubTreeFileSystem(root, store)
+        return self._filesystem
 
 
 def replace_file(path: Path, content: bytes) -> None:

@@ -13,7 +13,7 @@ import pyarrow as pa
 from deltalake import CommitProperties, DeltaTable, Transaction
 from deltalake.transaction import RemoveAction
 
-from upplied.catalog.delta import StoredTable, rows_of
+from upplied.catalog.delta import StoredTable
 
 
 def merge(table: StoredTable, size_bytes: int) -> int:
@@ -61,6 +61,6 @@ def _oldest_small(delta: DeltaTable, size_bytes: int) -> dict[str, int]:
 
 def _rows_of(table: StoredTable, delta: DeltaTable, names: set[str]) -> pa.Table:
     """All rows of some data files, in the declared schema."""
-    dataset = rows_of(delta, table.uri)
+    dataset = table.rows_of(delta)
     parts = [part for part in dataset.get_fragments() if part.path.rsplit("/", 1)[-1] in names]
     return table.in_schema(pa.concat_tables([part.to_table(schema=dataset.schema) for part in parts]))
