@@ -11,11 +11,11 @@ from upplied.outputs.colours import BACKGROUND, STATES, SURFACE, rgb
 from upplied.outputs.display import Neighbourhood
 from upplied.outputs.tubes import Tubes
 from upplied.outputs.views import Frame
-from upplied.records import Floats, Ints, Structure, SurfaceStates
+from upplied.records import Bools, Floats, Ints, Structure, SurfaceStates
 from upplied.scene import Scene, surfels
 
 _BEHIND = 0.20  # opacity of a tube behind the surface
-_FINE = 3  # rays along each side of a pixel at an edge
+_FINE = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))  # rays of a pixel at an edge
 _CONTRAST = 0.03  # from which a pixel counts as an edge
 _COARSE = 2  # the sky is sampled at every second pixel
 _WHITE = np.array(rgb(BACKGROUND))
@@ -59,22 +59,38 @@ def solid(structure: Structure, states: SurfaceStates | None = None) -> Solid:
 
 
 def picture(body: Solid, lines: Tubes, frame: Frame) -> np.ndarray:
-    """The picture, uint8 (height, width, 3): one ray a pixel, and more where neighbours differ."""
+    """The picture, uint8 (height, width, 3): one ray a pixel, and more where neighbours differ.
+
+    Surface and tubes look for edges each in their own colours: where only a tube ends, the surface
+    behind it needs no more rays.
+    """
     painter = _Painter(body, lines, frame)
     columns, rows = np.meshgrid(np.arange(frame.width) + 0.5, np.arange(frame.height) + 0.5)
-    image = painter.colours(columns.ravel(), rows.ravel()).reshape(frame.height, frame.width, 3)
+    size = frame.height, frame.width
+    surface, reach = painter.surface(columns.ravel(), rows.ravel())
+    rough = _edges(surface.reshape(*size, 3)).ravel()
+    image = painter.with_lines(surface, reach, columns.ravel(), rows.ravel())
+    edge = _edges(image.reshape(*size, 3)).ravel() | rough
+    total = np.zeros((np.count_nonzero(edge), 3))
+    for right, down in _FINE:
+        x, y = columns.ravel()[edge] + right, rows.ravel()[edge] + down
+        behind, far = surface[edge], reach[edge]
+        fine = rough[edge]
+        behind[fine], far[fine] = painter.surface(x[fine], y[fine])
+        total += painter.with_lines(behind, far, x, y)
+    image[edge] = total / len(_FINE)
+    return np.round(255 * image).astype(np.uint8).reshape(*size, 3)
+
+
+def _edges(image: Floats) -> Bools:
+    """Pixels (H, W) of an image (H, W, 3) that differ from a neighbour."""
     edge = np.zeros(image.shape[:2], bool)
     for axis in (0, 1):
-        step = np.abs(np.diff(image, axis=axis)).max(axis=2) > _CONTRAST
+        red, green, blue = np.moveaxis(np.abs(np.diff(image, axis=axis)) > _CONTRAST, 2, 0)
+        step = red | green | blue
         edge |= np.pad(step, [(1, 0) if axis == 0 else (0, 0), (1, 0) if axis == 1 else (0, 0)])
         edge |= np.pad(step, [(0, 1) if axis == 0 else (0, 0), (0, 1) if axis == 1 else (0, 0)])
-    row, column = np.nonzero(edge)
-    if len(row):
-        inner = (np.arange(_FINE) + 0.5) / _FINE
-        fine_y, fine_x = (grid.ravel() for grid in np.meshgrid(inner, inner, indexing="ij"))
-        samples = painter.colours((column[:, None] + fine_x).ravel(), (row[:, None] + fine_y).ravel())
-        image[row, column] = samples.reshape(len(row), -1, 3).mean(axis=1)
-    return np.round(255 * image).astype(np.uint8)
+    return edge
 
 
 class _Painter:
@@ -85,17 +101,30 @@ class _Painter:
         self.line_scene = Scene(lines.vertices, lines.triangles) if len(lines.triangles) else None
         self._ambient_of_grid()
 
-    def colours(self, x: Floats, y: Floats) -> Floats:
-        """Colour (N, 3) in 0 .. 1 of the picture at points x, y (N,), px."""
-        origins, directions = self.frame.rays(x, y)
-        reach, points, normals, hit = self._surface(origins, directions)
+    def surface(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Colour (N, 3) in 0 .. 1 and distance (N,), m, of the surface at picture points x, y (N,), px."""
+        reach, points, normals, hit = self._surface(*self.frame.rays(x, y))
         out = np.tile(_WHITE, (len(x), 1))
         at = np.flatnonzero(hit)
         if len(at):
             sky = self._ambient(x[at], y[at], points[at], normals[at])
             paint = self.body.colours(points[at], normals[at])
             out[at] = shade.lit(paint, normals[at], self.frame.back, self.frame.up, sky)
-        return out if self.line_scene is None else self._with_lines(out, reach, origins, directions)
+        return out, reach
+
+    def with_lines(self, colours: Floats, reach: Floats, x: Floats, y: Floats) -> Floats:
+        """The colours (N, 3) of surfaces at `reach` (N,), m, with the tubes over them."""
+        if self.line_scene is None:
+            return colours
+        _, directions = rays = self.frame.rays(x, y)
+        line_reach, triangle, face = self.line_scene.cast(*rays)
+        at = np.flatnonzero(triangle >= 0)
+        facing = np.abs(np.einsum("ij,ij->i", face[at], directions[at]))
+        colour = self.lines.colours[triangle[at]] * (0.72 + 0.28 * facing)[:, None]
+        opacity = np.where(line_reach[at] < reach[at], 1.0, _BEHIND)[:, None]
+        out = colours.copy()
+        out[at] = opacity * colour + (1 - opacity) * out[at]
+        return out
 
     def _surface(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats, Floats, np.ndarray]:
         reach, triangle, face = self.body.scene.cast(origins, directions)
@@ -109,16 +138,6 @@ class _Painter:
         same = np.einsum("ij,ij->i", mixed, face[hit]) > 0
         normals[hit] = np.where((away == same)[:, None], -mixed, mixed)
         return reach, points, normals, hit
-
-    def _with_lines(self, out: Floats, reach: Floats, origins: Floats, directions: Floats) -> Floats:
-        assert self.line_scene is not None
-        line_reach, triangle, face = self.line_scene.cast(origins, directions)
-        at = np.flatnonzero(triangle >= 0)
-        facing = np.abs(np.einsum("ij,ij->i", face[at], directions[at]))
-        colour = self.lines.colours[triangle[at]] * (0.72 + 0.28 * facing)[:, None]
-        opacity = np.where(line_reach[at] < reach[at], 1.0, _BEHIND)[:, None]
-        out[at] = opacity * colour + (1 - opacity) * out[at]
-        return out
 
     def _ambient_of_grid(self) -> None:
         columns, rows = -(-self.frame.width // _COARSE), -(-self.frame.height // _COARSE)

@@ -61,18 +61,37 @@ def _split(vertices: Floats, triangles: Ints, longest_m: float) -> tuple[Floats,
     return vertices, triangles
 
 
-def display_states(mesh: DisplayMesh, states: SurfaceStates) -> np.ndarray:
-    """State (T,) of each triangle, or (V,) of each point of a cloud, uint8."""
-    vertices, triangles = mesh.vertices, mesh.triangles
+def display_states(mesh: DisplayMesh, states: SurfaceStates, nearest: Ints | None = None) -> np.ndarray:
+    """State (T,) of each triangle, or (V,) of each point of a cloud, uint8.
+
+    `nearest` is what `nearest_samples` says of the same mesh and samples, where that is known already:
+    all plans for a target have the same.
+    """
     if not len(states.points):
-        return np.zeros(len(triangles) or len(vertices), np.uint8)
+        return np.zeros(len(mesh.triangles) or len(mesh.vertices), np.uint8)
+    near = nearest_samples(mesh, states) if nearest is None else nearest
+    return voted(states.state, near).astype(np.uint8)
+
+
+def nearest_samples(mesh: DisplayMesh, states: SurfaceStates) -> Ints:
+    """Indices (T, K) of the samples nearest to each triangle, or (V, K) to each point of a cloud."""
+    vertices, triangles = mesh.vertices, mesh.triangles
     near = Neighbourhood(states, float(np.linalg.norm(np.ptp(vertices, axis=0))))
     if not len(triangles):
-        return near.states(vertices, None).astype(np.uint8)
+        return near.nearest(vertices, None)
     corners = vertices[triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    return near.states(corners.mean(axis=1), normals).astype(np.uint8)
+    return near.nearest(corners.mean(axis=1), normals)
+
+
+def voted(state: Ints, nearest: Ints) -> Ints:
+    """What most of the nearest samples (N, K) say, (N,); `state` is of each sample."""
+    votes = np.zeros((len(SURFACE_STATES), len(nearest)), np.int64)
+    everyone = np.arange(len(nearest))
+    for voter in nearest.T:
+        votes[state[voter], everyone] += 1
+    return votes.argmax(axis=0)
 
 
 class Neighbourhood:
@@ -88,12 +107,15 @@ class Neighbourhood:
 
     def states(self, points: Floats, normals: Floats | None) -> Ints:
         """State (N,) at points (N, 3), m, with outward normals (N, 3) where the surface has them."""
-        count = min(_VOTES, len(self._state))
+        return voted(self._state, self.nearest(points, normals))
+
+    def nearest(self, points: Floats, normals: Floats | None) -> Ints:
+        """Indices (N, K) of the samples that have a say."""
         if self._apart and normals is None:
             normals = np.zeros_like(points)
-        _, nearest = self._tree.query(self._key(points, normals), k=[*range(1, count + 1)])
-        votes = np.stack([(self._state[nearest] == code).sum(axis=1) for code in range(len(SURFACE_STATES))])
-        return votes.argmax(axis=0)
+        count = min(_VOTES, len(self._state))
+        _, found = self._tree.query(self._key(points, normals), k=[*range(1, count + 1)])
+        return np.asarray(found)
 
     def _key(self, points: Floats, normals: Floats | None) -> Floats:
         if not self._apart or normals is None:

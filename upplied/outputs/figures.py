@@ -12,7 +12,7 @@ from upplied.outputs import tubes
 from upplied.outputs.canvas import Solid, picture, solid
 from upplied.outputs.colours import DEMONSTRATED, PRESETS, STATES, rgb
 from upplied.outputs.files import replace_file
-from upplied.outputs.sheet import Panel, sheet_png
+from upplied.outputs.sheet import Panel, padded, sheet_png
 from upplied.outputs.views import View, facing, fitted, named_view, proportion
 from upplied.records import (
     SURFACE_STATES,
@@ -88,28 +88,20 @@ def transfer_png(
     frusta: bool = True,
     title: str = "",
     width: int = _WIDTH,
+    left: Panel | None = None,
 ) -> bytes:
     """Two panels: the demonstration on its structure, and the plan on the target.
 
     The target's surface is coloured by ``plan.surface`` where that is known. A refused plan shows
     the target alone, with the reason. The same view serves both panels, each fitted to its own content;
-    where none is given, it is from the side on which was flown.
+    where none is given, it is from the side on which was flown. `left` is the first panel, where
+    `demonstrated_panel` made it already for another target.
     """
-    chosen = facing(source.vertices, demonstration.positions) if view is None else named_view(view)
+    chosen = _chosen(view, source, demonstration)
     half = width // 2
-    shapes = [(source, demonstration.trajectory), (target, plan.trajectory)]
-    high = max(_height(chosen, _content(structure, [path]), half) for structure, path in shapes)
+    left = left or demonstrated_panel(source, demonstration, source_states, view, frusta, width)
+    high = max(len(left.image), _height(chosen, _content(target, [plan.trajectory]), half))
     colour = rgb(PRESETS.get(plan.preset, DEMONSTRATED))
-    shown = _every(len(demonstration), _FRUSTA)
-    flown = (demonstration.positions[shown], demonstration.quat_xyzw[shown])
-    left = _panel(
-        solid(source, source_states),
-        [(demonstration.positions, rgb(DEMONSTRATED))],
-        [(*flown, demonstration.camera, rgb(DEMONSTRATED))] if frusta else [],
-        chosen,
-        (0, 0, half, high),
-        f"demonstrated on {source.structure_id}",
-    )
     lines, cameras = _plan_lines(plan, demonstration.camera, colour, frusta)
     note = f"{plan.preset} plan for {target.structure_id}"
     right = _panel(solid(target, plan.surface), lines, cameras, chosen, (half, 0, half, high), note)
@@ -118,10 +110,32 @@ def transfer_png(
         legend.append((f"planned path ({plan.preset})", PRESETS.get(plan.preset, DEMONSTRATED), "line"))
     legend += _state_legend([source_states, plan.surface])
     return sheet_png(
-        [left, right],
+        [padded(left, high), right],
         legend,
         title or f"{demonstration.demonstration_id} → {target.structure_id}",
         figures(plan),
+    )
+
+
+def demonstrated_panel(
+    source: Structure,
+    demonstration: Demonstration,
+    states: SurfaceStates | None = None,
+    view: str | View | None = None,
+    frusta: bool = True,
+    width: int = _WIDTH,
+) -> Panel:
+    """The left half of `transfer_png`, which is the same for all targets of a demonstration."""
+    chosen, half = _chosen(view, source, demonstration), width // 2
+    shown = _every(len(demonstration), _FRUSTA)
+    flown = (demonstration.positions[shown], demonstration.quat_xyzw[shown])
+    return _panel(
+        solid(source, states),
+        [(demonstration.positions, rgb(DEMONSTRATED))],
+        [(*flown, demonstration.camera, rgb(DEMONSTRATED))] if frusta else [],
+        chosen,
+        (0, 0, half, _height(chosen, _content(source, [demonstration.trajectory]), half)),
+        f"demonstrated on {source.structure_id}",
     )
 
 
@@ -219,9 +233,13 @@ def _content(structure: Structure, paths: Sequence[Trajectory | None]) -> Floats
     return np.concatenate([structure.vertices, *(path.positions for path in paths if path is not None)])
 
 
+def _chosen(view: str | View | None, source: Structure, demonstration: Demonstration) -> View:
+    return facing(source.vertices, demonstration.positions) if view is None else named_view(view)
+
+
 def _height(view: View, content: Floats, wide: int) -> int:
-    """Of a panel that suits its content, with room for a label and a scale bar, px."""
-    return round(wide * float(np.clip(proportion(view, content), 0.35, 1.0))) + 50
+    """Of a panel that suits its content, with room for a label and a scale bar, px; even."""
+    return 2 * round(wide * float(np.clip(proportion(view, content), 0.35, 1.0)) / 2) + 50
 
 
 def _layout(count: int, width: int) -> list[tuple[int, int, int, int]]:

@@ -12,11 +12,12 @@ from upplied import __version__
 from upplied.config import digest
 from upplied.outputs import figures
 from upplied.outputs.along import profile
-from upplied.outputs.display import DisplayMesh, display_mesh, display_states, structure_data
+from upplied.outputs.display import DisplayMesh, display_mesh, display_states, nearest_samples, structure_data
 from upplied.outputs.flown import flown_sentence, last_flown
 from upplied.outputs.pair_page import demonstration_data, pair_data, planned_data
 from upplied.outputs.pairs import Pair, number
-from upplied.records import Demonstration, Floats, Measures, Plan, Structure, SurfaceStates, Trajectory
+from upplied.outputs.sheet import Panel
+from upplied.records import Demonstration, Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
 from upplied.scene import Scene, scene_of
 
 _POSE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
@@ -59,6 +60,8 @@ class Reader:
         self._scene = lru_cache(4)(self._scene_of)
         self._data = lru_cache(4)(self._data_of)
         self._flown = lru_cache(32)(self._flown_of)
+        self._near: dict[str, Ints] = {}  # of the last target
+        self._panel = lru_cache(32)(self._panel_of)
 
     def sha256(self, table: str, name: str) -> str:
         """Hash of a structure or demonstration as it stands now; empty where it is not known."""
@@ -90,13 +93,22 @@ class Reader:
         """PNG of the demonstration and of the plan that is flown."""
         plan = plan_of(self.source, pair.main)
         source, target = self.structure(pair.source_id), self.structure(pair.target_id)
-        return figures.transfer_png(
-            source, target, self.demonstration(pair.demonstration_id), plan, width=width
-        )
+        left = self._panel(pair.demonstration_id, width)
+        demonstration = self.demonstration(pair.demonstration_id)
+        return figures.transfer_png(source, target, demonstration, plan, width=width, left=left)
 
     def _states(self, row: Any, target_id: str) -> np.ndarray | None:
         surface = self.source.surface(str(row["transfer_id"]))
-        return None if surface is None else display_states(self._mesh(target_id), surface)
+        if surface is None:
+            return None
+        mesh = self._mesh(target_id)
+        if not len(surface.points):
+            return display_states(mesh, surface)
+        normals = b"" if surface.normals is None else surface.normals.tobytes()
+        samples = digest([target_id, surface.points.tobytes().hex(), normals.hex()])
+        if samples not in self._near:
+            self._near = {samples: nearest_samples(mesh, surface)}
+        return display_states(mesh, surface, self._near[samples])
 
     def _hashes_of(self, table: str) -> dict[str, str]:
         rows = getattr(self.source, table)()
@@ -120,6 +132,10 @@ class Reader:
 
     def _data_of(self, structure_id: str) -> dict[str, Any]:
         return structure_data(self.structure(structure_id), self._mesh(structure_id))
+
+    def _panel_of(self, demonstration_id: str, width: int) -> Panel:
+        flown = self.demonstration(demonstration_id)
+        return figures.demonstrated_panel(self.structure(flown.structure_id), flown, width=width)
 
     def _flown_of(self, demonstration_id: str) -> dict[str, Any]:
         flown = self.demonstration(demonstration_id)

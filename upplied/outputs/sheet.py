@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -32,6 +32,15 @@ class Panel:
     y: int
     label: str
     frame: Frame
+
+
+def padded(panel: Panel, high: int) -> Panel:
+    """The panel in the middle of a higher one, as its frame would show it there."""
+    more = (high - len(panel.image)) // 2
+    white = [int(BACKGROUND[at : at + 2], 16) for at in (1, 3, 5)]
+    rows = np.full((more, panel.image.shape[1], 3), white, np.uint8)
+    image = np.concatenate([rows, panel.image, rows])
+    return replace(panel, image=image, frame=replace(panel.frame, height=len(image)))
 
 
 def drawable(text: str) -> str:

@@ -64,7 +64,7 @@ class Frame:
         """Origins and unit directions (N, 3) of the rays through picture points, px from the upper left."""
         across = (np.asarray(x, float) - self.width / 2) / self.metre_px
         upward = (self.height / 2 - np.asarray(y, float)) / self.metre_px
-        plane = self.centre + across[:, None] * self.right + upward[:, None] * self.up
+        plane = np.stack([across, upward], axis=1) @ np.stack([self.right, self.up]) + self.centre
         if np.isinf(self.eye_m):
             return plane + self._far * self.back, np.broadcast_to(-self.back, plane.shape)
         eye = self.centre + self.eye_m * self.back
