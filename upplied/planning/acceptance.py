@@ -16,7 +16,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from upplied.planning.boxes import diagonal_of, laid, spacing
-from upplied.planning.cpd import farthest_points
+from upplied.planning.cpd import spread_over
 from upplied.planning.layout import matched, patches, placed
 from upplied.planning.parts import blades_of
 from upplied.planning.wording import place_in
@@ -92,7 +92,7 @@ def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> Floats:
     """
     assert cloud.normals is not None and other.normals is not None
     weight = _FACING * diagonal_m
-    asked = farthest_points(cloud.points, _SAMPLES)
+    asked = spread_over(cloud, _SAMPLES)
     tree = cKDTree(np.hstack([other.points, weight * other.normals]))
     found = tree.query(np.hstack([cloud.points[asked], weight * cloud.normals[asked]]))[0]
     return np.maximum(found - spacing(other), 0) / diagonal_m
@@ -100,14 +100,14 @@ def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> Floats:
 
 def _mean(cloud: Cloud, distances: Floats) -> float:
     assert cloud.area_m2 is not None
-    return float(np.average(distances, weights=cloud.area_m2[farthest_points(cloud.points, _SAMPLES)]))
+    return float(np.average(distances, weights=cloud.area_m2[spread_over(cloud, _SAMPLES)]))
 
 
 def _worst(source: Cloud, target: Cloud, lying: Cloud, forth: Floats, back: Floats, diagonal_m: float) -> str:
     """The region, of either structure, with most surface that is far from the other."""
     sentences = []
     for name, frame, cloud, distance in (("source", source, source, forth), ("target", target, lying, back)):
-        asked = farthest_points(cloud.points, _SAMPLES)
+        asked = spread_over(cloud, _SAMPLES)
         assert cloud.area_m2 is not None
         share = cloud.area_m2[asked] / cloud.area_m2[asked].sum()
         far = distance > _FAR

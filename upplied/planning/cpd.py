@@ -10,12 +10,14 @@ differ between parts that lie close together, an engine and its wing.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit
+from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 
-from upplied.records import Floats, Ints, Record
+from upplied.records import Cloud, Floats, Ints, Record
 
 _REACH = 0.12  # of the diagonal: how far a displacement is felt
 _ACROSS = 0.3  # share of it that is felt in other parts
@@ -72,19 +74,53 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
     prior = np.where(apart, 0.0, np.exp(_NORMALS * (moving.normals @ fixed.normals.T - 1)))
     outer = (fixed.normals[:, :, None] * fixed.normals[:, None, :]).reshape(len(fixed), 9)
     pull = np.einsum("nij,nj->ni", outer.reshape(-1, 3, 3), fixed.points)
-    resistance = np.repeat(np.where(moving.label >= 0, _STIFF, _LOOSE), 3)
-    diagonal = np.arange(3 * number)
+    resistance = np.where(moving.label >= 0, _STIFF, _LOOSE)
+    felt = np.repeat(np.repeat(kernel, 3, axis=0), 3, axis=1)
     weights, here = np.zeros((number, 3)), moving.points
     for width in np.geomspace(_START, _END, _STEPS) * diagonal_m:
         share = prior * np.exp(-cdist(here, fixed.points, "sqeuclidean") / (2 * width**2))
         share /= share.sum(axis=0) + _OUTLIERS
         metric = (share @ outer).reshape(number, 3, 3)
         wanted = share @ pull - np.einsum("mij,mj->mi", metric, moving.points)
-        system = (metric[:, :, None, :] * kernel[:, None, :, None]).reshape(3 * number, 3 * number)
-        system[diagonal, diagonal] += resistance
-        weights = np.linalg.solve(system, wanted.reshape(-1)).reshape(number, 3)
+        weights = _weights(metric, wanted, felt, resistance)
         here = moving.points + kernel @ weights
     return Drift(moving, weights, reach)
+
+
+def _weights(metric: Floats, wanted: Floats, felt: Floats, resistance: Floats) -> Floats:
+    """Weights w (M, 3) with ``metric_m (kernel @ w)_m + resistance_m w_m = wanted_m`` for every point m.
+
+    With ``metric_m = resistance_m H_m H_m'`` this becomes ``(1 + H' kernel H) z = H' kernel wanted /
+    resistance`` and ``w = wanted / resistance - H z``: symmetric, and so half the work of the plain system.
+
+    Parameters
+    ----------
+    metric : array, shape (M, 3, 3), symmetric
+    wanted : array, shape (M, 3)
+    felt : array, shape (3 M, 3 M)
+        The kernel, each entry nine times.
+    resistance : array, shape (M,)
+    """
+    free = wanted / resistance[:, None]
+    strength, axes = np.linalg.eigh(metric / resistance[:, None, None])
+    root = axes * np.sqrt(np.maximum(strength, 0))[:, None, :]  # H
+    rows = root.transpose(0, 2, 1).reshape(-1, 3)
+    system = (rows @ rows.T) * felt
+    system[np.diag_indices_from(system)] += 1
+    pulled = np.einsum("mij,mi->mj", root, felt[::3, ::3] @ free)
+    solved = cho_solve(cho_factor(system, overwrite_a=True, check_finite=False), pulled.reshape(-1))
+    return free - np.einsum("mij,mj->mi", root, solved.reshape(-1, 3))
+
+
+def spread_over(cloud: Cloud, number: int) -> Ints:
+    """The `farthest_points` of a cloud, kept as long as it lives; fewer of them are the first of more."""
+    known = _ORDERS.get(cloud)
+    if known is None or len(known) < min(number, len(cloud)):
+        known = _ORDERS[cloud] = farthest_points(cloud.points, number)
+    return known[:number]
+
+
+_ORDERS: WeakKeyDictionary[Cloud, Ints] = WeakKeyDictionary()
 
 
 @njit(cache=True)
@@ -101,28 +137,28 @@ def farthest_points(points: Floats, number: int) -> np.ndarray:
     middle = np.zeros(3)
     for row in range(total):
         middle += points[row] / total
-    distance = np.empty(total)
-    chosen = np.empty(min(number, total), np.int64)
-    last = 0
+    last, nearest = 0, np.inf
     for row in range(total):
-        distance[row] = np.sum((points[row] - middle) ** 2)
-        if distance[row] < distance[last]:
-            last = row
-    distance[:] = np.inf
+        gap = np.sum((points[row] - middle) ** 2)
+        if gap < nearest:
+            last, nearest = row, gap
+    x, y, z = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
+    distance = np.full(total, np.inf)
+    bits = distance.view(np.int64)  # of numbers that are not negative: they compare alike, several at a time
+    chosen = np.empty(min(number, total), np.int64)
     for place in range(len(chosen)):
         chosen[place] = last
-        farthest = 0
+        at_x, at_y, at_z = x[last], y[last], z[last]
         for row in range(total):
-            gap = (
-                (points[row, 0] - points[last, 0]) ** 2
-                + (points[row, 1] - points[last, 1]) ** 2
-                + (points[row, 2] - points[last, 2]) ** 2
-            )
-            if gap < distance[row]:
-                distance[row] = gap
-            if distance[row] > distance[farthest]:
-                farthest = row
-        last = farthest
+            dx, dy, dz = x[row] - at_x, y[row] - at_y, z[row] - at_z
+            gap = dx * dx + dy * dy + dz * dz
+            distance[row] = gap if gap < distance[row] else distance[row]
+        most = np.int64(-1)
+        for row in range(total):
+            most = bits[row] if bits[row] > most else most
+        last = 0
+        while bits[last] != most:
+            last += 1
     return chosen
 
 

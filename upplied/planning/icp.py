@@ -13,7 +13,7 @@ def icp(
 ) -> tuple[Floats, Floats]:
     """The rigid motion that brings `source` onto `target`: ``p_target = rotation @ p + translation``.
 
-    Every source point is paired with its nearest target point, however far; no early stop. Open3D's
+    Every source point is paired with its nearest target point, however far; all iterations count. Open3D's
     ``registration_icp`` with ``ICPConvergenceCriteria(0, 0, iterations)`` gives the same motion.
 
     Parameters
@@ -31,10 +31,13 @@ def icp(
     """
     tree = cKDTree(target) if tree is None else tree
     rotation, translation = np.eye(3), np.zeros(3)
+    before = None
     for _ in range(iterations):
-        here = source @ rotation.T + translation
-        nearest = tree.query(here)[1]
+        nearest = tree.query(source @ rotation.T + translation)[1]
+        if before is not None and np.array_equal(nearest, before):
+            break  # the same pairs give the same motion, now and in every iteration that would follow
         rotation, translation = rigid_fit(source, target[nearest])
+        before = nearest
     return rotation, translation
 
 

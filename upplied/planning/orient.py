@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from upplied.planning.boxes import box_scale, diagonal_of
-from upplied.planning.cpd import farthest_points
+from upplied.planning.cpd import spread_over
 from upplied.planning.icp import icp
 from upplied.records import Cloud, Floats, Record
 
@@ -93,7 +93,7 @@ def _chosen(turns: Floats, costs: Floats, tried: int) -> Orientation:
 
 def _few(cloud: Cloud, number: int) -> _Few:
     assert cloud.normals is not None
-    index = farthest_points(cloud.points, number)
+    index = spread_over(cloud, number)
     return _Few(cloud.points[index], cloud.normals[index])
 
 

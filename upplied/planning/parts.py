@@ -9,6 +9,7 @@ the other structure has one like it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -75,7 +76,19 @@ def part_labels(points: Floats, area: Floats, piece: Ints) -> Ints:
 
 
 def parts_of(cloud: Cloud) -> Parts:
-    """Boxes, areas and contacts of the labelled parts of a cloud; one part where it has no labels."""
+    """Boxes, areas and contacts of the labelled parts of a cloud; one part where it has no labels.
+
+    They are kept as long as the record of the cloud lives.
+    """
+    if cloud not in _PARTS:
+        _PARTS[cloud] = _measured(cloud)
+    return _PARTS[cloud]
+
+
+_PARTS: WeakKeyDictionary[Cloud, Parts] = WeakKeyDictionary()
+
+
+def _measured(cloud: Cloud) -> Parts:
     points = cloud.points
     label = labels_of(cloud)
     area = np.ones(len(points)) if cloud.area_m2 is None else cloud.area_m2
