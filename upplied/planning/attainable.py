@@ -46,7 +46,8 @@ def attainable(cloud: Cloud, airspace: Airspace, camera: Camera, settings: Visib
     tried = 0
     while tried < len(tilt) and np.isnan(served[:, 0]).any():
         left = np.flatnonzero(np.isnan(served[:, 0]))
-        batch = slice(tried, tried + max(1, _BATCH // len(left)) if tried else 1)
+        # As many again as were tried, since most samples are served soon.
+        batch = slice(tried, tried + max(1, min(tried, _BATCH // len(left))))
         positions = _positions(cloud, left, tilt[batch], turn[batch], distance[batch])
         _serve(served, positions, left, cloud, airspace)
         tried = batch.stop
