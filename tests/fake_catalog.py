@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import numpy as np
 import pandas as pd
 
+from upplied.outputs.flown import Flown, last_key
 from upplied.poses import look_at
 from upplied.records import Demonstration, Measures, Plan, Structure, SurfaceStates, Trajectory
 
@@ -27,6 +29,19 @@ def orbit(structure: Structure, away: float = 6.0, count: int = 40) -> Trajector
     middle = np.array([0, 0, half[2]])
     positions = middle + radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     return Trajectory(2 * angle, positions, look_at(positions, np.broadcast_to(middle, positions.shape)))
+
+
+class FakeCache:
+    """Has what was put into it, and remembers nothing else."""
+
+    def __init__(self, records: dict) -> None:
+        self._records = records
+
+    def get(self, stage: str, record_type: type, key: str) -> object:
+        return self._records.get(key)
+
+    def __call__(self, stage: str, record_type: type, key: str, compute: Callable) -> object:
+        return compute()
 
 
 class FakeCatalog:
@@ -73,6 +88,16 @@ class FakeCatalog:
              "code_version": "0", "source_sha256": "s", "target_sha256": "t", **asdict(plan.measures)}
         )  # fmt: skip
         return key
+
+    def fly(self, transfer_id: str) -> Flown:
+        """A flight of a plan, half a metre beside it, kept as reports look for it."""
+        path = self.plans[transfer_id].trajectory
+        assert path is not None
+        beside = Trajectory(path.t_s * 1.02, path.positions + 0.5, path.quat_xyzw)
+        measures = Measures(min_clearance_m=3.25, coverage_seen_pct=90.0, duration_s=float(beside.t_s[-1]))
+        flown = Flown(transfer_id, "", 6.0, 60.0, True, 0, beside, measures)
+        self.cache = FakeCache({last_key(transfer_id): flown})
+        return flown
 
     def transfers(self, *, every: bool = False) -> pd.DataFrame:
         rows = pd.DataFrame(self.rows)

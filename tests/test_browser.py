@@ -44,6 +44,7 @@ def browser() -> Iterator[Any]:
 def reports(tmp_path_factory) -> Path:
     root = tmp_path_factory.mktemp("reports")
     catalog = FakeCatalog(targets=2)
+    catalog.fly("t0000")
     publish_pages(catalog, root, pictures=0)
     publish_file(catalog, root / "mail.html", target_id="cuboid-0")
     return root
@@ -183,6 +184,21 @@ def test_a_transfer_flies_seen_through_the_camera(visit, reports):
     page.click("#play")
     until(page, "document.getElementById('time').value > 10")
     page.click("#play")
+
+
+def test_planned_and_flown_are_drawn_together(visit, reports):
+    page = visit((reports / "transfers" / "orbit-1--cuboid-0.html").as_uri())
+    drawn(page)
+    together = colours(page, ".canvas >> nth=1")
+    page.uncheck("#show-recommended-flown")
+    page.wait_for_timeout(500)
+    alone = colours(page, ".canvas >> nth=1")
+    dark = [(shot.astype(int).sum(axis=2) < 120).sum() for shot in (together, alone)]
+    assert dark[0] > dark[1] + 50
+    assert page.locator("#charts .scatterlayer .trace").count() == 3 * 5
+    figures = page.locator(".figures").inner_text()
+    assert "recommended, flown" in figures and "3.25 m" in figures
+    assert "In a wind of 6 m/s" in page.locator(".flown").inner_text()
 
 
 def test_a_refusal_is_explained_and_stays_text(visit, reports):

@@ -104,6 +104,22 @@ def test_what_a_page_draws_is_what_the_catalog_holds(folder, catalog):
     assert plan["measures"]["frechet_z"] is None and plan["measures"]["coverage_paper_pct"] == 94.0
 
 
+def test_a_flight_in_simulation_stands_beside_its_plan_until_another_takes_its_place(tmp_path):
+    catalog = FakeCatalog(targets=1)
+    publish_pages(catalog, tmp_path, pictures=0)
+    flown = catalog.fly("t0000")
+    assert publish_pages(catalog, tmp_path, pictures=0).written == ("transfers/orbit-1--cuboid-0.html",)
+    plans = page(tmp_path / "transfers" / "orbit-1--cuboid-0.html").data["transfer"]["plans"]
+    (told,) = [plan["flown"] for plan in plans if "flown" in plan]
+    origin = np.array(
+        json.loads((tmp_path / "data/cuboid-0.js").read_text()[:-2].partition("= ")[2])["origin"]
+    )
+    drawn = np.frombuffer(base64.b64decode(told["path"]["xyz"]["data"]), "<f4").reshape(-1, 3) + origin
+    assert np.allclose(drawn, flown.trajectory.positions, atol=1e-4)
+    assert told["measures"]["min_clearance_m"] == 3.25 and "3.25 m (planned 4.00 m)" in told["said"]
+    assert not publish_pages(catalog, tmp_path, pictures=0).written
+
+
 def test_no_text_of_a_log_becomes_markup(folder):
     for path in folder.rglob("*.html"):
         text = path.read_text("utf-8")

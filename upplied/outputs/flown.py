@@ -8,7 +8,7 @@ the sentence in the report until the plan is flown again.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -55,13 +55,22 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
     if flown is None:
         return ""
     gusts = f"with gusts (seed {flown.seed})" if flown.gusts else "without gusts"
-    parts = [f"In a wind of {flown.wind_mps:g} m/s {gusts}"]
+    parts = [f"In a wind of {flown.wind_mps:g} m/s towards {flown.towards_deg:g}° {gusts}"]
     clearance, coverage = flown.measures.min_clearance_m, flown.measures.coverage_seen_pct
     if np.isfinite(clearance):
         parts.append(f"least clearance {clearance:.2f} m{_of(row, 'min_clearance_m', 2, ' m')}")
     if np.isfinite(coverage):
         parts.append(f"really seen {coverage:.1f} %{_of(row, 'coverage_seen_pct', 1, ' %')}")
     return f"{parts[0]}: {', '.join(parts[1:])}." if parts[1:] else f"{parts[0]}: nothing could be measured."
+
+
+def flown_data(flown: Flown, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
+    """What a transfer's page shows of a flight; `path` is the flown path as `path_data` gives it."""
+    return {
+        "said": flown_sentence(flown, row),
+        "path": path,
+        "measures": {item.name: number(vars(flown.measures), item.name) for item in fields(Measures)},
+    }
 
 
 def _of(row: Mapping[str, Any], name: str, digits: int, unit: str) -> str:

@@ -13,8 +13,8 @@ from upplied.config import digest
 from upplied.outputs import figures
 from upplied.outputs.along import profile
 from upplied.outputs.display import DisplayMesh, display_mesh, display_states, nearest_samples, structure_data
-from upplied.outputs.flown import flown_sentence, last_flown
-from upplied.outputs.pair_page import demonstration_data, pair_data, planned_data
+from upplied.outputs.flown import flown_data, flown_sentence, last_flown
+from upplied.outputs.pair_page import demonstration_data, pair_data, path_data, planned_data
 from upplied.outputs.pairs import Pair, number
 from upplied.outputs.sheet import Panel
 from upplied.records import Demonstration, Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
@@ -82,7 +82,10 @@ class Reader:
                     states = self._states(row, pair.target_id)
                     path = profile(trajectory_of(steps), self._scene(pair.target_id))
                     paths[preset] = planned_data(path, viewpoints_of(steps), origin, states)
-                    paths[preset]["flown"] = self.flown(row)
+                    flown = last_flown(self.source, row)
+                    if flown is not None:
+                        along = profile(flown.trajectory, self._scene(pair.target_id))
+                        paths[preset]["flown"] = flown_data(flown, row, path_data(along, origin))
         return pair_data(pair, self._flown(pair.demonstration_id), paths)
 
     def flown(self, row: Any) -> str:

@@ -4,7 +4,7 @@
 const upplied = { structures: {}, pages: {} };
 
 upplied.COLOURS = {
-  demonstration: "#e69f00", recommended: "#0072b2", paper: "#009e73", baseline: "#cc79a7",
+  demonstration: "#e69f00", recommended: "#0072b2", paper: "#009e73", baseline: "#cc79a7", flown: "#111820",
 };
 upplied.STATES = [
   ["not inspected", "#c7cdd6"], ["seen", "#7db8e8"], ["missed", "#d55e00"],

@@ -4,18 +4,18 @@
 (function () {
   const { element, badge, format, duration } = upplied;
   const COLUMNS = [
-    { key: "status", label: "Status", wide: "6.5rem" },
-    { key: "demonstration", label: "Demonstration", wide: "minmax(11.5rem,1.6fr)" },
-    { key: "target", label: "Target", wide: "minmax(7.5rem,1fr)" },
-    { key: "kind", label: "Kind", wide: "minmax(6.8rem,.6fr)" },
-    { key: "coverage", label: "Coverage", wide: "8rem", number: true, title: "Share of the demonstrated surface that the plan really sees, where that was computed; else by frustum" },
-    { key: "paper", label: "Paper", wide: "5.2rem", number: true, title: "Coverage of the method as published" },
-    { key: "baseline", label: "Baseline", wide: "6.2rem", number: true, title: "Coverage of the path scaled by the bounding boxes" },
-    { key: "clearance", label: "Clearance", wide: "6.8rem", number: true, title: "Least distance between the path and the structure" },
-    { key: "frechet", label: "Fréchet", wide: "5.8rem", number: true, title: "Continuous Fréchet distance of the standardised paths" },
-    { key: "length", label: "Length", wide: "5rem", number: true },
-    { key: "duration", label: "Time", wide: "4.2rem", number: true },
-    { key: "change", label: "What changed", wide: "minmax(8.5rem,1fr)" },
+    { key: "status", label: "Status", wide: "5.6rem" },
+    { key: "demonstration", label: "Demonstration", wide: "minmax(10.8rem,1.6fr)" },
+    { key: "target", label: "Target", wide: "minmax(7.2rem,1fr)" },
+    { key: "kind", label: "Kind", wide: "minmax(7.2rem,.6fr)" },
+    { key: "coverage", label: "Coverage", wide: "7.7rem", number: true, title: "Share of the demonstrated surface that the plan really sees, where that was computed; else by frustum" },
+    { key: "paper", label: "Paper", wide: "4.3rem", number: true, title: "Coverage of the method as published" },
+    { key: "baseline", label: "Baseline", wide: "5.4rem", number: true, title: "Coverage of the path scaled by the bounding boxes" },
+    { key: "clearance", label: "Clearance", wide: "6.5rem", number: true, title: "Least distance between the path and the structure" },
+    { key: "frechet", label: "Fréchet", wide: "5rem", number: true, title: "Continuous Fréchet distance of the standardised paths" },
+    { key: "length", label: "Length", wide: "4.7rem", number: true },
+    { key: "duration", label: "Time", wide: "3.8rem", number: true },
+    { key: "change", label: "What changed", wide: "minmax(7.8rem,1fr)" },
   ];
 
   upplied.pages.fleet = function (app, fleet, address) {

@@ -81,7 +81,7 @@
       lightposition: { x: -20000, y: -60000, z: 90000 } };
   }
 
-  // scene(root, structure, camera, tracks): tracks are {name, colour, path, viewpoints, states, dash}.
+  // scene(root, structure, camera, tracks): tracks are {name, colour, path, viewpoints, states, width}.
   upplied.scene = function (root, structure, camera, tracks) {
     const bounds = [0, 1, 2].map((axis) => extent(axis, unpack(structure.vertices), tracks));
     const size = bounds.map(([low, high]) => Math.max(high - low, 1e-3));
@@ -95,7 +95,7 @@
       for (let i = 0; i < track.path.count; i++) ["x", "y", "z"].forEach((axis, at) => xyz[axis].push(track.path.xyz[3 * i + at]));
       const shared = { type: "scatter3d", mode: "lines", showlegend: false };
       const label = Array.from({ length: track.path.count }, (_, i) => track.name + "<br>" + track.path.t[i].toFixed(1) + " s, clearance " + upplied.format(track.path.clearance[i], 1, " m"));
-      traces.push({ ...shared, ...xyz, line: { color: track.colour, width: 5 }, text: label, hoverinfo: "text" });
+      traces.push({ ...shared, ...xyz, line: { color: track.colour, width: track.width || 5 }, text: label, hoverinfo: "text" });
       traces.push({ ...shared, ...pyramids(apart(track.viewpoints, 0.07 * longest), camera, 0.045 * longest), line: { color: track.colour, width: 2 }, opacity: 0.75, hoverinfo: "skip" });
       traces.push({ ...shared, ...pyramids([track.path.at(0)], camera, 0.1 * longest), line: { color: "#111820", width: 6 }, hoverinfo: "skip" });
       return own;

@@ -8,6 +8,7 @@
     ["coverage_attainable_pct", "Attainable", 1, " %", "What any free viewpoint could see"],
     ["coverage_paper_pct", "Coverage as in the paper", 1, " %", "By camera frustum alone, nothing hides"],
     ["min_clearance_m", "Least clearance", 2, " m", "Of the whole path from the structure"],
+    ["margin", "Margin over the safety distance", 2, " m", "Least clearance less the distance that the plan was asked to keep"],
     ["frechet_z", "Fréchet, standardised", 2, "", "Continuous, of the standardised paths"],
     ["frechet_m", "Fréchet, metres", 2, " m", "Continuous, after the boxes are matched"],
     ["standoff_ratio_p50", "Stand-off ratio, median", 2, "", "Planned over demonstrated"],
@@ -26,6 +27,9 @@
       name: plan.preset, colour: COLOURS[plan.preset] || COLOURS.recommended, path: upplied.path(plan.path),
       viewpoints: viewpoints(upplied.unpack(plan.viewpoints)), states: plan.states ? upplied.unpack(plan.states) : null,
     }));
+    planned.push(...data.plans.filter((plan) => plan.flown).map((plan) => ({
+      name: plan.preset + ", flown", colour: COLOURS.flown, path: upplied.path(plan.flown.path), viewpoints: [], states: null, width: 3,
+    })));
     const main = data.plans[0];
     document.title = demonstration.id + " → " + data.target;
 
@@ -37,7 +41,7 @@
     const play = element("button", { type: "button", id: "play" }, "Play");
     const aboard = element("input", { type: "checkbox", id: "aboard" });
     const frusta = element("input", { type: "checkbox", id: "frusta", checked: true });
-    const toggles = planned.map((track, at) => element("input", { type: "checkbox", id: "show-" + track.name, checked: at === 0 }));
+    const toggles = planned.map((track, at) => element("input", { type: "checkbox", id: "show-" + track.name.replace(", ", "-"), checked: at === 0 || track.name === planned[0].name + ", flown" }));
     const colourBy = element("select", { id: "colour-by", "aria-label": "Colour the surface by" },
       element("option", { value: "" }, "plain surface"),
       planned.map((track, at) => (track.states ? element("option", { value: at, selected: at === 0 }, "surface by " + track.name) : null)));
@@ -58,6 +62,7 @@
         element("label", { class: "check" }, frusta, "viewpoints"),
         planned.some((track) => track.states) ? colourBy : null),
       planned.some((track) => track.states) ? element("p", { class: "legend" }, STATES.map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name))) : null,
+      data.plans.filter((plan) => plan.flown).map((plan) => element("p", { class: "flown" }, element("b", {}, plan.preset + ", flown in simulation. "), plan.flown.said)),
       charts, measures(data.plans), remarks(data));
 
     const left = upplied.scene(panes[0], upplied.structures[data.source], demonstration.camera,
@@ -115,7 +120,7 @@
       x: Array.from(track.path.t, (time) => (100 * time) / (track.path.duration || 1)),
       y: Array.from(track.path[key], (value) => (Number.isFinite(value) ? value : null)),
       mode: "lines", name: track.name, legendgroup: track.name, showlegend: row === 0, yaxis: "y" + (row ? row + 1 : ""),
-      line: { color: track.colour, width: track.name === "demonstrated" ? 1.6 : 2, dash: { paper: "dash", baseline: "dot" }[track.name] || "solid" },
+      line: { color: track.colour, width: track.name in COLOURS ? 2 : 1.5, dash: { paper: "dash", baseline: "dot" }[track.name] || "solid" },
       hovertemplate: "%{y:.2f}",
     })));
     const height = 0.27, gap = 0.095;
@@ -136,12 +141,20 @@
   }
 
   function measures(plans) {
-    const rows = MEASURES.filter(([key]) => plans.some((plan) => plan.measures[key] !== null));
+    const columns = plans.flatMap((plan) => [
+      { name: plan.preset, colour: COLOURS[plan.preset], status: badge(plan.status), values: { ...plan.measures, margin: margin(plan, plan.measures) } },
+      ...(plan.flown ? [{ name: plan.preset + ", flown", colour: COLOURS.flown, status: "simulated", values: { ...plan.flown.measures, margin: margin(plan, plan.flown.measures) } }] : []),
+    ]);
+    const rows = MEASURES.filter(([key]) => columns.some(({ values }) => Number.isFinite(values[key])));
     return element("section", {}, element("h2", {}, "Figures"), element("div", { class: "scroll" }, element("table", { class: "figures" },
-      element("thead", {}, element("tr", {}, element("th", { scope: "col" }, "Measure"), plans.map((plan) => element("th", { scope: "col" }, line(COLOURS[plan.preset] || "#888888"), plan.preset)))),
+      element("thead", {}, element("tr", {}, element("th", { scope: "col" }, "Measure"), columns.map(({ name, colour }) => element("th", { scope: "col" }, line(colour || "#888888"), name)))),
       element("tbody", {},
-        element("tr", {}, element("th", { scope: "row" }, "Status"), plans.map((plan) => element("td", {}, badge(plan.status)))),
-        rows.map(([key, label, digits, unit, help]) => element("tr", {}, element("th", { scope: "row", title: help }, label), plans.map((plan) => element("td", {}, format(plan.measures[key], digits, unit)))))))));
+        element("tr", {}, element("th", { scope: "row" }, "Status"), columns.map(({ status }) => element("td", {}, status))),
+        rows.map(([key, label, digits, unit, help]) => element("tr", {}, element("th", { scope: "row", title: help }, label), columns.map(({ values }) => element("td", {}, format(values[key], digits, unit)))))))));
+  }
+
+  function margin(plan, values) {
+    return plan.safety_m && Number.isFinite(values.min_clearance_m) ? values.min_clearance_m - plan.safety_m : null;
   }
 
   function remarks(data) {
@@ -149,6 +162,6 @@
     return element("section", {}, element("h2", {}, "Where this comes from"),
       facts([["Demonstration", data.demonstration.id + ", " + data.demonstration.poses + " poses"], ["Notes", data.demonstration.notes]]),
       data.plans.map((plan) => element("details", { open: plan === data.plans[0] }, element("summary", {}, plan.preset),
-        facts([["Counterparts", plan.counterparts], ["Warnings", plan.warnings], ["Flown in simulation", plan.flown], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
+        facts([["Counterparts", plan.counterparts], ["Warnings", plan.warnings], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
   }
 })();
