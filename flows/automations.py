@@ -23,41 +23,44 @@ HEARTBEAT_S = int(SETTINGS["PREFECT_FLOWS_HEARTBEAT_FREQUENCY"])
 # Ten beats: a loaded server that answers late, or drops some events, must not kill a healthy run.
 SILENCE_S = 10 * HEARTBEAT_S
 
-ZOMBIES = AutomationCore(
-    name="a silent run is marked crashed",
-    description="A run that was killed together with its worker says nothing more, and would stay Running.",
-    trigger=EventTrigger(
-        posture=Posture.Proactive,
-        after={"prefect.flow-run.heartbeat"},
-        expect={
-            "prefect.flow-run.heartbeat",
-            "prefect.flow-run.Completed",
-            "prefect.flow-run.Failed",
-            "prefect.flow-run.Cancelled",
-            "prefect.flow-run.Crashed",
-        },
-        match={"prefect.resource.id": "prefect.flow-run.*"},
-        for_each={"prefect.resource.id"},
-        threshold=1,
-        within=timedelta(seconds=SILENCE_S),
-    ),
-    actions=[
-        ChangeFlowRunState(
-            state=StateType.CRASHED,
-            message=f"Not heard of for {SILENCE_S} s: it was killed together with its worker.",
-        )
-    ],
-)
+
+def zombies(silence_s: int = SILENCE_S) -> AutomationCore:
+    """Mark a run crashed that was heard of, and then not for so many seconds."""
+    return AutomationCore(
+        name="a silent run is marked crashed",
+        description="A run that was killed together with its worker says no more, and would stay Running.",
+        trigger=EventTrigger(
+            posture=Posture.Proactive,
+            after={"prefect.flow-run.heartbeat"},
+            expect={
+                "prefect.flow-run.heartbeat",
+                "prefect.flow-run.Completed",
+                "prefect.flow-run.Failed",
+                "prefect.flow-run.TimedOut",
+                "prefect.flow-run.Cancelled",
+                "prefect.flow-run.Crashed",
+            },
+            match={"prefect.resource.id": "prefect.flow-run.*"},
+            for_each={"prefect.resource.id"},
+            threshold=1,
+            within=timedelta(seconds=silence_s),
+        ),
+        actions=[
+            ChangeFlowRunState(
+                state=StateType.CRASHED,
+                message=f"Not heard of for {silence_s} s: it was killed together with its worker.",
+            )
+        ],
+    )
 
 
-def apply() -> None:
-    """Put the automations in place of older ones of the same name."""
-    for automation in (ZOMBIES,):
-        with get_client(sync_client=True) as client:
-            for older in client.read_automations_by_name(automation.name):
-                client.delete_automation(older.id)
-        Automation(**automation.model_dump()).create()
+def apply(automation: AutomationCore) -> None:
+    """Put an automation in place of older ones of the same name."""
+    with get_client(sync_client=True) as client:
+        for older in client.read_automations_by_name(automation.name):
+            client.delete_automation(older.id)
+    Automation(**automation.model_dump()).create()
 
 
 if __name__ == "__main__":
-    apply()
+    apply(zombies())

@@ -1,4 +1,4 @@
-"""Where targets are planned: in worker processes of this machine, or on a Dask or Ray cluster.
+"""Where targets are planned: on this machine, on the machines of a work pool, or on a Dask or Ray cluster.
 
 All of it is somebody else's engine. What is kept is the same, byte for byte, whichever plans it.
 """
@@ -11,9 +11,9 @@ from prefect import get_run_logger, runtime
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 from prefect.utilities.annotations import quote
 
-from flows import tasks
+from flows import pool, tasks
 from flows.parameters import Resources
-from flows.progress import progress
+from flows.progress import advancing, progress
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.errors import SettingsError
@@ -21,16 +21,18 @@ from upplied.errors import SettingsError
 ELSEWHERE = 8  # processes of a cluster that shards are cut for, where nothing is said
 
 
-def plan(catalog: str, jobs: list[fleet.Job], resources: Resources) -> fleet.Result:
+def plan(catalog: str, jobs: list[fleet.Job], wish: fleet.Wish, resources: Resources) -> fleet.Result:
     """Plan jobs where the resources say; a task to a shard."""
-    if resources.engine == "local":
-        return _here(catalog, jobs, resources)
-    return _elsewhere(catalog, jobs, resources)
-
-
-def _here(catalog: str, jobs: list[fleet.Job], resources: Resources) -> fleet.Result:
-    """Tasks in threads feed one crew of worker processes."""
     run_id = str(runtime.flow_run.id)
+    if resources.engine == "local" or not jobs:
+        return here(catalog, jobs, resources, run_id)
+    if resources.engine == "pool":
+        return _on_pool(catalog, jobs, wish, resources, run_id)
+    return _elsewhere(catalog, jobs, resources, run_id)
+
+
+def here(catalog: str, jobs: list[fleet.Job], resources: Resources, run_id: str) -> fleet.Result:
+    """Tasks in threads feed one crew of worker processes."""
     session = fleet.Session(open_catalog(catalog), jobs, run_id, resources.of_fleet())
     tasks.SESSIONS[run_id] = session
     try:
@@ -48,9 +50,46 @@ def _here(catalog: str, jobs: list[fleet.Job], resources: Resources) -> fleet.Re
     return session.result
 
 
-def _elsewhere(catalog: str, jobs: list[fleet.Job], resources: Resources) -> fleet.Result:
+def _on_pool(
+    catalog: str, jobs: list[fleet.Job], wish: fleet.Wish, resources: Resources, run_id: str
+) -> fleet.Result:
+    """Runs of a deployment on a work pool; what no machine planned is planned here."""
+    pool.check_pool()
+    given = {
+        "catalog": str(open_catalog(catalog).location),
+        "run_id": run_id,
+        "presets": wish.presets,
+        "changes": wish.changes,
+        "demonstrations": wish.demonstrations,
+        "targets": wish.targets,
+        "retry_failed": wish.retry_failed,
+        "resources": resources.model_dump(include={"workers", "timeout_s", "memory_gib"}),
+    }
+    shards = fleet.bundles(jobs, resources.shard_targets)
+    with ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST)) as runner:
+        submitted = [
+            runner.submit(
+                tasks.plan_on_pool,
+                {
+                    "name": fleet.shard_name(shard),
+                    "parameters": {**given, "keys": [job.key for job in shard]},
+                },
+            )
+            for shard in shards
+        ]
+        for shard, future in advancing(list(zip(shards, submitted, strict=True))):
+            try:
+                future.result()
+            except Exception as error:  # failed, crashed with its machine, or cancelled
+                get_run_logger().warning("%s was lost: %s", fleet.shard_name(shard), error)
+    result, missing = fleet.kept(open_catalog(catalog), jobs)
+    if missing:
+        result.include(here(catalog, missing, resources, run_id))
+    return result
+
+
+def _elsewhere(catalog: str, jobs: list[fleet.Job], resources: Resources, run_id: str) -> fleet.Result:
     """Tasks on a cluster; a shard that is lost with its process is planned again here, under guard."""
-    run_id = str(runtime.flow_run.id)
     location = str(open_catalog(catalog).location)
     result, lost = fleet.Result(), []
     shards = fleet.shards(jobs, resources.workers or ELSEWHERE)
@@ -67,7 +106,7 @@ def _elsewhere(catalog: str, jobs: list[fleet.Job], resources: Resources) -> fle
             )
             for shard in shards
         ]
-        for shard, future in zip(shards, submitted, strict=True):
+        for shard, future in advancing(list(zip(shards, submitted, strict=True))):
             try:
                 result.include(future.result())
             except Exception as error:  # the engine's own, whatever it is: the process went down
@@ -75,7 +114,8 @@ def _elsewhere(catalog: str, jobs: list[fleet.Job], resources: Resources) -> fle
                 lost += shard
     if lost:
         done = open_catalog(catalog).known_transfers(job.key for job in lost)
-        result.include(_here(catalog, [job for job in lost if job.key not in done], resources))
+        left = [job for job in lost if job.key not in done]
+        result.include(here(catalog, left, resources, run_id))
     return result
 
 

@@ -13,7 +13,7 @@ from upplied.config import Preset, Settings
 Id = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 Location = Annotated[str, Field(min_length=1, description="A folder, or the URI of an object store.")]
 Presets = Annotated[list[Preset], Field(min_length=1)]
-Engine = Literal["local", "dask", "ray"]
+Engine = Literal["local", "pool", "dask", "ray"]
 
 
 def _changes() -> type[BaseModel]:
@@ -42,8 +42,14 @@ class Resources(BaseModel):
     workers: int = Field(0, ge=0, le=1024, description="Processes; 0 takes one per core.")
     timeout_s: float = Field(600, gt=0, description="After this a target is stopped and marked failed.")
     memory_gib: float | None = Field(None, gt=0, description="Of a worker; empty: its share of it.")
-    engine: Engine = Field("local", description="Where targets are planned: local processes, Dask or Ray.")
+    engine: Engine = Field(
+        "local",
+        description="Where targets are planned: local processes, a work pool's machines, Dask or Ray.",
+    )
     address: str = Field("", description="Of the running Dask or Ray cluster.")
+    shard_targets: int = Field(
+        fleet.SHARD_TARGETS, ge=1, le=1000, description="Targets that a machine of the pool takes at a time."
+    )
 
     def of_fleet(self) -> fleet.Resources:
         """The same for `upplied.fleet`."""

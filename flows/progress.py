@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import TypeVar
 
 from prefect.artifacts import create_progress_artifact, update_progress_artifact
 
@@ -13,12 +14,15 @@ from upplied.cli.terminal import progress as bar
 from upplied.fleet import Session
 
 EVERY_S = 5.0
+KEY = "transfer-fleet-progress"
+
+Shard = TypeVar("Shard")
 
 
 @contextmanager
 def progress(session: Session) -> Iterator[None]:
     """Show the progress of a session while it is worked."""
-    artifact = create_progress_artifact(progress=0.0, key="transfer-fleet-progress")
+    artifact = create_progress_artifact(progress=0.0, key=KEY)
     shown = [time.monotonic()]
     lock = threading.Lock()
     with bar("planning", session.total) as advance:
@@ -35,3 +39,13 @@ def progress(session: Session) -> Iterator[None]:
         session.progress = tell
         yield
     update_progress_artifact(artifact, 100.0)
+
+
+def advancing(shards: Sequence[Shard]) -> Iterator[Shard]:
+    """Shards that are worked elsewhere, one after the other; the bar moves as each has been waited for."""
+    artifact = create_progress_artifact(progress=0.0, key=KEY)
+    with bar("shards", len(shards)) as advance:
+        for number, shard in enumerate(shards, 1):
+            yield shard
+            advance()
+            update_progress_artifact(artifact, 100.0 * number / len(shards))

@@ -11,7 +11,7 @@ import time
 from flows.environment import ROOT
 from flows.server import Server, ServerError, private_server, start, stop
 
-POOL = "local"
+POOLS = ("local", "planners")  # of the runs themselves; of their shards, where several machines plan
 
 
 def main() -> int:
@@ -22,7 +22,7 @@ def main() -> int:
         with private_server(ROOT / ".cache" / "prefect", port) as server:
             server.wait()
             prepare(server)
-            worker = start("worker", "start", "--pool", POOL, environment=server.environment)
+            worker = start("worker", "start", "--pool", POOLS[0], environment=server.environment)
             try:
                 say(f"Prefect: http://127.0.0.1:{port}  (PREFECT_API_URL={server.api_url})")
                 say("Run now:  upplied fleet run        Stop: Ctrl-C")
@@ -37,7 +37,7 @@ def main() -> int:
 
 
 def prepare(server: Server) -> None:
-    """The work pool, the deployments of prefect.yaml, and what Prefect does by itself.
+    """The work pools, the deployments of prefect.yaml, and what Prefect does by itself.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def prepare(server: Server) -> None:
         If Prefect refuses them.
     """
     commands = (
-        ("prefect", "work-pool", "create", POOL, "--type", "process", "--overwrite"),
+        *(("prefect", "work-pool", "create", pool, "--type", "process", "--overwrite") for pool in POOLS),
         ("prefect", "--no-prompt", "deploy", "--all"),
         ("flows.automations",),
     )

@@ -7,11 +7,13 @@ table is not the record of what is done: the catalog is.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 from prefect.utilities.annotations import quote
 
+from flows import pool
 from upplied import fleet
 from upplied.catalog import maintenance, open_catalog, verification
 
@@ -41,6 +43,12 @@ def plan_shard(name: str, run_id: str, shard: int) -> None:
 def plan_elsewhere(name: str, catalog: str, jobs: quote[Sequence[fleet.Job]], run_id: str) -> fleet.Result:
     """Plan one shard in the process that an engine chose."""
     return fleet.plan_here(catalog, jobs.unquote(), run_id)
+
+
+@task(name="plan-on-pool", task_run_name="{name}", cache_policy=NO_CACHE, retries=1)
+def plan_on_pool(name: str, parameters: dict[str, Any]) -> None:
+    """Plan one shard on a machine of the work pool; on another one if that is lost."""
+    pool.run_on_pool(name, parameters)
 
 
 @task(name="publish-reports", task_run_name="publish to {folder}", cache_policy=NO_CACHE)

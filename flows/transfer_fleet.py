@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from prefect import flow, runtime
-from prefect.states import Completed, State
+from prefect.states import Completed, Failed, State
 
 from flows import tasks
 from flows.artifacts import transfer_artifacts
@@ -13,6 +13,7 @@ from flows.ingest_structures import ingest_structures
 from flows.parameters import Changes, Id, Location, Presets, Resources
 from upplied import fleet
 from upplied.catalog import open_catalog
+from upplied.errors import UppliedError
 
 NO_CHANGES, ALL_CORES = Changes(), Resources()
 
@@ -52,12 +53,8 @@ def transfer_fleet(
         presets: What to plan for each pair.
         changes: Settings that differ from the presets'.
         retry_failed: Also plan again what failed before.
-        resources: Processes, time and memory.
+        resources: Engine, processes, time and memory.
     """
-    if manifest:
-        ingest_structures(manifest, catalog, resources.workers, prune)
-    if logs:
-        ingest_demonstrations(logs, catalog, resources.workers)
     wish = fleet.Wish(
         tuple(presets),
         changes.model_dump(exclude_unset=True),
@@ -65,8 +62,15 @@ def transfer_fleet(
         tuple(targets or ()),
         retry_failed,
     )
-    decision = fleet.decide(open_catalog(catalog), wish)
-    result = plan(catalog, decision.jobs, resources)
+    try:
+        if manifest:
+            ingest_structures(manifest, catalog, resources.workers, prune)
+        if logs:
+            ingest_demonstrations(logs, catalog, resources.workers)
+        decision = fleet.decide(open_catalog(catalog), wish)
+        result = plan(catalog, decision.jobs, wish, resources)
+    except UppliedError as error:  # what a person can mend is told in words
+        return Failed(message=str(error))
     if reports:
         tasks.publish_reports(catalog, reports)
     return Completed(message=transfer_artifacts(decision, result, reports))

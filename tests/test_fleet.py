@@ -124,6 +124,17 @@ def test_shards_hold_every_job_once(targets, demonstrations):
     assert shards(list(reversed(jobs)), workers=2) == made
 
 
+def test_bundles_for_machines_keep_what_shares_a_target_together():
+    jobs = jobs_for(130, 3)
+    made = fleet.bundles(list(reversed(jobs)), 64)
+    assert [len(bundle) for bundle in made] == [192, 192, 6]
+    assert [job.key for bundle in made for job in bundle] == [job.key for job in sorted(jobs, key=by_target)]
+
+
+def by_target(job):
+    return job.target_id, job.demonstration_id
+
+
 def test_shards_are_one_target_until_they_are_too_many():
     assert {len(shard) for shard in shards(jobs_for(40, 3), 2)} == {3}
     many = shards(jobs_for(10_000), 2)

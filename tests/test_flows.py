@@ -14,6 +14,7 @@ import yaml
 
 from flows.environment import ROOT, SETTINGS, environment
 from flows.server import Server, private_server, start, stop
+from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.outputs.logs import write_log
 from upplied.samples.fleet import member, random_member
@@ -130,6 +131,30 @@ def test_runs_say_what_they_do_and_leave_something_to_read(server, place):
     assert "'transfer-fleet-result': 'table'" in keys
 
 
+def test_a_shard_plans_what_it_is_named_and_nothing_twice(server, place):
+    """What a machine of the work pool does; two machines do it in test_machines.py."""
+    changes = {"viewpoints": {"shared": 0.5}}
+    catalog = open_catalog(place / "catalog")
+    jobs = fleet.decide(catalog, fleet.Wish(("paper",), changes)).jobs
+    assert len(jobs) == 2
+    named = [jobs[0].key, "0123456789abcdef"]
+    code = f"""
+from flows.plan_shard import plan_shard
+from flows.transfer_fleet import transfer_fleet
+asked = {{"presets": ["paper"], "changes": {changes}}}
+for _ in range(2):
+    print(plan_shard("catalog", "night", {named}, **asked, return_state=True).message)
+transfer_fleet(reports="", resources={{"engine": "pool"}}, **asked)
+"""
+    done = python(server, place, code)
+    assert done.stdout.splitlines() == ["1 ok, 0 refused, 0 failed", "0 ok, 0 refused, 0 failed"], done.stderr
+    assert "prefect worker start --pool planners" in done.stderr, "nobody takes shards, and it was not told"
+    rows = catalog.transfers(every=True)
+    assert rows[rows["run_id"] == "night"]["key"].tolist() == [jobs[0].key]
+    result, missing = fleet.kept(catalog, jobs)
+    assert (result.ok, missing) == (1, jobs[1:])
+
+
 def test_prefect_keeps_no_results(server, place):
     home = Path(server.environment["PREFECT_HOME"])
     assert not [path for path in home.rglob("storage/*") if path.is_file()]
@@ -187,7 +212,8 @@ def test_every_deployment_names_a_flow_of_its_own_name():
 def test_from_a_clone_to_a_scheduled_worker(server, place):
     """The README's commands: pool, deployments, worker, a run on demand, and runs for the nights to come."""
     open_catalog(place / "catalog").add_demonstrations([fly(member("cube-v1").structure, "sides")])
-    assert prefect(server, "work-pool", "create", "local", "--type", "process").returncode == 0
+    for pool in ("local", "planners"):
+        assert prefect(server, "work-pool", "create", pool, "--type", "process").returncode == 0
     deployed = prefect(server, "--no-prompt", "deploy", "--all")
     assert deployed.returncode == 0, deployed.stdout + deployed.stderr
     worker = start(

@@ -12,13 +12,14 @@ from datetime import UTC, datetime
 from upplied.fleet.crew import cores
 from upplied.fleet.decide import Decision, Job, Wish, decide
 from upplied.fleet.ingest import Ingested, check_structures, ingest_demonstrations, ingest_structures
-from upplied.fleet.ledger import Result
+from upplied.fleet.ledger import Result, kept
 from upplied.fleet.remote import plan_here
-from upplied.fleet.session import Resources, Session, shard_name, shards, transfer
+from upplied.fleet.session import SHARD_TARGETS, Resources, Session, bundles, shard_name, shards, transfer
 from upplied.fleet.workers import Limits
 from upplied.outputs.publish import publish
 
 __all__ = [
+    "SHARD_TARGETS",
     "Decision",
     "Ingested",
     "Job",
@@ -27,11 +28,13 @@ __all__ = [
     "Result",
     "Session",
     "Wish",
+    "bundles",
     "check_structures",
     "cores",
     "decide",
     "ingest_demonstrations",
     "ingest_structures",
+    "kept",
     "new_run_id",
     "plan_here",
     "publish",

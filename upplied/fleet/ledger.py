@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import upplied
 from upplied.catalog import Catalog
 from upplied.fleet.crew import Outcome
+from upplied.fleet.decide import Job
 from upplied.planning.pair import METHOD_VERSION
 
 log = logging.getLogger(__name__)
@@ -42,7 +44,7 @@ class Ledger:
         if outcome.detail:
             log.error("%s: %s\n%s", outcome.job, outcome.plan.reason, outcome.detail)
         with self._lock:
-            self.result.count(outcome)
+            self.result.count(outcome.job, outcome.plan.status, outcome.plan.reason)
             if outcome.plan.status != "superseded":
                 self._waiting.append(outcome)
             if len(self._waiting) >= BATCH or time.monotonic() - self._last > EVERY_S:
@@ -81,12 +83,11 @@ class Result:
     superseded: int = 0  # their inputs changed while the run was under way: the next run plans them
     troubles: list[tuple[str, str, str]] = field(default_factory=list)  # job, status, reason
 
-    def count(self, outcome: Outcome) -> None:
-        """Count one outcome."""
-        status = outcome.plan.status
+    def count(self, job: Job, status: str, reason: str) -> None:
+        """Count what came of one job."""
         setattr(self, status, getattr(self, status) + 1)
         if status != "ok":
-            self.troubles.append((str(outcome.job), status, outcome.plan.reason))
+            self.troubles.append((str(job), status, reason))
 
     def include(self, other: Result) -> None:
         """Add the counts of another shard."""
@@ -102,3 +103,16 @@ class Result:
     def __str__(self) -> str:
         counted = f"{self.ok} ok, {self.refused} refused, {self.failed} failed"
         return counted + (f", {self.superseded} superseded" if self.superseded else "")
+
+
+def kept(catalog: Catalog, jobs: Sequence[Job]) -> tuple[Result, list[Job]]:
+    """Counts of what the catalog holds of these jobs, whoever planned them, and the jobs it does not hold."""
+    table = catalog.transfers(every=True, columns=("key", "status", "reason", "planned_at"))
+    found = {row.key: row for row in table.sort_values("planned_at").itertuples()}
+    result, missing = Result(), []
+    for job in jobs:
+        if job.key in found:
+            result.count(job, found[job.key].status, found[job.key].reason)
+        else:
+            missing.append(job)
+    return result, missing

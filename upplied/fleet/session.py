@@ -26,14 +26,24 @@ def shards(jobs: Sequence[Job], workers: int) -> list[Shard]:
     another. Where targets are too few to keep the workers busy, every job is a shard of its own, and
     the first job of every target comes before the second of any.
     """
-    ordered = sorted(jobs, key=lambda job: (*_pair(job), job.demonstration_id, job.settings.preset, job.key))
-    targets = [tuple(group) for _, group in groupby(ordered, key=_pair)]
+    targets = _by_target(jobs)
     if len(targets) < 4 * workers:
         return [(job,) for row in zip_longest(*targets) for job in row if job is not None]
     if len(targets) <= SINGLE_TARGETS:
         return targets
-    starts = range(0, len(targets), SHARD_TARGETS)
-    return [tuple(job for target in targets[at : at + SHARD_TARGETS] for job in target) for at in starts]
+    return bundles(jobs, SHARD_TARGETS)
+
+
+def bundles(jobs: Sequence[Job], size: int) -> list[Shard]:
+    """Group jobs by so many targets; the jobs on one target stay together."""
+    targets = _by_target(jobs)
+    starts = range(0, len(targets), size)
+    return [tuple(job for target in targets[at : at + size] for job in target) for at in starts]
+
+
+def _by_target(jobs: Sequence[Job]) -> list[Shard]:
+    ordered = sorted(jobs, key=lambda job: (*_pair(job), job.demonstration_id, job.settings.preset, job.key))
+    return [tuple(group) for _, group in groupby(ordered, key=_pair)]
 
 
 def _pair(job: Job) -> tuple[str, str]:

@@ -1,0 +1,227 @@
+"""A fleet cut into shards that two machines take from a work pool; they share an object store alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import boto3
+import pytest
+from botocore.config import Config
+
+from flows.environment import ROOT
+from flows.server import Server, free_port, private_server, start, stop
+from upplied import fleet
+from upplied.catalog import Catalog, open_catalog
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+
+pytestmark = [pytest.mark.slow, pytest.mark.server, pytest.mark.filterwarnings("default")]
+
+KEPT = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
+TARGETS = range(1, 7)
+PRESETS = ("baseline", "paper")
+
+RUN = """
+import sys
+from flows.transfer_fleet import transfer_fleet
+if __name__ == "__main__":
+    resources = {"engine": "pool", "workers": 1, "shard_targets": int(sys.argv[2])}
+    presets = ["baseline", "paper"]
+    print(transfer_fleet(sys.argv[1], "", presets=presets, resources=resources, return_state=True).message)
+"""
+
+
+@pytest.fixture
+def bucket(monkeypatch) -> Iterator[str]:
+    """An object store on the loopback interface, which the environment names."""
+    port = free_port()
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    store = subprocess.Popen(command, **quiet)
+    for name, value in {
+        "AWS_ACCESS_KEY_ID": "writer",
+        "AWS_SECRET_ACCESS_KEY": "secret",
+        "AWS_REGION": "us-east-1",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
+        "AWS_ALLOW_HTTP": "true",
+    }.items():
+        monkeypatch.setenv(name, value)
+    try:
+        client = boto3.client("s3", config=Config(retries={"total_max_attempts": 30, "mode": "standard"}))
+        client.create_bucket(Bucket="fleet")
+        yield "s3://fleet/catalog"
+    finally:
+        store.terminate()
+        store.wait()
+
+
+def boxes(location: str | Path, cache: Path) -> Catalog:
+    catalog = open_catalog(location, cache)
+    cube = member("cube-v1").structure
+    catalog.add_structures([cube, *(random_member("box", seed).structure for seed in TARGETS)])
+    catalog.add_demonstrations([fly(cube, "sides")])
+    return catalog
+
+
+def prefect(server: Server, *command: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "prefect", *command],
+        env=server.environment | {"UPPLIED_HOME": str(ROOT)},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@dataclass
+class Machine:
+    """A worker and what it says."""
+
+    worker: subprocess.Popen[bytes]
+    log: Path
+
+    def wait_for(self, text: str, patience_s: float = 120) -> None:
+        deadline = time.monotonic() + patience_s
+        while text not in self.log.read_text(errors="replace"):
+            assert time.monotonic() < deadline, self.log.read_text(errors="replace")
+            time.sleep(0.2)
+
+    def shard(self) -> str:
+        """Name of the last shard that it began."""
+        return re.findall(r"Flow run '(.*?)' - ", self.log.read_text(errors="replace"))[-1]
+
+    def cut_the_power(self) -> None:
+        """The worker and all that came of it, at once."""
+        for pid in [*descendants(self.worker.pid), self.worker.pid]:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        self.worker.wait()
+
+
+@contextmanager
+def machine(server: Server, home: Path) -> Iterator[Machine]:
+    """A worker that takes one shard at a time, with a home and caches of its own."""
+    home.mkdir()
+    own = {"PREFECT_HOME": str(home / "prefect"), "XDG_CACHE_HOME": str(home / "cache")}
+    command = ("worker", "start", "--pool", "planners", "--limit", "1", "--name", home.name)
+    with (home / "worker.log").open("wb") as log:
+        worker = start(*command, environment=server.environment | own, log=log)
+    try:
+        yield Machine(worker, home / "worker.log")
+    finally:
+        stop(worker)
+
+
+@contextmanager
+def pool_of(server: Server, place: Path, names: Sequence[str]) -> Iterator[list[Machine]]:
+    """Machines on the pool `planners`, once they have announced themselves."""
+    with ExitStack() as stack:
+        machines = [stack.enter_context(machine(server, place / name)) for name in names]
+        for each in machines:
+            each.wait_for("started!")
+        yield machines
+
+
+def prepare(server: Server) -> None:
+    for pool in ("local", "planners"):
+        prefect(server, "work-pool", "create", pool, "--type", "process")
+    prefect(server, "--no-prompt", "deploy", "--all")
+
+
+def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(tmp_path, bucket):
+    here = boxes(tmp_path / "here", tmp_path / "cache-here")
+    fleet.transfer(here, fleet.decide(here, fleet.Wish(PRESETS)).jobs, "here", fleet.Resources(2))
+    there = boxes(bucket, tmp_path / "cache-there")
+    with private_server(tmp_path / "prefect") as server:
+        server.wait()
+        prepare(server)
+        with pool_of(server, tmp_path, ("one", "two")) as machines:
+            assert "12 ok, 0 refused, 0 failed, 0 unchanged" in said(start_run(server, bucket, 2))
+            taken = [each.log.read_text().count("submitted to infrastructure") for each in machines]
+            assert "0 ok, 0 refused, 0 failed, 12 unchanged" in said(start_run(server, bucket, 2))
+    assert sum(taken) == 3
+    assert min(taken) >= 1, f"one machine took everything: {taken}"
+    rows = there.transfers(every=True)
+    assert len(rows) == 12
+    assert rows["run_id"].nunique() == 1, "the shards do not say which run they are of"
+    assert kept(here) == kept(there)
+
+
+def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_another(tmp_path, bucket):
+    """Worker and flow of one machine are killed at once: nobody is left there to tell the server."""
+    catalog = boxes(bucket, tmp_path / "cache-there")
+    with private_server(tmp_path / "prefect") as server:
+        server.wait()
+        prepare(server)
+        quickly = "from flows.automations import apply, zombies; apply(zombies(90))"  # three heartbeats
+        subprocess.run([sys.executable, "-c", quickly], env=server.environment, cwd=ROOT, check=True)
+        with pool_of(server, tmp_path, ("one", "two")) as (lost, other):
+            night = start_run(server, bucket, 1)
+            lost.wait_for("Beginning")
+            lost.cut_the_power()
+            told = said(night)
+            runs = states(server)
+        assert "submitted to infrastructure" in other.log.read_text()
+    assert "12 ok, 0 refused, 0 failed, 0 unchanged" in told
+    assert "was lost" not in told, "the shard was planned by the run itself, not by the other machine"
+    assert [run["name"] for run in runs if run["state"] == "CRASHED"] == [lost.shard()]
+    assert sum(run["state"] == "COMPLETED" for run in runs) == 7, (
+        runs
+    )  # six shards, and the run over the fleet
+    rows = catalog.transfers(every=True)
+    assert len(rows) == len(rows["key"].unique()) == 12
+
+
+def start_run(server: Server, bucket: str, shard_targets: int) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", RUN, bucket, str(shard_targets)],
+        env=server.environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def said(run: subprocess.Popen[str]) -> str:
+    text, _ = run.communicate(timeout=600)
+    assert run.returncode == 0, text
+    return text
+
+
+def states(server: Server) -> list[dict[str, str]]:
+    code = """
+import json
+from prefect import get_client
+with get_client(sync_client=True) as client:
+    print(json.dumps([{"name": it.name, "state": it.state.type.value, "said": it.state.message}
+                      for it in client.read_flow_runs()]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=server.environment, capture_output=True, check=True
+    )
+    return [run for run in json.loads(done.stdout) if run["state"] != "SCHEDULED"]
+
+
+def kept(catalog: Catalog) -> list[dict]:
+    return catalog.transfers().sort_values("transfer_id")[KEPT].to_dict("records")
+
+
+def descendants(pid: int) -> list[int]:
+    found = []
+    for thread in Path(f"/proc/{pid}/task").iterdir():
+        for child in (thread / "children").read_text().split():
+            found += [*descendants(int(child)), int(child)]
+    return found
