@@ -48,7 +48,7 @@ def by_parts(
     matching = matched(source, lying, pinned)
     moving, fixed = patches(source, lying, matching)
     warped = _warped(placed(moving, fixed), fixed, diagonal)
-    index = _facing_nearest(warped, fixed, diagonal)
+    index = facing_nearest(warped, fixed, diagonal)
     on_skin = _on_skin(warped.points, fixed, index, spacing(source))
     claimed = _claimed(on_skin, moving.label, fixed, spacing(lying))
     gone = _without(warped, fixed, index, claimed, labels_of(source), diagonal)
@@ -80,12 +80,12 @@ def _warped(placed: Patch, fixed: Patch, diagonal_m: float) -> Patch:
 
 def _off(patch: Patch, fixed: Patch, diagonal_m: float) -> float:
     """Mean distance of points from the skin of their counterparts, along its normal."""
-    index = _facing_nearest(patch, fixed, diagonal_m)
+    index = facing_nearest(patch, fixed, diagonal_m)
     offset = np.einsum("ij,ij->i", patch.points - fixed.points[index], fixed.normals[index])
     return float(np.abs(offset).mean())
 
 
-def _facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
+def facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
     """For each point the sample of its partner part that is near and faces the same way."""
     weight = FACING * diagonal_m
     index = np.full(len(warped), -1)
