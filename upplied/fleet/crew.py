@@ -11,7 +11,9 @@ from functools import lru_cache
 from upplied.catalog import Catalog, open_catalog
 from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.decide import Job
+from upplied.fleet.recent import Recent
 from upplied.fleet.workers import JobKilled, Limits, Workers
+from upplied.planning.pair import Memo, no_memo
 from upplied.planning.plan import plan_transfer
 from upplied.records import Demonstration, Plan, Structure
 from upplied.scene import open3d
@@ -71,12 +73,14 @@ def cores() -> int:
 # Below: in the worker process.
 
 _catalog: Catalog | None = None
+_memo: Memo = no_memo
 
 
 def prepare(location: str) -> None:
     """Open the catalog and load what planning needs, once per process."""
-    global _catalog
+    global _catalog, _memo
     _catalog = open_catalog(location)
+    _memo = Recent(_catalog.cache)
     open3d()
 
 
@@ -103,7 +107,7 @@ def plan_in_process(job: Job) -> Outcome:
         if (demonstration.sha256, source.sha256, target.sha256) != job.sha256:
             reason = "its inputs changed after the run began; the next run plans it"
             return Outcome(job, _without_path(job, "superseded", reason), time.monotonic() - began)
-        plan = plan_transfer(demonstration, source, target, job.settings, _catalog.cache)
+        plan = plan_transfer(demonstration, source, target, job.settings, _memo)
     except MemoryError:
         raise  # the worker says so, and is replaced
     except RefusedError as refusal:

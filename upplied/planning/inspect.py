@@ -54,7 +54,12 @@ def inspect_demonstration(
         flight=flight,
         camera=camera,
         visibility=seen,
-        viewpoints=find_viewpoints(flight, seen, settings.viewpoints, breaks),
+        viewpoints=memo(
+            "viewpoints",
+            Viewpoints,
+            content_key("viewpoints", key, settings.viewpoints),
+            lambda: find_viewpoints(flight, seen, settings.viewpoints, breaks),
+        ),
         by_frustum=memo(
             "views",
             Views,

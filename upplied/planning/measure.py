@@ -134,10 +134,9 @@ def sought(
     index, number = correspondences.target_index[paired], len(target)
     need: Floats = np.bincount(index, weights=weight[paired], minlength=number).astype(float)
     jacobian = np.eye(3) if carry is None else carry
-    near, _ = _nearest_views(
+    near = _nearest(
         np.ascontiguousarray(demonstrated.stations.positions @ jacobian.T),
-        np.ascontiguousarray(source.points @ jacobian.T),
-        np.zeros((len(source), 3)),
+        np.ascontiguousarray((source.points @ jacobian.T).T),
         demonstrated.seen,
     )
     with np.errstate(invalid="ignore"):
@@ -280,6 +279,22 @@ def _weighted_percentile(values: Floats, weights: Floats, percent: float) -> flo
     share = np.cumsum(weights[order]) / weights.sum()
     rank = int(np.searchsorted(share, percent / 100))
     return float(values[order][min(rank, len(values) - 1)])
+
+
+@njit(cache=True)
+def _nearest(positions: Floats, points: Floats, seen: Bools) -> Floats:
+    """For each of the points (3, N) its smallest distance (N,) over the poses that see it."""
+    x, y, z = points[0], points[1], points[2]
+    squared = np.full(len(x), np.inf)
+    for pose in range(len(positions)):
+        at_x, at_y, at_z = positions[pose, 0], positions[pose, 1], positions[pose, 2]
+        row = seen[pose]
+        for index in range(len(x)):
+            dx, dy, dz = at_x - x[index], at_y - y[index], at_z - z[index]
+            gap = dx * dx + dy * dy + dz * dz
+            nearer = row[index] & (gap < squared[index])
+            squared[index] = gap if nearer else squared[index]
+    return np.sqrt(squared)
 
 
 @njit(cache=True)
