@@ -136,7 +136,7 @@ def test_thousands_of_rows_are_drawn_a_screen_at_a_time(visit, tmp_path):
     for name, text in pages.assets().items():
         (tmp_path / "assets" / name).write_text(text)
     data = {"fleet": {"title": "Large", "columns": COLUMNS, "rows": rows}}
-    (tmp_path / "index.html").write_text(pages.page("Large", data, "", ""))
+    (tmp_path / "index.html").write_text(pages.fleet_page("Large", data, ""))
     page = visit((tmp_path / "index.html").as_uri())
     assert page.locator(".spacer .row").count() < 80
     page.evaluate("document.querySelector('.view').scrollTop = 1e9")

@@ -18,6 +18,8 @@ from typing import Any
 
 #: Files of the package's own that every report folder holds once, under ``assets/``.
 SCRIPTS = ("plotly.min.js", "core.js", "fleet.js", "scene.js", "transfer.js", "start.js")
+#: Those that the fleet's own page needs: it draws nothing, and opens without the drawing library.
+FLEET_SCRIPTS = ("core.js", "fleet.js", "start.js")
 STYLES = ("report.css",)
 
 _PAGE = """<!doctype html>
@@ -42,6 +44,11 @@ _POLICY = (
 )
 
 
+def fleet_page(title: str, data: Mapping[str, Any], fallback: str) -> str:
+    """The page of the fleet, at the root of a report folder; parameters as of `page`."""
+    return _folder_page(title, data, fallback, "", [f"assets/{name}" for name in FLEET_SCRIPTS])
+
+
 def page(title: str, data: Mapping[str, Any], fallback: str, root: str, extra: Sequence[str] = ()) -> str:
     """A page of a report folder.
 
@@ -57,6 +64,12 @@ def page(title: str, data: Mapping[str, Any], fallback: str, root: str, extra: S
         Further scripts, relative to the report folder.
     """
     scripts = [f"assets/{name}" for name in SCRIPTS[:-1]] + list(extra) + [f"assets/{SCRIPTS[-1]}"]
+    return _folder_page(title, data, fallback, root, scripts)
+
+
+def _folder_page(
+    title: str, data: Mapping[str, Any], fallback: str, root: str, scripts: Sequence[str]
+) -> str:
     return _PAGE.format(
         policy=_POLICY.format(scripts="'self'"),
         title=html.escape(title),

@@ -115,7 +115,7 @@ def publish_pages(
     fallback = (
         f"{title}: {len(pairs)} transfers. The tables are in transfers.parquet; this page needs scripts."
     )
-    html = pages.page(title, data, fallback, "")
+    html = pages.fleet_page(title, data, fallback)
     place.put("index.html", digest(html), lambda: html)
     removed = place.remove_others()
     replace_file(place.root / _RECORD, json.dumps(place.now, indent=0, sort_keys=True) + "\n")
