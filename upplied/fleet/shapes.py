@@ -1,10 +1,15 @@
-"""Clouds and shape features of a catalog's structures, remembered; thousands of them in a few files."""
+"""What is known of the shapes in a catalog, and of what flights saw of them, remembered by content.
+
+It is found out when a file is taken in, so that a question about it is answered without its mesh;
+thousands of features lie in a few files.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
+import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.config import digest, settings_for
@@ -16,9 +21,11 @@ from upplied.planning.features import (
     library_of,
     shape_features,
 )
+from upplied.planning.foresee import FORESIGHT_VERSION, Inspected, inspected
+from upplied.planning.measure import TRULY, Views, views
 from upplied.planning.pair import content_key, surface_key
 from upplied.planning.surface import surface_samples
-from upplied.records import Cloud
+from upplied.records import Cloud, Demonstration, Structure
 from upplied.scene import scene_of
 
 _BLOCKS = 64  # files of features: one structure more makes one of them anew, not all
@@ -30,19 +37,27 @@ class Shapes:
     Parameters
     ----------
     catalog : Catalog
-        Its cache keeps what is found; its meshes are read only where that is missing.
+        Its cache keeps what is found; its meshes and logs are read only where that is missing.
     """
 
     def __init__(self, catalog: Catalog) -> None:
         self.catalog, self.clouds = catalog, settings_for("recommended").clouds
         self._known: dict[str, Cloud] = {}
 
+    def learn(self, structure: Structure) -> None:
+        """Find out what questions about a structure ask for, with its record at hand."""
+        self._known[structure.sha256] = self._cloud(structure.sha256, lambda: structure)
+        self.features(structure.structure_id, structure.sha256)
+
+    def learn_flight(self, flight: Demonstration, structure: Structure) -> None:
+        """Find out what a demonstration saw, with its record and its structure's at hand."""
+        self.learn(structure)
+        self._inspected(flight.sha256, structure.sha256, lambda: (flight, structure))
+
     def cloud(self, structure_id: str, sha256: str) -> Cloud:
         """Surface samples of one structure, the same that plans are made on."""
         if sha256 not in self._known:
-            self._known[sha256] = self.catalog.cache(
-                "clouds", Cloud, surface_key(sha256, self.clouds), lambda: self._sampled(structure_id)
-            )
+            self._known[sha256] = self._cloud(sha256, lambda: self.catalog.structure(structure_id))
         return self._known[sha256]
 
     def features(self, structure_id: str, sha256: str) -> ShapeFeatures:
@@ -50,6 +65,17 @@ class Shapes:
         key = content_key("features", FEATURES_VERSION, sha256, self.clouds)
         return self.catalog.cache(
             "features", ShapeFeatures, key, lambda: shape_features(self.cloud(structure_id, sha256))
+        )
+
+    def inspected(
+        self, flight_id: str, flight_sha256: str, structure_id: str, structure_sha256: str
+    ) -> Inspected:
+        """What a demonstration saw of its structure."""
+        self.cloud(structure_id, structure_sha256)
+        return self._inspected(
+            flight_sha256,
+            structure_sha256,
+            lambda: (self.catalog.demonstration(flight_id), self.catalog.structure(structure_id)),
         )
 
     def library(self, sha256: Mapping[str, str]) -> ShapeLibrary:
@@ -74,6 +100,31 @@ class Shapes:
             lambda: library_of([self.features(name, content) for name, content in sha256.items()]),
         )
 
-    def _sampled(self, structure_id: str) -> Cloud:
-        structure = self.catalog.structure(structure_id)
-        return surface_samples(structure, scene_of(structure), self.clouds)
+    def _cloud(self, sha256: str, structure: Callable[[], Structure]) -> Cloud:
+        def sampled() -> Cloud:
+            found = structure()
+            return surface_samples(found, scene_of(found), self.clouds)
+
+        return self.catalog.cache("clouds", Cloud, surface_key(sha256, self.clouds), sampled)
+
+    def _inspected(
+        self, flight_sha256: str, structure_sha256: str, both: Callable[[], tuple[Demonstration, Structure]]
+    ) -> Inspected:
+        cloud, cache = self._known[structure_sha256], self.catalog.cache
+        facts = (flight_sha256, structure_sha256, self.clouds)
+
+        def seen() -> Views:
+            flight, structure = both()
+            return views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(structure))
+
+        return cache(
+            "inspected",
+            Inspected,
+            content_key("inspected", FORESIGHT_VERSION, *facts),
+            lambda: inspected(cloud, cache("views", Views, content_key("truly", *facts), seen)),
+        )
+
+
+def content_of(table: pd.DataFrame, stored: str) -> pd.Series:
+    """The hash that rows are remembered by: of what was read, or where none is said, of what is stored."""
+    return table["sha256"].where(table["sha256"] != "", table[stored])

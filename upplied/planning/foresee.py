@@ -1,7 +1,8 @@
 """How well a demonstration would transfer, foreseen from what is known of the pair, without planning.
 
-The viewpoints that saw each piece of surface best are carried as the boxes are, and each is asked
-whether it still faces its piece on the target from within the camera's range.
+Each part of the source is laid on its partner, as planning does before it lets the surfaces drift.
+The flight is carried as the boxes are, and each piece of surface that it should see is asked
+whether any place on that way would show it.
 """
 
 from __future__ import annotations
@@ -9,19 +10,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from upplied.planning.boxes import diagonal_of, laid
-from upplied.planning.cpd import farthest_points
-from upplied.planning.layout import matched
-from upplied.planning.measure import TRULY, Views
+from upplied.planning.counterparts import facing_nearest
+from upplied.planning.layout import matched, patches, placed
+from upplied.planning.measure import Views
 from upplied.planning.parts import labels_of, parts_of
+from upplied.planning.sight import in_sight
 from upplied.planning.wording import place_of
-from upplied.records import Camera, Cloud, Floats, Record, Registration
+from upplied.records import Camera, Cloud, Floats, Ints, Record, Registration
 
-_SAMPLES = 800  # of what was inspected, asked for their counterpart
-_FACING = 0.05  # of the diagonal: what turning a normal by a right angle counts beside distance
-_GONE, _SAME_FACE = 0.05, 0.3  # of the diagonal, and a cosine: beyond them a sample has no counterpart
+FORESIGHT_VERSION = 2  # raised with every change that alters a record of this module
+
+_STATIONS = 60  # places along a flight
+_GONE = 0.05  # of the diagonal: beyond it a sample of a part without partner has no counterpart
 _PARTS = 3  # inspected parts that are named
 
 
@@ -29,10 +31,8 @@ _PARTS = 3  # inspected parts that are named
 class Inspected(Record):
     """What a demonstration saw of its structure."""
 
-    points: Floats  # (K, 3) m, samples that it saw, structure frame
-    normals: Floats  # (K, 3)
-    area_m2: Floats  # (K,) that each stands for
-    camera_at: Floats  # (K, 3) m, from where it was seen most frontally
+    sample: Ints  # (K,) of the structure's N samples, those that it saw
+    stations: Floats  # (S, 3) m, places along the flight, structure frame
     share: float  # of the structure's surface
     parts: Floats  # (P,) share of each part that was seen
     summary: str  # the parts in words
@@ -42,6 +42,7 @@ class Inspected(Record):
 class Agreement(Record):
     """How much of one structure answers to another, as a whole."""
 
+    counterpart: Ints  # (N,) for each sample of the source one of the target's; -1: none
     parts: int  # of the source
     parts_matched: int
     area_matched: float  # share of the source's surface on them
@@ -56,7 +57,7 @@ class Foreseen(Record):
 
 
 def inspected(cloud: Cloud, views: Views) -> Inspected:
-    """What of a structure's samples a demonstration saw, and from where best.
+    """What of a structure's samples a demonstration saw, and from where.
 
     Parameters
     ----------
@@ -65,31 +66,20 @@ def inspected(cloud: Cloud, views: Views) -> Inspected:
     views : Views
         Of that cloud, as `upplied.planning.measure.TRULY` sees it.
     """
-    assert cloud.normals is not None and cloud.area_m2 is not None
-    total, label = views.total, labels_of(cloud)
+    assert cloud.area_m2 is not None
+    total, label, parts = views.total, labels_of(cloud), parts_of(cloud)
     whole = np.bincount(label, weights=cloud.area_m2)
     of_part = np.bincount(label[total], weights=cloud.area_m2[total], minlength=len(whole)) / whole
-    index = np.flatnonzero(total)
-    chosen = index[farthest_points(cloud.points[index], _SAMPLES)] if len(index) else index
-    cosine = np.full((len(chosen), len(views.stations)), -1.0)
-    for row, sample in enumerate(chosen):
-        offset = views.stations.positions - cloud.points[sample]
-        cosine[row] = offset @ cloud.normals[sample] / np.maximum(np.linalg.norm(offset, axis=1), 1e-12)
-    cosine[~views.seen[:, chosen].T] = -1.0
-    best = cosine.argmax(axis=1) if len(chosen) else np.empty(0, np.int64)
-    parts = parts_of(cloud)
-    order = np.argsort(-of_part * whole, kind="stable")[:_PARTS]
     named = [
         f"{100 * of_part[part]:.0f} % of part_{part} ({place_of(parts, int(part))})"
-        for part in order
+        for part in np.argsort(-of_part * whole, kind="stable")[:_PARTS]
         if of_part[part] > 0
     ]
     share = float(cloud.area_m2[total].sum() / cloud.area_m2.sum())
+    places = np.unique(np.linspace(0, len(views.stations) - 1, _STATIONS).astype(int))
     return Inspected(
-        points=cloud.points[chosen],
-        normals=cloud.normals[chosen],
-        area_m2=cloud.area_m2[chosen],
-        camera_at=views.stations.positions[best],
+        sample=np.flatnonzero(total),
+        stations=views.stations.positions[places],
         share=share,
         parts=of_part,
         summary=f"inspected {100 * share:.0f} % of its structure"
@@ -98,49 +88,51 @@ def inspected(cloud: Cloud, views: Views) -> Inspected:
 
 
 def agreement(source: Cloud, target: Cloud, registration: Registration) -> Agreement:
-    """How many parts of the source find their like on the target."""
-    matching = matched(source, laid(target, registration))
+    """What on the target answers to each sample of the source, part on part."""
+    lying, diagonal = laid(target, registration), diagonal_m(source)
+    matching = matched(source, lying)
+    moving, fixed = patches(source, lying, matching)
+    there = placed(moving, fixed)
+    counterpart = facing_nearest(there, fixed, diagonal)
+    apart = np.linalg.norm(there.points - fixed.points[counterpart], axis=1)
+    counterpart[(there.label < 0) & (apart > _GONE * diagonal)] = -1
     has = matching.source_class >= 0
-    return Agreement(len(has), int(has.sum()), float(parts_of(source).area[has].sum()))
+    return Agreement(counterpart, len(has), int(has.sum()), float(parts_of(source).area[has].sum()))
 
 
 def foresee(
-    source_diagonal_m: float, target: Cloud, registration: Registration, seen: Inspected, camera: Camera
+    source: Cloud,
+    target: Cloud,
+    registration: Registration,
+    agreed: Agreement,
+    seen: Inspected,
+    camera: Camera,
 ) -> Foreseen:
     """Expected coverage of a transfer.
 
     Parameters
     ----------
-    source_diagonal_m : float
-    target : Cloud
-        With normals, in its own frame.
+    source, target : Cloud
+        With normals and areas, each in its own frame.
     registration : Registration
         Of the target on the demonstration's structure.
+    agreed : Agreement
+        Of the two.
     seen : Inspected
         By the demonstration.
     camera : Camera
     """
-    if not len(seen.points):
-        return Foreseen(float("nan"), 100.0)
-    lying = laid(target, registration)
-    assert lying.normals is not None and target.normals is not None
-    weight = _FACING * source_diagonal_m
-    tree = cKDTree(np.hstack([lying.points, weight * lying.normals]))
-    index = tree.query(np.hstack([seen.points, weight * seen.normals]))[1]
-    apart = np.linalg.norm(lying.points[index] - seen.points, axis=1)
-    facing = np.einsum("ij,ij->i", lying.normals[index], seen.normals)
-    paired = (apart < _GONE * source_diagonal_m) & (facing > _SAME_FACE)
-    area = float(seen.area_m2.sum())
-    without = 100 * float(seen.area_m2[~paired].sum()) / area
+    assert source.area_m2 is not None
+    area, index = source.area_m2[seen.sample], agreed.counterpart[seen.sample]
+    paired, whole = index >= 0, float(area.sum())
     if not paired.any():
-        return Foreseen(float("nan"), without)
-    ray = registration.to_target(seen.camera_at) - target.points[index]
-    distance = np.linalg.norm(ray, axis=1)
-    cosine = np.einsum("ij,ij->i", ray, target.normals[index]) / np.maximum(distance, 1e-12)
-    good = cosine > np.cos(np.radians(TRULY.max_incidence_deg))
-    good &= (distance >= camera.min_range_m) & (distance <= camera.max_range_m)
-    covered = float(seen.area_m2[paired & good].sum() / seen.area_m2[paired].sum())
-    return Foreseen(100 * covered, without)
+        return Foreseen(float("nan"), 100.0)
+    need = np.bincount(index[paired], weights=area[paired], minlength=len(target))
+    wanted = np.flatnonzero(need)
+    shown = in_sight(target, wanted, registration.to_target(seen.stations), camera)
+    return Foreseen(
+        100 * float(need[wanted[shown]].sum() / need.sum()), 100 * float(area[~paired].sum()) / whole
+    )
 
 
 def diagonal_m(cloud: Cloud) -> float:
