@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 import upplied
 from upplied.catalog import open_catalog
-from upplied.cli import main
+from upplied.cli import main, terminal
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 
@@ -150,3 +151,32 @@ def test_a_fault_is_told_without_a_traceback(location, monkeypatch, capsys):
     monkeypatch.setattr("upplied.cli.structures.opened", lambda _: 1 / 0)
     assert main(["structures", "list", "--catalog", location]) == 3
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_success_says_what_to_do_next_to_a_terminal_alone(location, monkeypatch, capsys):
+    arguments = ["plan", "--dry-run", "--preset", "baseline", "--catalog", location]
+    assert main(arguments) == 0
+    assert "Next:" not in capsys.readouterr().out
+    monkeypatch.setattr(terminal.console, "_force_terminal", True)
+    assert main(arguments) == 0
+    said = capsys.readouterr().out.splitlines()[-1]
+    assert f"Next: upplied plan --catalog {location}" in said
+    monkeypatch.setenv("UPPLIED_CATALOG", location)
+    assert main(arguments) == 0
+    assert "Next: upplied plan  (" in capsys.readouterr().out.splitlines()[-1]
+    for silent in ("--json", "--quiet"):
+        assert main([*arguments, silent]) == 0
+        assert "Next:" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("width", "left_out"), [(200, ""), (80, "paper %, Frechet"), (40, "seen %")])
+def test_tables_fit_and_say_what_they_left_out(width, left_out, monkeypatch, capsys):
+    monkeypatch.setattr(terminal.console, "_force_terminal", True)
+    monkeypatch.setattr(terminal.console, "_width", width)
+    row = {"transfer": "0123456789abcdef0123", "target": "turbine-3-v1", "preset": "recommended"}
+    row |= {"seen %": 100.0, "paper %": 99.5, "Frechet": float("nan"), "clear m": 4.0, "time s": 1234.5}
+    terminal.show("plans", [row], spare=("paper %", "Frechet", "time s", "clear m", "seen %"))
+    lines = capsys.readouterr().out.splitlines()
+    assert max(len(re.sub("\x1b[^m]*m", "", line)) for line in lines[:-1]) <= width
+    assert "nan" not in "".join(lines) and ("99.50" in "".join(lines)) == (width == 200)
+    assert left_out in lines[-1] and ("left out" in lines[-1]) == bool(left_out)

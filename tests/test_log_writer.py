@@ -17,7 +17,7 @@ from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import read_manifest
 from upplied.inputs.meshes import read_structure
 from upplied.outputs.logs import CAMERA_FRAME, LogFrame, write_log
-from upplied.outputs.sample_fleet import write_sample_fleet
+from upplied.outputs.sample_fleet import FILES, write_sample_fleet
 from upplied.poses import angle_between
 from upplied.records import Camera, Demonstration
 from upplied.samples.fleet import member, sample_structures
@@ -34,7 +34,9 @@ def flight() -> Demonstration:
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fleet")
-    write_sample_fleet(folder)
+    told: list[str] = []
+    write_sample_fleet(folder, told.append)
+    assert len(told) == FILES
     return folder
 
 

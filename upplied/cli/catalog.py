@@ -24,6 +24,7 @@ PLANNED = {
     "min_clearance_m": "clear m",
     "planned_at": "planned",
 }
+SPARE = ("planned", "clear m", "seen %")
 CHANGED = {
     "demonstration_id": "demonstration",
     "target_id": "target",
@@ -83,7 +84,7 @@ def diff(
     from upplied.catalog import diff as changed
 
     frame = changed(opened(catalog), _when(before), None if after is None else _when(after))
-    show("changes", _rows(frame, None if json else CHANGED), json)
+    show("changes", _rows(frame, None if json else CHANGED), json, ("before", "seen %", "clear m"))
     return 0
 
 
@@ -91,7 +92,7 @@ def diff(
 def transfers(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
     """List the newest plan of every demonstration, target and preset."""
     frame = opened(catalog).transfers()
-    show("transfers", _rows(frame, None if json else PLANNED), json)
+    show("transfers", _rows(frame, None if json else PLANNED), json, SPARE)
     return 0
 
 
@@ -105,7 +106,7 @@ def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOptio
         As 2026-11-21 or 2026-11-21T02:00:00Z; without a zone it is UTC.
     """
     frame = opened(catalog).transfers(as_of=moment)
-    show(f"transfers as of {moment}", _rows(frame, None if json else PLANNED), json)
+    show(f"transfers as of {moment}", _rows(frame, None if json else PLANNED), json, SPARE)
     return 0
 
 

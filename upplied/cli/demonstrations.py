@@ -11,6 +11,7 @@ from upplied.cli.terminal import (
     JsonOption,
     WorkersOption,
     ingested_report,
+    next_step,
     opened,
     progress,
     show,
@@ -29,10 +30,16 @@ def add(*logs: Path, catalog: CatalogOption = "catalog", workers: WorkersOption 
         MCAP files, or folders of them.
     """
     from upplied import fleet
+    from upplied.fleet.ingest import find_logs
 
-    with progress("reading logs", None) as advance:
-        ingested = fleet.ingest_demonstrations(opened(catalog), logs, workers, lambda _: advance())
-    return ingested_report(ingested)
+    found = find_logs(logs)
+    with progress("reading logs", len(found)) as advance:
+        ingested = fleet.ingest_demonstrations(opened(catalog), found, workers, lambda _: advance())
+    code = ingested_report(ingested)
+    names = [item.name for item in ingested if item.status in ("added", "unchanged")]
+    if not code and names:
+        next_step(f"transfer {names[0]}", "carry it to every other structure of its kind", catalog)
+    return code
 
 
 @app.command(name="list")

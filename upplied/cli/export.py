@@ -8,11 +8,22 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, console, opened
+from upplied.cli.terminal import CatalogOption, console, hint, opened
 
 app = App(name="export", help="Write a plan as a mission for an autopilot, or for a map.")
 
 Format = Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"]
+#: What a person looks at a mission of each format with, before it is flown.
+OPENED_IN = {
+    "qgc-plan": "QGroundControl",
+    "mavlink": "QGroundControl or Mission Planner",
+    "dji-wpml": "DJI Pilot 2",
+    "litchi": "Litchi's mission hub",
+    "kml": "Google Earth",
+    "geojson": "QGIS",
+    "mcap": "Foxglove",
+    "csv": "any table or plot",
+}
 
 
 @Parameter(name="*")
@@ -97,4 +108,5 @@ def export(
         console.print(str(path), markup=False, soft_wrap=True)
     for note in written.notes:
         console.print(f"note: {note}", markup=False, soft_wrap=True)
+    hint(f"Next: read the notes, then look at it in {OPENED_IN[to]}")
     return 0

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, opened, show
+from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, show
 
 if TYPE_CHECKING:
     from upplied.outputs.flown import Flown
@@ -62,6 +62,8 @@ def fly(
         console.print(f"margin over the {route.clearance_m:g} m that were asked for: {margin:+.2f} m")
     if margin < 0:
         errors.print("Too near in this wind: plan with a larger --clearance, or fly in less wind.")
+    elif not json:
+        next_step(f"export {transfer} --to qgc-plan --output mission.plan", "a file to fly", catalog)
     return int(margin < 0)
 
 

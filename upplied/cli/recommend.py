@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, opened, show
+from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, show
 
 app = App(name="recommend", help="Say which demonstrations would transfer best to a structure, and why.")
 
@@ -33,11 +33,13 @@ def recommend(
     if json:
         show("", [_finite(row) for row in found], json)
     else:
-        show(f"demonstrations for {structure}", [_row(row) for row in found])
+        show(f"demonstrations for {structure}", [_row(row) for row in found], spare=("inspected %", "lost %"))
         for row in found:
             console.print(
                 f"{row['rank']}. {row['demonstration_id']}: {row['why']}", markup=False, soft_wrap=True
             )
+    if not json and any(row["verdict"] == "fits" for row in found):
+        next_step(f"transfer --best {structure}", "carry the best of them", catalog)
     return int(found[0]["verdict"] not in ("own", "fits"))
 
 

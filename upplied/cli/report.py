@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, console, errors, opened, progress
+from upplied.cli.terminal import CatalogOption, console, errors, next_step, opened, progress
+
+if TYPE_CHECKING:
+    from upplied.catalog import Catalog
 
 app = App(name="report", help="Publish tables, pages and pictures.")
 
@@ -38,13 +41,20 @@ def report(
     store = opened(catalog)
     problems: tuple[str, ...] = ()
     if folder is not None or self_contained is None:
-        with progress("publishing", None) as advance:
+        with progress("publishing", pairs_in(store)) as advance:
             published = fleet.publish(store, folder or Path("reports"), progress=lambda _: advance())
         console.print(str(published.index), markup=False, soft_wrap=True)
         problems = published.problems
     if self_contained is not None:
         made = publish_file(store, self_contained, demonstration_id=demonstration, target_id=target)
         console.print(str(made), markup=False, soft_wrap=True)
+    if not problems:
+        next_step("fly TRANSFER", "what margin a plan keeps in wind; its id is on its page", catalog)
     for problem in problems:
         errors.print(f"problem: {problem}", markup=False, soft_wrap=True)
     return int(bool(problems))
+
+
+def pairs_in(catalog: Catalog) -> int:
+    """How many pages there will be: one for each demonstration and target."""
+    return len(catalog.transfers()[["demonstration_id", "target_id"]].drop_duplicates())

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 from cyclopts import App
 
-from upplied.cli.terminal import console, progress
+from upplied.cli.terminal import console, next_step, progress
 
 app = App(name="samples", help="A sample fleet to try things on.")
 
@@ -20,9 +21,10 @@ def write(folder: Path = Path("samples")) -> int:
     folder : Path
         Where to; created when missing.
     """
-    from upplied.outputs.sample_fleet import write_sample_fleet
+    from upplied.outputs.sample_fleet import FILES, write_sample_fleet
 
-    with progress("files", None) as advance:
+    with progress("files", FILES) as advance:
         write_sample_fleet(folder, lambda _: advance())
     console.print(f"{folder / 'structures.toml'} and the logs beside it", soft_wrap=True)
+    next_step(f"structures add {shlex.quote(str(folder / 'structures.toml'))}", "take the meshes in")
     return 0

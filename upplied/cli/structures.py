@@ -12,6 +12,7 @@ from upplied.cli.terminal import (
     JsonOption,
     WorkersOption,
     ingested_report,
+    next_step,
     opened,
     progress,
     show,
@@ -37,10 +38,17 @@ def add(
         `structures.toml` or a CSV: id, kind, path, units, up, forward, ...
     """
     from upplied import fleet
+    from upplied.inputs.manifests import read_manifest
 
-    with progress("reading structures", None) as advance:
-        ingested = fleet.ingest_structures(opened(catalog), manifest, workers, lambda _: advance(), prune)
-    return ingested_report(ingested)
+    store = opened(catalog)
+    with progress("reading structures", len(read_manifest(manifest))) as advance:
+        ingested = fleet.ingest_structures(store, manifest, workers, lambda _: advance(), prune)
+    code = ingested_report(ingested)
+    if not code and len(store.demonstrations()):
+        next_step("plan", "carry the demonstrations to what is new or changed", catalog)
+    elif not code:
+        next_step("demonstrations add LOG.mcap", "take in what an expert flew", catalog)
+    return code
 
 
 @app.command(name="list")
@@ -70,13 +78,14 @@ def check(
     """
     from upplied import fleet
     from upplied.cli.health import check_entry, check_mesh
+    from upplied.inputs.manifests import read_manifest
 
     if file.suffix.lower() not in (".toml", ".csv"):
         return check_mesh(file, png)
     if id is not None:
         return check_entry(file, id, png)
 
-    with progress("checking structures", None) as advance:
+    with progress("checking structures", len(read_manifest(file))) as advance:
         found = fleet.check_structures(file, workers, lambda _: advance())
     show("structures", [vars(item) for item in found], json)
     return int(any(item.status == "failed" for item in found))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -39,8 +41,13 @@ def opened(location: str) -> Catalog:
     return open_catalog(location)
 
 
-def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool = False) -> None:
-    """Print rows as a table, or as JSON."""
+def show(
+    title: str, rows: Sequence[Mapping[str, Any]], as_json: bool = False, spare: Sequence[str] = ()
+) -> None:
+    """Print rows as a table, or as JSON.
+
+    `spare` names the columns that go first where the table is wider than the terminal.
+    """
     if as_json:
         text = json.dumps(list(rows), indent=2, default=str, allow_nan=False)
         sys.stdout.write(f"{text}\n")  # asked for: even where --quiet is
@@ -52,19 +59,52 @@ def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool = False) -
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    for name in rows[0]:
+    cells = {name: [_cell(row[name]) for row in rows] for name in rows[0]}
+    left_out = _left_out(cells, spare)
+    table = Table(
+        title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
+    )
+    for name in (kept := [name for name in cells if name not in left_out]):
         numbers = any(isinstance(row[name], int | float) for row in rows)
-        table.add_column(name, justify="right" if numbers else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(_cell(value)) for value in row.values()))
+        table.add_column(name, justify="right" if numbers else "left", overflow="fold", no_wrap=numbers)
+    for texts in zip(*(cells[name] for name in kept), strict=True):
+        table.add_row(*map(Text, texts))
     console.print(table)
+    if left_out:
+        hint(f"left out for want of room: {', '.join(left_out)}")
+
+
+def _left_out(cells: Mapping[str, Sequence[str]], spare: Sequence[str]) -> list[str]:
+    """The first of the spare columns, as many as must go for the rest to fit."""
+    widths = {name: max(len(text) for text in (name, *texts)) + 2 for name, texts in cells.items()}
+    gone = [name for name in spare if name in widths]
+    for count in range(len(gone)):
+        if 2 + sum(width for name, width in widths.items() if name not in gone[:count]) <= console.width:
+            return gone[:count]
+    return gone
+
+
+def next_step(command: str, why: str, catalog: str = "") -> None:
+    """After a success, one line on a terminal that says what to do next; nothing where output is piped.
+
+    `catalog` is the one that was worked on: it is named where the next command would take another.
+    """
+    elsewhere = catalog and catalog != os.environ.get("UPPLIED_CATALOG", "catalog")
+    hint(f"Next: upplied {command}{f' --catalog {shlex.quote(catalog)}' if elsewhere else ''}  ({why})")
+
+
+def hint(line: str) -> None:
+    """A line for a person at a terminal."""
+    if console.is_terminal:
+        console.print(line, markup=False, soft_wrap=True, style="dim")
 
 
 def _cell(value: Any) -> str:
-    if value is None:
+    if value is None or value != value:
         return ""
-    return f"{value:.2f}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.2f}" if abs(value) < 100 else f"{value:.1f}"
+    return str(value)
 
 
 def ingested_report(ingested: Sequence[Ingested]) -> int:
@@ -100,7 +140,8 @@ def progress(title: str, total: int | None) -> Iterator[Advance]:
             super().__init__("")
 
         def render(self, task: Task) -> Any:
-            self.text_format = f"{task.speed:.1f}/s" if task.speed else ""
+            done, spent = task.completed, task.elapsed
+            self.text_format = f"{done / spent:.1f}/s" if done and spent else ""
             return super().render(task)
 
     columns = (

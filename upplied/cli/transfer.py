@@ -13,6 +13,7 @@ from upplied.cli.terminal import (
     JsonOption,
     WorkersOption,
     console,
+    next_step,
     opened,
     progress,
     show,
@@ -96,6 +97,8 @@ def transfer(
     run(opened_catalog, fleet.decide(opened_catalog, wish), workers, timeout)
     rows = current(opened_catalog, wish)
     show_plans(demonstration, rows, json)
+    if not json and any(row["status"] == "ok" for row in rows):
+        next_step("report", "draw the plans as pages to look at", catalog)
     return int(any(row["status"] != "ok" for row in rows))
 
 
@@ -118,9 +121,12 @@ def plan_fleet(
     decision = fleet.decide(opened_catalog, fleet.Wish(preset, changes(set_), retry_failed=retry_failed))
     if dry_run:
         show_decision(decision, json)
+        if decision.jobs and not json:
+            next_step("plan", "plan them", catalog)
         return 0
     result = run(opened_catalog, decision, workers, timeout)
     console.print(f"{result}, {decision.unchanged} unchanged")
+    next_step("report", "draw the plans as pages to look at", catalog)
     return int(result.ok < result.total)
 
 
@@ -184,6 +190,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
     show(
         f"transfers of {demonstration}",
         [{title: row[name] for name, title in COLUMNS.items()} for row in rows],
+        spare=("paper %", "Frechet", "time s"),
     )
     for row in rows:
         if row["status"] != "ok":

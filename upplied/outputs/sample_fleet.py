@@ -32,6 +32,7 @@ _FORMS = (
     _Form("stl", "mm", 0.001, "z", "x"),
     _Form("obj", "cm", 0.01, "z", "-y"),
 )
+FILES = 21  # meshes and logs, for who counts them
 _ENCODINGS: tuple[Encoding, ...] = ("pose_stamped", "odometry", "tf")
 
 
