@@ -29,7 +29,7 @@ class CloudSettings:
     voxel_points: int = 1000
     raw_points: int = 60_000  # area-uniform points on the mesh that the voxel filter reads (the paper's Psi)
     surface_samples: int = 4000  # with normals, on the outside surface; 0: none are made
-    seed: int = 0
+    seed: int = 0  # of the points drawn on the surfaces
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,8 @@ class RegistrationSettings:
     # 1.9 refuses 3 % of those of one form (airliners 0.2 to 1.3, turbines up to 1.2, hulls up to 2.1) and
     # lets 9 % of the cross-kind ones through: no gamma parts them, `acceptance` does.
     gamma: float = 1.9
-    search: Literal["none", "heading", "orientation"] = "none"  # the paper assumes the same orientation
+    # How a target is turned is looked for about the vertical, or altogether; the paper assumes the same.
+    search: Literal["none", "heading", "orientation"] = "none"
     # Gate on the misfit (`planning.acceptance`), free of density and scale; None: gamma alone, as published.
     # At 1.0, of all pairs of 40 real structures 95.5 % of those of one form and 0.6 % of the cross-kind ones
     # are accepted, 96.5 and 0.3 % with the samples (bench/acceptance.py, which also calibrates on halves).
@@ -53,16 +54,16 @@ class RegistrationSettings:
 class CorrespondenceSettings:
     """Which point of the target answers to each point of the demonstration's cloud (Sec. III-B)."""
 
-    method: Literal["nearest", "parts"] = "nearest"
+    method: Literal["nearest", "parts"] = "nearest"  # the nearest point, as published, or part to part
     counterparts: tuple[tuple[str, str], ...] = ()  # landmark pairs: (on the source, on the target)
-    repeat: Literal["", "each", "mirror"] = ""
+    repeat: Literal["", "each", "mirror"] = ""  # fly each part of the kind, or its mirror image too
 
 
 @dataclass(frozen=True)
 class VisibilitySettings:
     """What a pose sees (Sec. III-C): the frustum alone, or what is really seen."""
 
-    occlusion: bool = False
+    occlusion: bool = False  # whether what stands behind something counts as unseen
     max_incidence_deg: float = 90.0  # between the surface normal and the ray back to the camera
 
 
@@ -70,7 +71,7 @@ class VisibilitySettings:
 class ViewpointSettings:
     """What of a flight is carried to the target: segments (paper, Alg. 2, lines 5 to 13), or all of it."""
 
-    method: Literal["segments", "poses"] = "segments"
+    method: Literal["segments", "poses"] = "segments"  # a view of each segment, as published, or every pose
     # lambda: a segment ends where less than this share of its first view is still seen. At 0.5 a flight
     # round an airliner, seen by frustum from 10 m, falls into 3 viewpoints and the shape is lost (Frechet
     # distance 2.4 on the demonstrated structure itself); 0.9 gives about 25 and the paper's distances.
@@ -82,8 +83,9 @@ class ViewpointSettings:
 class TransferSettings:
     """How viewpoints come to the target (Eqs. 1 and 2, or the baseline's box ratio, or the warp)."""
 
+    # zscore: mean and spread of the clouds, as published; box: the boxes' ratio; counterparts: of surfaces.
     method: Literal["zscore", "box", "counterparts"] = "zscore"
-    standoff: Literal["scaled", "kept"] = "scaled"
+    standoff: Literal["scaled", "kept"] = "scaled"  # demonstrated distance: times the scale, or in metres
     gsd_m: float | None = None  # ground sampling distance, m per pixel, instead of the demonstrated stand-off
     plane: bool = False  # a demonstration in a plane stays in its plane
 
@@ -92,8 +94,9 @@ class TransferSettings:
 class RefineSettings:
     """Optimisation of the viewpoints (Eq. 3, or the search for what is really seen)."""
 
+    # `view` turns and bends the path towards what is sought and not seen yet.
     method: Literal["none", "gauss-newton", "view"] = "gauss-newton"
-    iterations: int = 20
+    iterations: int = 20  # at most
     deviation: float = 0.6  # how far `view` may bend the path, in units of its spread along each axis
 
 
@@ -101,8 +104,8 @@ class RefineSettings:
 class RouteSettings:
     """Safety of the whole path; the paper states only the 2 m of its experiments (Sec. IV-A)."""
 
-    enforce: bool = False
-    clearance_m: float = 2.0
+    enforce: bool = False  # whether a path that breaks the limits below is mended, or else refused
+    clearance_m: float = 2.0  # least distance of the whole path from the structure
     ground_clearance_m: float = 1.0  # least height above known ground
 
 
@@ -110,14 +113,14 @@ class RouteSettings:
 class RetimeSettings:
     """Time stamps: the demonstrated speed (Sec. III-C), or that speed under the limits of the vehicle."""
 
-    limits: bool = False
-    max_speed_mps: float = 8.0
-    max_acceleration_mps2: float = 2.0
-    max_yaw_rate_degps: float = 60.0
+    limits: bool = False  # whether the vehicle's limits below hold
+    max_speed_mps: float = 8.0  # the demonstrated speed counts where it is less
+    max_acceleration_mps2: float = 2.0  # of the vehicle, braking too
+    max_yaw_rate_degps: float = 60.0  # of the heading
     max_gimbal_rate_degps: float = 60.0  # of its pitch
     least_stop_s: float = 3.0  # the expert's hovering for at least so long is meant, and kept
-    min_gimbal_pitch_deg: float = -90.0
-    max_gimbal_pitch_deg: float = 30.0
+    min_gimbal_pitch_deg: float = -90.0  # straight down
+    max_gimbal_pitch_deg: float = 30.0  # 0 is level
 
 
 @dataclass(frozen=True)
