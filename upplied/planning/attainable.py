@@ -20,7 +20,7 @@ _TURNS = 16
 _DISTANCES = 8
 _NEIGHBOURS = 24
 _ROUNDS = 6  # of asking neighbours
-_BATCH = 60_000
+_BATCH = 6000  # rays at a time: one more position is tried for samples just served than need be
 
 
 def attainable(cloud: Cloud, airspace: Airspace, camera: Camera, settings: VisibilitySettings) -> Bools:
@@ -42,13 +42,16 @@ def attainable(cloud: Cloud, airspace: Airspace, camera: Camera, settings: Visib
     array of bool, shape (N,)
     """
     tilt, turn, distance = _candidates(camera, airspace.clearance_m, settings.max_incidence_deg)
+    frames = _frames(cloud)
     served = np.full((len(cloud), 3), np.nan)  # from where each sample was seen
     tried = 0
     while tried < len(tilt) and np.isnan(served[:, 0]).any():
         left = np.flatnonzero(np.isnan(served[:, 0]))
         # As many again as were tried, since most samples are served soon.
         batch = slice(tried, tried + max(1, min(tried, _BATCH // len(left))))
-        positions = _positions(cloud, left, tilt[batch], turn[batch], distance[batch])
+        positions = cloud.points[left][:, None] + _from_sample(
+            frames[left], tilt[batch], turn[batch], distance[batch]
+        )
         _serve(served, positions, left, cloud, airspace)
         tried = batch.stop
     _ask_neighbours(served, cloud, airspace, camera, settings.max_incidence_deg)
@@ -105,17 +108,22 @@ def _candidates(
     return tilt, turn, distance
 
 
-def _positions(cloud: Cloud, index: Ints, tilt: Floats, turn: Floats, distance: Floats) -> Floats:
-    """Camera positions (samples, candidates, 3), m."""
-    assert cloud.normals is not None
-    normal = cloud.normals[index][:, None]
-    aside = np.where(np.abs(normal[..., 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
+def _frames(cloud: Cloud) -> Floats:
+    """The normal of each sample and two directions across it, as rows (N, 3, 3)."""
+    normal = cloud.normals
+    assert normal is not None
+    aside = np.where(np.abs(normal[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
     first = np.cross(normal, aside)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    second = np.cross(normal, first)
+    return np.stack([normal, first, np.cross(normal, first)], axis=1)
+
+
+def _from_sample(frames: Floats, tilt: Floats, turn: Floats, distance: Floats) -> Floats:
+    """Camera positions from their sample (samples, candidates, 3), m."""
+    normal, first, second = (frames[:, None, row] for row in range(3))
     around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
     direction = np.cos(tilt)[:, None] * normal + np.sin(tilt)[:, None] * around
-    return cloud.points[index][:, None] + distance[:, None] * direction
+    return distance[:, None] * direction
 
 
 def _seen(positions: Floats, sample: Ints, cloud: Cloud, airspace: Airspace) -> Bools:

@@ -8,6 +8,7 @@ symmetric structure has no answer of its own: then the declared heading decides,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations, product
 from typing import Literal
 
@@ -18,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from upplied.planning.boxes import box_scale, diagonal_of
 from upplied.planning.cpd import spread_over
 from upplied.planning.icp import icp
-from upplied.records import Cloud, Floats, Record
+from upplied.records import Cloud, Floats, Ints, Record
 
 _STEP_DEG = 10.0  # between headings
 _FEW, _MORE = 250, 700  # samples by which all candidates and by which the best are judged
@@ -44,6 +45,11 @@ class _Few(Record):
     points: Floats
     normals: Floats
 
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of the points."""
+        return cKDTree(self.points)
+
 
 def find_orientation(source: Cloud, target: Cloud, search: Literal["heading", "orientation"]) -> Orientation:
     """Turn that lays the target on the source best.
@@ -59,13 +65,12 @@ def find_orientation(source: Cloud, target: Cloud, search: Literal["heading", "o
     turns = _headings() if search == "heading" else np.concatenate([_headings(), _axes(source, target)])
     rough = np.array([_cost(few, few_target, turn) for turn in turns])
     more, more_target = _few(source, _MORE), _few(target, _MORE)
-    best = _distinct(turns[np.argsort(rough, kind="stable")])[:_REFINED]
-    refined = [_refined(more, more_target, turn, search) for turn in best]
-    costs = np.array([_cost(more, more_target, turn) for turn in refined])
-    order = np.argsort(costs, kind="stable")
-    ranked = _distinct(np.array(refined)[order])
-    costs = np.array([_cost(more, more_target, turn) for turn in ranked])
-    return _chosen(ranked, np.maximum(costs, _noise(source)), len(turns))
+    best = turns[np.argsort(rough, kind="stable")]
+    refined = [_refined(more, more_target, turn, search) for turn in best[_distinct(best)[:_REFINED]]]
+    ranked = sorted(refined, key=lambda found: found[1])
+    candidates, costs = np.array([turn for turn, _ in ranked]), np.array([cost for _, cost in ranked])
+    kept = _distinct(candidates)
+    return _chosen(candidates[kept], np.maximum(costs[kept], _noise(source)), len(turns))
 
 
 def _noise(source: Cloud) -> float:
@@ -102,11 +107,11 @@ def _cost(source: _Few, target: _Few, turn: Floats) -> float:
     points, normals, scale = _laid(source, target, turn)
     diagonal = diagonal_of(source.points)
     total = 0.0
-    for a, na, b, nb in (
-        (source.points, source.normals, points, normals),
-        (points, normals, source.points, source.normals),
+    for a, na, tree, nb in (
+        (source.points, source.normals, cKDTree(points), normals),
+        (points, normals, source.tree, source.normals),
     ):
-        distance, index = cKDTree(b).query(a)
+        distance, index = tree.query(a)
         facing = np.einsum("ij,ij->i", na, nb[index])
         total += float(np.mean(distance) / diagonal + _TURNED_NORMAL * np.mean(1 - facing) / 2) / 2
     logs = np.sort(np.log(scale))
@@ -122,14 +127,15 @@ def _laid(source: _Few, target: _Few, turn: Floats) -> tuple[Floats, Floats, Flo
     return scale * (points - (points.min(axis=0) + points.max(axis=0)) / 2) + middle, normals, scale
 
 
-def _refined(source: _Few, target: _Few, turn: Floats, search: str) -> Floats:
-    """The turn after ICP, where that lowers the cost; a heading stays a turn about the vertical."""
+def _refined(source: _Few, target: _Few, turn: Floats, search: str) -> tuple[Floats, float]:
+    """The turn after ICP, where that lowers the cost, and its cost; a heading stays about the vertical."""
     points, _, _ = _laid(source, target, turn)
-    rotation, _ = icp(points, source.points, _ITERATIONS)
+    rotation, _ = icp(points, source.points, _ITERATIONS, source.tree)
     if search == "heading":
         rotation = Rotation.from_euler("z", float(np.arctan2(rotation[1, 0], rotation[0, 0]))).as_matrix()
     candidate = rotation @ turn
-    return candidate if _cost(source, target, candidate) < _SLIGHT * _cost(source, target, turn) else turn
+    before, after = _cost(source, target, turn), _cost(source, target, candidate)
+    return (candidate, after) if after < _SLIGHT * before else (turn, before)
 
 
 def _headings() -> Floats:
@@ -155,11 +161,12 @@ def _principal(cloud: Cloud) -> Floats:
     return axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
 
 
-def _distinct(turns: Floats) -> Floats:
-    """Turns in their order without those near an earlier one."""
-    kept: list[Floats] = []
-    for turn in turns:
-        angles = [np.degrees(Rotation.from_matrix(turn @ other.T).magnitude()) for other in kept]
-        if not angles or min(angles) > _SAME_DEG:
-            kept.append(turn)
-    return np.array(kept)
+def _distinct(turns: Floats) -> Ints:
+    """Indices of the turns, in their order, without those near an earlier one that is kept."""
+    cosine = (np.einsum("aij,bij->ab", turns, turns) - 1) / 2  # of the angle between two turns
+    apart = cosine < np.cos(np.radians(_SAME_DEG))
+    kept: list[int] = []
+    for index in range(len(turns)):
+        if apart[index, kept].all():
+            kept.append(index)
+    return np.array(kept, np.int64)
