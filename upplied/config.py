@@ -42,7 +42,7 @@ class RegistrationSettings:
     # 1.9 refuses 3 % of those of one form (airliners 0.2 to 1.3, turbines up to 1.2, hulls up to 2.1) and
     # lets 9 % of the cross-kind ones through: no gamma parts them, `acceptance` does.
     gamma: float = 1.9
-    # How a target is turned is looked for about the vertical, or altogether; the paper assumes the same.
+    # How a target is turned is looked for about the vertical, or altogether; the paper assumes no turn.
     search: Literal["none", "heading", "orientation"] = "none"
     # Gate on the misfit (`planning.acceptance`), free of density and scale; None: gamma alone, as published.
     # At 1.0, of all pairs of 40 real structures 95.5 % of those of one form and 0.6 % of the cross-kind ones
