@@ -6,12 +6,14 @@ A hook of MkDocs: nothing here is written to `docs/`, so nothing can grow stale.
 from __future__ import annotations
 
 import contextlib
+import inspect
 import io
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -104,19 +106,58 @@ def _settings() -> Iterator[str]:
     from upplied.config import PRESETS, settings_for
 
     presets = [settings_for(name) for name in PRESETS]
-    yield "# Settings\n\nEvery number a plan depends on, and its value in each preset."
+    yield "# Settings\n\nEvery number a plan depends on, what it means, and its value in each preset."
     yield "`--set STAGE.NAME=VALUE` and the flow's parameter `changes` replace single ones.\n"
     for stage in fields(presets[0]):
         if stage.name == "preset":
             continue
-        meaning = (type(getattr(presets[0], stage.name)).__doc__ or "").strip()
-        yield f"## {stage.name}\n\n{meaning}\n"
-        yield f"| setting | {' | '.join(PRESETS)} |\n|---|{'---|' * len(PRESETS)}"
-        for setting in fields(getattr(presets[0], stage.name)):
-            values = (getattr(getattr(preset, stage.name), setting.name) for preset in presets)
-            shown = " | ".join(f"`{value}`" for value in values)
-            yield f"| `{stage.name}.{setting.name}` | {shown} |"
+        kind = type(getattr(presets[0], stage.name))
+        meanings = comments(kind)
+        yield f"## {stage.name}\n\n{(kind.__doc__ or '').strip()}\n"
+        yield "| setting | value | meaning, and what it may be |\n|---|---|---|"
+        for name, wanted in get_type_hints(kind).items():
+            values = [getattr(getattr(preset, stage.name), name) for preset in presets]
+            told = f"{meanings.get(name, '')} *{_may_be(f'{stage.name}.{name}', wanted)}*"
+            yield f"| `{stage.name}.{name}` | {_by_preset(values)} | {told} |"
         yield ""
+
+
+def _by_preset(values: list[Any]) -> str:
+    """The value of all presets, or that of each."""
+    from upplied.config import PRESETS
+
+    shown = [f"`{value}`" if value not in (None, "", ()) else "none" for value in values]
+    if len(set(shown)) == 1:
+        return shown[0]
+    return "<br>".join(f"{preset}&nbsp;{text}" for preset, text in zip(PRESETS, shown, strict=True))
+
+
+def comments(kind: type) -> dict[str, str]:
+    """What the comments before and beside the fields of a class say of each."""
+    found: dict[str, str] = {}
+    before: list[str] = []
+    for line in inspect.getsource(kind).splitlines():
+        text, _, comment = line.strip().partition("# ")
+        if name := re.match(r"(\w+): ", text):
+            found[name[1]] = " ".join([*before, comment]).strip()
+        before = [*before, comment] if comment and not text else []
+    return {name: f"{said[:1].upper()}{said[1:].rstrip('.')}." for name, said in found.items() if said}
+
+
+def _may_be(name: str, wanted: Any) -> str:
+    """The values that a setting takes, in words."""
+    from upplied.config import _RANGES
+
+    choices = get_args(wanted)
+    if get_origin(wanted) is Literal:
+        return ", ".join(f"`{choice}`" if choice else "none" for choice in choices)
+    if wanted is bool:
+        return "`true`, `false`"
+    if name not in _RANGES:
+        return "pairs of names" if get_origin(wanted) is tuple else "a whole number"
+    low, high = _RANGES[name]
+    words = f"from {low:,.9g}" if high == math.inf else f"{low:,.9g} to {high:,.9g}"
+    return f"{words}, or none" if type(None) in choices else words
 
 
 def _keys() -> Iterator[str]:
