@@ -43,23 +43,23 @@ def follow(scale, shift=(0.0, 0.0, 0.0), partial=None, **settings):
 
 
 def test_the_same_structure_gives_the_flight_back():
-    flight, (positions, quats) = follow(1.0)
-    np.testing.assert_allclose(positions, flight.positions, atol=1e-9)
-    assert angle_between(quats, flight.quat_xyzw).max() < 1e-6
+    flight, done = follow(1.0)
+    np.testing.assert_allclose(done.positions, flight.positions, atol=1e-9)
+    assert angle_between(done.quat_xyzw, flight.quat_xyzw).max() < 1e-6
 
 
 @pytest.mark.parametrize("scale", [0.5, 2.0])
 def test_scaled_stand_off_scales_the_flight(scale):
-    flight, (positions, quats) = follow(scale)
-    np.testing.assert_allclose(positions, scale * flight.positions, atol=1e-6)
-    assert angle_between(quats, flight.quat_xyzw).max() < 1e-6
+    flight, done = follow(scale)
+    np.testing.assert_allclose(done.positions, scale * flight.positions, atol=1e-6)
+    assert angle_between(done.quat_xyzw, flight.quat_xyzw).max() < 1e-6
 
 
 def test_kept_stand_off_keeps_the_distance_to_what_is_seen():
-    flight, (positions, _) = follow(2.0, standoff="kept")
+    flight, done = follow(2.0, standoff="kept")
     seen, cloud = facing(flight, ball()).seen, ball()
     here = np.linalg.norm(flight.positions[:, None] - cloud.points, axis=2)
-    there = np.linalg.norm(positions[:, None] - 2 * cloud.points, axis=2)
+    there = np.linalg.norm(done.positions[:, None] - 2 * cloud.points, axis=2)
     ray = flight.positions[:, None] - cloud.points
     share = np.where(seen, np.einsum("mnj,nj->mn", ray, cloud.normals) / here**3, 0)  # of the picture
     kept = [np.average(there[pose], weights=share[pose]) for pose in range(len(flight))]
@@ -71,29 +71,29 @@ def test_a_ground_sampling_distance_sets_the_distance():
     cloud, flight = ball(), orbit()
     pairs = Correspondences(np.arange(400), np.zeros(400), cloud.points)
     camera = Camera(hfov_deg=90, max_range_m=200, width_px=1000)
-    positions, _ = follow_counterparts(
+    done = follow_counterparts(
         flight, facing(flight, cloud), cloud, pairs, AxisMap(np.eye(3), np.zeros(3)),
         TransferSettings(gsd_m=0.03), camera, 0.1, 5.0,
     )  # fmt: skip
-    distance = np.linalg.norm(positions[:, None] - cloud.points, axis=2)
+    distance = np.linalg.norm(done.positions[:, None] - cloud.points, axis=2)
     in_view = np.where(facing(flight, cloud).seen, distance, np.nan)
     assert np.nanmedian(in_view) == pytest.approx(0.03 * 1000 / 2, rel=0.15)
 
 
 def test_a_part_that_lies_elsewhere_is_followed():
     shift = np.array([3.0, -2.0, 1.0])
-    flight, (positions, quats) = follow(1.0, shift, partial=True)
-    np.testing.assert_allclose(positions, flight.positions + shift, atol=1e-6)
-    towards = shift - positions
-    cosine = np.sum(optical_axis(quats) * towards, axis=1) / np.linalg.norm(towards, axis=1)
+    flight, done = follow(1.0, shift, partial=True)
+    np.testing.assert_allclose(done.positions, flight.positions + shift, atol=1e-6)
+    towards = shift - done.positions
+    cosine = np.sum(optical_axis(done.quat_xyzw) * towards, axis=1) / np.linalg.norm(towards, axis=1)
     assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 1
 
 
 def test_a_flight_that_sees_nothing_known_is_carried_by_the_map():
     cloud, flight = ball(), orbit()
     none = Correspondences(np.full(400, -1), np.full(400, np.nan), np.full((400, 3), np.nan))
-    positions, _ = follow_counterparts(
+    done = follow_counterparts(
         flight, facing(flight, cloud), cloud, none, AxisMap(2 * np.eye(3), np.ones(3)),
         TransferSettings(), CAMERA, 0.1, 0.5,
     )  # fmt: skip
-    np.testing.assert_allclose(positions, 2 * flight.positions + 1)
+    np.testing.assert_allclose(done.positions, 2 * flight.positions + 1)

@@ -79,7 +79,7 @@ def test_limits_hold_on_any_path(seed: int) -> None:
         max_gimbal_rate_degps=float(rng.uniform(5, 90)),
     )
     path = Waypoints(positions, quats, flight.t_s, rng.random(len(positions)) < 0.4)
-    planned, viewpoint = retime(path, flight, limits)
+    planned, viewpoint, _ = retime(path, flight, limits)
     assert_within(planned, limits)
     assert len(viewpoint) == len(planned)
     # Each viewpoint is still flown through, in order and looking the same way.
@@ -91,7 +91,7 @@ def test_limits_hold_on_any_path(seed: int) -> None:
 
 def test_the_expert_is_never_outrun() -> None:
     slow = flown(helix(), 1.5)
-    planned, _ = retime(path_of(slow), slow, LIMITS)
+    planned, _, _ = retime(path_of(slow), slow, LIMITS)
     assert rates(planned)[0] <= 1.5 * 1.02
     length = np.linalg.norm(np.diff(slow.positions, axis=0), axis=1).sum()
     assert planned.t_s[-1] == pytest.approx(length / 1.5, rel=0.03)  # and not left far behind
@@ -102,7 +102,7 @@ def test_the_expert_is_never_outrun() -> None:
 def test_jitter_makes_nobody_faster() -> None:
     flight = flown(helix(3000), 1.5)
     shaken = replace(flight, positions=flight.positions + np.random.default_rng(0).normal(0, 0.05, (3000, 3)))
-    planned, _ = retime(path_of(flight, 10), shaken, LIMITS)
+    planned, _, _ = retime(path_of(flight, 10), shaken, LIMITS)
     assert (
         1.3
         < np.median(np.linalg.norm(np.diff(planned.positions, axis=0), axis=1) / np.diff(planned.t_s))
@@ -113,7 +113,7 @@ def test_jitter_makes_nobody_faster() -> None:
 def test_a_straight_line_is_flown_as_fast_as_physics_allows() -> None:
     line = np.column_stack([np.linspace(0, 100, 201), np.zeros((201, 2))])
     fast = Trajectory(np.linspace(0, 5, 201), line, np.tile([0.0, 0, 0, 1], (201, 1)))
-    planned, _ = retime(path_of(fast), fast, LIMITS)
+    planned, _, _ = retime(path_of(fast), fast, LIMITS)
     ideal = 100 / 8 + 8 / 2  # cruise at 8 m/s, and half the ramps of 4 s at 2 m/s^2
     assert ideal <= planned.t_s[-1] <= 1.06 * ideal
 
@@ -122,7 +122,7 @@ def test_a_circle_is_flown_at_the_speed_its_curve_allows() -> None:
     angle = np.linspace(0, 4 * np.pi, 800)
     circle = np.column_stack([4 * np.cos(angle), 4 * np.sin(angle), np.zeros(800)])
     fast = replace(flown(circle, 3.5), quat_xyzw=np.tile([0.0, 0, 0, 1], (800, 1)))
-    planned, _ = retime(path_of(fast), fast, LIMITS)
+    planned, _, _ = retime(path_of(fast), fast, LIMITS)
     speed = np.linalg.norm(np.diff(planned.positions, axis=0), axis=1) / np.diff(planned.t_s)
     assert np.median(speed) == pytest.approx(np.sqrt(2.0 * 4), rel=0.05)
     assert_within(planned, LIMITS)
@@ -136,19 +136,19 @@ def test_hovering_to_look_is_kept_and_hesitation_is_not() -> None:
     flight = Trajectory(
         np.concatenate([[0.0], np.cumsum(step)]), positions, np.tile([0.0, 0, 0, 1], (801, 1))
     )
-    planned, _ = retime(path_of(flight, 4), flight, LIMITS)
+    planned, _, _ = retime(path_of(flight, 4), flight, LIMITS)
     speed = np.linalg.norm(np.diff(planned.positions, axis=0), axis=1) / np.diff(planned.t_s)
     still = speed < 1e-3
     assert np.diff(planned.t_s)[still].sum() == pytest.approx(12, abs=2.5)
     assert planned.positions[:-1][still][:, 0] == pytest.approx(20, abs=1.0)
-    without, _ = retime(path_of(flight, 4), flight, replace(LIMITS, least_stop_s=60.0))
+    without, _, _ = retime(path_of(flight, 4), flight, replace(LIMITS, least_stop_s=60.0))
     assert without.t_s[-1] < planned.t_s[-1] - 9
     assert_within(planned, LIMITS)
 
 
 def test_legs_are_short_and_the_camera_stays_level() -> None:
     flight = flown(helix(30), 2.0)
-    planned, _ = retime(path_of(flight), flight, LIMITS)
+    planned, _, _ = retime(path_of(flight), flight, LIMITS)
     assert np.linalg.norm(np.diff(planned.positions, axis=0), axis=1).max() <= 0.5 + 1e-9
     assert matrices(planned.quat_xyzw)[:, 2, 1] == pytest.approx(0, abs=1e-9)
 
@@ -159,7 +159,7 @@ def test_looking_straight_down_is_no_reason_to_spin() -> None:
     flight = Trajectory(
         np.linspace(0, 15, 61), line, from_yaw_pitch(np.zeros(61), np.clip(pitch, -np.pi / 2, None))
     )
-    planned, _ = retime(path_of(flight), flight, LIMITS)
+    planned, _, _ = retime(path_of(flight), flight, LIMITS)
     assert rates(planned)[2] < 1e-6
     assert planned.t_s[-1] < 25
 
@@ -171,7 +171,7 @@ def test_the_papers_rule_gives_each_leg_the_demonstrated_speed() -> None:
     assert same.t_s == pytest.approx(flight.t_s)
     doubled = at_demonstrated_speed(replace(path_of(flight), positions=2 * flight.positions), flight)
     assert np.diff(doubled.t_s) == pytest.approx(2 * np.diff(flight.t_s))
-    planned, viewpoint = retime(path_of(flight), flight, RetimeSettings())
+    planned, viewpoint, _ = retime(path_of(flight), flight, RetimeSettings())
     assert planned.t_s == pytest.approx(flight.t_s) and viewpoint.sum() == path_of(flight).is_viewpoint.sum()
 
 

@@ -97,7 +97,7 @@ class RefineSettings:
     # `view` turns and bends the path towards what is sought and not seen yet.
     method: Literal["none", "gauss-newton", "view"] = "gauss-newton"
     iterations: int = 20  # at most
-    deviation: float = 0.6  # how far `view` may bend the path, in units of its spread along each axis
+    deviation: float = 0.58  # Frechet distance from the demonstrated shape, z-scored, that `view` may use up
 
 
 @dataclass(frozen=True)

@@ -213,6 +213,11 @@ class Viewpoints(Record):
     def __len__(self) -> int:
         return len(self.positions)
 
+    @property
+    def middle(self) -> Ints:
+        """(K,) pose in the middle of each segment."""
+        return np.asarray((self.start + self.stop - 1) // 2, np.int64)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Waypoints(Record):
@@ -244,6 +249,7 @@ class Measures(Record):
     path_length_m: float = float("nan")
     duration_s: float = float("nan")
     standoff_ratio_p50: float = float("nan")
+    standoff_kept_pct: float = float("nan")
     incidence_p95_deg: float = float("nan")
     peak_speed_mps: float = float("nan")
     peak_acceleration_mps2: float = float("nan")

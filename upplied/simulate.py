@@ -133,7 +133,7 @@ def measure_flown(
     """
     pair = study_pair(source, target, settings, memo)
     takes = takes_of(demonstration, pair, settings, memo)
-    measures, surface, warnings = judge(flown, takes, settings, memo)
+    measures, surface, warnings = judge(flown, None, takes, settings, memo)
     return replace(
         plan, trajectory=flown, is_viewpoint=None, measures=measures, surface=surface, warnings=warnings
     )

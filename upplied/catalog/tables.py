@@ -196,6 +196,14 @@ TRANSFERS = Table(
         Column("duration_s", REAL, "s", "from the first to the last waypoint", low=0),
         Column("standoff_ratio_p50", REAL, "1", "median of planned over demonstrated stand-off", low=0),
         Column(
+            "standoff_kept_pct",
+            REAL,
+            "%",
+            "viewpoints from which their counterparts are seen within 20 % of the wanted stand-off",
+            low=0,
+            high=100,
+        ),
+        Column(
             "incidence_p95_deg",
             REAL,
             "deg",

@@ -7,17 +7,21 @@ from collections.abc import Callable
 import numpy as np
 
 from upplied.planning.lean import lean
-from upplied.planning.look import Detours, Looks, View, bend, find_detours, find_looks
+from upplied.planning.likeness import Likeness
+from upplied.planning.look import Detours, Looks, View, bend, find_detours, find_looks, stations_of
+from upplied.planning.stretch import stretched
 from upplied.records import Bools, Floats, Ints, Waypoints
 
-_REACHES = (0.35, 0.6, 0.8, 1.0)  # of the allowed deviation: no further than needed
-_LEANS = 3  # at each reach
+_REACHES = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the allowed deviation: no further than needed
+_LEANS = 3  # at each reach, at most
+_PAST_M = 0.4  # past a station, at most, is where the camera turns
 _ENOUGH = 0.003  # share of the need that may stay unseen before the next reach is tried
 
 
 def complete(
     path: Waypoints,
     view: View,
+    likeness: Likeness,
     reach_m: Floats,
     safe: Callable[[Floats], Floats],
     allowed: Callable[[Floats], Bools],
@@ -30,6 +34,8 @@ def complete(
         The carried flight, target frame.
     view : View
         What is to be seen, and by which camera.
+    likeness : Likeness
+        What bends must keep of the demonstration.
     reach_m : array, shape (3,), m
         How far bends may lead from the carried flight along each axis.
     safe : callable
@@ -42,16 +48,14 @@ def complete(
     Waypoints
         With a further waypoint for each turn of the camera, flagged as viewpoint.
     """
-    positions = safe(path.positions)
-    base = positions
+    positions = safe(stretched(safe(path.positions), view, likeness, allowed))
+
+    def within(tried: Floats, before: Floats, changed: Ints) -> bool:
+        return likeness.kept(tried, before) and bool(allowed(tried[changed]).all())
+
     for share in _REACHES:
         near_m = share * reach_m
-
-        def within(tried: Floats, changed: Ints, near_m: Floats = near_m) -> bool:
-            strayed = np.linalg.norm((tried[changed] - base[changed]) / near_m, axis=1)
-            return bool((strayed <= 1.0 + 1e-9).all() and allowed(tried[changed]).all())
-
-        covered = _covered(positions, path.quat_xyzw, view)
+        covered = _shown(positions, path.quat_xyzw, view)
         positions, covered = _leant(positions, path.quat_xyzw, covered, view, near_m, within)
         if view.need[~covered].sum() < _ENOUGH * view.need.sum():
             break
@@ -61,14 +65,26 @@ def complete(
             positions = safe(bent)
     positions = safe(positions)  # leans were tested at the positions only
     covered = view.covered(positions, path.quat_xyzw)
-    return with_looks(path, positions, find_looks(positions, path.quat_xyzw, covered, view))
+    return with_looks(path, positions, find_looks(past(positions), path.quat_xyzw, covered, view))
 
 
-def _covered(positions: Floats, quat_xyzw: Floats, view: View) -> Bools:
-    """What the path and the turns that it would be given see, (N,)."""
+def past(positions: Floats) -> Floats:
+    """Places (M, 3), m, a little past each position of a path, on the leg to the next: where the camera turns.
+
+    Past it, not at it: a vehicle that may turn its camera on the way need not stop for it.
+    """
+    leg = np.diff(positions, axis=0, append=positions[-1:])
+    length = np.linalg.norm(leg, axis=1, keepdims=True)
+    return positions + leg * np.minimum(0.5, _PAST_M / np.maximum(length, 1e-9))
+
+
+def _shown(positions: Floats, quat_xyzw: Floats, view: View) -> Bools:
+    """What the path sees or could see by turning the camera, (N,)."""
     seen = view.covered(positions, quat_xyzw)
-    looks = find_looks(positions, quat_xyzw, seen, view)
-    return seen | view.covered(positions[looks.station], looks.quat_xyzw)
+    missing = np.flatnonzero((view.need > 0) & ~seen)
+    if len(missing):
+        seen[missing] = view.reach(positions[stations_of(positions)], missing).any(axis=0)
+    return seen
 
 
 def _leant(
@@ -77,7 +93,7 @@ def _leant(
     covered: Bools,
     view: View,
     reach_m: Floats,
-    within: Callable[[Floats, Ints], bool],
+    within: Callable[[Floats, Floats, Ints], bool],
 ) -> tuple[Floats, Bools]:
     """The path after as many leans as show more than they hide, and what it covers then."""
     best = view.need[covered].sum()
@@ -88,9 +104,9 @@ def _leant(
         asked = lean(positions, missing, view, reach_m)
         for share in (1.0, 0.5):
             tried = positions + share * asked
-            if not within(tried, np.arange(len(tried))):
+            if not within(tried, positions, np.arange(len(tried))):
                 continue
-            seen = _covered(tried, quat_xyzw, view)
+            seen = _shown(tried, quat_xyzw, view)
             if view.need[seen].sum() > best:
                 positions, covered, best = tried, seen, view.need[seen].sum()
                 break
@@ -104,7 +120,7 @@ def _bent(
     quat_xyzw: Floats,
     detours: Detours,
     view: View,
-    within: Callable[[Floats, Ints], bool],
+    within: Callable[[Floats, Floats, Ints], bool],
 ) -> Floats:
     """The path with each bend that shows more than it hides; the same array where none does."""
     seen = view.seen(positions, quat_xyzw)
@@ -112,7 +128,7 @@ def _bent(
     for place, quat, station in zip(detours.positions, detours.quat_xyzw, detours.station, strict=True):
         tried = bend(positions, place, int(station))
         changed = np.flatnonzero(np.abs(tried - positions).max(axis=1) > 1e-9)
-        if not within(tried, changed):
+        if not within(tried, positions, changed):
             continue
         rows = np.array(seen)
         rows[changed] = view.seen(tried[changed], quat_xyzw[changed])
@@ -124,10 +140,11 @@ def _bent(
 
 
 def with_looks(path: Waypoints, positions: Floats, looks: Looks) -> Waypoints:
-    """The path at these positions, with each turn of the camera as a waypoint after its station."""
+    """The path at these positions, with each turn of the camera as a waypoint just past its station."""
     after = np.asarray(looks.station) + 1
+    places = past(positions)[looks.station]
     return Waypoints(
-        positions=np.insert(positions, after, positions[looks.station], axis=0),
+        positions=np.insert(positions, after, places, axis=0),
         quat_xyzw=np.insert(path.quat_xyzw, after, looks.quat_xyzw, axis=0),
         t_s=np.insert(path.t_s, after, path.t_s[looks.station]),
         is_viewpoint=np.insert(path.is_viewpoint, after, True),

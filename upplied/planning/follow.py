@@ -8,14 +8,28 @@ path. The stand-off is then set along the line of sight, scaled with the structu
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from upplied.config import TransferSettings
 from upplied.planning.frechet import spread
+from upplied.planning.standoff import expected_standoff, median_distance, picture_share
 from upplied.planning.transfer import AxisMap, aimed
 from upplied.poses import without_roll
-from upplied.records import Camera, Cloud, Correspondences, Floats, Ints, Trajectory, Visibility
+from upplied.records import Camera, Cloud, Correspondences, Floats, Record, Trajectory, Visibility
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Followed(Record):
+    """A flight on the target, and what it was carried by."""
+
+    positions: Floats  # (M, 3) m, target frame
+    quat_xyzw: Floats  # (M, 4), without roll
+    weight: Floats  # (M, K) solid angle under which each demonstrated pose saw each counterpart
+    counterparts: Floats  # (K, 3) m, target frame
+    standoff_m: Floats  # (M,) wanted median distance to them, NaN where a pose saw none
 
 
 def follow_counterparts(
@@ -28,7 +42,7 @@ def follow_counterparts(
     camera: Camera,
     nearest_m: float,
     deviation: float,
-) -> tuple[Floats, Floats]:
+) -> Followed:
     """Positions and orientations on the target that look at the counterparts from the demonstrated side.
 
     Parameters
@@ -53,15 +67,15 @@ def follow_counterparts(
 
     Returns
     -------
-    positions : array, shape (M, 3), m, target frame
-    quat_xyzw : array, shape (M, 4)
-        Without roll.
+    Followed
     """
     known = np.flatnonzero((correspondences.target_index >= 0) & visibility.total)
     if len(known) == 0:
-        return carrier.points(flight.positions), without_roll(carrier.orientations(flight.quat_xyzw))
+        quats = without_roll(carrier.orientations(flight.quat_xyzw))
+        nothing = np.empty((len(flight), 0)), np.empty((0, 3)), np.full(len(flight), np.nan)
+        return Followed(carrier.points(flight.positions), quats, *nothing)
     here, there = source.points[known], correspondences.target_points[known]
-    weight = visibility.seen[:, known] * _picture_share(flight.positions, source, known)
+    weight = visibility.seen[:, known] * picture_share(flight.positions, source, known)
     aim_before = _centres(weight, here)
     aim = _centres(weight, there)
     smoothing = _smoothing(flight.positions, aim_before)
@@ -75,7 +89,7 @@ def follow_counterparts(
     turned = aimed(
         carrier.orientations(flight.quat_xyzw), positions, aim_filled, flight.quat_xyzw, before_to_aim
     )
-    return positions, without_roll(turned)
+    return Followed(positions, without_roll(turned), weight, there, wanted)
 
 
 def _like_carried(positions: Floats, carried: Floats, deviation: float) -> Floats:
@@ -91,42 +105,6 @@ def _like_carried(positions: Floats, carried: Floats, deviation: float) -> Float
     return carried + whole + (stray - whole) * kept
 
 
-def _picture_share(positions: Floats, source: Cloud, known: Ints) -> Floats:
-    """Solid angle (M, K) under which each camera sees each sample: how much of the picture it fills."""
-    ray = positions[:, None] - source.points[known][None]
-    squared = np.maximum(np.einsum("mkj,mkj->mk", ray, ray), 1e-6)
-    area = np.ones(len(known)) if source.area_m2 is None else source.area_m2[known]
-    if source.normals is None:
-        return area / squared
-    facing = np.maximum(np.einsum("mkj,kj->mk", ray, source.normals[known]), 0.0)
-    return area * facing / squared**1.5
-
-
-def expected_standoff(
-    positions: Floats,
-    weight: Floats,
-    points: Floats,
-    carrier: AxisMap,
-    settings: TransferSettings,
-    camera: Camera,
-    nearest_m: float,
-) -> Floats:
-    """How far each camera should stand from what it sees, (M,), m; NaN where it sees nothing.
-
-    The demonstrated stand-off is the median distance over the picture. `scaled` takes the
-    distances as the structure's map carries them, `kept` as flown, and a ground sampling distance
-    sets the distance at which one pixel covers it in the middle of the picture.
-    """
-    if settings.gsd_m is not None and camera.width_px:
-        pixel = 2 * np.tan(np.radians(min(camera.hfov_deg, 170.0)) / 2) / camera.width_px
-        wanted = np.where(weight.any(axis=1), settings.gsd_m / pixel, np.nan)
-    else:
-        jacobian = carrier.matrix if settings.standoff == "scaled" else np.eye(3)
-        wanted = _median_distance(positions @ jacobian.T, points @ jacobian.T, weight)
-    lowest = max(nearest_m, camera.min_range_m) * 1.15  # so that the middle of the view is not too near
-    return np.clip(wanted, lowest, max(0.9 * camera.max_range_m, lowest))
-
-
 def _stood_off(
     positions: Floats, aim: Floats, weight: Floats, points: Floats, wanted: Floats, smoothing: float
 ) -> Floats:
@@ -135,24 +113,11 @@ def _stood_off(
     for _ in range(4):
         ray = placed - aim
         length = np.maximum(np.linalg.norm(ray, axis=1), 1e-9)
-        error = wanted - _median_distance(placed, points, weight)
+        error = wanted - median_distance(placed, points, weight)
         step = _smoothed(_filled(error[:, None]), smoothing)[:, 0]
         step = np.clip(step, -0.6 * length, 2.0 * length)
         placed = placed + ray / length[:, None] * step[:, None]
     return placed
-
-
-def _median_distance(positions: Floats, points: Floats, weight: Floats) -> Floats:
-    """Weighted median distance (M,) from each position to the points it sees; NaN where there are none."""
-    medians = np.full(len(positions), np.nan)
-    for index, shares in enumerate(weight):
-        seen = np.flatnonzero(shares > 0)
-        if len(seen):
-            distance = np.linalg.norm(points[seen] - positions[index], axis=1)
-            order = np.argsort(distance, kind="stable")
-            share = np.cumsum(shares[seen][order])
-            medians[index] = distance[order][np.searchsorted(share, share[-1] / 2)]
-    return medians
 
 
 def _centres(weight: Floats, points: Floats) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,17 +22,26 @@ from upplied.planning.measure import (
     views,
 )
 from upplied.planning.pair import Fit, Memo, Pair, content_key, no_memo, remembering
-from upplied.planning.repeat import Take
+from upplied.planning.repeat import Take, begins_of, joined
+from upplied.planning.standoff import expected_standoff, median_distance, picture_share
 from upplied.planning.transfer import box_map, registered_map
 from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
 
+_ASKED = 200  # viewpoints, at most, whose stand-off is asked for
+
 
 def judge(
-    trajectory: Trajectory, takes: Sequence[Take], settings: Settings, memo: Memo = no_memo
+    trajectory: Trajectory,
+    answers_s: Floats | None,
+    takes: Sequence[Take],
+    settings: Settings,
+    memo: Memo = no_memo,
 ) -> tuple[Measures, SurfaceStates | None, tuple[str, ...]]:
     """All measures of a planned trajectory, what becomes of the target's surface, and warnings in words.
 
-    What a repeated demonstration should see is what all its takes should see together.
+    What a repeated demonstration should see is what all its takes should see together. `answers_s` are
+    the times of the joined flights that the poses answer to; without them (of a flown path) it is
+    not asked how many viewpoints keep their stand-off.
     """
     pair, camera = takes[0].pair, takes[0].inspection.camera
     carried = np.concatenate([demonstrated_on_target(take) for take in takes])
@@ -49,7 +59,42 @@ def judge(
     possible = attainable_samples(pair, camera, settings, memo)
     states = surface_states(true[0], true[1].total, possible)
     found = measure(trajectory, carried, pair.target_scene, paper, true, possible)
+    if answers_s is not None:
+        found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, answers_s, takes, settings))
     return found, states, _warnings(found, true[0].without_pct, settings)
+
+
+def _standoff_kept(
+    trajectory: Trajectory, answers_s: Floats, takes: Sequence[Take], settings: Settings
+) -> float:
+    """Share, in percent, of the viewpoints from which the plan sees what they saw as far off as wanted."""
+    begins = begins_of(takes, joined([take.inspection.flight for take in takes]))
+    ratios = []
+    for take, begin in zip(takes, begins, strict=True):
+        first = take.inspection.flight.t_s[0]
+        seen_at = take.inspection.viewpoints.t_s
+        seen_at = seen_at[np.unique(np.linspace(0, len(seen_at) - 1, min(_ASKED, len(seen_at))).astype(int))]
+        places = np.column_stack(
+            [np.interp(seen_at - first + begin, answers_s, axis) for axis in trajectory.positions.T]
+        )
+        ratios.append(_standoff_ratios(take, seen_at, places, settings))
+    off = np.abs(np.concatenate(ratios) - 1)
+    return 100 * float(np.mean(off <= 0.2)) if len(off) else float("nan")
+
+
+def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Settings) -> Floats:
+    """Stand-off at places (V, 3) over that of the demonstration at times (V,), where it saw something."""
+    fit, shown = take.pair.surface, take.inspection.truly
+    index = np.clip(np.searchsorted(shown.stations.t_s, seen_at), 0, len(shown.stations) - 1)
+    known = np.flatnonzero(fit.correspondences.target_index >= 0)
+    here, positions = fit.source.points[known], shown.stations.positions[index]
+    weight = shown.seen[index][:, known] * picture_share(positions, fit.source, known)
+    carrier = registered_map(fit.registration)
+    camera, nearest_m = take.inspection.camera, settings.route.clearance_m
+    wanted = expected_standoff(positions, weight, here, carrier, settings.transfer, camera, nearest_m)
+    there = fit.correspondences.target_points[known]
+    ratio = median_distance(places, there, weight) / wanted
+    return ratio[np.isfinite(ratio)]
 
 
 def _sought(take: Take, fit: Fit, demonstrated: Views) -> Sought:

@@ -18,6 +18,7 @@ _MISFIT = 0.025  # largest mean distance, in these units, of parts whose boxes a
 _TRIED = 150  # samples by which that is judged
 _LONG = 3.0  # length over width of a part whose direction is its own: a blade
 _OUTWARD = 0.25  # of its length: how far from the structure's middle such a part lies, along itself
+_STRAY, _FAR = 0.05, 8.0  # share of a part's samples at either end, and how far they must stick out
 _TURNED = np.cos(np.radians(10))
 
 
@@ -74,10 +75,26 @@ def _turned(
 
 def _boxed(part: Floats, normals: Floats, partner: Floats) -> tuple[Floats, Floats]:
     """The part with its box on its partner's."""
-    scale = box_scale(partner, part)
+    box, other = _core(part), _core(partner)
+    scale = box_scale(other, box)
     scaled_normals = normals / scale
     scaled_normals /= np.linalg.norm(scaled_normals, axis=1, keepdims=True)
-    return scale * (part - part.min(axis=0)) + partner.min(axis=0), scaled_normals
+    return scale * (part - box[0]) + other[0], scaled_normals
+
+
+def _core(part: Floats) -> Floats:
+    """Lower and upper corner (2, 3) of a part without what little sticks out of it.
+
+    A strip of the wing that was modelled with the engine would double the engine's box. Where
+    the outermost samples widen an axis by far more than their number, they do not count.
+    """
+    low, high = part.min(axis=0), part.max(axis=0)
+    inner_low, inner_high = np.quantile(part, [_STRAY, 1 - _STRAY], axis=0)
+    usual = (inner_high - inner_low) * _STRAY / (1 - 2 * _STRAY)
+    stray_low, stray_high = inner_low - low > _FAR * usual, high - inner_high > _FAR * usual
+    return np.stack(
+        [np.where(stray_low, inner_low - usual, low), np.where(stray_high, inner_high + usual, high)]
+    )
 
 
 def _direction(part: Floats, whole: Floats) -> tuple[Floats, float, float, bool]:

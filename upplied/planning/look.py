@@ -88,9 +88,9 @@ def find_looks(positions: Floats, quat_xyzw: Floats, covered: Bools, view: View)
     view : View
     """
     missing = np.flatnonzero((view.need > 0) & ~covered)
-    stations = np.unique(np.linspace(0, len(positions) - 1, min(_STATIONS, len(positions))).astype(int))
     if len(missing) == 0:
         return _no_looks()
+    stations = stations_of(positions)
     reach = view.reach(positions[stations], missing)
     row_station, row_quat, row_shows = [], [], []
     for index in np.flatnonzero(reach.any(axis=1)):
@@ -106,6 +106,12 @@ def find_looks(positions: Floats, quat_xyzw: Floats, covered: Bools, view: View)
     chosen, gain = _greedy(shows, view.need[missing], 1 - 0.3 * turn / np.pi, _WORTH * view.need.sum())
     order = np.argsort(station[chosen], kind="stable")
     return Looks(station[chosen][order], quat[chosen][order], gain[order])
+
+
+def stations_of(positions: Floats) -> Ints:
+    """The stations of a path (M, 3) from which turns are considered."""
+    number = min(_STATIONS, len(positions))
+    return np.unique(np.linspace(0, len(positions) - 1, number).astype(np.int64))
 
 
 def find_detours(
@@ -152,11 +158,11 @@ def bend(positions: Floats, place: Floats, station: int) -> Floats:
     """The path bent smoothly so that it passes through a place at one of its stations.
 
     The bend is a raised cosine over arc length, wide enough that it leaves the path at less than
-    about 22 degrees.
+    about 28 degrees.
     """
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
     offset = place - positions[station]
-    width = max(4.0 * float(np.linalg.norm(offset)), 1e-6)
+    width = max(3.0 * float(np.linalg.norm(offset)), 1e-6)
     distance = np.abs(along - along[station]) / width
     return positions + np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * distance), 0)[:, None] * offset
 

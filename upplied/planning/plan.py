@@ -58,11 +58,11 @@ def plan_transfer(
     takes = takes_of(demonstration, pair, settings, memo)
     # From where does the target show the same? (lines 14 to 18)
     try:
-        trajectory, is_viewpoint = propose(takes, settings)
+        trajectory, is_viewpoint, answers_s = propose(takes, settings)
     except RefusedError as refusal:
         return replace(plan, status="refused", reason=str(refusal))
     # How good is it? The same measures for every preset.
-    measures, surface, warnings = judge(trajectory, takes, settings, memo)
+    measures, surface, warnings = judge(trajectory, answers_s, takes, settings, memo)
     return replace(
         plan,
         trajectory=trajectory,

@@ -12,28 +12,34 @@ from upplied.config import Settings
 from upplied.errors import SettingsError
 from upplied.planning.complete import complete
 from upplied.planning.fair import faired
-from upplied.planning.follow import follow_counterparts
-from upplied.planning.frechet import spread
+from upplied.planning.follow import Followed, follow_counterparts
+from upplied.planning.frechet import spread, zscored
 from upplied.planning.inspect import Inspection
-from upplied.planning.judge import airspace_of
+from upplied.planning.judge import airspace_of, demonstrated_on_target
+from upplied.planning.likeness import Likeness
 from upplied.planning.look import View
 from upplied.planning.measure import sought
 from upplied.planning.pair import Pair
 from upplied.planning.plane import at_height, in_plane, plane_height
 from upplied.planning.refine import gauss_newton
-from upplied.planning.repeat import Take, joined
+from upplied.planning.repeat import Take, begins_of, joined
 from upplied.planning.retime import retime
 from upplied.planning.route import Ways, route, safe_positions
+from upplied.planning.standoff import standoff_of
 from upplied.planning.transfer import aimed, box_map, registered_map, zscore_map
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Trajectory, Waypoints, in_a_row
 
-_COMPACT = 1.2  # of the stand-off: a path with less spread counts as small
+_COMPACT = 1.0  # of the stand-off: a path with less spread counts as small
+_COMPARED = 500  # demonstrated positions that the path's shape is compared with
 _RIPPLES = 0.07  # of the usual stand-off: what is taken out of a path that was led and bent
 
 
-def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bools]:
-    """The planned trajectory, and which of its waypoints are viewpoints.
+def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bools, Floats]:
+    """The planned trajectory, which of its poses are viewpoints, and the demonstration's times.
+
+    The times, s, are those of the joined flights (`upplied.planning.repeat.joined`) that the poses
+    answer to.
 
     Parameters
     ----------
@@ -59,8 +65,7 @@ def _in_joined_times(
     paths: Sequence[Waypoints], takes: Sequence[Take], flight: Trajectory
 ) -> list[Waypoints]:
     """The paths of several takes in the times of the joined flight."""
-    lengths = [len(take.inspection.flight) for take in takes]
-    begins = flight.t_s[np.cumsum([0, *lengths[:-1]])]
+    begins = begins_of(takes, flight)
     return [
         replace(path, t_s=path.t_s - take.inspection.flight.t_s[0] + begin)
         for path, take, begin in zip(paths, takes, begins, strict=True)
@@ -98,17 +103,19 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
     if not settings.visibility.occlusion:
         raise SettingsError("refine.method 'view'", "with visibility.occlusion false", "what is truly seen")
     flight, fit, camera = inspection.flight, pair.surface, inspection.camera
-    positions, quats = _carried(inspection, pair, settings)
+    carried = _carried(inspection, pair, settings)
     wanted = sought(fit.source, fit.target, fit.correspondences, inspection.truly)
     view = View(fit.target, wanted.need, camera, settings.visibility, settings.retime, pair.target_scene)
     is_viewpoint = np.zeros(len(flight), bool)
-    is_viewpoint[(inspection.viewpoints.start + inspection.viewpoints.stop - 1) // 2] = True
-    path = Waypoints(positions, quats, flight.t_s, is_viewpoint)
+    is_viewpoint[inspection.viewpoints.middle] = True
+    path = Waypoints(carried.positions, carried.quat_xyzw, flight.t_s, is_viewpoint)
 
     standoff_m = float(np.nan_to_num(np.nanmedian(wanted.standoff_m)))
-    airspace, reach_m = airspace_of(pair, settings), _reach(positions, standoff_m, settings)
+    airspace = airspace_of(pair, settings)
+    likeness = _likeness(inspection, pair, carried, standoff_m, settings)
+    reach_m = settings.refine.deviation * _size(carried.positions, standoff_m)
     if settings.transfer.plane:
-        height = plane_height(flight, pair, positions, settings.transfer)
+        height = plane_height(flight, pair, carried.positions, settings.transfer)
         airspace, path = in_plane(airspace, height), at_height(path, height)
         reach_m = np.array([reach_m[0], reach_m[1], 1e-6])
     ways = Ways(airspace, fit.target)
@@ -118,40 +125,59 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
             return places
         return faired(safe_positions(places, ways), ways.planning, _RIPPLES * standoff_m)
 
-    return complete(path, view, reach_m, safe, ways.planning.allowed)
+    return complete(path, view, likeness, reach_m, safe, ways.planning.allowed)
 
 
-def _reach(positions: Floats, standoff_m: float, settings: Settings) -> Floats:
-    """How far (3,), m, bends may lead from the carried flight along each axis.
+def _size(positions: Floats, standoff_m: float) -> Floats:
+    """The path's spread (3,), m, in units of which its likeness is measured.
 
-    In units of the path's spread, as its likeness is measured; a path that is small beside its
-    stand-off, such as one round an engine, is bent in proportion to that.
+    A path that is small beside its stand-off, such as one round an engine, counts as large as that.
     """
     scale = spread(positions)[1]
-    return settings.refine.deviation * scale * max(1.0, _COMPACT * standoff_m / float(scale.max()))
+    return scale * max(1.0, _COMPACT * standoff_m / float(scale.max()))
 
 
-def _carried(inspection: Inspection, pair: Pair, settings: Settings) -> tuple[Floats, Floats]:
-    """The flight on the target, before anything is made better: positions and level orientations."""
+def _likeness(
+    inspection: Inspection, pair: Pair, carried: Followed, standoff_m: float, settings: Settings
+) -> Likeness:
+    """What of the demonstration the path has to keep."""
+    station = inspection.viewpoints.middle
+    boxed = demonstrated_on_target(Take(inspection, pair))
+    kept = np.unique(np.linspace(0, len(boxed) - 1, min(_COMPARED, len(boxed))).astype(np.int64))
+    size = _size(boxed, standoff_m)[0] / spread(boxed)[1][0]
+    return Likeness(
+        shape=zscored(boxed)[kept],
+        leash=settings.refine.deviation * size,
+        standoff=standoff_of(
+            station, carried.weight[station], carried.counterparts, carried.standoff_m[station]
+        ),
+    )
+
+
+def _carried(inspection: Inspection, pair: Pair, settings: Settings) -> Followed:
+    """The flight on the target, before anything is made better."""
     flight, fit, limits = inspection.flight, pair.surface, settings.retime
-    if settings.transfer.method == "counterparts":
-        positions, quats = follow_counterparts(
-            flight,
-            inspection.visibility,
-            fit.source,
-            fit.correspondences,
-            registered_map(fit.registration),
-            settings.transfer,
-            inspection.camera,
-            settings.route.clearance_m,
-            settings.refine.deviation / 2,
-        )
-    else:
+    followed = follow_counterparts(
+        flight,
+        inspection.visibility,
+        fit.source,
+        fit.correspondences,
+        registered_map(fit.registration),
+        settings.transfer,
+        inspection.camera,
+        settings.route.clearance_m,
+        settings.refine.deviation,
+    )
+    if settings.transfer.method != "counterparts":
         carrier = (zscore_map if settings.transfer.method == "zscore" else box_map)(fit.source, fit.target)
-        positions, quats = carrier.points(flight.positions), carrier.orientations(flight.quat_xyzw)
-    yaw, pitch = yaw_pitch(quats)
+        followed = replace(
+            followed,
+            positions=carrier.points(flight.positions),
+            quat_xyzw=carrier.orientations(flight.quat_xyzw),
+        )
+    yaw, pitch = yaw_pitch(followed.quat_xyzw)
     low, high = np.radians([limits.min_gimbal_pitch_deg, limits.max_gimbal_pitch_deg])
-    return positions, from_yaw_pitch(yaw, np.clip(pitch, low, high))
+    return replace(followed, quat_xyzw=from_yaw_pitch(yaw, np.clip(pitch, low, high)))
 
 
 def _centres_of_view(inspection: Inspection, pair: Pair, settings: Settings) -> tuple[Floats, Floats]:

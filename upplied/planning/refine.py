@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from upplied.config import RefineSettings
 from upplied.records import Cloud, Correspondences, Floats, Viewpoints
@@ -54,22 +55,26 @@ def gauss_newton(
     return refined
 
 
+@njit(cache=True)
 def _solve(camera: Floats, points: Floats, wanted: Floats, iterations: int) -> Floats:
     """Plain Gauss-Newton with the least-norm step; of all iterates the one with the least residual.
 
     Without that choice single viewpoints run off by kilometres where the points in view lie in a plane.
     """
     here, best, least = camera, camera, np.inf
+    residual, jacobian = np.empty(len(points)), np.empty(points.shape)
     for _ in range(iterations + 1):
-        ray = here - points
-        distance = np.maximum(np.linalg.norm(ray, axis=1), 1e-12)
-        residual = distance - wanted
-        size = float(residual @ residual)
+        for row in range(len(points)):
+            x, y, z = here[0] - points[row, 0], here[1] - points[row, 1], here[2] - points[row, 2]
+            distance = max(np.sqrt(x * x + y * y + z * z), 1e-12)
+            residual[row] = distance - wanted[row]
+            jacobian[row, 0], jacobian[row, 1], jacobian[row, 2] = x / distance, y / distance, z / distance
+        size = np.dot(residual, residual)
         if not np.isfinite(size):
             break
         if size < least:
             best, least = here, size
-        step = np.linalg.lstsq(ray / distance[:, None], residual, rcond=1e-6)[0]
+        step = np.linalg.lstsq(jacobian, residual, 1e-6)[0]
         if np.abs(step).max() < 1e-10:
             break
         here = here - step

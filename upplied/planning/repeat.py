@@ -17,7 +17,7 @@ from upplied.planning.naming import choices_for, side_of
 from upplied.planning.pair import Memo, Pair, no_memo, study_pair
 from upplied.planning.parts import labels_of, parts_of
 from upplied.poses import from_yaw_pitch, yaw_pitch
-from upplied.records import Demonstration, Record, Structure, Trajectory
+from upplied.records import Demonstration, Floats, Record, Structure, Trajectory
 
 _TRANSIT_S = 10.0  # of the demonstration's time between two takes; the way itself is timed anew
 
@@ -101,6 +101,12 @@ def joined(flights: Sequence[Trajectory]) -> Trajectory:
         np.concatenate([flight.positions for flight in flights]),
         np.concatenate([flight.quat_xyzw for flight in flights]),
     )
+
+
+def begins_of(takes: Sequence[Take], flight: Trajectory) -> Floats:
+    """When each take begins in the joined flight, s."""
+    lengths = [len(take.inspection.flight) for take in takes]
+    return flight.t_s[np.cumsum([0, *lengths[:-1]])]
 
 
 def _on_this_side(part: int, pair: Pair) -> list[int]:

@@ -27,7 +27,7 @@ _MARGIN = 0.98  # of the limits, for what the stations do not show
 _REPAIRS = 8
 
 
-def retime(path: Waypoints, flight: Trajectory, settings: RetimeSettings) -> tuple[Trajectory, Bools]:
+def retime(path: Waypoints, flight: Trajectory, settings: RetimeSettings) -> tuple[Trajectory, Bools, Floats]:
     """Give a path its times.
 
     Parameters
@@ -45,16 +45,18 @@ def retime(path: Waypoints, flight: Trajectory, settings: RetimeSettings) -> tup
         With further poses under limits, so that speeds and turns are told as they are flown.
     array of bool
         Which of its poses are viewpoints.
+    array
+        Time of the demonstration, s, that each of its poses answers to.
     """
     if not settings.limits or len(path) < 2:
-        return at_demonstrated_speed(path, flight), np.array(path.is_viewpoint, bool)
+        return at_demonstrated_speed(path, flight), np.array(path.is_viewpoint, bool), path.t_s
     path = _without_repeats(path)
     hover = _hovering(path, flight, settings.least_stop_s)
     stations = _divided(path, hover)
     bound = np.minimum(_demonstrated_speed(stations.t_s, flight), settings.max_speed_mps * _MARGIN)
     times = _timed(stations, bound, settings)
     quats = from_yaw_pitch(stations.yaw, stations.pitch)
-    return Trajectory(times, stations.positions, quats), stations.is_viewpoint
+    return Trajectory(times, stations.positions, quats), stations.is_viewpoint, stations.t_s
 
 
 @dataclass(frozen=True, eq=False, repr=False)

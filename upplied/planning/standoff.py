@@ -1,0 +1,107 @@
+"""From how far a camera sees what it looks at: the weighted median distance over the picture.
+
+The demonstrated stand-off is asked of what the expert saw, the planned one of its counterparts. It is
+scaled with the structure, kept in metres, or set by a ground sampling distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.config import TransferSettings
+from upplied.planning.transfer import AxisMap
+from upplied.records import Camera, Cloud, Floats, Ints, Record
+
+_NEAR = 0.2  # of the wanted stand-off, that a viewpoint may be off
+_SEEN = 32  # counterparts that speak for what a viewpoint sees
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Standoff(Record):
+    """How far each viewpoint was from what it saw, and what answers to that on the target."""
+
+    station: Ints  # (V,) of the path
+    seen: Floats  # (V, S, 3) m, counterparts of what fills the picture, each for an equal share of it
+    wanted_m: Floats  # (V,) median distance
+
+    def ratio(self, positions: Floats) -> Floats:
+        """Stand-off over the wanted one, (V,), of a path with the same stations."""
+        ray = self.seen - positions[self.station][:, None]
+        return np.median(np.linalg.norm(ray, axis=2), axis=1) / self.wanted_m
+
+    def share(self, positions: Floats) -> float:
+        """Share of the viewpoints that stand as far off as wanted, within a fifth; 1 where there are none."""
+        if len(self.station) == 0:
+            return 1.0
+        return float(np.mean(np.abs(self.ratio(positions) - 1) <= _NEAR))
+
+
+def picture_share(positions: Floats, source: Cloud, known: Ints) -> Floats:
+    """Solid angle (M, K) under which each camera sees each sample: how much of the picture it fills."""
+    ray = positions[:, None] - source.points[known][None]
+    squared = np.maximum(np.einsum("mkj,mkj->mk", ray, ray), 1e-6)
+    area = np.ones(len(known)) if source.area_m2 is None else source.area_m2[known]
+    if source.normals is None:
+        return area / squared
+    facing = np.maximum(np.einsum("mkj,kj->mk", ray, source.normals[known]), 0.0)
+    return area * facing / squared**1.5
+
+
+def expected_standoff(
+    positions: Floats,
+    weight: Floats,
+    points: Floats,
+    carrier: AxisMap,
+    settings: TransferSettings,
+    camera: Camera,
+    nearest_m: float,
+) -> Floats:
+    """How far each camera should stand from what it sees, (M,), m; NaN where it sees nothing.
+
+    The demonstrated stand-off is the median distance over the picture. `scaled` takes the
+    distances as the structure's map carries them, `kept` as flown, and a ground sampling distance
+    sets the distance at which one pixel covers it in the middle of the picture.
+    """
+    if settings.gsd_m is not None and camera.width_px:
+        pixel = 2 * np.tan(np.radians(min(camera.hfov_deg, 170.0)) / 2) / camera.width_px
+        wanted = np.where(weight.any(axis=1), settings.gsd_m / pixel, np.nan)
+    else:
+        jacobian = carrier.matrix if settings.standoff == "scaled" else np.eye(3)
+        wanted = median_distance(positions @ jacobian.T, points @ jacobian.T, weight)
+    lowest = max(nearest_m, camera.min_range_m) * 1.15  # so that the middle of the view is not too near
+    return np.clip(wanted, lowest, max(0.9 * camera.max_range_m, lowest))
+
+
+def median_distance(positions: Floats, points: Floats, weight: Floats) -> Floats:
+    """Weighted median distance (M,) from each position to the points it sees; NaN where there are none."""
+    medians = np.full(len(positions), np.nan)
+    for index, shares in enumerate(weight):
+        seen = np.flatnonzero(shares > 0)
+        if len(seen):
+            distance = np.linalg.norm(points[seen] - positions[index], axis=1)
+            order = np.argsort(distance, kind="stable")
+            share = np.cumsum(shares[seen][order])
+            medians[index] = distance[order][np.searchsorted(share, share[-1] / 2)]
+    return medians
+
+
+def standoff_of(station: Ints, weight: Floats, seen: Floats, wanted_m: Floats) -> Standoff:
+    """The stand-off of viewpoints from shares of the picture.
+
+    Parameters
+    ----------
+    station : array of int, shape (V,)
+    weight : array, shape (V, K)
+        Share of each viewpoint's picture that each of K counterparts fills, any unit.
+    seen : array, shape (K, 3), m
+    wanted_m : array, shape (V,), m
+        NaN where a viewpoint sees nothing: it is left out.
+    """
+    useful = np.flatnonzero(np.isfinite(wanted_m) & weight.any(axis=1))
+    chosen = np.empty((len(useful), _SEEN), np.int64)
+    for row, viewpoint in enumerate(useful):
+        share = np.cumsum(weight[viewpoint])
+        chosen[row] = np.searchsorted(share, share[-1] * (np.arange(_SEEN) + 0.5) / _SEEN)
+    return Standoff(station[useful], seen[chosen], wanted_m[useful])
