@@ -55,7 +55,6 @@ def gauss_newton(
     return refined
 
 
-@njit(cache=True)
 def _solve(camera: Floats, points: Floats, wanted: Floats, iterations: int) -> Floats:
     """Plain Gauss-Newton with the least-norm step; of all iterates the one with the least residual.
 
@@ -64,21 +63,27 @@ def _solve(camera: Floats, points: Floats, wanted: Floats, iterations: int) -> F
     here, best, least = camera, camera, np.inf
     residual, jacobian = np.empty(len(points)), np.empty(points.shape)
     for _ in range(iterations + 1):
-        for row in range(len(points)):
-            x, y, z = here[0] - points[row, 0], here[1] - points[row, 1], here[2] - points[row, 2]
-            distance = max(np.sqrt(x * x + y * y + z * z), 1e-12)
-            residual[row] = distance - wanted[row]
-            jacobian[row, 0], jacobian[row, 1], jacobian[row, 2] = x / distance, y / distance, z / distance
-        size = np.dot(residual, residual)
+        _residuals(here, points, wanted, residual, jacobian)
+        size = float(residual @ residual)
         if not np.isfinite(size):
             break
         if size < least:
             best, least = here, size
-        step = np.linalg.lstsq(jacobian, residual, 1e-6)[0]
+        step = np.linalg.lstsq(jacobian, residual, rcond=1e-6)[0]
         if np.abs(step).max() < 1e-10:
             break
         here = here - step
     return best
+
+
+@njit(cache=True)
+def _residuals(camera: Floats, points: Floats, wanted: Floats, residual: Floats, jacobian: Floats) -> None:
+    """Fill in the residuals (Eq. 3) and their derivatives by the camera's place."""
+    for row in range(len(points)):
+        x, y, z = camera[0] - points[row, 0], camera[1] - points[row, 1], camera[2] - points[row, 2]
+        distance = max(np.sqrt(x * x + y * y + z * z), 1e-12)
+        residual[row] = distance - wanted[row]
+        jacobian[row, 0], jacobian[row, 1], jacobian[row, 2] = x / distance, y / distance, z / distance
 
 
 def _deviation(cloud: Cloud) -> Floats:
