@@ -8,12 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
-from upplied.catalog import open_catalog
+from upplied.catalog import Catalog, open_catalog
 from upplied.cli import main
 from upplied.config import settings_for
 from upplied.errors import InputError
+from upplied.fleet.learn import gather, learnt_flight, learnt_structure
 from upplied.fleet.recommend import recommend
+from upplied.fleet.shapes import Shapes
+from upplied.inputs.manifests import read_manifest
+from upplied.outputs.logs import write_log
 from upplied.planning.features import ShapeLibrary, joined, library_of, shape_features, unlikeness
 from upplied.planning.foresee import agreement, foresee, inspected
 from upplied.planning.measure import TRULY, views
@@ -209,6 +214,34 @@ def test_second_answer_comes_from_the_cache_and_is_the_same(location):
     again = open_catalog(location)
     assert repr(recommend(again, "b777-v1")) == repr(first)  # NaN is not equal to itself
     assert again.cache.misses == 0
+
+
+def test_what_was_taken_in_is_asked_about_without_its_mesh_or_log(tmp_path, monkeypatch):
+    catalog, cube = open_catalog(tmp_path / "catalog"), member("cube-v1").structure
+    place = str(catalog.location), catalog.cache.folder
+    text = (
+        '[[structure]]\nid = "NAME"\nkind = "box"\npath = "NAME.stl"\nunits = "m"\nup = "z"\nforward = "x"\n'
+    )
+    for name, scale in (("cube-v1", 1.0), ("large", 1.3)):
+        trimesh.Trimesh(scale * cube.vertices, cube.triangles).export(tmp_path / f"{name}.stl")
+    (tmp_path / "structures.toml").write_text(text.replace("NAME", "cube-v1") + text.replace("NAME", "large"))
+    entries = read_manifest(tmp_path / "structures.toml")
+    catalog.add_structures([learnt_structure(*place, entry) for entry in entries])
+    write_log(tmp_path / "flight.mcap", fly(cube, "sides"), cube)
+    catalog.add_demonstrations([learnt_flight(*place, {}, tmp_path / "flight.mcap")])
+    gather(catalog)
+    for name in ("structure", "demonstration"):
+        monkeypatch.setattr(Catalog, name, lambda *given: pytest.fail("read again"))
+    monkeypatch.setattr(Shapes, "features", _only_of("large", Shapes.features))
+    assert recommend(catalog, "large")[0].verdict == "fits"
+
+
+def _only_of(structure_id, features):
+    def asked(shapes, name, sha256):
+        assert name == structure_id  # the others lie together in one file
+        return features(shapes, name, sha256)
+
+    return asked
 
 
 def test_flight_over_the_structure_itself_comes_first(location):

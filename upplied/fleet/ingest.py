@@ -21,6 +21,7 @@ import pandas as pd
 from upplied.catalog import Catalog
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.crew import cores
+from upplied.fleet.learn import gather, learnt_flight, learnt_structure
 from upplied.fleet.workers import JobKilled, Workers, WorkersBroken
 from upplied.inputs import logs as log_reader
 from upplied.inputs import meshes
@@ -81,7 +82,8 @@ def ingest_structures(
     known = _hashes(table, "structure_id")
     entries = read_manifest(manifest)
     stored = _Stored(known, dict(zip(table["structure_id"], table[_SIZES].to_numpy(), strict=True)))
-    reads = _each(meshes.read_structure, entries, lambda entry: entry.structure_id, workers, stored.same)
+    read = partial(learnt_structure, *_place(catalog))
+    reads = _each(read, entries, lambda entry: entry.structure_id, workers, stored.same)
     ingested = _keep(reads, known, lambda it: it.structure_id, catalog.add_structures, progress)
     if prune:
         gone = sorted(known.keys() - {entry.structure_id for entry in entries})
@@ -96,10 +98,16 @@ def ingest_demonstrations(
     """Read logs, or folders of them, and keep those that are new or changed; parameters as above."""
     known = _hashes(catalog.demonstrations(), "demonstration_id")
     placements = _placements(catalog.structures())
-    read = partial(log_reader.read_demonstration, placements=placements)
+    read = partial(learnt_flight, *_place(catalog), placements)
     same = partial(_same_log, known, placements)
     reads = _each(read, find_logs(logs), str, workers, same)
-    return _keep(reads, known, lambda it: it.demonstration_id, catalog.add_demonstrations, progress)
+    ingested = _keep(reads, known, lambda it: it.demonstration_id, catalog.add_demonstrations, progress)
+    gather(catalog)
+    return ingested
+
+
+def _place(catalog: Catalog) -> tuple[str, Path]:
+    return catalog.location, catalog.cache.folder
 
 
 def _placements(structures: pd.DataFrame) -> dict[str, Placement]:

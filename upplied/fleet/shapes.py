@@ -6,9 +6,8 @@ thousands of features lie in a few files.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
-import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
@@ -46,13 +45,16 @@ class Shapes:
 
     def learn(self, structure: Structure) -> None:
         """Find out what questions about a structure ask for, with its record at hand."""
+        if not structure.sha256:
+            return
         self._known[structure.sha256] = self._cloud(structure.sha256, lambda: structure)
         self.features(structure.structure_id, structure.sha256)
 
     def learn_flight(self, flight: Demonstration, structure: Structure) -> None:
         """Find out what a demonstration saw, with its record and its structure's at hand."""
         self.learn(structure)
-        self._inspected(flight.sha256, structure.sha256, lambda: (flight, structure))
+        if flight.sha256 and structure.sha256:
+            self._inspected(flight.sha256, structure.sha256, lambda: (flight, structure))
 
     def cloud(self, structure_id: str, sha256: str) -> Cloud:
         """Surface samples of one structure, the same that plans are made on."""
@@ -62,9 +64,11 @@ class Shapes:
 
     def features(self, structure_id: str, sha256: str) -> ShapeFeatures:
         """Features of one structure."""
-        key = content_key("features", FEATURES_VERSION, sha256, self.clouds)
         return self.catalog.cache(
-            "features", ShapeFeatures, key, lambda: shape_features(self.cloud(structure_id, sha256))
+            "features",
+            ShapeFeatures,
+            self._key(sha256),
+            lambda: shape_features(self.cloud(structure_id, sha256)),
         )
 
     def inspected(
@@ -80,16 +84,21 @@ class Shapes:
 
     def library(self, sha256: Mapping[str, str]) -> ShapeLibrary:
         """Features of many structures, in the order of the mapping from id to hash."""
-        names = list(sha256)
-        blocks: dict[int, list[int]] = {}
-        for row, name in enumerate(names):
-            blocks.setdefault(int(digest(name)[:8], 16) % _BLOCKS, []).append(row)
-        parts = [self._block({names[row]: sha256[names[row]] for row in rows}) for rows in blocks.values()]
-        order = np.argsort(np.array([row for rows in blocks.values() for row in rows], np.int64))
-        found = joined(parts)
+        blocks = _blocks(sha256)
+        found = joined([self._block({name: sha256[name] for name in block}) for block in blocks])
+        place = {name: row for row, name in enumerate(name for block in blocks for name in block)}
+        order = [place[name] for name in sha256]
         return ShapeLibrary(
             found.extent_m[order], found.occupied[order], found.near[order], found.facing[order]
         )
+
+    def gather(self, sha256: Mapping[str, str]) -> None:
+        """Make the files that `library` reads, those for which all features are known."""
+        for block in _blocks(sha256):
+            named = {name: sha256[name] for name in block}
+            cache = self.catalog.cache
+            if all(cache.path("features", self._key(content)).exists() for content in named.values()):
+                self._block(named)
 
     def _block(self, sha256: Mapping[str, str]) -> ShapeLibrary:
         key = content_key("library", FEATURES_VERSION, list(sha256.values()), self.clouds)
@@ -99,6 +108,9 @@ class Shapes:
             key,
             lambda: library_of([self.features(name, content) for name, content in sha256.items()]),
         )
+
+    def _key(self, sha256: str) -> str:
+        return content_key("features", FEATURES_VERSION, sha256, self.clouds)
 
     def _cloud(self, sha256: str, structure: Callable[[], Structure]) -> Cloud:
         def sampled() -> Cloud:
@@ -123,6 +135,14 @@ class Shapes:
             content_key("inspected", FORESIGHT_VERSION, *facts),
             lambda: inspected(cloud, cache("views", Views, content_key("truly", *facts), seen)),
         )
+
+
+def _blocks(names: Iterable[str]) -> list[list[str]]:
+    """Names of structures by the file that holds their features, whoever else is there."""
+    blocks: dict[int, list[str]] = {}
+    for name in sorted(names):
+        blocks.setdefault(int(digest(name)[:8], 16) % _BLOCKS, []).append(name)
+    return list(blocks.values())
 
 
 def content_of(table: pd.DataFrame, stored: str) -> pd.Series:
