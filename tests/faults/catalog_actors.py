@@ -61,8 +61,8 @@ def read(catalog: Catalog, place: Path, seed: int) -> Callable[[], None]:
         for name in rng.choice(found["transfer_id"], min(3, rows), replace=False):
             assert len(catalog.trajectory(name)) == POINTS
         if (place / "reports" / "transfers.parquet").exists():
-            transfers = pd.read_parquet(place / "reports" / "transfers.parquet", columns=["transfer_id"])
-            points = pd.read_parquet(place / "reports" / "waypoints.parquet", columns=["transfer_id"])
+            transfers = published_ids(place / "reports" / "transfers.parquet")
+            points = published_ids(place / "reports" / "waypoints.parquet")
             assert len(transfers) >= published, f"{len(transfers)} published rows after {published}"
             counts = points["transfer_id"].value_counts()
             assert (counts.reindex(transfers["transfer_id"], fill_value=0) == POINTS).all()
@@ -72,6 +72,12 @@ def read(catalog: Catalog, place: Path, seed: int) -> Callable[[], None]:
         (place / f"reads-{seed}").write_text(json.dumps(counts))
 
     return once
+
+
+def published_ids(path: Path) -> pd.DataFrame:
+    """From one opened file: given a path, pandas opens it twice, and it may be replaced in between."""
+    with path.open("rb") as file:
+        return pd.read_parquet(file, columns=["transfer_id"])
 
 
 def publish(catalog: Catalog, place: Path, seed: int) -> Callable[[], None]:

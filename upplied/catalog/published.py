@@ -1,8 +1,9 @@
 """The plain Parquet that a run publishes: one file per table, current rows only, for any program.
 
-``pd.read_parquet("transfers.parquet")`` is always right: a file is replaced in one step, and all
-five are replaced together once every one is written. Each carries the unit and meaning of its
-columns, and the schema version and generation (the newest commit) in its metadata.
+``pd.read_parquet("transfers.parquet")`` is right: a file is replaced in one step, and all five are
+replaced together once every one is written. (Pandas opens a path twice; who reads while a run may be
+publishing opens the file himself.) Each carries the unit and meaning of its columns, and the schema
+version and generation (the newest commit) in its metadata.
 """
 
 from __future__ import annotations
