@@ -1,12 +1,16 @@
-"""What a run leaves in Prefect for people to read: a table and a few words."""
+"""What a run leaves in Prefect for people to read: tables, a few words, and where the report is."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
-from prefect.artifacts import create_markdown_artifact, create_table_artifact
+from prefect.artifacts import create_link_artifact, create_markdown_artifact, create_table_artifact
 
 from upplied import fleet
+from upplied.catalog import Catalog
 
 MOST_ROWS = 500  # an artifact is for reading; the published table holds them all
 
@@ -23,18 +27,58 @@ def ingested_artifacts(key: str, ingested: Sequence[dict[str, str]]) -> str:
     return summary
 
 
-def transfer_artifacts(decision: fleet.Decision, result: fleet.Result, reports: str) -> str:
-    """What was planned, why, and what did not succeed; returns the same in one line."""
+def transfer_artifacts(catalog: Catalog, decision: fleet.Decision, result: fleet.Result, reports: str) -> str:
+    """What was planned, why, what did not succeed, and from which log to which page; the same in one line."""
     summary = f"{result}, {decision.unchanged} unchanged"
     why = "\n".join(f"* {count}: {reason}" for reason, count in decision.reasons.items())
     troubles = [{"name": job, "status": status, "reason": reason} for job, status, reason in result.troubles]
-    rows = troubles or [{"name": "every plan", "status": "ok", "reason": ""}]
-    create_table_artifact(rows[:MOST_ROWS], key="transfer-fleet-result")
-    create_markdown_artifact(
-        f"## transfer-fleet\n\n{summary}\n\n{why}\n\n{_listed(troubles)}\n\nReports: {reports}/index.html",
-        key="transfer-fleet",
-    )
+    create_table_artifact(_planned(catalog, decision, reports), key="transfer-fleet-result")
+    told = f"## transfer-fleet\n\n{summary}\n\n{why}\n\n{_listed(troubles)}"
+    if reports:
+        index = Path(reports).absolute() / "index.html"
+        told += f"\n\nReports: {index}"
+        create_link_artifact(index.as_uri(), link_text="the fleet's report", key="transfer-fleet-report")
+    create_markdown_artifact(told, key="transfer-fleet")
     return summary
+
+
+def _planned(catalog: Catalog, decision: fleet.Decision, reports: str) -> list[dict[str, Any]]:
+    """The plans of a run with where each came from, log to page; those that did not succeed come first."""
+    keys = {job.key for job in decision.jobs}
+    plans = catalog.transfers(every=True, columns=["key", "planned_at", *_LINEAGE])
+    plans = plans[plans["key"].isin(keys)].sort_values("planned_at").drop_duplicates("key", keep="last")
+    plans = plans.assign(fine=plans["status"] == "ok")
+    plans = plans.sort_values(["fine", "demonstration_id", "target_id", "preset"]).head(MOST_ROWS)
+    rows = []
+    for plan in plans[list(_LINEAGE)].to_dict("records"):
+        row = {_LINEAGE[name]: _readable(value) for name, value in plan.items()}
+        pair = f"{plan['demonstration_id']}--{plan['target_id']}"
+        row["page"] = f"{reports}/transfers/{pair}.html" if reports else ""
+        rows.append(row)
+    return rows
+
+
+# From the log to the trajectory: column of the catalog, and how it is headed.
+_LINEAGE = {
+    "demonstration_sha256": "log (sha256)",
+    "demonstration_id": "demonstration",
+    "target_id": "target",
+    "preset": "preset",
+    "transfer_id": "trajectory",
+    "status": "status",
+    "coverage_seen_pct": "coverage seen %",
+    "frechet_z": "Frechet z",
+    "min_clearance_m": "clearance m",
+    "planning_s": "planning s",
+    "reason": "reason",
+}
+
+
+def _readable(value: object) -> object:
+    """A number to two places, nothing for none."""
+    if isinstance(value, float):
+        return "" if math.isnan(value) else round(value, 2)
+    return value
 
 
 def maintenance_artifact(merged: dict[str, int], findings: Sequence[str]) -> str:

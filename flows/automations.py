@@ -31,8 +31,10 @@ def zombies(silence_s: int = SILENCE_S) -> AutomationCore:
         description="A run that was killed together with its worker says no more, and would stay Running.",
         trigger=EventTrigger(
             posture=Posture.Proactive,
-            after={"prefect.flow-run.heartbeat"},
+            # Armed before the first heartbeat, which a run may not live to send.
+            after={"prefect.flow-run.Pending", "prefect.flow-run.Running", "prefect.flow-run.heartbeat"},
             expect={
+                "prefect.flow-run.Running",
                 "prefect.flow-run.heartbeat",
                 "prefect.flow-run.Completed",
                 "prefect.flow-run.Failed",

@@ -62,15 +62,16 @@ def transfer_fleet(
         tuple(targets or ()),
         retry_failed,
     )
+    kept = open_catalog(catalog)
     try:
         if manifest:
             ingest_structures(manifest, catalog, resources.workers, prune)
         if logs:
             ingest_demonstrations(logs, catalog, resources.workers)
-        decision = fleet.decide(open_catalog(catalog), wish)
+        decision = fleet.decide(kept, wish)
         result = plan(catalog, decision.jobs, wish, resources)
     except UppliedError as error:  # what a person can mend is told in words
         return Failed(message=str(error))
     if reports:
         tasks.publish_reports(catalog, reports)
-    return Completed(message=transfer_artifacts(decision, result, reports))
+    return Completed(message=transfer_artifacts(kept, decision, result, reports))

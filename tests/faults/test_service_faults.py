@@ -6,17 +6,23 @@ import json
 import os
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from flows.environment import ROOT
-from flows.server import free_port
+from flows.server import Server, free_port, private_server
 from upplied.catalog import Catalog, open_catalog
 from upplied.outputs.logs import write_log
 from upplied.samples.fleet import member, random_member
@@ -24,15 +30,18 @@ from upplied.samples.pilot import fly
 
 pytestmark = [pytest.mark.slow, pytest.mark.server]
 
-RUNS = """
-import json
-from prefect import get_client
-with get_client(sync_client=True) as client:
-    flows = {it.id: it.name for it in client.read_flows()}
-    runs = [{"id": str(run.id), "flow": flows[run.flow_id], "state": run.state.type.value,
-             "auto": run.auto_scheduled} for run in client.read_flow_runs()]
-print(json.dumps([run for run in runs if run["state"] != "SCHEDULED"]))
-"""
+
+@dataclass(frozen=True)
+class Run:
+    """A flow run as the server tells of it; moments in s."""
+
+    run_id: str
+    flow: str
+    state: str
+    said: str
+    due: float
+    began: float
+    ended: float
 
 
 class Service:
@@ -40,6 +49,7 @@ class Service:
 
     def __init__(self, place: Path, cron: str) -> None:
         self.place, self.port = place, free_port()
+        self.path = os.pathsep.join((str(place), str(ROOT)))
         shutil.copytree(ROOT / "flows", place / "flows", ignore=shutil.ignore_patterns("__pycache__"))
         text = (ROOT / "prefect.yaml").read_text()
         assert '"30 2 * * *"' in text
@@ -50,8 +60,8 @@ class Service:
 
     def start(self) -> None:
         environment = {key: value for key, value in os.environ.items() if not key.startswith("PREFECT")}
-        environment |= {"UPPLIED_PORT": str(self.port), "PYTHONPATH": str(self.place)}
-        with (self.place / "serve.log").open("ab") as log:
+        environment |= {"UPPLIED_PORT": str(self.port), "PYTHONPATH": self.path}
+        with (self.place / "serve.log").open("wb") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "flows.serve"],
                 env=environment,
@@ -69,12 +79,35 @@ class Service:
                 pytest.fail((self.place / "serve.log").read_text()[-3000:] + f"\n{self.runs()}")
             time.sleep(2)
 
-    def runs(self) -> list[dict[str, str]]:
-        done = self.python("-c", RUNS)
-        return json.loads(done.stdout) if done.returncode == 0 else []
+    def ask(self, what: str) -> list[dict[str, Any]]:
+        """All that the server's own interface lists of something; nothing where it does not answer."""
+        url = f"http://127.0.0.1:{self.port}/api/{what}/filter"
+        request = urllib.request.Request(url, b"{}", {"Content-Type": "application/json"})
+        try:
+            with urllib.request.urlopen(request, timeout=30) as answer:
+                return json.load(answer)
+        except OSError:
+            return []
+
+    def runs(self) -> list[Run]:
+        """Runs that have begun, or were cancelled before."""
+        flows = {flow["id"]: flow["name"] for flow in self.ask("flows")}
+        listed = [run for run in self.ask("flow_runs") if run["state_type"] != "SCHEDULED"]
+        return [
+            Run(
+                run["id"],
+                flows[run["flow_id"]],
+                run["state_type"],
+                run["state"]["message"] or "",
+                moment(run["expected_start_time"]),
+                moment(run["start_time"]),
+                moment(run["end_time"]),
+            )
+            for run in listed
+        ]
 
     def python(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        variables = {"PREFECT_API_URL": f"http://127.0.0.1:{self.port}/api", "PYTHONPATH": str(self.place)}
+        variables = {"PREFECT_API_URL": f"http://127.0.0.1:{self.port}/api", "PYTHONPATH": self.path}
         return subprocess.run(
             [sys.executable, *arguments],
             env=os.environ | variables,
@@ -93,6 +126,13 @@ class Service:
                 continue
         self.process.wait()
 
+    def kill(self, command: str) -> None:
+        """End what runs this command, and nothing that came of it."""
+        victims = [pid for pid in descendants(self.process.pid) if command in command_of(pid)]
+        assert victims, f"no {command} among {[command_of(pid) for pid in descendants(self.process.pid)]}"
+        for pid in victims:
+            os.kill(pid, signal.SIGKILL)
+
     def stop(self) -> None:
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
@@ -102,11 +142,34 @@ class Service:
                 self.cut_the_power()
 
 
+def moment(text: str | None) -> float:
+    return datetime.fromisoformat(text).timestamp() if text else 0.0
+
+
 def descendants(pid: int) -> list[int]:
     found = []
     for thread in Path(f"/proc/{pid}/task").iterdir():
         for child in (thread / "children").read_text().split():
             found += [*descendants(int(child)), int(child)]
+    return found
+
+
+def command_of(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+    except FileNotFoundError:
+        return ""
+
+
+def ours(place: Path) -> list[str]:
+    """Commands of processes that still work in this folder."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        try:
+            if folder.name.isdigit() and (folder / "cwd").readlink() == place:
+                found.append(command_of(int(folder.name)))
+        except (FileNotFoundError, PermissionError, ProcessLookupError):
+            continue
     return found
 
 
@@ -121,14 +184,71 @@ def service(place: Path, cron: str) -> Iterator[Service]:
 
 
 def finished(served: Service, flow: str, state: str = "COMPLETED") -> int:
-    return sum(run["flow"] == flow and run["state"] == state for run in served.runs())
+    return sum(run.flow == flow and run.state == state for run in served.runs())
+
+
+@pytest.mark.parametrize("victim", ["server start", "worker start"])
+def test_a_killed_server_or_worker_costs_no_plan_that_was_kept(tmp_path, victim):
+    """The service ends, its supervisor starts it again, and a later night does what is missing."""
+    with service(tmp_path, "* * * * *") as served:
+        served.catalog.add_demonstrations([fly(member("cube-v1").structure, "sides")])
+        served.wait(lambda: len(served.catalog.transfers()) > 0, 300)
+        served.kill(victim)
+        served.process.wait(120)
+        time.sleep(5)
+        left = [command for command in ours(tmp_path) if "spawn_main" in command]
+        kept = len(served.catalog.transfers())
+        served.start()
+        served.wait(lambda: finished(served, "transfer-fleet"), 600)
+        runs = served.runs()
+    rows = served.catalog.transfers(every=True)
+    assert not left, "planners outlived the service"
+    assert kept < 16, "it was killed too late to show anything"
+    assert len(rows) == len(rows["key"].unique()) == 16, runs
+    assert len(set(rows["run_id"])) == 2, "the second run should plan what the first left, and no third"
+
+
+def test_overlapping_nights_are_prevented_and_missed_ones_do_not_pile_up(tmp_path):
+    with service(tmp_path, "* * * * *") as served:
+        served.catalog.add_demonstrations([fly(member("cube-v1").structure, "sides")])
+        run_now(served)
+        served.wait(lambda: any(run.state == "RUNNING" for run in served.runs()), 120)
+        run_now(served)
+        served.wait(lambda: finished(served, "transfer-fleet", "CANCELLED"), 120)
+        served.wait(lambda: finished(served, "transfer-fleet"), 300)
+        before = {run.run_id for run in served.runs()}
+        served.stop()
+        stopped = time.time()
+        time.sleep(200)  # three nights at least are missed
+        served.catalog.add_structures([random_member("box", n).structure for n in range(9, 12)])
+        started = time.time()
+        served.start()
+        served.wait(lambda: len(served.catalog.transfers()) == 22, 400)
+        served.wait(lambda: not unfinished(served), 300)
+        runs = [run for run in served.runs() if run.run_id not in before]
+    missed = [run for run in runs if stopped < run.due < started]
+    assert len(missed) >= 3, "Prefect did not remember the nights that were missed, so nothing was shown"
+    worked = [run for run in runs if run.state == "COMPLETED" and not run.said.startswith("0 ok, 0 refused")]
+    assert len(worked) == 1, runs
+    assert {run.state for run in runs} <= {"COMPLETED", "CANCELLED"}, runs
+    flown = sorted((run.began, run.ended) for run in runs if run.state == "COMPLETED")
+    assert all(ended <= began for (_, ended), (began, _) in pairwise(flown)), "two ran at once"
+
+
+def run_now(served: Service) -> None:
+    done = served.python("-m", "prefect", "deployment", "run", "transfer-fleet/transfer-fleet")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def unfinished(served: Service) -> list[Run]:
+    return [run for run in served.runs() if run.state in ("PENDING", "RUNNING")]
 
 
 def test_a_log_that_lands_is_read_and_transferred(tmp_path):
     with service(tmp_path, "30 2 * * *") as served:
         inbox = tmp_path / "inbox"
         inbox.mkdir()
-        variables = {"PREFECT_API_URL": f"http://127.0.0.1:{served.port}/api", "PYTHONPATH": str(tmp_path)}
+        variables = {"PREFECT_API_URL": f"http://127.0.0.1:{served.port}/api", "PYTHONPATH": served.path}
         watcher = subprocess.Popen(
             [sys.executable, "-m", "flows.watch", str(inbox)], env=os.environ | variables, cwd=tmp_path
         )
@@ -150,19 +270,47 @@ def test_after_a_power_cut_the_next_night_starts_by_itself(tmp_path):
     with service(tmp_path, "* * * * *") as served:
         served.catalog.add_demonstrations([fly(member("cube-v1").structure, "sides")])
         served.wait(lambda: len(served.catalog.transfers()) > 0, 300)  # the run of this minute is at work
-        (running,) = [run for run in served.runs() if run["state"] == "RUNNING"]
+        (running,) = [run for run in served.runs() if run.state == "RUNNING"]
         served.cut_the_power()
         kept = len(served.catalog.transfers())
-        (tmp_path / "serve.log").unlink()
         began = time.monotonic()
         served.start()
         served.wait(lambda: finished(served, "transfer-fleet"), 900)
         took = time.monotonic() - began
-        crashed = [run for run in served.runs() if run["id"] == running["id"]]
+        crashed = [run for run in served.runs() if run.run_id == running.run_id]
         overlapping = finished(served, "transfer-fleet", "CANCELLED")
     rows = served.catalog.transfers(every=True)
     assert took < 600
     assert kept < 16, "the power was cut too late to show anything"
     assert len(rows) == len(rows["key"].unique()) == 16
-    assert crashed[0]["state"] in ("CRASHED", "RUNNING")  # marked within ten heartbeats
+    assert crashed[0].state in ("CRASHED", "RUNNING")  # marked within ten heartbeats
     assert overlapping >= 1, "runs that found the slot taken were not cancelled"
+
+
+def test_runs_of_long_ago_are_forgotten_and_those_of_yesterday_are_not(tmp_path):
+    """Only Prefect's history: what was planned stays in the catalog."""
+
+    def ask(server: Server, path: str, body: dict[str, Any]) -> Any:
+        request = urllib.request.Request(
+            f"{server.api_url}/{path}", json.dumps(body).encode(), {"Content-Type": "application/json"}
+        )
+        with urllib.request.urlopen(request, timeout=60) as answer:
+            return json.load(answer)
+
+    with private_server(tmp_path) as server:
+        server.wait()
+        flow = ask(server, "flows/", {"name": "transfer-fleet"})["id"]
+        ended = {"flow_id": flow, "state": {"type": "COMPLETED"}}
+        old, young = (ask(server, "flow_runs/", {**ended, "name": name})["id"] for name in ("old", "young"))
+    with sqlite3.connect(tmp_path / "prefect.db") as database:
+        for run, days in ((old, 31), (young, 29)):
+            then = (datetime.now(UTC) - timedelta(days=days)).strftime("%Y-%m-%d %H:%M:%S.%f")
+            changed = database.execute("update flow_run set end_time = ? where id = ?", (then, run))
+            assert changed.rowcount == 1
+    database.close()
+    with private_server(tmp_path) as server:
+        server.wait()
+        deadline = time.monotonic() + 180
+        while len(left := ask(server, "flow_runs/filter", {})) > 1 and time.monotonic() < deadline:
+            time.sleep(1)
+    assert [run["name"] for run in left] == ["young"]
