@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from upplied.planning.cpd import Patch
+from upplied.planning.layout import placed
 from upplied.planning.matching import match_parts
 from upplied.planning.parts import labels_of, mesh_pieces, part_labels, parts_of
 from upplied.planning.wording import place_of
@@ -74,6 +76,25 @@ def test_the_nearer_engine_is_not_taken_for_the_one_of_its_place() -> None:
     target = cloud(HULL, brick((18, 45, 0), (9, 4, 4)), brick((24, 36, 0), (9, 4, 4)))
     found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
     assert found.target_of(1).tolist() == [2] and found.target_of(2).tolist() == [1]
+
+
+def test_a_fairing_takes_no_engine() -> None:
+    engine, fairing = brick((30, 25, 0), (5, 4, 4), 200), brick((29, 22, 2), (4, 1, 1), 20)
+    inner, outer = brick((30, 26, 0), (5, 4, 4), 200), brick((22, 34, 0), (5, 4, 4), 200)
+    found = match_parts(
+        parts_of(cloud(HULL, engine, fairing)), parts_of(cloud(HULL, inner, outer)), DIAGONAL, never
+    )
+    assert found.target_of(1).tolist() == [1]  # though both would find a partner if the fairing took it
+    assert found.target_of(2).tolist() == []
+
+
+def test_a_strip_that_sticks_out_does_not_widen_a_part() -> None:
+    engine = brick((30, 25, 0), (9, 4, 4), 300)
+    strip = np.column_stack([np.full(12, 34.0), np.linspace(15, 25, 12), np.full(12, 3.5)])
+    whole = Patch(engine, np.tile([0.0, 0, 1], (300, 1)), np.zeros(300, int))
+    longer = np.concatenate([engine + [2.0, 3.0, 0.0], strip])
+    partner = Patch(longer, np.tile([0.0, 0, 1], (312, 1)), np.zeros(312, int))
+    np.testing.assert_allclose(placed(whole, partner).points, engine + [2.0, 3.0, 0.0], atol=0.3)
 
 
 def test_a_part_more_stays_without_partner() -> None:

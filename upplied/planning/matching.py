@@ -21,6 +21,7 @@ from upplied.records import Bools, Floats, Ints, Record
 # Largest ratio of extents along an axis, after the boxes of the structures were matched, with the
 # extent (over the diagonal) below which nothing is compared.
 _LIKE, _ALIKE = (0.015, 3.0), (0.05, 1.8)
+_LARGER = 4.0  # largest ratio of areas: a fairing is no engine, however small both are beside the wing
 _LONG = 4.0  # length over width of a part that may have turned
 _PART_OF = 0.1  # least share of the common surface, for each of two parts that make up one
 _TRIES = 3
@@ -95,7 +96,7 @@ def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Boo
     apart = cdist(source.middle, target.middle) / diagonal_m
     ratio = _ratios(source.high - source.low, target.high - target.low, _LIKE[0] * diagonal_m)
     size = np.abs(np.log(source.area[:, None] / target.area[None, :]))
-    allowed = _alike(source, target, diagonal_m, *_LIKE) & (apart < _APART)
+    allowed = _alike(source, target, diagonal_m, *_LIKE) & (apart < _APART) & (size < np.log(_LARGER))
     return apart + _SHAPE * ratio.mean(axis=2) + _SIZE * size, allowed
 
 

@@ -30,7 +30,7 @@ from upplied.planning.transfer import aimed, box_map, registered_map, zscore_map
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Trajectory, Waypoints, in_a_row
 
-_COMPACT = 1.0  # of the stand-off: a path with less spread counts as small
+_COMPACT = 0.7  # of the stand-off: a path with less spread counts as small
 _COMPARED = 500  # demonstrated positions that the path's shape is compared with
 _RIPPLES = 0.07  # of the usual stand-off: what is taken out of a path that was led and bent
 
