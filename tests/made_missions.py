@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from fake_catalog import box_structure
 
-from upplied.poses import look_at
+from upplied.poses import from_yaw_pitch, look_at
 from upplied.records import Measures, Placement, Plan, Structure, SurfaceStates, Trajectory
 
 PLACE = Placement(47.3977, 8.5456, 488.0, 30.0, "ellipsoid")
@@ -29,6 +29,13 @@ def rounds(turns: int = 3, count: int = 240, away: float = 6.0, speed: float = 2
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     t_s = np.concatenate([[0.0], np.cumsum(steps / speed)])
     return Trajectory(t_s, positions, look_at(positions, axis))
+
+
+def turning_on_the_spot() -> Trajectory:
+    """Straight past the box, with a turn of 120 deg in 4 s half way."""
+    t_s = np.array([0.0, 10.0, 14.0, 24.0])
+    positions = np.array([[-10.0, -12, 5], [0, -12, 5], [0, -12, 5], [10, -12, 5]])
+    return Trajectory(t_s, positions, from_yaw_pitch(np.radians([90.0, 30.0, 150.0, 90.0]), np.zeros(4)))
 
 
 def made_plan(path: Trajectory | None = None, every: int = 12, **changes) -> Plan:

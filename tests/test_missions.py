@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_missions import PLACE, made_plan, placed_box, rounds
+from made_missions import PLACE, made_plan, placed_box, rounds, turning_on_the_spot
 
 from upplied.errors import RefusedError, SettingsError
 from upplied.outputs.missions import MissionOptions, missions_of
+from upplied.outputs.missions.flying import Flying, as_flown
 from upplied.outputs.missions.geodesy import from_geodetic, heading_and_pitch, to_geodetic
 from upplied.outputs.missions.legs import min_distance
 from upplied.outputs.missions.thinning import still_seen, thinned
-from upplied.poses import from_yaw_pitch, look_at
+from upplied.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.records import Camera, Placement, Trajectory
 from upplied.scene import scene_of
 
@@ -189,3 +190,63 @@ def test_options_are_checked():
         with pytest.raises(SettingsError):
             MissionOptions(**wrong)
     assert PLACE.datum == "ellipsoid"
+
+
+def test_the_camera_turns_as_the_vehicle_turns_it():
+    quats = from_yaw_pitch(np.radians([0.0, 90.0, 90.0]), np.radians([0.0, -40.0, 20.0]))
+    path = Trajectory(np.array([0.0, 10.0, 20.0]), np.zeros((3, 3)), quats)
+    times = np.array([0.0, 5.0, 10.0, 15.0, 20.0])
+    said = {
+        turning: np.degrees(yaw_pitch(as_flown(path, times, turning).quat_xyzw)).round(6)
+        for turning in ("evenly", "ahead", "on arrival")
+    }
+    assert said["ahead"].tolist() == [[0, 90, 90, 90, 90], [0, -40, -40, 20, 20]]
+    assert said["on arrival"][1].tolist() == [0, 0, -40, -40, 20]
+    assert np.allclose(said["on arrival"][0], said["evenly"][0])
+    assert np.allclose(said["evenly"][1, 3], -10)
+
+
+def test_the_view_is_checked_as_the_vehicle_turns_the_camera():
+    states, scene = made_plan().surface, scene_of(placed_box())
+    positions = np.array([[-10.0, -12, 5], [10, -12, 5], [11, -12, 5]])
+    quats = from_yaw_pitch(np.radians([90.0, 90.0, -90.0]), np.zeros(3))  # at the end it looks away
+    past = Trajectory(np.array([0.0, 10.0, 10.5]), positions, quats)
+    ends = Trajectory(past.t_s[[0, 2]], positions[[0, 2]], quats[[0, 2]])
+    evenly, ahead = (
+        still_seen(past, ends, scene, states, Camera(), turning) for turning in ("evenly", "ahead")
+    )
+    assert ahead < 0.7 * evenly < 1.0
+
+
+def test_stops_count_against_the_battery_and_are_told():
+    options = MissionOptions(endurance_s=300.0)
+    straight = missions_of(made_plan(), placed_box(), options)
+    stopping = missions_of(made_plan(), placed_box(), options, Flying(stop_s=5.0))
+    assert len(stopping) > len(straight)
+    assert all(mission.duration_s <= 240.0 for mission in stopping)
+    assert "5 s are counted for the stop at each waypoint" in stopping[0].notes
+
+
+def test_the_notes_say_what_heights_mean_and_how_high_the_way_home_is():
+    (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(home_m=(30.0, 0.0, -2.0)))
+    told = " ".join(mission.notes)
+    assert "metres above the place of take-off" in told
+    assert f"{mission.height_m[0]:.1f} m above take-off" in told
+    (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(altitude="ellipsoid"))
+    assert "WGS 84 ellipsoid" in " ".join(mission.notes)
+
+
+def test_no_waypoint_of_the_ways_repeats_the_one_before():
+    for home in (None, (30.0, 0.0, 0.0), (0.0, 25.0, 1.0)):
+        for mission in missions_of(made_plan(), placed_box(), MissionOptions(home_m=home, endurance_s=200.0)):
+            steps = np.linalg.norm(np.diff(mission.local, axis=0), axis=1)
+            assert steps[~(mission.inspect[1:] & mission.inspect[:-1])].min() > 0.01
+
+
+def test_a_turn_on_the_spot_takes_its_time_and_is_one_place():
+    plan = made_plan(turning_on_the_spot(), every=1)
+    (mission,) = missions_of(plan, placed_box(), MissionOptions(home_m=(0.0, -30.0, 0.0)))
+    at = np.flatnonzero(mission.inspect)
+    assert np.allclose(mission.hold_s[at], [0, 0, 4, 0], atol=1e-6) and mission.hold_s.sum() < 4.001
+    assert [len(stop) for stop in mission.stops].count(2) == 1
+    assert sum(map(len, mission.stops)) == len(mission)

@@ -14,7 +14,7 @@ import zipfile
 import numpy as np
 import pandas as pd
 import pytest
-from made_missions import made_plan, placed_box
+from made_missions import made_plan, placed_box, turning_on_the_spot
 
 from upplied.errors import RefusedError, SettingsError
 from upplied.outputs.missions import FORMATS, MissionOptions, export, litchi, missions_of
@@ -68,6 +68,9 @@ def test_mavsdk_imports_the_plan_file(tmp_path, mavsdk_importer, mission, option
     assert np.allclose([item.z for item in places], mission.height_m, atol=1e-3)
     assert np.allclose([item.param4 for item in places], mission.heading_deg, atol=1e-3)
     assert items[0].command == 22 and items[-1].command == 20 and {item.frame for item in places} == {3}
+    turns = [at for at, item in enumerate(items) if item.command == 115]  # ArduPilot's heading of each leg
+    assert len(turns) == (len(mission) if options.firmware == "ardupilot" else 0)
+    assert all(items[at + 1].command == 16 and items[at].param1 == items[at + 1].param4 for at in turns)
     photo = 203 if options.firmware == "ardupilot" else 2000
     assert sum(item.command == photo for item in items) == mission.photo.sum()
     tilts = [item.param1 for item in items if item.command in (1000, 205)]
@@ -244,3 +247,24 @@ def test_sorties_are_numbered_files(tmp_path):
 def test_an_unknown_format_is_named_with_those_that_exist(tmp_path):
     with pytest.raises(SettingsError, match="qgc-plan"):
         export(made_plan(), placed_box(), "paper-map", tmp_path / "x")
+
+
+def test_turns_on_the_spot_are_holds_or_actions_and_no_waypoints_of_their_own(tmp_path):
+    plan = made_plan(turning_on_the_spot(), every=1)
+    options = MissionOptions(home_m=(0.0, -30.0, 0.0), drone="m30t", firmware="ardupilot")
+    paths = {}
+    for name in ("mavlink", "litchi", "dji-wpml"):
+        written = export(plan, placed_box(), name, tmp_path / f"m{FORMATS[name]}", options)
+        paths[name], (mission,) = written.paths[0], written.missions
+    rows = [line.split("\t") for line in paths["mavlink"].read_text().splitlines()[1:]]
+    assert [float(row[4]) for row in rows if row[3] == "16"][1:].count(4.0) == 1
+    table = list(csv.reader(paths["litchi"].read_text().splitlines()))[1:]
+    assert len(table) == len(mission.stops) == len(mission) - 1
+    (turned,) = [row for row in table if row[10] == "4"]
+    assert turned[8:16] == ["1", "0", "4", turned[11], "5", "0", "1", "0"]
+    assert int(turned[11]) == round((30.0 - 150.0) % 360)
+    with zipfile.ZipFile(paths["dji-wpml"]) as archive:
+        text = archive.read("wpmz/waylines.wpml").decode()
+    assert text.count("<Placemark>") == len(mission.stops)
+    assert text.count(">rotateYaw<") == 1 and ">counterClockwise<" in text
+    assert text.count(">takePhoto<") == mission.photo.sum() == 4

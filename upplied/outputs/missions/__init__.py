@@ -3,33 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from upplied.errors import SettingsError
 from upplied.outputs.files import replace_file
-from upplied.outputs.missions import dji_wpml, litchi
+from upplied.outputs.missions import dji_wpml, litchi, mavlink
 from upplied.outputs.missions.csv import csv_text
+from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.geojson import geojson_text
 from upplied.outputs.missions.kml import kml_text
-from upplied.outputs.missions.mavlink import mavlink_text
 from upplied.outputs.missions.mcap import mcap_bytes
-from upplied.outputs.missions.mission import Mission, missions_of
+from upplied.outputs.missions.mission import ANYTHING, Mission, missions_of
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.qgc_plan import qgc_plan_text
 from upplied.records import Camera, Plan, Structure, Trajectory
 
 __all__ = ["FORMATS", "Exported", "Mission", "MissionOptions", "export", "missions_of"]
 
-#: Format -> usual ending, most waypoints of one file (None: as many as there are), writer.
-_WRITERS: dict[str, tuple[str, int | None, Callable[[Mission, MissionOptions], bytes | str]]] = {
-    "qgc-plan": (".plan", None, qgc_plan_text),
-    "mavlink": (".waypoints", None, mavlink_text),
-    "dji-wpml": (".kmz", dji_wpml.MAX_WAYPOINTS, dji_wpml.dji_kmz),
-    "litchi": (".csv", litchi.MAX_WAYPOINTS, lambda mission, _: litchi.litchi_text(mission)),
-    "kml": (".kml", None, lambda mission, _: kml_text(mission)),
-    "geojson": (".geojson", None, lambda mission, _: geojson_text(mission)),
-    "csv": (".csv", None, lambda mission, _: csv_text(mission)),
+#: Format -> usual ending, what flies it, writer.
+_WRITERS: dict[str, tuple[str, Flying, Callable[[Mission, MissionOptions], bytes | str]]] = {
+    "qgc-plan": (".plan", mavlink.FLYING, qgc_plan_text),
+    "mavlink": (".waypoints", mavlink.FLYING, mavlink.mavlink_text),
+    "dji-wpml": (".kmz", dji_wpml.FLYING, dji_wpml.dji_kmz),
+    "litchi": (".csv", litchi.FLYING, lambda mission, _: litchi.litchi_text(mission)),
+    "kml": (".kml", ANYTHING, lambda mission, _: kml_text(mission)),
+    "geojson": (".geojson", ANYTHING, lambda mission, _: geojson_text(mission)),
+    "csv": (".csv", ANYTHING, lambda mission, _: csv_text(mission)),
 }
 #: Format -> usual ending of its files.
 FORMATS: dict[str, str] = {name: ending for name, (ending, _, _) in _WRITERS.items()} | {"mcap": ".mcap"}
@@ -81,8 +81,10 @@ def export(
         return Exported((written,), (), ("in the structure frame, metres",))
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
-    _, cap, write = _WRITERS[format]
-    missions = missions_of(plan, structure, options, cap, camera)
+    _, flying, write = _WRITERS[format]
+    if format in ("qgc-plan", "mavlink"):
+        flying = replace(flying, note=mavlink.NOTES[options.firmware])
+    missions = missions_of(plan, structure, options, flying, camera)
     contents = [write(mission, options) for mission in missions]  # all of them, before the first is written
     paths = [
         replace_file(_numbered(goal, mission), content)

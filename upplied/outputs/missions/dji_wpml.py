@@ -14,10 +14,13 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
+from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.mission import Mission
 from upplied.outputs.missions.options import MissionOptions
 
 MAX_WAYPOINTS = 200  # what importers are known to take; the format itself counts to 65535
+#: It stops at each waypoint, turns the gimbal, takes the photo, and starts again.
+FLYING = Flying(MAX_WAYPOINTS, stop_s=3.0, turning="on arrival")
 #: Model -> drone type, sub type, and the payload that is built in (None: say which one hangs below).
 DRONES: dict[str, tuple[int, int, int | None]] = {
     "m300": (60, 0, None),
@@ -99,7 +102,7 @@ def _template(mission: Mission) -> str:
     head += _group("globalWaypointHeadingParam", _tags(heading))
     head += _tags({"globalWaypointTurnMode": _TURN, "globalUseStraightLine": 1})
     payload = _group("payloadParam", _tags({"payloadPositionIndex": 0, "imageFormat": "wide"}))
-    marks = "".join(_placemark(mission, at, template=True) for at in range(len(mission)))
+    marks = "".join(_placemark(mission, at, template=True) for at in range(len(mission.stops)))
     return f"<Folder>\n{head}{marks}{payload}</Folder>\n"
 
 
@@ -114,21 +117,23 @@ def _waylines(mission: Mission) -> str:
             "autoFlightSpeed": f"{_cruise(mission):.2f}",
         }
     )
-    marks = "".join(_placemark(mission, at, template=False) for at in range(len(mission)))
+    marks = "".join(_placemark(mission, at, template=False) for at in range(len(mission.stops)))
     return f"<Folder>\n{head}{marks}</Folder>\n"
 
 
-def _placemark(mission: Mission, at: int, template: bool) -> str:
+def _placemark(mission: Mission, number: int, template: bool) -> str:
+    stop = mission.stops[number]
+    at = stop[0]
     lat, lon, alt = mission.geodetic[at]
     height = f"{mission.height_m[at]:.3f}"
-    after = mission.speed_mps[min(at + 1, len(mission) - 1)]
+    after = mission.speed_mps[min(stop[-1] + 1, len(mission) - 1)]
     heading = {
         "waypointHeadingMode": "smoothTransition",
-        "waypointHeadingAngle": f"{(mission.heading_deg[at] + 180) % 360 - 180:.1f}",
+        "waypointHeadingAngle": _signed(mission.heading_deg[at]),
         "waypointHeadingPathMode": "followBadArc",
     }
     place = f"<Point><coordinates>{lon:.9f},{lat:.9f}</coordinates></Point>\n"
-    body = place + _tags({"index": at})
+    body = place + _tags({"index": number})
     if template:
         known = mission.placement.datum == "ellipsoid"
         body += _tags({"ellipsoidHeight": f"{alt:.3f}" if known else height, "height": height})
@@ -139,16 +144,38 @@ def _placemark(mission: Mission, at: int, template: bool) -> str:
     body += _tags({"waypointSpeed": f"{after:.2f}"}) + _group("waypointHeadingParam", _tags(heading))
     turn = _tags({"waypointTurnMode": _TURN, "waypointTurnDampingDist": 0})
     body += _group("waypointTurnParam", turn) + _tags({"useStraightLine": 1})
-    return f"<Placemark>\n{body}{_actions(mission, at)}</Placemark>\n"
+    return f"<Placemark>\n{body}{_actions(mission, number)}</Placemark>\n"
 
 
-def _actions(mission: Mission, at: int) -> str:
-    """Turn the gimbal on arrival, then take the photo; between photos by distance, one group for the leg."""
-    gimbal = {
+def _actions(mission: Mission, number: int) -> str:
+    """Turn the gimbal on arrival, then take the photo, and again for each turn on the spot; between photos by
+    distance, one group for the leg.
+    """
+    stop = mission.stops[number]
+    actions: list[tuple[str, dict[str, object]]] = []
+    for at in stop:
+        if at > stop[0]:
+            right = (mission.heading_deg[at] - mission.heading_deg[at - 1]) % 360 < 180
+            turn: dict[str, object] = {"aircraftHeading": _signed(mission.heading_deg[at])}
+            turn["aircraftPathMode"] = "clockwise" if right else "counterClockwise"
+            actions.append(("rotateYaw", turn))
+        actions.append(("gimbalRotate", _gimbal(mission.pitch_deg[at])))
+        if mission.photo[at]:
+            actions.append(("takePhoto", _photo(at)))
+    groups = _action_group(2 * number, number, number, {"actionTriggerType": "reachPoint"}, actions)
+    inside = mission.photo_distance_m and stop[-1] + 1 < len(mission)
+    if inside and mission.inspect[stop[-1] : stop[-1] + 2].all():
+        every = {"actionTriggerType": "multipleDistance", "actionTriggerParam": mission.photo_distance_m}
+        groups += _action_group(2 * number + 1, number, number + 1, every, [("takePhoto", _photo(stop[-1]))])
+    return groups
+
+
+def _gimbal(pitch_deg: float) -> dict[str, object]:
+    return {
         "gimbalHeadingYawBase": "north",
         "gimbalRotateMode": "absoluteAngle",
         "gimbalPitchRotateEnable": 1,
-        "gimbalPitchRotateAngle": f"{mission.pitch_deg[at]:.1f}",
+        "gimbalPitchRotateAngle": f"{pitch_deg:.1f}",
         "gimbalRollRotateEnable": 0,
         "gimbalRollRotateAngle": 0,
         "gimbalYawRotateEnable": 0,
@@ -157,14 +184,15 @@ def _actions(mission: Mission, at: int) -> str:
         "gimbalRotateTime": 0,
         "payloadPositionIndex": 0,
     }
-    photo = {"fileSuffix": f"point{at}", "payloadPositionIndex": 0, "useGlobalPayloadLensIndex": 1}
-    actions = [("gimbalRotate", gimbal)] + ([("takePhoto", photo)] if mission.photo[at] else [])
-    groups = _action_group(2 * at, at, at, {"actionTriggerType": "reachPoint"}, actions)
-    inside = mission.photo_distance_m and at + 1 < len(mission) and mission.inspect[at : at + 2].all()
-    if inside:
-        every = {"actionTriggerType": "multipleDistance", "actionTriggerParam": mission.photo_distance_m}
-        groups += _action_group(2 * at + 1, at, at + 1, every, [("takePhoto", photo)])
-    return groups
+
+
+def _photo(at: int) -> dict[str, object]:
+    return {"fileSuffix": f"point{at}", "payloadPositionIndex": 0, "useGlobalPayloadLensIndex": 1}
+
+
+def _signed(heading_deg: float) -> str:
+    """A compass heading as DJI counts: -180 to 180."""
+    return f"{(heading_deg + 180) % 360 - 180:.1f}"
 
 
 def _action_group(number: int, first: int, last: int, trigger: dict, actions: list[tuple[str, dict]]) -> str:

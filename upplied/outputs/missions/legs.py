@@ -55,7 +55,7 @@ class Airspace:
                 out = point + (reach + farther) * direction
                 ways.append(np.array([point, out, self._above(out), above_home]))
         ways.sort(key=lambda way: float(length(way)))
-        return next((way for way in ways if self.free(way, needed)), None)
+        return next((_distinct(way) for way in ways if self.free(way, needed)), None)
 
     def _above(self, point: Floats) -> Floats:
         return np.array([point[0], point[1], max(self.transit_z_m, point[2])])
@@ -117,6 +117,12 @@ def _until_outside(point: Floats, direction: Floats, low: Floats, high: Floats, 
         reach = np.where(direction[:2] > 0, high[:2] + margin - point[:2], low[:2] - margin - point[:2])
         steps = np.where(np.abs(direction[:2]) > 1e-9, reach / direction[:2], np.inf)
     return float(steps.min())
+
+
+def _distinct(points: Floats) -> Floats:
+    """The polyline without points that repeat the one before: controllers refuse them."""
+    moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.01
+    return points[np.concatenate([[True], moved])]
 
 
 def _dense(points: Floats, step_m: float) -> Floats:

@@ -1,7 +1,8 @@
 """Litchi's mission hub CSV: 46 columns, one row a waypoint; heights above take-off.
 
 Litchi gives no schema. The columns and codes are those its hub imports and exports: gimbal mode 2
-interpolates the pitch, action 1 takes a photo, -1 is no action, altitude mode 0 is above take-off.
+interpolates the pitch, action 1 takes a photo, 4 turns the aircraft, 5 the gimbal, -1 is no action, altitude
+mode 0 is above take-off.
 """
 
 from __future__ import annotations
@@ -10,9 +11,17 @@ import csv
 import io
 
 from upplied.errors import RefusedError
+from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.mission import Mission
 
 MAX_WAYPOINTS = 99
+#: Without curves it stops at each waypoint.
+FLYING = Flying(
+    MAX_WAYPOINTS,
+    stop_s=2.0,
+    note="in Litchi set heading mode to Custom (WD), path mode to straight lines, finish action to RTH: the "
+    "file cannot say so",
+)
 _ACTIONS = 15
 COLUMNS = (
     "latitude", "longitude", "altitude(m)", "heading(deg)", "curvesize(m)", "rotationdir", "gimbalmode",
@@ -21,7 +30,9 @@ COLUMNS = (
     "altitudemode", "speed(m/s)", "poi_latitude", "poi_longitude", "poi_altitude(m)", "poi_altitudemode",
     "photo_timeinterval", "photo_distinterval",
 )  # fmt: skip
-_INTERPOLATE, _PHOTO, _NOTHING, _ABOVE_TAKEOFF = 2, 1, -1, 0
+_INTERPOLATE, _NOTHING, _ABOVE_TAKEOFF = 2, -1, 0
+_PHOTO, _ROTATE, _TILT = 1, 4, 5
+_TURNS = _ACTIONS // 3  # on the spot, of one row
 
 
 def litchi_text(mission: Mission) -> str:
@@ -33,9 +44,11 @@ def litchi_text(mission: Mission) -> str:
     buffer = io.StringIO()
     rows = csv.writer(buffer, lineterminator="\n")
     rows.writerow(COLUMNS)
-    for at in range(len(mission)):
+    stops = [stop[first : first + _TURNS] for stop in mission.stops for first in range(0, len(stop), _TURNS)]
+    for stop in stops:
+        at = stop[0]
         lat, lon = mission.geodetic[at, :2]
-        actions = [_PHOTO, 0] if mission.photo[at] else []
+        actions = [part for each in stop for part in _actions(mission, each, each > at)]
         actions += [_NOTHING, 0] * (_ACTIONS - len(actions) // 2)
         every_m = mission.photo_distance_m if mission.photo_distance_m and mission.inspect[at] else -1
         rows.writerow(
@@ -43,7 +56,13 @@ def litchi_text(mission: Mission) -> str:
                 f"{lat:.8f}", f"{lon:.8f}", f"{mission.height_m[at]:.2f}",
                 f"{mission.heading_deg[at]:.1f}", 0, 0,
                 _INTERPOLATE, f"{mission.pitch_deg[at]:.1f}", *actions, _ABOVE_TAKEOFF,
-                f"{mission.speed_mps[min(at + 1, len(mission) - 1)]:.2f}", 0, 0, 0, 0, -1, every_m,
+                f"{mission.speed_mps[min(stop[-1] + 1, len(mission) - 1)]:.2f}", 0, 0, 0, 0, -1, every_m,
             ]
         )  # fmt: skip
     return buffer.getvalue()
+
+
+def _actions(mission: Mission, at: int, on_the_spot: bool) -> list[int]:
+    """Types and parameters of what is done at a waypoint; a turn on the spot is no row of its own."""
+    turn = [_ROTATE, round(mission.heading_deg[at]) % 360, _TILT, round(mission.pitch_deg[at])]
+    return (turn if on_the_spot else []) + ([_PHOTO, 0] if mission.photo[at] else [])

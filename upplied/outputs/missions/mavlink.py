@@ -6,16 +6,25 @@ import math
 from dataclasses import dataclass
 
 from upplied.errors import RefusedError
+from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.mission import Mission
 from upplied.outputs.missions.options import MissionOptions
 
 WAYPOINT, RETURN, TAKEOFF = 16, 20, 22
+YAW = 115
 SPEED, DIGICAM, MOUNT, PHOTO_DISTANCE = 178, 203, 205, 206
 GIMBAL, PHOTO = 1000, 2000
 _MISSION_FRAME, _RELATIVE_FRAME, _GLOBAL_FRAME = 2, 3, 0
 _GIMBAL_LEVEL_WITH_VEHICLE = 4 + 8 + 32  # roll and pitch held to the horizon, yaw to the vehicle
 _MOUNT_BY_ANGLES = 2
 _NAN = float("nan")
+_SHORT_S = 0.3  # shorter than this nobody hovers
+#: Commands for the gimbal and the heading come into force when the leg to their waypoint begins.
+FLYING = Flying(turning="ahead")
+NOTES = {
+    "px4": "written for PX4; ArduPilot takes headings and photos from other commands: firmware ardupilot",
+    "ardupilot": "written for ArduPilot: set WP_YAW_BEHAVIOR to 0, or it turns the nose to the next waypoint",
+}
 
 
 @dataclass(frozen=True)
@@ -42,7 +51,8 @@ def mavlink_text(mission: Mission, options: MissionOptions) -> str:
 def items(mission: Mission, options: MissionOptions) -> list[Item]:
     """Take-off, gimbal, speed, waypoints, photos and return.
 
-    The vehicle's yaw carries the camera's heading, the gimbal its pitch.
+    The vehicle's yaw carries the camera's heading, the gimbal its pitch. PX4 reads the heading from the
+    waypoint, ArduPilot's copters from a command of its own before it.
     """
     if mission.altitude == "ellipsoid":
         raise RefusedError(
@@ -64,8 +74,11 @@ def items(mission: Mission, options: MissionOptions) -> list[Item]:
         if not abs(mission.pitch_deg[at] - pitch) < 0.5:
             pitch = mission.pitch_deg[at]
             out.append(_gimbal(pitch, options.gimbal))
+        if options.firmware == "ardupilot":
+            out.append(_command(YAW, mission.heading_deg[at]))
         lat, lon = mission.geodetic[at, :2]
-        out.append(Item(WAYPOINT, frame, (0.0, 0.0, 0.0, mission.heading_deg[at], lat, lon, alt[at])))
+        hold = math.ceil(mission.hold_s[at]) if mission.hold_s[at] > _SHORT_S else 0.0
+        out.append(Item(WAYPOINT, frame, (hold, 0.0, 0.0, mission.heading_deg[at], lat, lon, alt[at])))
         if mission.photo_distance_m and bool(mission.inspect[at]) != inspecting:
             inspecting = bool(mission.inspect[at])
             out.append(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from upplied.errors import RefusedError
 from upplied.outputs.missions import geodesy
+from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.legs import Airspace, airspace_of, default_home
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.sorties import Cutter, Sortie
@@ -24,6 +26,8 @@ from upplied.records import (
     Trajectory,
 )
 
+ANYTHING = Flying()
+_SAME_PLACE_M = 0.05
 _CROWDED_M = 0.25  # mean step between viewpoints
 
 
@@ -47,6 +51,7 @@ class Mission(Record):
     heading_deg: Floats  # (N,) of the camera, 0 .. 360 clockwise from true north
     pitch_deg: Floats  # (N,) of the gimbal, negative down
     speed_mps: Floats  # (N,) of the leg that ends at the waypoint
+    hold_s: Floats  # (N,) to hover on arrival, while the camera turns or as the expert did
     photo: Bools  # (N,) take one here
     inspect: Bools  # (N,)
     photo_distance_m: float  # between photos during the inspection, 0: at `photo` alone
@@ -55,6 +60,15 @@ class Mission(Record):
 
     def __len__(self) -> int:
         return len(self.local)
+
+    @property
+    def stops(self) -> list[range]:
+        """The waypoints by place: those after the first of a range are turns of the camera on the spot."""
+        starts = [0]
+        for at in range(1, len(self)):
+            if np.linalg.norm(self.local[at] - self.local[starts[-1]]) > _SAME_PLACE_M:
+                starts.append(at)
+        return [range(start, end) for start, end in pairwise([*starts, len(self)])]
 
     @property
     def height_m(self) -> Floats:
@@ -71,7 +85,7 @@ def missions_of(
     plan: Plan | Trajectory,
     structure: Structure,
     options: MissionOptions,
-    max_waypoints: int | None = None,
+    flying: Flying = ANYTHING,
     camera: Camera | None = None,
 ) -> list[Mission]:
     """The sorties of a plan, each within the endurance and the number of waypoints that are allowed.
@@ -106,12 +120,13 @@ def missions_of(
     fixed = np.zeros(len(path), bool) if is_viewpoint is None else is_viewpoint
     tolerances = (options.tolerance_m, options.tolerance_deg)
     view = (surface, camera or Camera())
-    kept, note = thinned(path, fixed, tolerances, airspace.scene, view, options.clearance_m)
+    kept, note = thinned(path, fixed, tolerances, airspace.scene, view, options.clearance_m, flying.turning)
     notes.append(note)
     short = Trajectory(path.t_s[kept], path.positions[kept], path.quat_xyzw[kept])
-    most = min(options.max_waypoints or 10**9, max_waypoints or 10**9)
-    cutter = Cutter(short, airspace, home, options, most)
+    most = min(options.max_waypoints or 10**9, flying.max_waypoints or 10**9)
+    cutter = Cutter(short, airspace, home, options, most, flying.stop_s)
     sorties = cutter.sorties()
+    notes += _told(sorties, options, flying, airspace.transit_z_m - float(home[2]))
     by_distance = options.photos == "distance" or (options.photos == "viewpoints" and is_viewpoint is None)
     photo = fixed[kept] if options.photos == "viewpoints" else np.zeros(len(kept), bool)
     made = []
@@ -133,6 +148,7 @@ def missions_of(
                 heading_deg=heading,
                 pitch_deg=pitch,
                 speed_mps=body.speed_mps,
+                hold_s=body.hold_s,
                 photo=body.photo,
                 inspect=body.inspect,
                 photo_distance_m=options.photo_distance_m if by_distance else 0.0,
@@ -141,6 +157,27 @@ def missions_of(
             )
         )
     return made
+
+
+def _told(sorties: list[Sortie], options: MissionOptions, flying: Flying, transit_m: float) -> list[str]:
+    """What the person who flies must know of heights, return and sorties."""
+    heights = {
+        "relative": "heights are metres above the place of take-off: start there, or say where (home_m)",
+        "amsl": "altitudes are metres above mean sea level",
+        "ellipsoid": "altitudes are metres above the WGS 84 ellipsoid",
+    }
+    told = [
+        heights[options.altitude],
+        f"the way there and back is {transit_m:.1f} m above take-off: let an automatic return climb no less",
+    ]
+    if len(sorties) > 1:
+        times = ", ".join(f"{sortie.duration_s:.0f}" for sortie in sorties)
+        told.append(
+            f"{len(sorties)} sorties of {times} s, each from the waypoint at which the one before turned back"
+        )
+    if flying.stop_s:
+        told.append(f"{flying.stop_s:g} s are counted for the stop at each waypoint")
+    return [*told, flying.note] if flying.note else told
 
 
 def check_altitude(altitude: str, placement: Placement, structure_id: str) -> None:
@@ -159,6 +196,7 @@ class _Body:
     local: Floats
     quat_xyzw: Floats
     speed_mps: Floats
+    hold_s: Floats
     photo: Bools
     inspect: Bools
 
@@ -204,6 +242,7 @@ def _waypoints(cutter: Cutter, photo: Bools, sortie: Sortie) -> _Body:
     ways = ((sortie.first, sortie.way_in), (sortie.last, sortie.way_out))
     turned = [np.repeat(path.quat_xyzw[[at]], len(way), axis=0) for at, way in ways]
     before, after = (np.full(len(way), cutter.options.transit_mps) for _, way in ways)
+    holds = [before * 0, [0.0], cutter.holds_s[sortie.first : sortie.last], after * 0]
     speeds = [before, [cutter.options.transit_mps], cutter.speeds[sortie.first : sortie.last], after]
     inspect = np.concatenate([before * 0, np.ones(sortie.last - sortie.first + 1), after * 0]) > 0
     photos = np.zeros(len(inspect), bool)
@@ -212,6 +251,7 @@ def _waypoints(cutter: Cutter, photo: Bools, sortie: Sortie) -> _Body:
         np.concatenate([sortie.way_in, path.positions[inside], sortie.way_out]),
         np.concatenate([turned[0], path.quat_xyzw[inside], turned[1]]),
         np.concatenate(speeds),
+        np.concatenate(holds),
         photos,
         inspect,
     )

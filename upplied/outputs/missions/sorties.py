@@ -35,12 +35,15 @@ class Cutter:
     home: Floats
     options: MissionOptions
     most: int  # waypoints of one sortie
+    stop_s: float = 0.0  # that each waypoint costs besides the way
     ways: dict[int, Floats | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        legs = np.linalg.norm(np.diff(self.path.positions, axis=0), axis=1)
-        self.speeds = np.clip(legs / np.maximum(np.diff(self.path.t_s), 1e-6), _SLOWEST_MPS, _FASTEST_MPS)
-        self.elapsed_s = np.concatenate([[0.0], np.cumsum(legs / self.speeds)])
+        legs, planned = np.linalg.norm(np.diff(self.path.positions, axis=0), axis=1), np.diff(self.path.t_s)
+        self.speeds = np.clip(legs / np.maximum(planned, 1e-6), _SLOWEST_MPS, _FASTEST_MPS)
+        flown = legs / self.speeds
+        self.holds_s = np.maximum(planned - flown, 0.0)  # turning on the spot, or hovering
+        self.elapsed_s = np.concatenate([[0.0], np.cumsum(flown + self.holds_s + self.stop_s)])
         given = self.options.endurance_s
         self.budget_s = np.inf if given is None else given * (1 - self.options.reserve_pct / 100)
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from upplied.outputs.missions.flying import Turning, as_flown
 from upplied.outputs.missions.legs import min_distance
 from upplied.poses import interpolate, matrices
 from upplied.records import Bools, Camera, Floats, Ints, SurfaceStates, Trajectory
@@ -23,6 +24,7 @@ def thinned(
     scene: Scene,
     seen: tuple[SurfaceStates | None, Camera],
     clearance_m: float,
+    turning: Turning = "evenly",
 ) -> tuple[Ints, str]:
     """Which waypoints to keep, and what was checked, in words.
 
@@ -41,6 +43,8 @@ def thinned(
         What the plan sees, where that is known.
     clearance_m : float
         Wanted of the mission.
+    turning : Turning
+        How the vehicle turns the camera between the waypoints that are left.
     """
     planned = min_distance(scene, path.positions) if len(path) > 1 else np.inf
     needed = min(clearance_m, planned)
@@ -49,7 +53,7 @@ def thinned(
         kept = np.flatnonzero(_kept(path, fixed, metres, degrees))
         coarse = Trajectory(path.t_s[kept], path.positions[kept], path.quat_xyzw[kept])
         clear = min_distance(scene, coarse.positions) if len(kept) > 1 else planned
-        share = still_seen(path, coarse, scene, *seen)
+        share = still_seen(path, coarse, scene, *seen, turning)
         if clear >= needed - 0.02 and (np.isnan(share) or share >= _LEAST_SEEN):
             view = "" if np.isnan(share) else f", {100 * share:.1f} % of what the plan sees stays in view"
             return kept, (
@@ -61,7 +65,12 @@ def thinned(
 
 
 def still_seen(
-    full: Trajectory, coarse: Trajectory, scene: Scene, states: SurfaceStates | None, camera: Camera
+    full: Trajectory,
+    coarse: Trajectory,
+    scene: Scene,
+    states: SurfaceStates | None,
+    camera: Camera,
+    turning: Turning = "evenly",
 ) -> float:
     """Share of the surface points seen along the full path that the coarse path sees; NaN where not known."""
     if states is None or len(full) < 2 or not (states.state == 1).any():
@@ -69,7 +78,7 @@ def still_seen(
     points = states.points[states.state == 1]
     times = np.linspace(full.t_s[0], full.t_s[-1], _LOOKS)
     before = _in_view(interpolate(full, times), points, scene, camera)
-    after = _in_view(interpolate(coarse, times), points, scene, camera)
+    after = _in_view(as_flown(coarse, times, turning), points, scene, camera)
     return float((before & after).sum() / before.sum()) if before.any() else float("nan")
 
 
@@ -111,7 +120,7 @@ def _kept(path: Trajectory, fixed: Bools, metres: float, degrees: float) -> Bool
 def _strays(path: Trajectory, first: int, last: int, metres: float, degrees: float) -> Floats:
     """How far the waypoints between two others stray from the straight leg, in units of the tolerances.
 
-    Autopilots turn the camera evenly along the leg, so orientation is compared at the same share of it.
+    Orientation is compared with a camera that turns evenly along the leg; what others lose is checked after.
     """
     between = path.positions[first + 1 : last]
     leg = path.positions[last] - path.positions[first]

@@ -1,0 +1,38 @@
+"""How the software behind a format flies what it is told: what a mission must allow for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
+from upplied.records import Floats, Trajectory
+
+#: The camera turns along each leg, at its start to what the next waypoint wants, or heading along it and
+#: pitch on arrival.
+Turning = Literal["evenly", "ahead", "on arrival"]
+
+
+@dataclass(frozen=True)
+class Flying:
+    """What flies the missions of a format; the defaults allow for nothing."""
+
+    max_waypoints: int | None = None  # of one file; None: as many as there are
+    stop_s: float = 0.0  # that each waypoint of the inspection costs besides the way
+    turning: Turning = "evenly"
+    note: str = ""  # what the person who flies must set, as the file cannot say it
+
+
+def as_flown(path: Trajectory, t_s: Floats, turning: Turning) -> Trajectory:
+    """Poses (N,) at times on a mission's path, the camera turned as the vehicle turns it."""
+    evenly = interpolate(path, t_s)
+    if turning == "evenly" or len(path) < 2:
+        return evenly
+    if turning == "ahead":
+        coming = np.searchsorted(path.t_s, t_s, side="left").clip(0, len(path) - 1)
+        return Trajectory(t_s, evenly.positions, path.quat_xyzw[coming])
+    reached = (np.searchsorted(path.t_s, t_s, side="right") - 1).clip(0, len(path) - 1)
+    (yaw, _), (_, pitch) = yaw_pitch(evenly.quat_xyzw), yaw_pitch(path.quat_xyzw[reached])
+    return Trajectory(t_s, evenly.positions, from_yaw_pitch(yaw, pitch))
