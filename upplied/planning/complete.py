@@ -69,7 +69,7 @@ def complete(
 
 
 def past(positions: Floats) -> Floats:
-    """Places (M, 3), m, a little past each position of a path, on the leg to the next: where the camera turns.
+    """Places (M, 3), m, a little past each position of a path, on the leg to the next, for turns.
 
     Past it, not at it: a vehicle that may turn its camera on the way need not stop for it.
     """

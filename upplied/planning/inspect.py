@@ -9,7 +9,7 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.measure import BY_FRUSTUM, TRULY, Views, views
 from upplied.planning.pair import Memo, Pair, content_key, no_memo, remembering
-from upplied.planning.smooth import smoothed
+from upplied.planning.smooth import Smoothed, smoothed
 from upplied.planning.viewpoints import find_viewpoints
 from upplied.planning.visibility import visible
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
@@ -34,7 +34,7 @@ def inspect_demonstration(
 ) -> Inspection:
     """Visibility along the flight, and its viewpoints, remembered by content."""
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
-    flight, breaks = prepared(demonstration, settings)
+    flight, breaks = prepared(demonstration, settings, memo)
     camera = demonstration.camera
     fit = pair.fit_for(settings)
     facts = (demonstration.sha256, pair.source.sha256, settings.clouds)
@@ -75,7 +75,9 @@ def inspect_demonstration(
     )
 
 
-def prepared(demonstration: Demonstration, settings: Settings) -> tuple[Trajectory, Ints]:
+def prepared(
+    demonstration: Demonstration, settings: Settings, memo: Memo = no_memo
+) -> tuple[Trajectory, Ints]:
     """The flight to plan on, and the poses that start a new part after a gap.
 
     The paper assumes a demonstration free of noise, so its preset takes the poses as they are; a
@@ -84,7 +86,8 @@ def prepared(demonstration: Demonstration, settings: Settings) -> tuple[Trajecto
     """
     flight = demonstration.trajectory
     if settings.refine.method == "view":
-        steady = smoothed(flight, _STATIONS, demonstration.breaks)
+        key = content_key("flight", demonstration.sha256, _STATIONS)
+        steady = memo("flight", Smoothed, key, lambda: smoothed(flight, _STATIONS, demonstration.breaks))
         return steady.flight, steady.breaks
     keep = np.arange(len(flight))
     if len(flight) > settings.viewpoints.most_poses:

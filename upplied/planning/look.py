@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.visibility import visible
@@ -19,7 +20,7 @@ from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 from upplied.scene import Scene
 
 _WORTH = 2e-4  # share of the whole need that a turn must add to be flown
-_DIRECTIONS = 24  # candidate directions at each station
+_DIRECTIONS, _FEW_DIRECTIONS = 24, 4  # candidate directions at each station, and at each place off the path
 _STATIONS = 160  # stations from which turns are considered
 _TUBE, _WAYS = 54, 26  # stations from which detours lead, and their directions
 _PLACES = 150  # of the places to try, the most promising
@@ -92,16 +93,10 @@ def find_looks(positions: Floats, quat_xyzw: Floats, covered: Bools, view: View)
         return _no_looks()
     stations = stations_of(positions)
     reach = view.reach(positions[stations], missing)
-    row_station, row_quat, row_shows = [], [], []
-    for index in np.flatnonzero(reach.any(axis=1)):
-        quats, shows = _directions(positions[stations[index]], reach[index], missing, view)
-        row_station.append(np.full(len(quats), stations[index]))
-        row_quat.append(quats)
-        row_shows.append(shows)
-    if not row_station:
+    if not reach.any():
         return _no_looks()
-    station, quat = np.concatenate(row_station), np.concatenate(row_quat)
-    shows = np.concatenate(row_shows)
+    row, quat, shows = _directions(positions[stations], reach, missing, view, _DIRECTIONS)
+    station = stations[row]
     turn = _axis_angle(quat, quat_xyzw[station])
     chosen, gain = _greedy(shows, view.need[missing], 1 - 0.3 * turn / np.pi, _WORTH * view.need.sum())
     order = np.argsort(station[chosen], kind="stable")
@@ -138,19 +133,13 @@ def find_detours(
     reach = view.reach(places, missing)
     ease = 1 / (0.1 + np.sum(((places - positions[station]) / reach_m) ** 2, axis=1))
     promise = (reach @ view.need[missing]) * ease
-    rows, quats, shows = [], [], []
-    for index in np.argsort(-promise, kind="stable")[:_PLACES]:
-        if promise[index] <= 0:
-            break
-        quat, shown = _directions(places[index], reach[index], missing, view, number=4)
-        rows.append(np.full(len(quat), index))
-        quats.append(quat)
-        shows.append(shown)
-    if not rows:
+    best = np.argsort(-promise, kind="stable")[:_PLACES]
+    best = best[promise[best] > 0]
+    if len(best) == 0:
         return _no_detours()
-    row, quat = np.concatenate(rows), np.concatenate(quats)
-    worth = 2 * _WORTH * view.need.sum()
-    chosen, gain = _greedy(np.concatenate(shows), view.need[missing], ease[row], worth)
+    row, quat, shows = _directions(places[best], reach[best], missing, view, _FEW_DIRECTIONS)
+    row = best[row]
+    chosen, gain = _greedy(shows, view.need[missing], ease[row], 2 * _WORTH * view.need.sum())
     return Detours(places[row[chosen]], quat[chosen], station[row[chosen]], gain)
 
 
@@ -168,33 +157,53 @@ def bend(positions: Floats, place: Floats, station: int) -> Floats:
 
 
 def _directions(
-    position: Floats, reach: Bools, missing: Ints, view: View, number: int = _DIRECTIONS
-) -> tuple[Floats, Bools]:
-    """Candidate orientations at one place (C, 4), and which missing samples each shows (C, m)."""
-    rays = view.cloud.points[missing] - position
-    hit = np.flatnonzero(reach)
-    aims = np.unique(hit[np.linspace(0, len(hit) - 1, min(number, len(hit))).astype(int)])
-    centre = (rays[hit] * view.need[missing][hit, None]).sum(axis=0) / view.need[missing][hit].sum()
-    towards = np.vstack([centre, rays[aims]])
+    places: Floats, reach: Bools, missing: Ints, view: View, number: int
+) -> tuple[Ints, Floats, Bools]:
+    """Candidate orientations at places (P, 3) that reach some of the missing samples (P, m).
+
+    For each candidate its place (C,), its orientation (C, 4), and which missing samples it shows (C, m):
+    one towards the middle of what the place reaches, and up to `number` towards single samples.
+    """
+    points, need = view.cloud.points[missing], view.need[missing]
+    rows, aims = [], []
+    for place in np.flatnonzero(reach.any(axis=1)):
+        hit = np.flatnonzero(reach[place])
+        chosen = hit[np.unique(np.linspace(0, len(hit) - 1, min(number, len(hit))).astype(np.int64))]
+        aims.append((need[hit] @ points[hit] / need[hit].sum())[None])
+        aims.append(points[chosen])
+        rows.append(np.full(1 + len(chosen), place))
+    row = np.concatenate(rows)
+    towards = np.concatenate(aims) - places[row]
     yaw = np.arctan2(towards[:, 1], towards[:, 0])
     pitch = np.arctan2(towards[:, 2], np.hypot(towards[:, 0], towards[:, 1]))
     low, high = np.radians([view.limits.min_gimbal_pitch_deg, view.limits.max_gimbal_pitch_deg])
     quats = from_yaw_pitch(yaw, np.clip(pitch, low, high))
-    local = np.einsum("cji,mj->cmi", matrices(quats), rays[hit])
-    shown = np.zeros((len(quats), len(missing)), bool)
-    shown[:, hit] = _in_picture(local, view.camera)
-    return quats, shown
+    half = np.radians([view.camera.hfov_deg, view.camera.vfov_deg]) / 2 * 0.98  # well inside the picture
+    shown = _in_picture(places, row, matrices(quats), points, reach, half, view.camera.hfov_deg >= 180)
+    return row, quats, shown
 
 
-def _in_picture(local: Floats, camera: Camera) -> Bools:
-    """Whether vectors in the camera frame (..., 3) fall well inside the picture."""
-    half_h, half_v = np.radians(camera.hfov_deg / 2) * 0.98, np.radians(camera.vfov_deg / 2) * 0.98
-    across = np.abs(np.arctan2(local[..., 1], local[..., 0]))
-    if camera.hfov_deg >= 180:
-        up = np.abs(np.arctan2(local[..., 2], np.hypot(local[..., 0], local[..., 1])))
-    else:
-        up = np.abs(np.arctan2(local[..., 2], local[..., 0]))
-    return (across <= half_h) & (up <= half_v)
+@njit(cache=True)
+def _in_picture(
+    places: Floats, row: Ints, axes: Floats, points: Floats, reach: Bools, half: Floats, round_: bool
+) -> Bools:
+    """Which of the points in reach fall into the picture of each orientation, (C, m)."""
+    shown = np.zeros((len(row), len(points)), np.bool_)
+    for index in range(len(row)):
+        place, turn = places[row[index]], axes[index]
+        for sample in range(len(points)):
+            if not reach[row[index], sample]:
+                continue
+            x, y, z = 0.0, 0.0, 0.0
+            for axis in range(3):
+                ray = points[sample, axis] - place[axis]
+                x += turn[axis, 0] * ray
+                y += turn[axis, 1] * ray
+                z += turn[axis, 2] * ray
+            forward = np.hypot(x, y) if round_ else x
+            across, up = abs(np.arctan2(y, x)), abs(np.arctan2(z, forward))
+            shown[index, sample] = across <= half[0] and up <= half[1]
+    return shown
 
 
 def _greedy(shows: Bools, need: Floats, ease: Floats, worth: float) -> tuple[Ints, Floats]:
