@@ -80,7 +80,7 @@ def plan(
 ) -> Plan:
     """A plan with every field said; refused and failed ones have no trajectory."""
     rng = np.random.default_rng(seed)
-    numbers = {item.name: float(value) for item, value in zip(fields(Measures), rng.random(12), strict=True)}
+    numbers = {item.name: float(rng.random()) for item in fields(Measures)}
     made = Plan(
         "flight",
         "boxy",

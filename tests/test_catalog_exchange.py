@@ -103,7 +103,7 @@ def test_a_name_that_means_something_else_here_is_not_overwritten(folder, tmp_pa
 
 def resigned(folder: Path) -> None:
     """Make the hashes of `dataset.json` right again, as somebody would who means harm."""
-    from upplied.catalog.exchange import _sha256
+    from upplied.catalog.dataset_files import _sha256
 
     about = json.loads((folder / "dataset.json").read_text())
     about["files"] = {name: _sha256(folder / name) for name in about["files"]}

@@ -29,8 +29,9 @@ from deltalake import Schema as DeltaSchema
 from deltalake.exceptions import CommitFailedError, DeltaError, SchemaMismatchError, TableNotFoundError
 from deltalake.transaction import AddAction
 
+from upplied.catalog.columns import Table
 from upplied.catalog.files import FileStore, sync_path
-from upplied.catalog.tables import SCHEMA_VERSION, Table
+from upplied.catalog.tables import SCHEMA_VERSION
 from upplied.errors import CatalogError
 
 log = logging.getLogger(__name__)

@@ -1,18 +1,15 @@
 """A part of a catalog as a folder that stands for itself, and such a folder into another catalog.
 
 The folder holds the five tables as plain Parquet, the meshes, the data dictionary, the licence, and
-``dataset.json``: its name (``name-v1``), where it came from, and the hash of every file. Nothing of
-it is believed before it was checked; importing it twice adds nothing the second time.
+``dataset.json`` (`upplied.catalog.dataset_files`). Nothing of it is believed before it was checked;
+importing it twice adds nothing the second time.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,13 +17,13 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-import upplied
 from upplied.catalog import adding, codec, plan_rows, rows
+from upplied.catalog.dataset_files import check_files, describe
 from upplied.catalog.files import replace_file
 from upplied.catalog.meshes import file_name
 from upplied.catalog.published import owned_steps, write_tables
 from upplied.catalog.rows import Row
-from upplied.catalog.tables import SCHEMA_VERSION, TABLES, data_dictionary
+from upplied.catalog.tables import TABLES
 from upplied.catalog.verification import answers, broken_values
 from upplied.checks import check_id
 from upplied.errors import CatalogError, InputError
@@ -35,10 +32,8 @@ from upplied.records import Structure
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
-_DATASET = "dataset.json"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}-v[1-9][0-9]*")
 _IDS = {"structure_id", "kind", "demonstration_id", "source_id", "target_id", "transfer_id", "key"}
-_MAX_BYTES = 8 << 30  # of one file of a folder that is imported
 
 
 def export_dataset(
@@ -95,7 +90,7 @@ def export_dataset(
     for sha256 in sorted(set(structures["mesh_sha256"])):
         replace_file(place / "meshes" / f"{sha256}.parquet", codec.encode(catalog.meshes.get(sha256)))
     about = {"name": name, "licence": licence, "attribution": attribution, "rows": counts}
-    _describe(place, about)
+    describe(place, about)
     return counts
 
 
@@ -122,7 +117,7 @@ def import_dataset(catalog: Catalog, folder: str | os.PathLike[str], replace: bo
         catalog. Nothing is added then.
     """
     place = Path(folder)
-    _check_files(place)
+    check_files(place)
     tables = {name: _read(place, name) for name in TABLES}
     for name in ("structures", "demonstrations", "transfers"):
         frame = tables[name].to_pandas()
@@ -172,71 +167,6 @@ def _only(frame: pd.DataFrame, column: str, names: Any) -> pd.DataFrame:
 
 def _table(name: str, frame: pd.DataFrame) -> pa.Table:
     return pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
-
-
-def _describe(place: Path, about: dict[str, Any]) -> None:
-    """Write what a person and a program need to know of the folder; `dataset.json` last."""
-    about |= {
-        "schema_version": SCHEMA_VERSION,
-        "made_by": f"upplied {upplied.__version__}",
-        "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
-    }
-    lines = [f"- {count} rows in `{table}.parquet`" for table, count in about["rows"].items()]
-    whom = f" Please name: {about['attribution']}." if about["attribution"] else ""
-    readme = _README.format(name=about["name"], rows="\n".join(lines), licence=about["licence"], whom=whom)
-    replace_file(place / "README.md", readme.encode())
-    replace_file(place / "LICENCE.txt", f"{about['licence']}\n{about['attribution']}\n".encode())
-    replace_file(place / "DATA_DICTIONARY.md", data_dictionary().encode())
-    files = {_relative(place, path): _sha256(path) for path in sorted(place.rglob("*")) if path.is_file()}
-    replace_file(place / _DATASET, json.dumps({**about, "files": files}, indent=2).encode())
-
-
-_README = """\
-# {name}
-
-Expert demonstrations of inspection flights, and what they became on other structures.
-
-{rows}
-- the meshes of the structures in `meshes/`, named by their hash
-
-Every table is plain Parquet: `pandas.read_parquet("transfers.parquet")`. DATA_DICTIONARY.md explains each
-column and its unit. Rows name the hashes of the log, the meshes, the settings and the versions of method and
-program that they came from; `dataset.json` holds the hash of every file here.
-
-Licence: {licence}.{whom}
-"""
-
-
-def _check_files(place: Path) -> None:
-    """The files that are there against the hashes they should have."""
-    try:
-        about = json.loads((place / _DATASET).read_text(encoding="utf-8"))
-        version, files = int(about["schema_version"]), dict(about["files"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CatalogError(f"{place / _DATASET}", f"cannot be read: {error}", "an exported folder") from None
-    if version > SCHEMA_VERSION:
-        raise CatalogError(
-            str(place), f"has schema version {version}", f"at most {SCHEMA_VERSION}", "use a newer version"
-        )
-    needed = {f"{name}.parquet" for name in TABLES}
-    for name in sorted(needed | set(files)):
-        path = place / name
-        if name not in files or _relative(place, path) != name or ".." in Path(name).parts:
-            raise CatalogError(f"{place}: {name[:200]}", "is not listed, or lies outside the folder")
-        if not path.is_file() or path.stat().st_size > _MAX_BYTES or _sha256(path) != files[name]:
-            raise CatalogError(str(path), "is missing, too large, or not the file that was exported")
-
-
-def _relative(place: Path, path: Path) -> str:
-    try:
-        return path.resolve().relative_to(place.resolve()).as_posix()
-    except ValueError:
-        return ""
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _read(place: Path, name: str) -> pa.Table:

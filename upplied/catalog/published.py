@@ -19,7 +19,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from upplied.catalog.tables import SCHEMA_VERSION, TABLES, Table
+from upplied.catalog.columns import Table
+from upplied.catalog.tables import SCHEMA_VERSION, TABLES
 from upplied.errors import CatalogError
 
 if TYPE_CHECKING:

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from upplied.catalog.columns import Table
 from upplied.catalog.steps import pose_arrays, poses_sha256, step_table
-from upplied.catalog.tables import POSES, Table
+from upplied.catalog.tables import POSES
 from upplied.records import (
     Camera,
     Demonstration,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from upplied.catalog.tables import Table
+from upplied.catalog.columns import Table
 from upplied.records import Bools, Floats, Ints
 
 _POSITION = ("x_m", "y_m", "z_m")

@@ -9,69 +9,12 @@ without raising `SCHEMA_VERSION`, which older programs refuse to read.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
-import pyarrow as pa
-
+from upplied.catalog.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table
 from upplied.config import PRESETS
 
 SCHEMA_VERSION = 1
-
-TEXT, REAL, WHOLE, TRUTH = pa.string(), pa.float64(), pa.int64(), pa.bool_()
-MOMENT = pa.timestamp("us", tz="UTC")
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column, and what is allowed in it."""
-
-    name: str
-    type: pa.DataType
-    unit: str
-    meaning: str
-    required: bool = False  # never null, never an empty text
-    allowed: tuple[str, ...] = ()  # the only ones allowed, where there are any
-    low: float | None = None
-    high: float | None = None
-
-    @property
-    def constraint(self) -> str:
-        """What is allowed, in words."""
-        said = ["required"] if self.required else []
-        if self.allowed:
-            said.append("one of " + ", ".join(self.allowed))
-        if self.low is not None and self.high is not None:
-            said.append(f"{self.low:g} to {self.high:g}")
-        elif self.low is not None:
-            said.append(f"at least {self.low:g}")
-        return ", ".join(said)
-
-    @property
-    def field(self) -> pa.Field:
-        """The Arrow field, with unit and meaning as metadata."""
-        return pa.field(self.name, self.type, metadata={"unit": self.unit, "meaning": self.meaning})
-
-
-@dataclass(frozen=True)
-class Table:
-    """One table: what a row is, what names it, and its columns."""
-
-    name: str
-    meaning: str
-    key: tuple[str, ...]
-    columns: tuple[Column, ...]
-    order: tuple[str, ...]  # of the rows in merged files: what is asked for together lies together
-
-    @property
-    def schema(self) -> pa.Schema:
-        """The Arrow schema."""
-        return pa.schema([column.field for column in self.columns])
-
-    @property
-    def names(self) -> list[str]:
-        """The names of the columns, in order."""
-        return [column.name for column in self.columns]
 
 
 def _id(name: str, meaning: str) -> Column:
@@ -79,6 +22,18 @@ def _id(name: str, meaning: str) -> Column:
 
 
 _COMMIT = _id("commit_id", "the commit that wrote the row, in the order of time")
+
+
+def _version_of(whole: str) -> tuple[Column, ...]:
+    """How a version of a structure or demonstration came, and whether it went."""
+    return (
+        Column("retired", TRUTH, "", f"taken out of {whole} with this version; history stays"),
+        Column("version", WHOLE, "1", "1, 2, ... per id in the order of time, counted when read", low=1),
+        Column("added_at", MOMENT, "UTC", "when this version was added", required=True),
+        _COMMIT,
+    )
+
+
 _POSE = (
     *(Column(f"{axis}_m", REAL, "m", f"position of the camera, {axis}, structure frame") for axis in "xyz"),
     *(
@@ -115,10 +70,7 @@ STRUCTURES = Table(
         Column("surroundings_json", TEXT, "", "ground, keep-out boxes, geofence and ceiling, m"),
         Column("landmarks_json", TEXT, "", "named points, m, structure frame"),
         Column("symmetric", TRUTH, "", "declared: no heading can be told from the shape"),
-        Column("retired", TRUTH, "", "taken out of the fleet with this version; history stays"),
-        Column("version", WHOLE, "1", "1, 2, ... per id in the order of time, counted when read", low=1),
-        Column("added_at", MOMENT, "UTC", "when this version was added", required=True),
-        _COMMIT,
+        *_version_of("the fleet"),
     ),
     ("structure_id", "added_at"),
 )
@@ -149,10 +101,7 @@ DEMONSTRATIONS = Table(
         Column("breaks_json", TEXT, "", "first pose after each gap"),
         Column("dropped_json", TEXT, "", "samples dropped, by reason"),
         Column("degraded", TRUTH, "", "the log was salvaged; the notes say what was lost"),
-        Column("retired", TRUTH, "", "taken out of use with this version; history stays"),
-        Column("version", WHOLE, "1", "1, 2, ... per id in the order of time, counted when read", low=1),
-        Column("added_at", MOMENT, "UTC", "when this version was added", required=True),
-        _COMMIT,
+        *_version_of("use"),
     ),
     ("demonstration_id", "added_at"),
 )
@@ -263,15 +212,14 @@ def data_dictionary() -> str:
         parts.append(f"## {table.name}\n\n{table.meaning[0].upper()}{table.meaning[1:]}.\n")
         parts.append("| column | type | unit | meaning | constraint |\n|---|---|---|---|---|")
         parts += [
-            f"| `{c.name}` | {_type_name(c.type)} | {c.unit} | {c.meaning} | {c.constraint} |"
+            f"| `{c.name}` | {_TYPES[c.type]} | {c.unit} | {c.meaning} | {c.constraint} |"
             for c in table.columns
         ]
         parts.append("")
     return "\n".join(parts).rstrip() + "\n"
 
 
-def _type_name(kind: pa.DataType) -> str:
-    return {TEXT: "text", REAL: "float64", WHOLE: "int64", TRUTH: "bool", MOMENT: "time, UTC, us"}[kind]
+_TYPES = {TEXT: "text", REAL: "float64", WHOLE: "int64", TRUTH: "bool", MOMENT: "time, UTC, us"}
 
 
 _PREFACE = """\

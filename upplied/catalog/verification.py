@@ -12,12 +12,13 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from upplied.catalog.columns import Column
 from upplied.catalog.plan_rows import settings_text
 from upplied.catalog.published import owned_steps
 from upplied.catalog.recipes import settings_of
 from upplied.catalog.rows import Row
 from upplied.catalog.steps import pose_arrays, poses_sha256
-from upplied.catalog.tables import TABLES, Column
+from upplied.catalog.tables import TABLES
 from upplied.errors import CatalogError, UppliedError
 
 if TYPE_CHECKING:
