@@ -48,3 +48,11 @@ def test_the_fifteen_rows_are_those_of_the_tables(monkeypatch: pytest.MonkeyPatc
     assert len(PUBLISHED) == 15
     assert len({(row.source, row.target, row.inspection) for row in PUBLISHED}) == 15
     assert all(50 < row.baseline_pct <= row.coverage_pct <= 100 for row in PUBLISHED)
+
+
+@pytest.mark.slow
+def test_what_a_fleet_costs_besides_planning() -> None:
+    heads, line = run("scale.py", "--targets", "20", "--flow", "0").splitlines()
+    assert "overhead" in heads
+    assert line.split()[0] == "20"
+    assert 0 < float(line.split()[6]) < 2  # GiB of a worker
