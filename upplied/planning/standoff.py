@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from upplied.config import TransferSettings
 from upplied.planning.transfer import AxisMap
@@ -76,14 +77,29 @@ def expected_standoff(
 
 def median_distance(positions: Floats, points: Floats, weight: Floats) -> Floats:
     """Weighted median distance (M,) from each position to the points it sees; NaN where there are none."""
+    return np.asarray(_medians(*(np.ascontiguousarray(item, float) for item in (positions, points, weight))))
+
+
+@njit(cache=True)
+def _medians(positions: Floats, points: Floats, weight: Floats) -> Floats:
     medians = np.full(len(positions), np.nan)
-    for index, shares in enumerate(weight):
-        seen = np.flatnonzero(shares > 0)
-        if len(seen):
-            distance = np.linalg.norm(points[seen] - positions[index], axis=1)
-            order = np.argsort(distance, kind="stable")
-            share = np.cumsum(shares[seen][order])
-            medians[index] = distance[order][np.searchsorted(share, share[-1] / 2)]
+    for index in range(len(positions)):
+        seen = np.flatnonzero(weight[index] > 0)
+        if len(seen) == 0:
+            continue
+        distance = np.empty(len(seen))
+        for place, sample in enumerate(seen):
+            squared = 0.0
+            for axis in range(3):
+                squared += (points[sample, axis] - positions[index, axis]) ** 2
+            distance[place] = np.sqrt(squared)
+        order = np.argsort(distance, kind="mergesort")
+        half, share = weight[index][seen].sum() / 2, 0.0
+        for place in order:
+            share += weight[index, seen[place]]
+            if share >= half:
+                medians[index] = distance[place]
+                break
     return medians
 
 

@@ -21,7 +21,7 @@ _CHANGES = (  # axis, and what is tried along it: factors, and shifts in stand-o
     (1, tuple((factor, 0.0) for factor in _FACTORS)),
     (0, tuple((factor, 0.0) for factor in _FACTORS)),
 )
-_STATIONS, _SAMPLES = 80, 900
+_STATIONS, _SAMPLES = 64, 500
 _WORTH = 0.004  # share of the need that a stretch must add
 
 
