@@ -16,7 +16,7 @@ from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED, PRESETS
 from upplied.planning.measure import BY_FRUSTUM, TRULY, views
 from upplied.planning.pair import study_pair
-from upplied.planning.plan import plan_transfer
+from upplied.planning.plan import METHOD_VERSION, plan_transfer
 from upplied.records import SURFACE_STATES, Bools, Cloud, Demonstration, Plan, Structure, SurfaceStates
 from upplied.samples.fleet import sample_demonstrations, sample_structures
 from upplied.simulate import Wind, fly_trajectory, measure_flown
@@ -118,7 +118,8 @@ def _row(plan: Plan, name: str = "") -> str:
 
 def _write_table(rows: list[str]) -> None:
     head = "| flight | target | preset | seen % | attainable % | paper's % | Fréchet | least clearance, m |"
-    text = "\n".join([head, "|---|---|---|---:|---:|---:|---:|---:|", *rows]) + "\n"
+    told = f"Measured with version {METHOD_VERSION} of the method:\n"
+    text = "\n".join([told, head, "|---|---|---|---:|---:|---:|---:|---:|", *rows]) + "\n"
     (HERE / "measured.md").write_text(text, encoding="utf-8")
 
 
