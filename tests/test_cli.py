@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
@@ -133,6 +134,21 @@ def test_a_bad_mesh_is_code_1(tmp_path: Path, capsys):
     assert "bad.stl" in told.err
     assert "Traceback" not in told.err
     assert main(["structures", "check", manifest, "--workers", "1"]) == 1
+
+
+def test_doctor_says_what_is_missing_and_how_to_get_it(location, monkeypatch, capsys):
+    def missing(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("upplied.cli.doctor.version", missing)
+    monkeypatch.setattr("platform.libc_ver", lambda: ("glibc", "2.31"))
+    assert main(["doctor", "--json", "--catalog", location]) == 1
+    found = {row["check"]: row for row in json.loads(capsys.readouterr().out)}
+    assert (
+        found["packages"]["found"]
+        == "sqlalchemy is not installed: install from requirements.lock, as make quickstart does"
+    )
+    assert found["system"]["result"] == "bad" and "Debian 12" in found["system"]["found"]
 
 
 def test_doctor_finds_this_machine_fit(location, capsys):

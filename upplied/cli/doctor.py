@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import shutil
 import sys
 from collections.abc import Callable
@@ -14,11 +15,14 @@ from upplied.cli.terminal import CatalogOption, JsonOption, opened, show
 
 app = App(name="doctor", help="Check that this machine can do the work.")
 
+_INSTALL = "install from requirements.lock, as make quickstart does"
+
 
 @app.default
 def doctor(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
     """Try everything that planning needs and say what is missing and what to do."""
     checks: dict[str, Callable[[], str]] = {
+        "system": _system,
         "Python": _python,
         "packages": _packages,
         "Open3D": _open3d,
@@ -35,8 +39,18 @@ def doctor(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> i
 def _tried(check: Callable[[], str]) -> dict[str, str]:
     try:
         return {"result": "good", "found": check()}
+    except ModuleNotFoundError as error:  # a package's metadata is missing with the same error
+        return {"result": "bad", "found": f"{error.name} is not installed: {_INSTALL}"}
     except Exception as error:
         return {"result": "bad", "found": f"{error}"}
+
+
+def _system() -> str:
+    """The ray caster's wheels need a C library that is not old."""
+    name, release = platform.libc_ver()
+    if name == "glibc" and tuple(map(int, release.split(".")[:2])) < (2, 35):
+        raise RuntimeError(f"glibc {release} (needs 2.35): use Debian 12, Ubuntu 22.04 or newer")
+    return f"{platform.system()} {platform.machine()}, {name or 'libc'} {release}".strip()
 
 
 def _python() -> str:
@@ -51,7 +65,7 @@ def _packages() -> str:
         if _installed(name) >= bound
     ]
     if wrong:
-        raise RuntimeError(f"{', '.join(wrong)}: install from requirements.lock (make quickstart does)")
+        raise RuntimeError(f"{', '.join(wrong)}: {_INSTALL}")
     return f"upplied {version('upplied')}, prefect {version('prefect')}, open3d {_open3d_version()}"
 
 
