@@ -232,6 +232,7 @@ def test_the_notes_say_what_heights_mean_and_how_high_the_way_home_is():
     told = " ".join(mission.notes)
     assert "metres above the place of take-off" in told
     assert f"{mission.height_m[0]:.1f} m above take-off" in told
+    assert f"about {mission.duration_s:.0f} s in the air; no endurance" in told
     (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(altitude="ellipsoid"))
     assert "WGS 84 ellipsoid" in " ".join(mission.notes)
 

@@ -170,11 +170,15 @@ def _told(sorties: list[Sortie], options: MissionOptions, flying: Flying, transi
         heights[options.altitude],
         f"the way there and back is {transit_m:.1f} m above take-off: let an automatic return climb no less",
     ]
+    times = ", ".join(f"{sortie.duration_s:.0f}" for sortie in sorties)
     if len(sorties) > 1:
-        times = ", ".join(f"{sortie.duration_s:.0f}" for sortie in sorties)
         told.append(
             f"{len(sorties)} sorties of {times} s, each from the waypoint at which the one before turned back"
         )
+    elif options.endurance_s is None:
+        told.append(f"about {times} s in the air; no endurance of a battery was declared")
+    else:
+        told.append(f"about {times} s in the air, of {options.endurance_s:g} s that a battery lasts")
     if flying.stop_s:
         told.append(f"{flying.stop_s:g} s are counted for the stop at each waypoint")
     return [*told, flying.note] if flying.note else told
