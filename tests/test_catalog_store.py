@@ -14,6 +14,7 @@ from collections.abc import Iterator
 import boto3
 import pytest
 from catalog_records import demonstration, differences, key_of, plan, structure
+from pyarrow.fs import S3FileSystem
 
 from upplied.catalog import compact, export_tables, open_catalog, vacuum, verify
 from upplied.errors import CatalogError
@@ -91,6 +92,7 @@ def test_everything_works_as_in_a_folder(store, tmp_path):
     assert differences(structure("boxy"), again.structure("boxy")) == []
     assert differences(demonstration(), again.demonstration("flight")) == []
     assert differences(plan("target", 1).trajectory, again.plan(key_of(1)[:20]).trajectory) == []
+    assert type(again.tables["transfers"].dataset().filesystem.base_fs) is S3FileSystem  # and no callbacks
     assert verify(again) == []
     assert compact(again)["transfers"] == 2
     vacuum(again)
