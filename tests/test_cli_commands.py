@@ -204,3 +204,19 @@ def test_quiet_says_nothing_and_json_is_still_told(planned, capsys):
     assert json.loads(capsys.readouterr().out)
     assert main(["catalog", "info"]) == 0
     assert "structures" in capsys.readouterr().out
+
+
+def test_the_user_says_which_engine_is_meant(tmp_path, monkeypatch):
+    a320, b747 = member("a320-v1").structure, member("b747-v1").structure
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([a320, b747])
+    catalog.add_demonstrations([fly(a320, "engine_left")])
+    monkeypatch.setenv("UPPLIED_CATALOG", str(catalog.location))
+    arguments = ["transfer", "a320-engine-left-v1", "--to", "b747-v1", "--preset", "recommended", "--quiet"]
+    assert main(arguments) == 0
+    assert main([*arguments, "--counterpart", "engine_left=outer"]) == 0
+    plans = catalog.transfers(every=True)
+    assert list(plans["status"]) == ["ok", "ok"]
+    inner, outer = (catalog.trajectory(name).positions[:, 1].mean() for name in plans["transfer_id"])
+    apart = b747.landmarks["engine_left_outer"][1] - b747.landmarks["engine_left"][1]
+    assert abs(outer - inner) == pytest.approx(apart, rel=0.5)  # the loop is flown round the other engine

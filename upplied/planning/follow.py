@@ -75,7 +75,7 @@ def follow_counterparts(
         nothing = np.empty((len(flight), 0)), np.empty((0, 3)), np.full(len(flight), np.nan)
         return Followed(carrier.points(flight.positions), quats, *nothing)
     here, there = source.points[known], correspondences.target_points[known]
-    weight = visibility.seen[:, known] * picture_share(flight.positions, source, known)
+    weight = visibility.seen[:, known] * picture_share(flight.positions, source, known, visibility.total)
     aim_before = _centres(weight, here)
     aim = _centres(weight, there)
     smoothing = _smoothing(flight.positions, aim_before)

@@ -88,7 +88,7 @@ def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Sett
     index = np.clip(np.searchsorted(shown.stations.t_s, seen_at), 0, len(shown.stations) - 1)
     known = np.flatnonzero(fit.correspondences.target_index >= 0)
     here, positions = fit.source.points[known], shown.stations.positions[index]
-    weight = shown.seen[index][:, known] * picture_share(positions, fit.source, known)
+    weight = shown.seen[index][:, known] * picture_share(positions, fit.source, known, shown.total)
     carrier = registered_map(fit.registration)
     camera, nearest_m = take.inspection.camera, settings.route.clearance_m
     wanted = expected_standoff(positions, weight, here, carrier, settings.transfer, camera, nearest_m)

@@ -87,10 +87,13 @@ def _free(start: Floats, end: Floats, points: Floats, normals: Floats, radius2: 
     length = np.sqrt(ax * ax + ay * ay + az * az)
     ax, ay, az = ax / length, ay / length, az / length
     for disc in range(len(points)):
+        x, y, z = points[disc, 0] - start[0], points[disc, 1] - start[1], points[disc, 2] - start[2]
+        passed = x * ax + y * ay + z * az
+        if x * x + y * y + z * z - passed * passed > radius2[disc]:
+            continue  # the line passes by, as it does by nearly all
         across = ax * normals[disc, 0] + ay * normals[disc, 1] + az * normals[disc, 2]
         if abs(across) < 1e-9:
             continue
-        x, y, z = points[disc, 0] - start[0], points[disc, 1] - start[1], points[disc, 2] - start[2]
         along = (x * normals[disc, 0] + y * normals[disc, 1] + z * normals[disc, 2]) / across
         if along < near or along > length:
             continue

@@ -12,8 +12,9 @@ import numpy as np
 from numba import njit
 
 from upplied.config import TransferSettings
+from upplied.planning.parts import labels_of
 from upplied.planning.transfer import AxisMap
-from upplied.records import Camera, Cloud, Floats, Ints, Record
+from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
 _NEAR = 0.2  # of the wanted stand-off, that a viewpoint may be off
 _SEEN = 32  # counterparts that speak for what a viewpoint sees
@@ -39,15 +40,33 @@ class Standoff(Record):
         return float(np.mean(np.abs(self.ratio(positions) - 1) <= _NEAR))
 
 
-def picture_share(positions: Floats, source: Cloud, known: Ints) -> Floats:
-    """Solid angle (M, K) under which each camera sees each sample: how much of the picture it fills."""
+def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bools) -> Floats:
+    """How much of each picture (M, K) is about each of K samples.
+
+    That is the solid angle under which the camera sees it, how much of the picture it fills, times
+    the squared share of its part that the flight saw at all: who flies round an engine means the
+    engine, though the fuselage behind it fills more of the pictures.
+
+    Parameters
+    ----------
+    positions : array, shape (M, 3), m
+    source : Cloud
+        N surface samples.
+    known : array of int, shape (K,)
+        The samples asked about.
+    inspected : array of bool, shape (N,)
+        What the whole flight saw.
+    """
     ray = positions[:, None] - source.points[known][None]
     squared = np.maximum(np.einsum("mkj,mkj->mk", ray, ray), 1e-6)
-    area = np.ones(len(known)) if source.area_m2 is None else source.area_m2[known]
+    area = np.ones(len(source)) if source.area_m2 is None else source.area_m2
+    label = labels_of(source)
+    meant = np.bincount(label, weights=area * inspected) / np.bincount(label, weights=area)
+    weight = area[known] * meant[label[known]] ** 2
     if source.normals is None:
-        return area / squared
+        return weight / squared
     facing = np.maximum(np.einsum("mkj,kj->mk", ray, source.normals[known]), 0.0)
-    return area * facing / squared**1.5
+    return weight * facing / squared**1.5
 
 
 def expected_standoff(
