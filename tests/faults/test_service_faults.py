@@ -208,6 +208,24 @@ def test_a_killed_server_or_worker_costs_no_plan_that_was_kept(tmp_path, victim)
     assert len(set(rows["run_id"])) == 2, "the second run should plan what the first left, and no third"
 
 
+def test_a_killed_flow_is_marked_by_its_worker_and_the_next_night_goes_on(tmp_path):
+    with service(tmp_path, "* * * * *") as served:
+        served.catalog.add_demonstrations([fly(member("cube-v1").structure, "sides")])
+        served.wait(lambda: len(served.catalog.transfers()) > 0, 300)
+        (running,) = [run for run in served.runs() if run.state == "RUNNING"]
+        served.kill("prefect.engine")
+        served.wait(lambda: finished(served, "transfer-fleet", "CRASHED"), 120)
+        kept = len(served.catalog.transfers())
+        served.wait(lambda: finished(served, "transfer-fleet"), 600)
+        (crashed,) = [run for run in served.runs() if run.state == "CRASHED"]
+    rows = served.catalog.transfers(every=True)
+    assert crashed.run_id == running.run_id
+    assert "-9" in crashed.said
+    assert kept < 16, "it was killed too late to show anything"
+    assert len(rows) == len(rows["key"].unique()) == 16
+    assert rows.groupby("run_id").size()[running.run_id] == kept
+
+
 def test_overlapping_nights_are_prevented_and_missed_ones_do_not_pile_up(tmp_path):
     with service(tmp_path, "* * * * *") as served:
         served.catalog.add_demonstrations([fly(member("cube-v1").structure, "sides")])
