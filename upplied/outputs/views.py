@@ -64,7 +64,9 @@ class Frame:
         """Origins and unit directions (N, 3) of the rays through picture points, px from the upper left."""
         across = (np.asarray(x, float) - self.width / 2) / self.metre_px
         upward = (self.height / 2 - np.asarray(y, float)) / self.metre_px
-        plane = np.stack([across, upward], axis=1) @ np.stack([self.right, self.up]) + self.centre
+        plane = np.empty((len(across), 3))
+        for axis in range(3):  # faster than by broadcasting, and the same on any number of threads
+            plane[:, axis] = across * self.right[axis] + upward * self.up[axis] + self.centre[axis]
         if np.isinf(self.eye_m):
             return plane + self._far * self.back, np.broadcast_to(-self.back, plane.shape)
         eye = self.centre + self.eye_m * self.back
