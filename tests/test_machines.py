@@ -185,6 +185,23 @@ def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_an
     assert len(rows) == len(rows["key"].unique()) == 12
 
 
+def test_where_the_last_machine_leaves_the_run_plans_the_rest_itself(tmp_path, bucket):
+    catalog = boxes(bucket, tmp_path / "cache-there")
+    with private_server(tmp_path / "prefect") as server:
+        server.wait()
+        prepare(server)
+        with pool_of(server, tmp_path, ("one",)) as (only,):
+            night = start_run(server, bucket, 1)
+            only.wait_for("Finished in state Completed('2 ok")
+            stop(only.worker)
+            told = said(night)
+    assert "12 ok, 0 refused, 0 failed, 0 unchanged" in told
+    assert "was lost" in told
+    rows = catalog.transfers(every=True)
+    assert len(rows) == len(rows["key"].unique()) == 12
+    assert rows["run_id"].nunique() == 1
+
+
 def start_run(server: Server, bucket: str, shard_targets: int) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-c", RUN, bucket, str(shard_targets)],
