@@ -32,6 +32,7 @@ _COLUMNS = (
     ("fre_z", "frechet_z", 6, 2),
     ("fre_m", "frechet_m", 6, 1),
     ("clear", "min_clearance_m", 6, 2),
+    ("so20%", "standoff_kept_pct", 6, 0),
     ("len_m", "path_length_m", 7, 0),
     ("dur_s", "duration_s", 6, 0),
 )

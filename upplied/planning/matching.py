@@ -25,9 +25,9 @@ _LARGER = 4.0  # largest ratio of areas: a fairing is no engine, however small b
 _LONG = 4.0  # length over width of a part that may have turned
 _PART_OF = 0.1  # least share of the common surface, for each of two parts that make up one
 _TRIES = 3
-_APART = 0.2  # of the diagonal: farthest that a part may have moved
+_APART = (0.2, 0.15)  # of the diagonal: farthest that a long part may have moved, and any other
 _SHAPE, _SIZE, _NEIGHBOURS = 0.05, 0.02, 0.3  # weights beside the distance over the diagonal
-_UNMATCHED = 0.5
+_UNMATCHED = 0.5  # of a large part
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,12 +78,21 @@ def match_parts(
         allowed[one, other] = True
         cost[one, other] = -1.0
     cost = np.where(allowed, cost, 10.0)
-    rows, columns = linear_sum_assignment(cost)
+    alone = np.full((len(source), len(source)), 10.0)
+    np.fill_diagonal(alone, _unmatched(source))
+    rows, columns = linear_sum_assignment(np.hstack([cost, alone]))
     partner = np.full(len(source), -1)
-    partner[rows[allowed[rows, columns]]] = columns[allowed[rows, columns]]
+    with_one = columns < len(target)
+    with_one[with_one] = allowed[rows[with_one], columns[with_one]]
+    partner[rows[with_one]] = columns[with_one]
     partner = _exchanged(partner, cost, source, target, diagonal_m, set(pinned))
     classes = _classes(partner, len(target))
     return _with_unions(classes, source, target, diagonal_m, fits)
+
+
+def _unmatched(source: Parts) -> Floats:
+    """What it costs that a part has no partner, (K,): by its size, so that a fairing displaces no engine."""
+    return np.minimum(_UNMATCHED, 2 * np.sqrt(source.area))
 
 
 def like_shape(source: Parts, part: int, target: Parts, diagonal_m: float) -> Ints:
@@ -96,7 +105,8 @@ def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Boo
     apart = cdist(source.middle, target.middle) / diagonal_m
     ratio = _ratios(source.high - source.low, target.high - target.low, _LIKE[0] * diagonal_m)
     size = np.abs(np.log(source.area[:, None] / target.area[None, :]))
-    allowed = _alike(source, target, diagonal_m, *_LIKE) & (apart < _APART) & (size < np.log(_LARGER))
+    near = apart < np.where(_both_long(source, target), *_APART)
+    allowed = _alike(source, target, diagonal_m, *_LIKE) & near & (size < np.log(_LARGER))
     return apart + _SHAPE * ratio.mean(axis=2) + _SIZE * size, allowed
 
 
@@ -107,11 +117,13 @@ def _alike(source: Parts, target: Parts, diagonal_m: float, floor: float, most: 
     """
     boxes = _ratios(source.high - source.low, target.high - target.low, floor * diagonal_m)
     turned = _ratios(source.extent, target.extent, floor * diagonal_m)
+    along = _both_long(source, target) & (turned.max(axis=2) < np.log(most))
+    return np.asarray((boxes.max(axis=2) < np.log(most)) | along, bool)
+
+
+def _both_long(source: Parts, target: Parts) -> Bools:
     long = [parts.extent[:, 0] > _LONG * parts.extent[:, 1] for parts in (source, target)]
-    alike = (boxes.max(axis=2) < np.log(most)) | (
-        long[0][:, None] & long[1][None, :] & (turned.max(axis=2) < np.log(most))
-    )
-    return np.asarray(alike, bool)
+    return long[0][:, None] & long[1][None, :]
 
 
 def _ratios(one: Floats, other: Floats, floor: float) -> Floats:
@@ -156,7 +168,7 @@ def _neighbours(partner: Ints, free: list[int], cost: Floats) -> Iterator[Ints]:
 def _total(partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m: float) -> float:
     """Cost of an assignment: of each pair, and of neighbours that lose touch or change sides."""
     has = np.flatnonzero(partner >= 0)
-    total = float(cost[has, partner[has]].sum()) + _UNMATCHED * float((partner < 0).sum())
+    total = float(cost[has, partner[has]].sum()) + float(_unmatched(source)[partner < 0].sum())
     one, other = np.nonzero(np.triu(source.touching, 1))
     weight = np.sqrt(source.area[one] * source.area[other])
     known = (partner[one] >= 0) & (partner[other] >= 0)
