@@ -83,7 +83,7 @@ def _shown(positions: Floats, quat_xyzw: Floats, view: View) -> Bools:
     seen = view.covered(positions, quat_xyzw)
     missing = np.flatnonzero((view.need > 0) & ~seen)
     if len(missing):
-        seen[missing] = view.reach(positions[stations_of(positions)], missing).any(axis=0)
+        seen[missing] = view.reachable(positions[stations_of(positions)], missing)
     return seen
 
 

@@ -17,17 +17,19 @@ _RELATIVE = 1e-10  # of the distance: where the bisection ends
 _SMALLEST_SHARE = 0.1  # see `spread`
 
 
-def frechet(first: Floats, second: Floats) -> float:
+def frechet(first: Floats, second: Floats, relative: float = _RELATIVE) -> float:
     """Continuous Frechet distance of two polylines.
 
     Parameters
     ----------
     first, second : array, shape (N, D) and (M, D), one unit
+    relative : float
+        How far above the true distance the result may be, as a share of it.
 
     Returns
     -------
     float
-        In the unit of the coordinates; never below the true distance and at most 1e-10 of it above
+        In the unit of the coordinates; never below the true distance and at most `relative` of it above
         (where the distance vanishes: 1e-13 of the curves' extent).
 
     Raises
@@ -48,7 +50,7 @@ def frechet(first: Floats, second: Floats) -> float:
     second = np.ascontiguousarray(check_finite(second, (None, first.shape[1]), "second curve"))
     check_finite(first[:1], (1, None), "first curve")
     check_finite(second[:1], (1, None), "second curve")
-    return float(_bisect(first, second))
+    return float(_bisect(first, second, relative))
 
 
 def within_leash(first: Floats, second: Floats, leash: float) -> bool:
@@ -119,7 +121,7 @@ def spread(path: Floats) -> tuple[Floats, Floats]:
 
 
 @njit(cache=True)
-def _bisect(first: Floats, second: Floats) -> float:
+def _bisect(first: Floats, second: Floats, relative: float) -> float:
     low = max(_distance(first[0], second[0]), _distance(first[-1], second[-1]))
     high = _discrete(first, second)
     if high <= low:
@@ -132,7 +134,7 @@ def _bisect(first: Floats, second: Floats) -> float:
     reach_up, reach_right = np.empty((len(second), 2)), np.empty((len(second), 2))
     if _suffices(first, second, low, reach_up, reach_right):
         return low
-    while high - low > max(_RELATIVE * high, 1e-13 * extent):
+    while high - low > max(relative * high, 1e-13 * extent):
         middle = 0.5 * (low + high)
         if _suffices(first, second, middle, reach_up, reach_right):
             high = middle

@@ -12,6 +12,7 @@ from upplied.planning.frechet import frechet, within_leash, zscored
 from upplied.planning.standoff import Standoff
 from upplied.records import Floats, Record
 
+_ROUGHLY = 1e-3  # of a Frechet distance: enough to tell whether a path that strays comes nearer
 _MOST = 0.965  # share of the viewpoints that must be so near
 
 
@@ -33,4 +34,4 @@ class Likeness(Record):
             return True
         if within_leash(self.shape, earlier, self.leash):
             return False
-        return within_leash(self.shape, shape, frechet(self.shape, earlier))
+        return within_leash(self.shape, shape, frechet(self.shape, earlier, _ROUGHLY) / (1 + _ROUGHLY))

@@ -22,6 +22,7 @@ from upplied.scene import Scene
 _WORTH = 2e-4  # share of the whole need that a turn must add to be flown
 _DIRECTIONS, _FEW_DIRECTIONS = 24, 4  # candidate directions at each station, and at each place off the path
 _STATIONS = 160  # stations from which turns are considered
+_STRIDE = 16  # of the poses that are asked first
 _TUBE, _WAYS = 54, 26  # stations from which detours lead, and their directions
 _PLACES = 150  # of the places to try, the most promising
 
@@ -67,14 +68,46 @@ class View(Record):
 
     def covered(self, positions: Floats, quat_xyzw: Floats) -> Bools:
         """(N,) the needed samples that any of these poses truly sees."""
-        return np.asarray(self.seen(positions, quat_xyzw).any(axis=0), bool)
+        needed = np.flatnonzero(self.need > 0)
+        covered = np.zeros(len(self.need), bool)
+        covered[needed] = self._shown(positions, quat_xyzw, needed, self.camera)
+        return covered
+
+    def reachable(self, positions: Floats, missing: Ints) -> Bools:
+        """(m,) which missing samples any of these positions sees with the camera turned anywhere."""
+        return self._shown(positions, _level(positions), missing, _turned_anywhere(self.camera))
 
     def reach(self, positions: Floats, missing: Ints) -> Bools:
-        """(M, m) which missing samples these positions see with the camera turned anywhere."""
-        round_camera = replace(self.camera, hfov_deg=360.0, vfov_deg=180.0)
-        quats = np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
-        part = _part(self.cloud, missing)
-        return visible(positions, quats, part, round_camera, self.settings, self.scene).seen
+        """(M, m) which missing samples each of these positions sees with the camera turned anywhere."""
+        part, camera = _part(self.cloud, missing), _turned_anywhere(self.camera)
+        return visible(positions, _level(positions), part, camera, self.settings, self.scene).seen
+
+    def _shown(self, positions: Floats, quat_xyzw: Floats, asked: Ints, camera: Camera) -> Bools:
+        """(m,) which of these samples any pose sees: few poses first, the others for what is left."""
+        shown = np.zeros(len(asked), bool)
+        for first in (0, _STRIDE // 2, _STRIDE // 4, 3 * _STRIDE // 4):
+            left = np.flatnonzero(~shown)
+            if len(left) == 0:
+                break
+            some = slice(first, None, _STRIDE)
+            part = _part(self.cloud, asked[left])
+            seen = visible(positions[some], quat_xyzw[some], part, camera, self.settings, self.scene).seen
+            shown[left] = seen.any(axis=0)
+        left = np.flatnonzero(~shown)
+        rest = np.arange(len(positions)) % (_STRIDE // 4) != 0
+        part = _part(self.cloud, asked[left])
+        if len(left):
+            seen = visible(positions[rest], quat_xyzw[rest], part, camera, self.settings, self.scene).seen
+            shown[left] = seen.any(axis=0)
+        return shown
+
+
+def _level(positions: Floats) -> Floats:
+    return np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
+
+
+def _turned_anywhere(camera: Camera) -> Camera:
+    return replace(camera, hfov_deg=360.0, vfov_deg=180.0)
 
 
 def find_looks(positions: Floats, quat_xyzw: Floats, covered: Bools, view: View) -> Looks:

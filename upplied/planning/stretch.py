@@ -48,7 +48,7 @@ def stretched(
     worth = _WORTH * view.need[asked].sum()
 
     def shown(path: Floats) -> float:
-        return float(view.need[asked][view.reach(path[stations], asked).any(axis=0)].sum())
+        return float(view.need[asked][view.reachable(path[stations], asked)].sum())
 
     best = shown(positions)
     if best > view.need[asked].sum() - worth:
