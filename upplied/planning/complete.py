@@ -14,6 +14,7 @@ from upplied.records import Bools, Floats, Ints, Waypoints
 
 _REACHES = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the allowed deviation: no further than needed
 _LEANS = 3  # at each reach, at most
+_WIDE = 0.7  # of the usual stand-off, that a bend takes to each side at least: shorter ones look like kinks
 _PAST_M = 0.4  # past a station, at most, is where the camera turns
 _ENOUGH = 0.003  # share of the need that may stay unseen before the next reach is tried
 
@@ -60,7 +61,7 @@ def complete(
         if view.need[~covered].sum() < _ENOUGH * view.need.sum():
             break
         detours = find_detours(positions, covered, view, near_m, allowed)
-        bent = _bent(positions, path.quat_xyzw, detours, view, within)
+        bent = _bent(positions, path.quat_xyzw, detours, view, within, _WIDE * likeness.standoff.usual_m)
         if bent is not positions:
             positions = safe(bent)
     positions = safe(positions)  # leans were tested at the positions only
@@ -121,12 +122,13 @@ def _bent(
     detours: Detours,
     view: View,
     within: Callable[[Floats, Floats, Ints], bool],
+    least_m: float,
 ) -> Floats:
     """The path with each bend that shows more than it hides; the same array where none does."""
     seen = view.seen(positions, quat_xyzw)
     shown = np.zeros(seen.shape[1], bool)
     for place, quat, station in zip(detours.positions, detours.quat_xyzw, detours.station, strict=True):
-        tried = bend(positions, place, int(station))
+        tried = bend(positions, place, int(station), least_m)
         changed = np.flatnonzero(np.abs(tried - positions).max(axis=1) > 1e-9)
         if not within(tried, positions, changed):
             continue

@@ -176,15 +176,15 @@ def find_detours(
     return Detours(places[row[chosen]], quat[chosen], station[row[chosen]], gain)
 
 
-def bend(positions: Floats, place: Floats, station: int) -> Floats:
+def bend(positions: Floats, place: Floats, station: int, least_m: float = 0.0) -> Floats:
     """The path bent smoothly so that it passes through a place at one of its stations.
 
     The bend is a raised cosine over arc length, wide enough that it leaves the path at less than
-    about 28 degrees.
+    about 28 degrees, and at least `least_m` to each side.
     """
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
     offset = place - positions[station]
-    width = max(3.0 * float(np.linalg.norm(offset)), 1e-6)
+    width = max(3.0 * float(np.linalg.norm(offset)), least_m, 1e-6)
     distance = np.abs(along - along[station]) / width
     return positions + np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * distance), 0)[:, None] * offset
 

@@ -28,6 +28,11 @@ class Standoff(Record):
     seen: Floats  # (V, S, 3) m, counterparts of what fills the picture, each for an equal share of it
     wanted_m: Floats  # (V,) median distance
 
+    @property
+    def usual_m(self) -> float:
+        """Median over the viewpoints, m; 0 where there are none."""
+        return float(np.median(self.wanted_m)) if len(self.wanted_m) else 0.0
+
     def ratio(self, positions: Floats) -> Floats:
         """Stand-off over the wanted one, (V,), of a path with the same stations."""
         ray = self.seen - positions[self.station][:, None]

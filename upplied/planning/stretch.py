@@ -43,8 +43,7 @@ def stretched(
         return positions
     asked = needed[np.unique(np.linspace(0, len(needed) - 1, min(_SAMPLES, len(needed))).astype(int))]
     stations = np.unique(np.linspace(0, len(positions) - 1, min(_STATIONS, len(positions))).astype(int))
-    wanted_m = likeness.standoff.wanted_m
-    standoff_m = float(np.median(wanted_m)) if len(wanted_m) else 0.0
+    standoff_m = likeness.standoff.usual_m
     worth = _WORTH * view.need[asked].sum()
 
     def shown(path: Floats) -> float:
