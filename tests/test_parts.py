@@ -92,9 +92,10 @@ def test_a_strip_that_sticks_out_does_not_widen_a_part() -> None:
     engine = brick((30, 25, 0), (9, 4, 4), 300)
     strip = np.column_stack([np.full(12, 34.0), np.linspace(15, 25, 12), np.full(12, 3.5)])
     whole = Patch(engine, np.tile([0.0, 0, 1], (300, 1)), np.zeros(300, int))
-    longer = np.concatenate([engine + [2.0, 3.0, 0.0], strip])
+    moved = engine + np.array([2.0, 3.0, 0.0])
+    longer = np.concatenate([moved, strip])
     partner = Patch(longer, np.tile([0.0, 0, 1], (312, 1)), np.zeros(312, int))
-    np.testing.assert_allclose(placed(whole, partner).points, engine + [2.0, 3.0, 0.0], atol=0.3)
+    np.testing.assert_allclose(placed(whole, partner).points, moved, atol=0.3)
 
 
 def test_a_part_more_stays_without_partner() -> None:

@@ -12,8 +12,8 @@ REQUIRED = {
     "transfers": "transfer_id demonstration_id source_id target_id kind preset status reason icp_score_m2 "
     "coverage_paper_pct coverage_seen_pct coverage_attainable_pct frechet_z frechet_m min_clearance_m "
     "path_length_m duration_s standoff_ratio_p50 standoff_kept_pct incidence_p95_deg acceptance "
-    "runner_up_gap counterpart_summary peak_speed_mps peak_acceleration_mps2 n_viewpoints n_waypoints planned_at run_id "
-    "code_version",
+    "runner_up_gap counterpart_summary peak_speed_mps peak_acceleration_mps2 n_viewpoints "
+    "n_waypoints planned_at run_id code_version",
     "waypoints": "transfer_id seq t_s x_m y_m z_m qx qy qz qw is_viewpoint",
     "poses": "demonstration_id seq t_ns x_m y_m z_m qx qy qz qw",
     "structures": "structure_id kind",

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from upplied.planning.lean import lean
 from upplied.planning.likeness import Likeness
 from upplied.planning.look import Detours, Looks, View, bend, find_detours, find_looks, stations_of
+from upplied.planning.rounded import rounded
 from upplied.planning.stretch import stretched
 from upplied.records import Bools, Floats, Ints, Waypoints
 
@@ -26,6 +28,7 @@ def complete(
     reach_m: Floats,
     safe: Callable[[Floats], Floats],
     allowed: Callable[[Floats], Bools],
+    broken: Callable[[Floats], Bools],
 ) -> Waypoints:
     """Route, turn and bend the path until nothing worth a turn is missed.
 
@@ -43,6 +46,8 @@ def complete(
         Takes positions (M, 3), gives as many that keep the safety distance, also between them.
     allowed : callable
         Takes positions (K, 3), gives (K,) bool: where the vehicle may be.
+    broken : callable
+        Takes positions (K, 3), gives (K - 1,) bool: which legs between them break a rule.
 
     Returns
     -------
@@ -65,8 +70,9 @@ def complete(
         if bent is not positions:
             positions = safe(bent)
     positions = safe(positions)  # leans were tested at the positions only
-    covered = view.covered(positions, path.quat_xyzw)
-    return with_looks(path, positions, find_looks(past(positions), path.quat_xyzw, covered, view))
+    smooth = rounded(replace(path, positions=positions), broken)
+    covered = view.covered(smooth.positions, smooth.quat_xyzw)
+    return with_looks(smooth, find_looks(past(smooth.positions), smooth.quat_xyzw, covered, view))
 
 
 def past(positions: Floats) -> Floats:
@@ -141,12 +147,12 @@ def _bent(
     return positions
 
 
-def with_looks(path: Waypoints, positions: Floats, looks: Looks) -> Waypoints:
-    """The path at these positions, with each turn of the camera as a waypoint just past its station."""
+def with_looks(path: Waypoints, looks: Looks) -> Waypoints:
+    """The path with each turn of the camera as a waypoint just past its station."""
     after = np.asarray(looks.station) + 1
-    places = past(positions)[looks.station]
+    places = past(path.positions)[looks.station]
     return Waypoints(
-        positions=np.insert(positions, after, places, axis=0),
+        positions=np.insert(path.positions, after, places, axis=0),
         quat_xyzw=np.insert(path.quat_xyzw, after, looks.quat_xyzw, axis=0),
         t_s=np.insert(path.t_s, after, path.t_s[looks.station]),
         is_viewpoint=np.insert(path.is_viewpoint, after, True),

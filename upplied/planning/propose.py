@@ -125,7 +125,7 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
             return places
         return faired(safe_positions(places, ways), ways.planning, _RIPPLES * standoff_m)
 
-    return complete(path, view, likeness, reach_m, safe, ways.planning.allowed)
+    return complete(path, view, likeness, reach_m, safe, ways.planning.allowed, ways.planning.broken)
 
 
 def _size(positions: Floats, standoff_m: float) -> Floats:
