@@ -28,7 +28,7 @@ class CloudSettings:
     # The leaf is chosen so that about this many remain; the paper's clouds hold 693 and 1120.
     voxel_points: int = 1000
     raw_points: int = 60_000  # area-uniform points on the mesh that the voxel filter reads (the paper's Psi)
-    surface_samples: int = 4000  # with normals, on the outside surface; 0: none are made
+    surface_samples: int = 4000  # with normals, on the outside surface
     seed: int = 0  # of the points drawn on the surfaces
 
 

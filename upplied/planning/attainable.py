@@ -132,8 +132,8 @@ def _seen(positions: Floats, sample: Ints, cloud: Cloud, airspace: Airspace) -> 
     seen = np.isfinite(positions[:, 0])
     seen[seen] = airspace.in_bounds(positions[seen])
     if scene.grain_m:
-        ray = points - positions
-        points = points - ray * (scene.grain_m / np.linalg.norm(ray, axis=1))[:, None]
+        ray = points[seen] - positions[seen]
+        points[seen] -= ray * (scene.grain_m / np.linalg.norm(ray, axis=1))[:, None]
     seen[seen] = ~scene.occluded(positions[seen], points[seen])
     seen[seen] = scene.distance(positions[seen]) >= airspace.clearance_m
     return seen
