@@ -56,6 +56,18 @@ def test_paper_gives_the_demonstrated_viewpoints_back_on_the_same_structure(flee
     assert angle_between(plan.trajectory.quat_xyzw, found.quat_xyzw).max() < 1e-6
 
 
+def test_stand_off_is_kept_where_geometry_says_so(fleet, around_cube):
+    """On a cube of twice the size the box ratio doubles every distance: kept if scaled, lost if in metres."""
+    cube = fleet["cube-v1"]
+    twice = replace(cube, structure_id="twice", vertices=2 * cube.vertices, sha256="")
+    for standoff, kept in (("scaled", 100.0), ("kept", 0.0)):
+        settings = settings_for("baseline", transfer={"standoff": standoff})
+        assert plan_transfer(around_cube, cube, twice, settings).measures.standoff_kept_pct == kept
+    nearer = replace(cube, structure_id="wider", vertices=cube.vertices * [1, 1.5, 1], sha256="")
+    found = plan_transfer(around_cube, cube, nearer, settings_for("baseline", transfer={"standoff": "kept"}))
+    assert 0 < found.measures.standoff_kept_pct < 100  # before two faces as demonstrated, farther from two
+
+
 @pytest.mark.parametrize("preset", ["paper", "recommended", "baseline"])
 def test_shifting_both_structures_shifts_the_plan(fleet, around_cube, preset):
     cube, cuboid = fleet["cube-v1"], fleet["cuboid-v1"]

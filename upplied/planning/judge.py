@@ -23,7 +23,7 @@ from upplied.planning.measure import (
 )
 from upplied.planning.pair import Fit, Memo, Pair, content_key, no_memo, remembering
 from upplied.planning.repeat import Take, begins_of, joined
-from upplied.planning.standoff import expected_standoff, median_distance, picture_share
+from upplied.planning.standoff import NEAR, expected_standoff, median_distance, picture_share
 from upplied.planning.transfer import box_map, registered_map
 from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
 
@@ -79,7 +79,7 @@ def _standoff_kept(
         )
         ratios.append(_standoff_ratios(take, seen_at, places, settings))
     off = np.abs(np.concatenate(ratios) - 1)
-    return 100 * float(np.mean(off <= 0.2)) if len(off) else float("nan")
+    return 100 * float(np.mean(off <= NEAR)) if len(off) else float("nan")
 
 
 def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Settings) -> Floats:

@@ -16,7 +16,7 @@ from upplied.planning.parts import labels_of
 from upplied.planning.transfer import AxisMap
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
-_NEAR = 0.2  # of the wanted stand-off, that a viewpoint may be off
+NEAR = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _SEEN = 32  # counterparts that speak for what a viewpoint sees
 
 
@@ -42,7 +42,7 @@ class Standoff(Record):
         """Share of the viewpoints that stand as far off as wanted, within a fifth; 1 where there are none."""
         if len(self.station) == 0:
             return 1.0
-        return float(np.mean(np.abs(self.ratio(positions) - 1) <= _NEAR))
+        return float(np.mean(np.abs(self.ratio(positions) - 1) <= NEAR))
 
 
 def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bools) -> Floats:

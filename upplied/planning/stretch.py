@@ -15,9 +15,9 @@ from upplied.planning.likeness import Likeness
 from upplied.planning.look import View
 from upplied.records import Bools, Floats
 
-_FACTORS = (1.0, 1.2, 1.45, 1.75, 2.0, 0.85)
+_FACTORS = (1.2, 1.45, 1.75, 2.0, 0.85)
 _CHANGES = (  # axis, and what is tried along it: factors, and shifts in stand-offs
-    (2, tuple((factor, shift) for shift in (0.0, 0.1, -0.1) for factor in _FACTORS)),
+    (2, (*((factor, 0.0) for factor in _FACTORS), *((f, s) for s in (0.1, -0.1) for f in (1.0, *_FACTORS)))),
     (1, tuple((factor, 0.0) for factor in _FACTORS)),
     (0, tuple((factor, 0.0) for factor in _FACTORS)),
 )
