@@ -43,7 +43,7 @@ class Scene:
     triangles : array, shape (T, 3), vertex indices
     threads : int
         Threads of each call; 0: as `UPPLIED_THREADS` says, else as the library chooses. Results do not
-        depend on it.
+        depend on it. A worker process says 1, or each would take the cores of the others.
     grain_m : float
         How coarsely the triangles stand for the surface: 0 for a mesh, the discs' radius for a
         sampled cloud. A sight line that comes this near to its target has arrived.
@@ -83,7 +83,9 @@ class Scene:
             Start, relative to `origin`, and the vector from there to the target.
         slack : float
         """
-        hit = self._scene.test_occlusions(self._tensor(rays), tnear=0.0, tfar=1.0 - slack)
+        hit = self._scene.test_occlusions(
+            self._tensor(rays), tnear=0.0, tfar=1.0 - slack, nthreads=self.threads
+        )
         return np.asarray(hit.numpy(), bool)
 
     def cast(self, origins: Floats, directions: Floats) -> tuple[Floats, Ints, Floats]:
@@ -100,7 +102,7 @@ class Scene:
         """
         starts = np.asarray(origins - self.origin, np.float32)
         rays = np.concatenate([starts, np.asarray(directions, np.float32)], axis=1)
-        found = self._scene.cast_rays(self._tensor(rays))
+        found = self._scene.cast_rays(self._tensor(rays), self.threads)
         triangle = found["primitive_ids"].numpy().astype(np.int64)
         triangle[triangle == self._scene.INVALID_ID] = -1
         return (
@@ -113,17 +115,17 @@ class Scene:
         """How many surfaces each ray crosses, (N,)."""
         starts = np.asarray(origins - self.origin, np.float32)
         rays = np.concatenate([starts, np.asarray(directions, np.float32)], axis=1)
-        return self._scene.count_intersections(self._tensor(rays)).numpy().astype(np.int64)
+        return self._scene.count_intersections(self._tensor(rays), self.threads).numpy().astype(np.int64)
 
     def distance(self, points: Floats) -> Floats:
         """Unsigned distance (N,) of each point (N, 3) from the surface, m."""
         local = np.asarray(np.reshape(points, (-1, 3)) - self.origin, np.float32)
-        return self._scene.compute_distance(self._tensor(local)).numpy().astype(float)
+        return self._scene.compute_distance(self._tensor(local), self.threads).numpy().astype(float)
 
     def closest(self, points: Floats) -> tuple[Floats, Ints]:
         """Closest surface point (N, 3), m, and its triangle (N,)."""
         local = np.asarray(np.reshape(points, (-1, 3)) - self.origin, np.float32)
-        found = self._scene.compute_closest_points(self._tensor(local))
+        found = self._scene.compute_closest_points(self._tensor(local), self.threads)
         return (
             found["points"].numpy().astype(float) + self.origin,
             found["primitive_ids"].numpy().astype(np.int64),
