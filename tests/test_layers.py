@@ -112,6 +112,7 @@ def test_every_room_has_its_rule():
         ("import upplied.cli", ("open3d", "prefect", "numba", "numpy", "pandas")),
         ("import upplied.catalog", ("open3d", "prefect", "numba")),
         ("import upplied.fleet", ("open3d", "prefect")),
+        ("from upplied.scene import open3d; open3d()", ("dash", "plotly", "pydantic", "IPython", "pandas")),
     ],
 )
 def test_what_an_import_must_not_load(statement: str, unwanted: tuple[str, ...]):

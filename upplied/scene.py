@@ -1,6 +1,6 @@
 """The one door to Open3D: rays, distances and mesh files, with numpy on this side.
 
-Open3D is imported on first use (1.8 s), so that the command's help, catalog queries and exports
+Open3D is imported on first use, so that the command's help, catalog queries and exports
 never load it. Embree works in single precision: every scene subtracts the centre of its bounding
 box first, which keeps millimetres for structures far from their origin.
 """
@@ -8,9 +8,13 @@ box first, which keeps millimetres for structures far from their origin.
 from __future__ import annotations
 
 import ctypes
-import ctypes.util
 import os
-from functools import cache
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache, partial
+from importlib import import_module
+from types import ModuleType
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -22,16 +26,49 @@ from upplied.records import Bools, Floats, Ints, Structure
 @cache
 def open3d() -> Any:
     """The open3d module; a bare system's missing libusb is supplied from the package index's copy."""
-    if ctypes.util.find_library("usb-1.0") is None:
+    try:
+        ctypes.CDLL("libusb-1.0.so.0")
+    except OSError:
         import libusb_package
 
         path = libusb_package.get_library_path()
         if path is not None:
             ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
-    import open3d as module
+    with _plots_deferred():
+        import open3d as module
 
     module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
     return module
+
+
+_PLOTS = "open3d.visualization.draw_plotly"
+
+
+@contextmanager
+def _plots_deferred() -> Iterator[None]:
+    """While Open3D loads, let its plots in a browser wait until somebody asks for one.
+
+    It imports Dash for them, with Plotly, pydantic and Flask: most of what it takes to load, and no
+    switch leaves them out.
+    """
+    if "open3d" in sys.modules:
+        yield
+        return
+    waiting = ModuleType(_PLOTS)
+    waiting.__getattr__ = lambda name: partial(_plot, name)  # type: ignore[method-assign]
+    sys.modules[_PLOTS] = waiting
+    try:
+        yield
+    finally:
+        del sys.modules[_PLOTS]
+
+
+def _plot(name: str, *args: Any, **kwargs: Any) -> Any:
+    """Call a function of Open3D's plots, which are loaded now, as if they had been from the start."""
+    plots, package = import_module(_PLOTS), sys.modules["open3d.visualization"]
+    for public in ("get_plotly_fig", "draw_plotly", "draw_plotly_server"):
+        setattr(package, public, getattr(plots, public))
+    return getattr(plots, name)(*args, **kwargs)
 
 
 class Scene:
