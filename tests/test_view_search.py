@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from upplied.config import RetimeSettings, VisibilitySettings
-from upplied.planning.complete import complete, with_looks
+from upplied.planning.complete import complete
 from upplied.planning.lean import lean, least_moves
 from upplied.planning.likeness import Likeness
-from upplied.planning.look import Looks, View, bend, find_detours, find_looks
+from upplied.planning.look import View, bend, find_detours, find_looks
 from upplied.planning.standoff import Standoff
+from upplied.planning.turns import with_looks
 from upplied.poses import angle_between, from_yaw_pitch, yaw_pitch
 from upplied.records import Camera, Cloud, Waypoints
 from upplied.scene import Scene
@@ -115,32 +116,13 @@ def test_completing_sees_more_and_keeps_every_rule(wall):
     positions, quats = along_wall(y=-3.0)
     path = Waypoints(positions, quats, np.arange(21.0), np.zeros(21, bool))
     before = wall.seen(positions, quats).any(axis=0).sum()
-    done = complete(
+    bent, looks = complete(
         path, wall, ANYTHING, np.full(3, 1.5), lambda at: at,
         lambda at: at[:, 1] < -2.0, lambda at: np.zeros(len(at) - 1, bool),
     )  # fmt: skip
+    done, _ = with_looks(bent, looks)
     seen = wall.seen(done.positions, done.quat_xyzw).any(axis=0)
     assert seen.sum() > before and seen.sum() >= 0.99 * len(seen)
     assert done.positions[:, 1].max() < -2.0 and (np.diff(done.t_s) >= 0).all()
     turned = angle_between(done.quat_xyzw[done.is_viewpoint], quats[0])
     assert len(turned) and turned.min() > 0.01  # just the turns are viewpoints
-
-
-def test_turns_follow_their_station():
-    positions, quats = along_wall(count=3)
-    path = Waypoints(positions, quats, np.arange(3.0), np.zeros(3, bool))
-    looks = Looks(np.array([1, 1]), from_yaw_pitch(np.zeros(2), np.array([0.1, 0.2])), np.ones(2))
-    done = with_looks(path, looks)
-    np.testing.assert_array_equal(done.positions[[0, 1, 4]], positions)
-    way = np.linalg.norm(done.positions[2:4] - positions[1], axis=1)
-    assert 0 < way[0] == way[1] <= 0.5  # on the leg, soon after the station
-    assert np.abs(np.cross(done.positions[2:4] - positions[1], positions[2] - positions[1])).max() < 1e-9
-    np.testing.assert_array_equal(done.is_viewpoint, [False, False, True, True, False])
-    assert np.degrees(yaw_pitch(done.quat_xyzw)[1])[[2, 3]] == pytest.approx(np.degrees([0.1, 0.2]))
-
-
-def test_turns_at_the_end_stay_there():
-    positions, quats = along_wall(count=3)
-    path = Waypoints(positions, quats, np.arange(3.0), np.zeros(3, bool))
-    done = with_looks(path, Looks(np.array([2]), quats[:1], np.ones(1)))
-    np.testing.assert_array_equal(done.positions[2:], positions[[2, 2]])

@@ -12,12 +12,12 @@ from upplied.planning.likeness import Likeness
 from upplied.planning.look import Detours, Looks, View, bend, find_detours, find_looks, stations_of
 from upplied.planning.rounded import rounded
 from upplied.planning.stretch import stretched
+from upplied.planning.turns import past
 from upplied.records import Bools, Floats, Ints, Waypoints
 
 _REACHES = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the allowed deviation: no further than needed
 _LEANS = 3  # at each reach, at most
 _WIDE = 0.7  # of the usual stand-off, that a bend takes to each side at least: shorter ones look like kinks
-_PAST_M = 0.4  # past a station, at most, is where the camera turns
 _ENOUGH = 0.003  # share of the need that may stay unseen before the next reach is tried
 
 
@@ -29,8 +29,8 @@ def complete(
     safe: Callable[[Floats], Floats],
     allowed: Callable[[Floats], Bools],
     broken: Callable[[Floats], Bools],
-) -> Waypoints:
-    """Route, turn and bend the path until nothing worth a turn is missed.
+) -> tuple[Waypoints, Looks]:
+    """Route and bend the path, and find turns of its camera, until nothing worth a turn is missed.
 
     Parameters
     ----------
@@ -52,7 +52,8 @@ def complete(
     Returns
     -------
     Waypoints
-        With a further waypoint for each turn of the camera, flagged as viewpoint.
+    Looks
+        Turns of the camera at stations of that path, for `upplied.planning.turns.with_looks`.
     """
     positions = safe(stretched(safe(path.positions), view, likeness, allowed))
 
@@ -72,17 +73,7 @@ def complete(
     positions = safe(positions)  # leans were tested at the positions only
     smooth = rounded(replace(path, positions=positions), broken)
     covered = view.covered(smooth.positions, smooth.quat_xyzw)
-    return with_looks(smooth, find_looks(past(smooth.positions), smooth.quat_xyzw, covered, view))
-
-
-def past(positions: Floats) -> Floats:
-    """Places (M, 3), m, a little past each position of a path, on the leg to the next, for turns.
-
-    Past it, not at it: a vehicle that may turn its camera on the way need not stop for it.
-    """
-    leg = np.diff(positions, axis=0, append=positions[-1:])
-    length = np.linalg.norm(leg, axis=1, keepdims=True)
-    return positions + leg * np.minimum(0.5, _PAST_M / np.maximum(length, 1e-9))
+    return smooth, find_looks(past(smooth.positions), smooth.quat_xyzw, covered, view)
 
 
 def _shown(positions: Floats, quat_xyzw: Floats, view: View) -> Bools:
@@ -145,15 +136,3 @@ def _bent(
         if view.need[rows.any(axis=0) | shown | there].sum() > before:
             positions, seen, shown = tried, rows, shown | there
     return positions
-
-
-def with_looks(path: Waypoints, looks: Looks) -> Waypoints:
-    """The path with each turn of the camera as a waypoint just past its station."""
-    after = np.asarray(looks.station) + 1
-    places = past(path.positions)[looks.station]
-    return Waypoints(
-        positions=np.insert(path.positions, after, places, axis=0),
-        quat_xyzw=np.insert(path.quat_xyzw, after, looks.quat_xyzw, axis=0),
-        t_s=np.insert(path.t_s, after, path.t_s[looks.station]),
-        is_viewpoint=np.insert(path.is_viewpoint, after, True),
-    )

@@ -60,11 +60,14 @@ class View(Record):
     def seen(self, positions: Floats, quat_xyzw: Floats) -> Bools:
         """(M, N) what these poses truly see of the needed samples; False for the others."""
         needed = np.flatnonzero(self.need > 0)
-        cloud = _part(self.cloud, needed)
-        part = visible(positions, quat_xyzw, cloud, self.camera, self.settings, self.scene)
         seen = np.zeros((len(positions), len(self.need)), bool)
-        seen[:, needed] = part.seen
+        seen[:, needed] = self.sees(positions, quat_xyzw, needed)
         return seen
+
+    def sees(self, positions: Floats, quat_xyzw: Floats, asked: Ints) -> Bools:
+        """(M, m) which of these samples each of these poses truly sees."""
+        part = _part(self.cloud, asked)
+        return visible(positions, quat_xyzw, part, self.camera, self.settings, self.scene).seen
 
     def covered(self, positions: Floats, quat_xyzw: Floats) -> Bools:
         """(N,) the needed samples that any of these poses truly sees."""

@@ -23,10 +23,11 @@ from upplied.planning.pair import Pair
 from upplied.planning.plane import at_height, in_plane, plane_height
 from upplied.planning.refine import gauss_newton
 from upplied.planning.repeat import Take, begins_of, joined
-from upplied.planning.retime import retime
+from upplied.planning.retime import demonstrated_speed, hovering, retime
 from upplied.planning.route import Ways, route, safe_positions
 from upplied.planning.standoff import standoff_of
 from upplied.planning.transfer import aimed, box_map, registered_map, zscore_map
+from upplied.planning.turns import eased, with_looks
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Trajectory, Waypoints, in_a_row
 
@@ -125,7 +126,10 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
             return places
         return faired(safe_positions(places, ways), ways.planning, _RIPPLES * standoff_m)
 
-    return complete(path, view, likeness, reach_m, safe, ways.planning.allowed, ways.planning.broken)
+    path, looks = complete(path, view, likeness, reach_m, safe, ways.planning.allowed, ways.planning.broken)
+    path, fixed = with_looks(path, looks)
+    fixed |= hovering(path, flight, settings.retime.least_stop_s) > 0
+    return eased(path, fixed, demonstrated_speed(path.t_s, flight), view)
 
 
 def _size(positions: Floats, standoff_m: float) -> Floats:

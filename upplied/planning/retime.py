@@ -51,9 +51,9 @@ def retime(path: Waypoints, flight: Trajectory, settings: RetimeSettings) -> tup
     if not settings.limits or len(path) < 2:
         return at_demonstrated_speed(path, flight), np.array(path.is_viewpoint, bool), path.t_s
     path = _without_repeats(path)
-    hover = _hovering(path, flight, settings.least_stop_s)
+    hover = hovering(path, flight, settings.least_stop_s)
     stations = _divided(path, hover)
-    bound = np.minimum(_demonstrated_speed(stations.t_s, flight), settings.max_speed_mps * _MARGIN)
+    bound = np.minimum(demonstrated_speed(stations.t_s, flight), settings.max_speed_mps * _MARGIN)
     times = _timed(stations, bound, settings)
     quats = from_yaw_pitch(stations.yaw, stations.pitch)
     return Trajectory(times, stations.positions, quats), stations.is_viewpoint, stations.t_s
@@ -100,7 +100,7 @@ def _without_repeats(path: Waypoints) -> Waypoints:
     return Waypoints(path.positions[keep], path.quat_xyzw[keep], path.t_s[keep], viewpoint)
 
 
-def _hovering(path: Waypoints, flight: Trajectory, least_s: float) -> Floats:
+def hovering(path: Waypoints, flight: Trajectory, least_s: float) -> Floats:
     """Seconds (W,) to hover at each waypoint, as the expert did at the place it answers to."""
     hover = np.zeros(len(path))
     for begin, end in pauses(flight, least_s):
@@ -154,8 +154,8 @@ def _turn_times(path: _Stations, settings: RetimeSettings) -> Floats:
     return np.maximum(by_yaw, by_pitch)
 
 
-def _demonstrated_speed(t_s: Floats, flight: Trajectory) -> Floats:
-    """How fast the expert flew where each station answers to, evened out, m/s."""
+def demonstrated_speed(t_s: Floats, flight: Trajectory) -> Floats:
+    """How fast the expert flew at these times of the flight (S,), evened out, m/s."""
     if flight.t_s[-1] <= 0:
         return np.full(len(t_s), np.inf)
     times, positions = steadied(flight)
