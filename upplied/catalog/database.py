@@ -10,8 +10,8 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -26,6 +26,9 @@ from upplied.catalog.tables import TABLES
 from upplied.checks import check_id
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Plan, Structure, SurfaceStates
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: What of a plan's row says which waypoints are its own.
 _OWNER = ("transfer_id", "commit_id", "n_waypoints", "status", "reason", "planned_at")

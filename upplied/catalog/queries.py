@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
@@ -24,6 +23,9 @@ from upplied.catalog.rows import Row
 from upplied.catalog.tables import TABLES
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Floats, Ints, Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 When = datetime | str
 
@@ -157,6 +159,8 @@ def frame(table: pa.Table) -> pd.DataFrame:
 
 def moment(when: When) -> pd.Timestamp:
     """A moment in UTC; a text without a zone is UTC."""
+    import pandas as pd
+
     try:
         stamp = pd.Timestamp(when)
     except ValueError:

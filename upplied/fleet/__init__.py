@@ -5,18 +5,26 @@ The command line calls these functions directly; the flows call the same ones fr
 
 from __future__ import annotations
 
+import importlib
 import logging
 import uuid
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
 
-from upplied.fleet.crew import cores
-from upplied.fleet.decide import Decision, Job, Wish, decide
-from upplied.fleet.ingest import Ingested, check_structures, ingest_demonstrations, ingest_structures
-from upplied.fleet.ledger import Result, kept
-from upplied.fleet.remote import plan_here
-from upplied.fleet.session import SHARD_TARGETS, Resources, Session, bundles, shard_name, shards, transfer
-from upplied.fleet.workers import Limits
-from upplied.outputs.publish import publish
+if TYPE_CHECKING:
+    from upplied.fleet.crew import cores
+    from upplied.fleet.decisions import Decision, Job, Wish, decide
+    from upplied.fleet.ingest import (
+        Ingested,
+        check_structures,
+        ingest_demonstrations,
+        ingest_structures,
+    )
+    from upplied.fleet.ledger import Result, kept
+    from upplied.fleet.remote import plan_here
+    from upplied.fleet.session import SHARD_TARGETS, Resources, Session, bundles, shard_name, shards, transfer
+    from upplied.fleet.workers import Limits
+    from upplied.outputs.publish import publish
 
 __all__ = [
     "SHARD_TARGETS",
@@ -44,6 +52,33 @@ __all__ = [
 ]
 
 logging.getLogger("upplied").addHandler(logging.NullHandler())
+
+# Loaded when first asked for: a process that plans needs neither what reads files nor what draws.
+_HOME = {
+    "upplied.fleet.crew": ("cores",),
+    "upplied.fleet.decisions": ("Decision", "Job", "Wish", "decide"),
+    "upplied.fleet.ingest": ("Ingested", "check_structures", "ingest_demonstrations", "ingest_structures"),
+    "upplied.fleet.ledger": ("Result", "kept"),
+    "upplied.fleet.remote": ("plan_here",),
+    "upplied.fleet.session": (
+        "SHARD_TARGETS",
+        "Resources",
+        "Session",
+        "bundles",
+        "shard_name",
+        "shards",
+        "transfer",
+    ),
+    "upplied.fleet.workers": ("Limits",),
+    "upplied.outputs.publish": ("publish",),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _HOME.items():
+        if name in names:
+            return getattr(importlib.import_module(module), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def new_run_id() -> str:

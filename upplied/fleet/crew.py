@@ -10,7 +10,7 @@ from functools import lru_cache
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.errors import RefusedError, UppliedError
-from upplied.fleet.decide import Job
+from upplied.fleet.decisions import Job
 from upplied.fleet.recent import Recent
 from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.planning.pair import Memo, no_memo

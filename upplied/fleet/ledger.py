@@ -12,7 +12,7 @@ from typing import Any
 import upplied
 from upplied.catalog import Catalog
 from upplied.fleet.crew import Outcome
-from upplied.fleet.decide import Job
+from upplied.fleet.decisions import Job
 from upplied.planning.pair import METHOD_VERSION
 
 log = logging.getLogger(__name__)

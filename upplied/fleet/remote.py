@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from upplied.catalog import open_catalog
 from upplied.fleet import crew
-from upplied.fleet.decide import Job
+from upplied.fleet.decisions import Job
 from upplied.fleet.ledger import Ledger, Result
 
 

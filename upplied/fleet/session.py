@@ -9,7 +9,7 @@ from itertools import groupby, zip_longest
 
 from upplied.catalog import Catalog
 from upplied.fleet.crew import Crew, Outcome, cores
-from upplied.fleet.decide import Job
+from upplied.fleet.decisions import Job
 from upplied.fleet.ledger import Ledger, Result
 from upplied.fleet.workers import Limits
 
@@ -78,7 +78,7 @@ class Session:
     catalog : Catalog
         Holds the demonstrations and structures, and receives the plans.
     jobs : sequence of Job
-        From `upplied.fleet.decide.decide`.
+        From `upplied.fleet.decide`.
     run_id : str
         Kept with every row.
     resources : Resources
