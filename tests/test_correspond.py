@@ -157,3 +157,25 @@ def test_blades_follow_a_turned_rotor() -> None:
     blades = np.char.startswith(name, "blade")
     off = np.linalg.norm(found.target_points - truth, axis=1)[blades]
     assert off.mean() < 0.01 * turned.diagonal_m
+
+
+def test_a_strip_cut_off_with_the_wing_answers_to_the_fuselage_still() -> None:
+    source, target = surface("a320-v1"), surface("b777-v1")
+    names = named_parts("a320-v1", source.points)
+    assert source.part is not None and source.normals is not None and target.normals is not None
+    part = source.part.copy()
+    wing = np.array([name.startswith("wing") for name in names])
+    root = wing & (np.abs(source.points[:, 1]) < np.quantile(np.abs(source.points[wing, 1]), 0.15))
+    low, high = source.points[root].min(axis=0), source.points[root].max(axis=0)
+    inside = (source.points[:, [0, 2]] > low[[0, 2]]) & (source.points[:, [0, 2]] < high[[0, 2]] + [0, 0.6])
+    strip = (names == "fuselage") & inside.all(axis=1) & (np.abs(source.normals[:, 1]) > 0.8)
+    for side in (-1, 1):
+        here = np.sign(source.points[:, 1]) == side
+        part[strip & here] = np.bincount(part[wing & here]).argmax()
+    assert strip.sum() > 10
+    found = correspond(replace(source, part=part), target, box_on_box(source, target), BY_PARTS)
+    index = found.target_index[strip]
+    assert (index >= 0).all()
+    cosine = np.einsum("ij,ij->i", source.normals[strip], target.normals[index])
+    assert np.mean(cosine > 0.5) > 0.95
+    assert np.mean(named_parts("b777-v1", target.points[index]) == "fuselage") > 0.9

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from upplied.planning.boxes import diagonal_of, laid, spacing
 from upplied.planning.cpd import Patch, drift, farthest_points
 from upplied.planning.layout import FACING, matched, patches, placed
-from upplied.planning.parts import labels_of, parts_of
+from upplied.planning.parts import Parts, labels_of, parts_of
 from upplied.planning.wording import summary_of
 from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Registration
 
@@ -23,6 +23,7 @@ _CONTROLS, _ANCHORS = 200, 450  # points of the source that move, points of the 
 _TRIED, _NEARER = 300, 0.7  # samples of a part, and how much nearer a drift must bring them
 _GONE = 0.05  # of the diagonal: a point that stays this far from the target has no counterpart there
 _SAME_FACE = 0.3  # least cosine between a normal and its counterpart's, for a part that has no partner
+_ASTRAY, _NEXT_DOOR = 0.7, 0.5  # cosine of normals; how much nearer, normals counted, a face next door is
 _CLAIM = 1.5  # spacings: how near a counterpart of a matched part makes a target sample taken
 _BODY = 0.4  # length of the mean normal below which a part is a body of its own, not a patch of a skin
 _WHOLE = 0.6  # least share of a part without a partner that must find its like, or all of it has none
@@ -49,6 +50,7 @@ def by_parts(
     moving, fixed = patches(source, lying, matching)
     warped = _warped(placed(moving, fixed), fixed, diagonal)
     index = facing_nearest(warped, fixed, diagonal)
+    index = _next_door(warped, fixed, index, labels_of(lying), parts_of(lying), diagonal)
     on_skin = _on_skin(warped.points, fixed, index, spacing(source))
     claimed = _claimed(on_skin, moving.label, fixed, spacing(lying))
     gone = _without(warped, fixed, index, claimed, labels_of(source), diagonal)
@@ -95,6 +97,31 @@ def facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
         tree = cKDTree(np.hstack([fixed.points[theirs], weight * fixed.normals[theirs]]))
         found = tree.query(np.hstack([warped.points[mine], weight * warped.normals[mine]]))[1]
         index[mine] = theirs[found]
+    return index
+
+
+def _next_door(
+    warped: Patch, fixed: Patch, index: Ints, part: Ints, parts: Parts, diagonal_m: float
+) -> Ints:
+    """The counterparts, but of a part that touches the partner where that alone has such a face.
+
+    Modellers cut where it suits them: what is a strip of the fuselage's side in one wing's mesh is
+    the fuselage's in another, and nothing of the other wing faces that way.
+    """
+    weight = FACING * diagonal_m
+    here, there = (np.hstack([patch.points, weight * patch.normals]) for patch in (warped, fixed))
+    astray = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) < _ASTRAY
+    index = index.copy()
+    for label in np.unique(warped.label[astray & (warped.label >= 0)]):
+        mine = np.flatnonzero(astray & (warped.label == label))
+        partners = np.unique(part[fixed.label == label])
+        doors = parts.touching[partners].any(axis=0)
+        theirs = np.flatnonzero(doors[part] & (fixed.label != label))
+        if len(theirs) == 0:
+            continue
+        distance, found = cKDTree(there[theirs]).query(here[mine])
+        nearer = distance < _NEXT_DOOR * np.linalg.norm(here[mine] - there[index[mine]], axis=1)
+        index[mine[nearer]] = theirs[found[nearer]]
     return index
 
 
