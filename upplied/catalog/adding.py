@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -79,6 +80,14 @@ def add_plans(catalog: Catalog, plans: Sequence[Planned]) -> int:
         if plan.surface is not None:
             catalog.cache.put(SURFACE, name, plan.surface)
     return added
+
+
+def keep_surface(catalog: Catalog, key: str, plan: Plan) -> Plan:
+    """See `Catalog.keep_surface`."""
+    if plan.surface is None:
+        return plan
+    catalog.cache.put(SURFACE, plan_rows.transfer_id(key), plan.surface)
+    return replace(plan, surface=None)
 
 
 def adopt_plans(catalog: Catalog, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:

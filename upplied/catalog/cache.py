@@ -71,7 +71,7 @@ class Cache:
         """Remember a record; where that is impossible (disk full, read-only) only time is lost."""
         path = self.path(stage, key)
         try:
-            replace_file(path, encode(record))
+            replace_file(path, encode(record), lasting=False)  # an entry that a power cut tore is noticed
         except OSError as error:
             log.warning("cannot remember %s: %s", path, error)
 

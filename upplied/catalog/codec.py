@@ -48,20 +48,29 @@ def encode(record: Any) -> bytes:
     return sink.getvalue()
 
 
-def decode(content: bytes, record_type: type[R]) -> R:
+def decode(content: bytes, record_type: type[R], sha256: str | None = None) -> R:
     """The record of such bytes.
+
+    Parameters
+    ----------
+    content : bytes
+        From `encode`.
+    record_type : type
+    sha256 : str, optional
+        Hash that the content must have, where it is known; see `sha256_of`.
 
     Raises
     ------
     CatalogError
-        If the bytes are not such a file, are damaged, or hold another type of record.
+        If the bytes are not such a file, are damaged, or hold another record or type of record.
     """
     try:
-        table = pq.read_table(pa.BufferReader(content))
+        with pq.ParquetFile(pa.BufferReader(content)) as file:
+            table = file.read(use_threads=False)
         metadata = table.schema.metadata or {}
         plain = metadata[b"record"].decode()
         arrays = {field.name: _array(table.column(field.name), field) for field in table.schema}
-        if content_sha256(plain, arrays) != metadata[b"sha256"].decode():
+        if content_sha256(plain, arrays) != (sha256 or metadata[b"sha256"].decode()):
             raise CatalogError(record_type.__name__, "the stored content does not match its hash")
         record: R = _record(json.loads(plain), record_type, "", arrays)
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError, UnicodeDecodeError) as error:

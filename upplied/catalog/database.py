@@ -240,6 +240,13 @@ class Catalog:
         """
         return adding.add_plans(self, plans)
 
+    def keep_surface(self, key: str, plan: Plan) -> Plan:
+        """Keep what a plan with this key sees of its target; returns the plan without it, still to be added.
+
+        A process that plans does so, and sends the rest to the one that commits.
+        """
+        return adding.keep_surface(self, key, plan)
+
     def retire_structures(self, structure_ids: Sequence[str]) -> int:
         """Take structures out of the fleet; their history stays. Returns how many were taken out."""
         return adding.retire(self, "structures", structure_ids)

@@ -58,22 +58,25 @@ class FileStore:
         return self._filesystem
 
 
-def replace_file(path: Path, content: bytes) -> None:
+def replace_file(path: Path, content: bytes, lasting: bool = True) -> None:
     """Write a file so that readers see the old bytes or the new ones, never a part.
 
-    The bytes go to a hidden file beside it, to the disk, and then under the name in one step.
+    The bytes go to a hidden file beside it, to the disk, and then under the name in one step. Where it
+    need not be `lasting`, nobody waits for the disk; after a power cut the file may then be empty.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.draft")
     try:
         with draft.open("wb") as file:
             file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+            if lasting:
+                file.flush()
+                os.fsync(file.fileno())
         os.replace(draft, path)
     finally:
         draft.unlink(missing_ok=True)
-    sync_path(path.parent)
+    if lasting:
+        sync_path(path.parent)
 
 
 def sync_path(path: Path) -> None:

@@ -47,15 +47,12 @@ class MeshStore:
             If the mesh is not there, or is damaged.
         """
         try:
-            found = decode(self.files.read(file_name(sha256)), Structure)
-            damaged = sha256_of(found) != sha256
+            return decode(self.files.read(file_name(sha256)), Structure, sha256)
         except (OSError, pa.ArrowException) as error:
             raise CatalogError(self.path(sha256), f"cannot be read: {error}") from None
         except CatalogError:
-            damaged = True
-        if damaged:
-            raise CatalogError(self.path(sha256), "is damaged", "", "delete it and add the structure again")
-        return found
+            remedy = "delete it and add the structure again"
+            raise CatalogError(self.path(sha256), "is damaged", "", remedy) from None
 
     def path(self, sha256: str) -> str:
         """Where a mesh lies."""

@@ -36,7 +36,8 @@ class Ledger:
         self._catalog, self._run_id = catalog, run_id
         self._waiting: list[Outcome] = []
         self._last = time.monotonic()
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # of what waits, held for a moment
+        self._committing = threading.Lock()  # so that outcomes still come in while others are committed
         self.result = Result()
 
     def add(self, outcome: Outcome) -> None:
@@ -47,19 +48,26 @@ class Ledger:
             self.result.count(outcome.job, outcome.plan.status, outcome.plan.reason)
             if outcome.plan.status != "superseded":
                 self._waiting.append(outcome)
-            if len(self._waiting) >= BATCH or time.monotonic() - self._last > EVERY_S:
-                self._commit()
+            due = len(self._waiting) >= BATCH or time.monotonic() - self._last > EVERY_S
+            batch = self._taken() if due else []
+        if batch:
+            self._commit(batch)
 
     def close(self) -> None:
-        """Commit what still waits."""
+        """Commit what still waits, after what is being committed."""
         with self._lock:
-            self._commit()
+            batch = self._taken()
+        self._commit(batch)
 
-    def _commit(self) -> None:
-        ordered = sorted(self._waiting, key=lambda outcome: outcome.job.key)
-        if ordered:
-            self._catalog.add_plans([(o.job.key, o.plan, self._provenance(o)) for o in ordered])
-        self._waiting, self._last = [], time.monotonic()
+    def _taken(self) -> list[Outcome]:
+        batch, self._waiting, self._last = self._waiting, [], time.monotonic()
+        return batch
+
+    def _commit(self, batch: list[Outcome]) -> None:
+        ordered = sorted(batch, key=lambda outcome: outcome.job.key)
+        with self._committing:
+            if ordered:
+                self._catalog.add_plans([(o.job.key, o.plan, self._provenance(o)) for o in ordered])
 
     def _provenance(self, outcome: Outcome) -> dict[str, Any]:
         hashes = ("demonstration_sha256", "source_sha256", "target_sha256")
