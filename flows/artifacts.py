@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
 from prefect.artifacts import create_link_artifact, create_markdown_artifact, create_table_artifact
 
+from flows.pages import address
 from upplied import fleet
 from upplied.catalog import Catalog
 
@@ -22,7 +24,8 @@ def ingested_artifacts(key: str, ingested: Sequence[dict[str, str]]) -> str:
         counts[item["status"]] += 1
     summary = ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "nothing"
     troubles = [item for item in ingested if item["status"] == "failed"]
-    create_table_artifact(list(ingested[:MOST_ROWS]), key=f"{key}-files")
+    rows = [{name: _readable(value) for name, value in item.items()} for item in ingested[:MOST_ROWS]]
+    create_table_artifact(rows, key=f"{key}-files")
     create_markdown_artifact(f"## {key}\n\n{summary}\n\n{_listed(troubles)}", key=key)
     return summary
 
@@ -35,9 +38,9 @@ def transfer_artifacts(catalog: Catalog, decision: fleet.Decision, result: fleet
     create_table_artifact(_planned(catalog, decision, reports), key="transfer-fleet-result")
     told = f"## transfer-fleet\n\n{summary}\n\n{why}\n\n{_listed(troubles)}"
     if reports:
-        index = Path(reports).absolute() / "index.html"
-        told += f"\n\nReports: {index}"
-        create_link_artifact(index.as_uri(), link_text="the fleet's report", key="transfer-fleet-report")
+        index = address(reports, "index.html")
+        told += f"\n\nReports: [{Path(reports).absolute() / 'index.html'}]({index})"
+        create_link_artifact(index, link_text="the fleet's report", key="transfer-fleet-report")
     create_markdown_artifact(told, key="transfer-fleet")
     return summary
 
@@ -52,33 +55,34 @@ def _planned(catalog: Catalog, decision: fleet.Decision, reports: str) -> list[d
     rows = []
     for plan in plans[list(_LINEAGE)].to_dict("records"):
         row = {_LINEAGE[name]: _readable(value) for name, value in plan.items()}
-        pair = f"{plan['demonstration_id']}--{plan['target_id']}"
-        row["page"] = f"{reports}/transfers/{pair}.html" if reports else ""
+        if reports:
+            page = f"transfers/{plan['demonstration_id']}--{plan['target_id']}.html"
+            row["page"] = f"[{page}]({address(reports, page)})"
         rows.append(row)
     return rows
 
 
-# From the log to the trajectory: column of the catalog, and how it is headed.
+# From the log to the trajectory: column of the catalog, and how it is headed. What people look for first.
 _LINEAGE = {
-    "demonstration_sha256": "log (sha256)",
     "demonstration_id": "demonstration",
     "target_id": "target",
     "preset": "preset",
-    "transfer_id": "trajectory",
     "status": "status",
+    "reason": "reason",
     "coverage_seen_pct": "coverage seen %",
     "frechet_z": "Frechet z",
     "min_clearance_m": "clearance m",
     "planning_s": "planning s",
-    "reason": "reason",
+    "transfer_id": "trajectory",
+    "demonstration_sha256": "log (sha256)",
 }
 
 
 def _readable(value: object) -> object:
-    """A number to two places, nothing for none."""
+    """A number to two places, nothing for none, and text as text: names and reasons come from files."""
     if isinstance(value, float):
         return "" if math.isnan(value) else round(value, 2)
-    return value
+    return escape(value, quote=False) if isinstance(value, str) else value
 
 
 def maintenance_artifact(merged: dict[str, int], findings: Sequence[str]) -> str:
@@ -94,5 +98,8 @@ def maintenance_artifact(merged: dict[str, int], findings: Sequence[str]) -> str
 def _listed(troubles: Sequence[dict[str, str]]) -> str:
     if not troubles:
         return "Nothing was refused or failed."
-    lines = [f"* **{item['status']}** {item['name']}: {item['reason']}" for item in troubles[:MOST_ROWS]]
+    lines = [
+        f"* **{item['status']}** {_readable(item['name'])}: {_readable(item['reason'])}"
+        for item in troubles[:MOST_ROWS]
+    ]
     return "\n".join(lines)

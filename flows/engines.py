@@ -54,7 +54,9 @@ def _on_pool(
     catalog: str, jobs: list[fleet.Job], wish: fleet.Wish, resources: Resources, run_id: str
 ) -> fleet.Result:
     """Runs of a deployment on a work pool; what no machine planned is planned here."""
-    pool.check_pool()
+    size = resources.shard_targets or pool.shard_targets(
+        len({job.target_id for job in jobs}), pool.machines()
+    )
     given = {
         "catalog": str(open_catalog(catalog).location),
         "run_id": run_id,
@@ -65,7 +67,7 @@ def _on_pool(
         "retry_failed": wish.retry_failed,
         "resources": resources.model_dump(include={"workers", "timeout_s", "memory_gib"}),
     }
-    shards = fleet.bundles(jobs, resources.shard_targets)
+    shards = fleet.bundles(jobs, size)
     with ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST)) as runner:
         submitted = [
             runner.submit(
@@ -121,17 +123,21 @@ def _elsewhere(catalog: str, jobs: list[fleet.Job], resources: Resources, run_id
 
 def _cluster(resources: Resources) -> TaskRunner[Any]:
     """A task runner on the running cluster, or on a small one of its own where no address is given."""
+    processes = resources.workers or fleet.cores()
     try:
         if resources.engine == "dask":
             from prefect_dask import DaskTaskRunner
 
-            own = {"n_workers": resources.workers or fleet.cores(), "threads_per_worker": 1}
             if resources.address:
                 return DaskTaskRunner(address=resources.address)
-            return DaskTaskRunner(cluster_kwargs={**own, "dashboard_address": None})
+            own = {"n_workers": processes, "threads_per_worker": 1, "dashboard_address": None}
+            return DaskTaskRunner(cluster_kwargs=own)
         from prefect_ray import RayTaskRunner
 
-        return RayTaskRunner(address=resources.address or None)
+        if resources.address:
+            return RayTaskRunner(address=resources.address)
+        own = {"num_cpus": processes, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
+        return RayTaskRunner(init_kwargs=own)
     except ImportError as error:
         raise SettingsError(
             f"engine {resources.engine}",

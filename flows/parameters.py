@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -34,6 +35,23 @@ def _changes() -> type[BaseModel]:
 Changes = _changes()
 
 
+def wish_of(
+    presets: Sequence[Preset],
+    changes: BaseModel,
+    demonstrations: Sequence[str] | None,
+    targets: Sequence[str] | None,
+    retry_failed: bool,
+) -> fleet.Wish:
+    """What the parameters of a flow ask of the fleet; None means every one."""
+    return fleet.Wish(
+        tuple(presets),
+        changes.model_dump(exclude_unset=True),
+        tuple(demonstrations or ()),
+        tuple(targets or ()),
+        retry_failed,
+    )
+
+
 class Resources(BaseModel):
     """What a run may use."""
 
@@ -48,7 +66,10 @@ class Resources(BaseModel):
     )
     address: str = Field("", description="Of the running Dask or Ray cluster.")
     shard_targets: int = Field(
-        fleet.SHARD_TARGETS, ge=1, le=1000, description="Targets that a machine of the pool takes at a time."
+        0,
+        ge=0,
+        le=10_000,
+        description="Targets that a machine of the pool takes at a time; 0 shares them out.",
     )
 
     def of_fleet(self) -> fleet.Resources:

@@ -6,7 +6,7 @@ from prefect import flow
 from prefect.states import Completed, State
 
 from flows.engines import here
-from flows.parameters import Changes, Id, Location, Presets, Resources
+from flows.parameters import Changes, Id, Location, Presets, Resources, wish_of
 from upplied import fleet
 from upplied.catalog import open_catalog
 
@@ -41,13 +41,7 @@ def plan_shard(
         retry_failed: Also plan again what failed before.
         resources: Processes, time and memory on this machine.
     """
-    wish = fleet.Wish(
-        tuple(presets),
-        changes.model_dump(exclude_unset=True),
-        tuple(demonstrations or ()),
-        tuple(targets or ()),
-        retry_failed,
-    )
+    wish = wish_of(presets, changes, demonstrations, targets, retry_failed)
     wanted = set(keys)
     jobs = [job for job in fleet.decide(open_catalog(catalog), wish).jobs if job.key in wanted]
     return Completed(message=str(here(catalog, jobs, resources, run_id)))

@@ -6,39 +6,54 @@ from Prefect.
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
 from prefect import get_client
 from prefect.client.orchestration import SyncPrefectClient
-from prefect.client.schemas.objects import FlowRun, WorkPoolStatus
+from prefect.client.schemas.objects import FlowRun, WorkerStatus
 from prefect.deployments import run_deployment
 from prefect.exceptions import FailedRun, ObjectNotFound
 from prefect.states import Cancelled
 
 from upplied.errors import SettingsError
+from upplied.fleet import SHARD_TARGETS
 
 POOL = "planners"
 DEPLOYMENT = "plan-shard/plan-shard"
-EVERY_S = 5.0
+EVERY_S = 2.0
 MOST = 64  # shards that are offered at a time; a machine takes one
+SHARDS_EACH = 8  # to a machine
 
 
-def check_pool() -> None:
-    """Refuse to hand out work that nobody would take.
+def machines() -> int:
+    """How many machines take shards.
 
     Raises
     ------
     SettingsError
-        If no worker is online.
+        If there is none: nobody would take what is handed out.
     """
     with get_client(sync_client=True) as client:
-        if not _attended(client):
-            raise SettingsError(
-                "engine pool",
-                f"finds no worker online on the work pool {POOL!r}",
-                remedy=f"on each machine: prefect worker start --pool {POOL} --limit 1",
-            )
+        count = _online(client)
+    if not count:
+        raise SettingsError(
+            "engine pool",
+            f"finds no worker online on the work pool {POOL!r}",
+            remedy=f"on each machine: prefect worker start --pool {POOL} --limit 1",
+        )
+    return count
+
+
+def shard_targets(targets: int, count: int) -> int:
+    """Targets of a shard where so many machines take so many in all.
+
+    Some shards a machine, so that all end at about the same time; but of 64 targets at least, unless that
+    leaves a machine without any, since a shard starts a process with planners of its own.
+    """
+    each = max(1, min(SHARDS_EACH, targets // (count * SHARD_TARGETS)))
+    return math.ceil(targets / (count * each))
 
 
 def run_on_pool(name: str, parameters: dict[str, Any]) -> None:
@@ -54,7 +69,7 @@ def run_on_pool(name: str, parameters: dict[str, Any]) -> None:
         while not _final(run):
             time.sleep(EVERY_S)
             run = client.read_flow_run(run.id)
-            if run.state is not None and run.state.is_scheduled() and not _attended(client):
+            if run.state is not None and run.state.is_scheduled() and not _online(client):
                 client.set_flow_run_state(run.id, Cancelled(message="No worker is left on the pool."))
                 run = client.read_flow_run(run.id)
     if run.state is None or not run.state.is_completed():
@@ -65,8 +80,9 @@ def _final(run: FlowRun) -> bool:
     return run.state is not None and run.state.is_final()
 
 
-def _attended(client: SyncPrefectClient) -> bool:
+def _online(client: SyncPrefectClient) -> int:
     try:
-        return client.read_work_pool(POOL).status == WorkPoolStatus.READY
+        client.read_work_pool(POOL)
     except ObjectNotFound:
-        return False
+        return 0
+    return sum(worker.status == WorkerStatus.ONLINE for worker in client.read_workers_for_work_pool(POOL))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import copy_context
+from functools import partial
 from typing import TypeVar
 
+import httpx
 from prefect.artifacts import create_progress_artifact, update_progress_artifact
 
 from upplied.cli.terminal import progress as bar
@@ -22,30 +24,43 @@ Shard = TypeVar("Shard")
 @contextmanager
 def progress(session: Session) -> Iterator[None]:
     """Show the progress of a session while it is worked."""
-    artifact = create_progress_artifact(progress=0.0, key=KEY)
-    shown = [time.monotonic()]
-    lock = threading.Lock()
-    with bar("planning", session.total) as advance:
-
-        def tell(_: object) -> None:
-            advance()
-            with lock:
-                due = time.monotonic() - shown[0] > EVERY_S
-                if due:
-                    shown[0] = time.monotonic()
-            if due:
-                update_progress_artifact(artifact, 100.0 * session.result.total / max(session.total, 1))
-
-        session.progress = tell
+    with bar("planning", session.total) as advance, _told(lambda: session.result.total, session.total):
+        session.progress = lambda _: advance()
         yield
-    update_progress_artifact(artifact, 100.0)
 
 
 def advancing(shards: Sequence[Shard]) -> Iterator[Shard]:
     """Shards that are worked elsewhere, one after the other; the bar moves as each has been waited for."""
-    artifact = create_progress_artifact(progress=0.0, key=KEY)
-    with bar("shards", len(shards)) as advance:
-        for number, shard in enumerate(shards, 1):
+    done = 0
+    with bar("shards", len(shards)) as advance, _told(lambda: done, len(shards)):
+        for shard in shards:
             yield shard
+            done += 1
             advance()
-            update_progress_artifact(artifact, 100.0 * number / len(shards))
+
+
+@contextmanager
+def _told(done: Callable[[], int], of: int) -> Iterator[None]:
+    """Tell Prefect every few seconds, from a thread of its own: planning never waits for the server."""
+    ended = threading.Event()
+    tell = partial(copy_context().run, _tell, lambda: 100.0 * done() / of if of else 100.0, ended)
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        teller.join(EVERY_S)
+
+
+def _tell(percent: Callable[[], float], ended: threading.Event) -> None:
+    artifact, last = None, False
+    while True:
+        with suppress(httpx.HTTPError):  # the server is away: the next look tells as well
+            if artifact is None:
+                artifact = create_progress_artifact(percent(), key=KEY)
+            else:
+                update_progress_artifact(artifact, percent())
+        if last:
+            return
+        last = ended.wait(EVERY_S)

@@ -7,11 +7,29 @@ import signal
 import subprocess
 import sys
 import time
+from typing import NoReturn
 
 from flows.environment import ROOT
+from flows.pages import ADDRESS, FOLDER, served
 from flows.server import Server, ServerError, private_server, start, stop
 
 POOLS = ("local", "planners")  # of the runs themselves; of their shards, where several machines plan
+SHORT_S = 30.0  # what lives no longer than this does not work here, and is not started again
+
+
+class Worker:
+    """The worker that starts a process for each run."""
+
+    def __init__(self, environment: dict[str, str]) -> None:
+        self._environment = environment
+        self.process = self._start()
+
+    def restart(self) -> None:
+        """Start it again after it ended; a run that it left behind sees to itself."""
+        self.process = self._start()
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        return start("worker", "start", "--pool", POOLS[0], environment=self._environment)
 
 
 def main() -> int:
@@ -22,13 +40,15 @@ def main() -> int:
         with private_server(ROOT / ".cache" / "prefect", port) as server:
             server.wait()
             prepare(server)
-            worker = start("worker", "start", "--pool", POOLS[0], environment=server.environment)
-            try:
-                say(f"Prefect: http://127.0.0.1:{port}  (PREFECT_API_URL={server.api_url})")
-                say("Run now:  upplied fleet run        Stop: Ctrl-C")
-                return watch(server, worker)
-            finally:
-                stop(worker)
+            with served(FOLDER, port + 1) as reports:
+                worker = Worker(server.environment | {ADDRESS: reports})
+                try:
+                    say(f"Prefect: http://127.0.0.1:{port}  (PREFECT_API_URL={server.api_url})")
+                    say(f"Reports: {reports}")
+                    say("Run now:  upplied fleet run        Stop: Ctrl-C")
+                    attend(server, worker)
+                finally:
+                    stop(worker.process)
     except ServerError as error:
         say(str(error))
         return 1
@@ -62,13 +82,25 @@ def prepare(server: Server) -> None:
             raise ServerError(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
 
 
-def watch(server: Server, worker: subprocess.Popen[bytes]) -> int:
-    """Wait until one of the two ends, which neither should."""
+def attend(server: Server, worker: Worker) -> NoReturn:
+    """Start again whichever of the two ends, and nothing else: a run goes on without its server for a while.
+
+    Raises
+    ------
+    ServerError
+        If one ends as soon as it was started: that is no accident.
+    """
+    began = dict.fromkeys((server, worker), time.monotonic())
     while True:
-        for name, process in (("server", server.process), ("worker", worker)):
-            if process.poll() is not None:
-                say(f"the {name} ended with code {process.returncode}")
-                return 1
+        for name, kept in (("server", server), ("worker", worker)):
+            code = kept.process.poll()
+            if code is None:
+                continue
+            if time.monotonic() - began[kept] < SHORT_S:
+                raise ServerError(f"the {name} ended with code {code} as soon as it was started")
+            say(f"the {name} ended with code {code}; it is started again")
+            kept.restart()
+            began[kept] = time.monotonic()
         time.sleep(1)
 
 

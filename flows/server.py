@@ -24,18 +24,34 @@ class ServerError(Exception):
 
 
 class Server:
-    """A running server: the environment its clients need, and how to wait for it and stop it."""
+    """A running server: the environment its clients need, and how to wait for it and start it again."""
 
     def __init__(self, home: Path, port: int = 0) -> None:
         port = port or free_port()
         home.mkdir(parents=True, exist_ok=True)
         self.api_url = f"http://127.0.0.1:{port}/api"
         self.environment = environment(home, self.api_url)
-        self.log = home / "server.log"
         # The page that the server hands out calls the address in its settings, not the one of --port.
-        address = {"PREFECT_SERVER_API_HOST": "127.0.0.1", "PREFECT_SERVER_API_PORT": str(port)}
-        with self.log.open("wb") as log:
-            self.process = start("server", "start", environment=self.environment | address, log=log)
+        self._address = {"PREFECT_SERVER_API_HOST": "127.0.0.1", "PREFECT_SERVER_API_PORT": str(port)}
+        self.log = home / "server.log"
+        self.log.write_bytes(b"")
+        self.process = self._start()
+
+    def restart(self) -> None:
+        """Start it again after it ended, at the same address and with the same memory.
+
+        Raises
+        ------
+        ServerError
+            If it does not come up.
+        """
+        stop(self.process)  # what is left of it
+        self.process = self._start()
+        self.wait()
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        with self.log.open("ab") as log:
+            return start("server", "start", environment=self.environment | self._address, log=log)
 
     def wait(self) -> None:
         """Wait until the server answers.

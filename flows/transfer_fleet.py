@@ -10,7 +10,7 @@ from flows.artifacts import transfer_artifacts
 from flows.engines import plan
 from flows.ingest_demonstrations import ingest_demonstrations
 from flows.ingest_structures import ingest_structures
-from flows.parameters import Changes, Id, Location, Presets, Resources
+from flows.parameters import Changes, Id, Location, Presets, Resources, wish_of
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.errors import UppliedError
@@ -55,13 +55,7 @@ def transfer_fleet(
         retry_failed: Also plan again what failed before.
         resources: Engine, processes, time and memory.
     """
-    wish = fleet.Wish(
-        tuple(presets),
-        changes.model_dump(exclude_unset=True),
-        tuple(demonstrations or ()),
-        tuple(targets or ()),
-        retry_failed,
-    )
+    wish = wish_of(presets, changes, demonstrations, targets, retry_failed)
     kept = open_catalog(catalog)
     try:
         if manifest:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from typing import Any
 import pytest
 import yaml
 
+from flows import pages, pool
 from flows.environment import ROOT, SETTINGS, environment
 from flows.server import Server, private_server, start, stop
 from upplied import fleet
@@ -146,7 +148,34 @@ def test_a_plan_is_followed_from_its_log_to_its_page(server, place):
     assert (row["log (sha256)"], row["demonstration"]) == (flown["sha256"], flown["demonstration_id"])
     assert len(catalog.trajectory(row["trajectory"]).t_s) > 0
     assert row["status"] == "ok"
-    assert (place / row["page"]).is_file()
+    page = (place / "reports" / "transfers" / f"{row['demonstration']}--box-random-1.html").resolve()
+    assert row["page"].endswith(f"({page.as_uri()})")
+    assert page.is_file()
+
+
+def test_pages_open_from_prefect_where_they_are_given_out(tmp_path, monkeypatch):
+    """A browser opens no file from a page that came over HTTP."""
+    (tmp_path / "transfers").mkdir()
+    (tmp_path / "transfers" / "a--b.html").write_text("the plan")
+    with pages.served(tmp_path, 0) as url:
+        monkeypatch.setenv(pages.ADDRESS, url)
+        link = pages.address(str(pages.FOLDER), "transfers/a--b.html")
+        with urllib.request.urlopen(link, timeout=60) as page:
+            assert page.read() == b"the plan"
+        with pages.served(tmp_path, int(url.rsplit(":", 1)[1])) as other:
+            assert other != url, "a port that is taken must not end the service"
+    elsewhere = pages.address(str(tmp_path), "index.html")
+    assert elsewhere == (tmp_path / "index.html").as_uri(), "this folder is not the one that is given out"
+
+
+@pytest.mark.parametrize("targets", [1, 30, 200, 1000, 10_000])
+@pytest.mark.parametrize("machines", [1, 2, 5])
+def test_every_machine_has_its_share_of_a_fleet(targets, machines):
+    size = pool.shard_targets(targets, machines)
+    shards = math.ceil(targets / size)
+    assert shards >= min(machines, targets), "a machine is left without work"
+    assert size >= min(targets // machines, 64), "starting a shard would cost more than planning it"
+    assert shards <= 8 * machines
 
 
 def test_a_shard_plans_what_it_is_named_and_nothing_twice(server, place):

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import boto3
 import pytest
 from botocore.config import Config
+from processes import cut_the_power
 
 from flows.environment import ROOT
 from flows.server import Server, free_port, private_server, start, stop
@@ -105,9 +104,7 @@ class Machine:
 
     def cut_the_power(self) -> None:
         """The worker and all that came of it, at once."""
-        for pid in [*descendants(self.worker.pid), self.worker.pid]:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+        cut_the_power(self.worker.pid)
         self.worker.wait()
 
 
@@ -234,11 +231,3 @@ with get_client(sync_client=True) as client:
 
 def kept(catalog: Catalog) -> list[dict]:
     return catalog.transfers().sort_values("transfer_id")[KEPT].to_dict("records")
-
-
-def descendants(pid: int) -> list[int]:
-    found = []
-    for thread in Path(f"/proc/{pid}/task").iterdir():
-        for child in (thread / "children").read_text().split():
-            found += [*descendants(int(child)), int(child)]
-    return found

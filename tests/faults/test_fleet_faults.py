@@ -12,6 +12,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 import pytest
+from processes import children, command
 
 from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
@@ -97,9 +98,8 @@ def start(script: Path, catalog: Catalog, run_id: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 
-def children_of(pid: int) -> list[int]:
-    threads = Path(f"/proc/{pid}/task").iterdir()
-    return [int(child) for thread in threads for child in (thread / "children").read_text().split()]
+def planners_of(process: subprocess.Popen[str]) -> list[int]:
+    return [pid for pid in children(process.pid) if "spawn_main" in command(pid)]
 
 
 @pytest.mark.slow
@@ -114,8 +114,11 @@ def test_a_killed_process_costs_little_and_the_next_run_goes_on(tmp_path, victim
     if victim == "run":
         process.kill()
     else:
-        planners = [pid for pid in children_of(process.pid) if "spawn_main" in command_of(pid)]
-        os.kill(planners[0], signal.SIGKILL)
+        victim_pid = planners_of(process)[0]
+        os.kill(victim_pid, signal.SIGKILL)
+        finished += [process.stdout.readline().strip() for _ in range(4)]
+        assert victim_pid not in planners_of(process)
+        assert len(planners_of(process)) == 2, "the lost process was not replaced"
     process.communicate(timeout=120)
     rows = catalog.transfers(every=True)
     assert set(finished) <= set(rows["target_id"])
@@ -140,7 +143,3 @@ def test_a_killed_process_costs_little_and_the_next_run_goes_on(tmp_path, victim
     assert rows.groupby("run_id").size().to_dict() == {"first": before, "second": 10 - before}
     for row in rows.itertuples():
         assert len(catalog.waypoints(row.transfer_id)) == row.n_waypoints
-
-
-def command_of(pid: int) -> str:
-    return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
