@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from itertools import chain
 from pathlib import Path
 
 import pytest
+from processes import cut_the_power
 
-from flows.server import private_server
+from flows.server import free_port, private_server
 from upplied.catalog import Catalog, open_catalog
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
@@ -62,10 +69,54 @@ def test_a_running_dask_cluster_gives_the_same_bytes(tmp_path):
     assert here == there
 
 
-def test_ray_gives_the_same_bytes(tmp_path):
+@contextmanager
+def ray_cluster(environment: dict[str, str]) -> Iterator[str]:
+    """A running Ray cluster of two worker processes on the loopback interface; its address."""
+    folder = tempfile.mkdtemp(prefix="ray-")  # a short path: its sockets lie in there
+    address = f"127.0.0.1:{free_port()}"
+    host, port = address.split(":")
+    options = {
+        "--node-ip-address": host,
+        "--port": port,
+        "--num-cpus": "2",
+        "--object-store-memory": str(100 * 2**20),
+        "--include-dashboard": "false",
+        "--temp-dir": folder,
+    }
+    command = [sys.executable, "-m", "ray.scripts.scripts", "start", "--head", "--block"]
+    with (Path(folder) / "ray.log").open("wb") as log:
+        head = subprocess.Popen(
+            [*command, *chain(*options.items())],
+            env=environment,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+    try:
+        deadline = time.monotonic() + 180
+        while "Ray runtime started" not in (told := (Path(folder) / "ray.log").read_text()):
+            assert head.poll() is None and time.monotonic() < deadline, told
+            time.sleep(0.5)
+        yield address
+    finally:
+        cut_the_power(head.pid)
+        head.wait()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.mark.parametrize("whose", ["a running cluster", "its own"])
+def test_ray_gives_the_same_bytes(tmp_path, whose):
     pytest.importorskip("prefect_ray", reason="ray is an optional extra: pip install upplied[ray]")
     with private_server(tmp_path / "prefect") as server:
         server.wait()
         here = planned(boxes(tmp_path / "here"), "local", server.environment)
-        there = planned(boxes(tmp_path / "there"), "ray", server.environment)
+        # Addresses as they are given, instead of the one the machine has on its network; and a word they share.
+        loopback = {
+            "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",
+            "RAY_AUTH_MODE": "token",
+            "RAY_AUTH_TOKEN": "x" * 32,
+        }
+        loopback |= server.environment
+        with ray_cluster(loopback) if whose == "a running cluster" else nullcontext("") as address:
+            there = planned(boxes(tmp_path / "there"), "ray", loopback, address)
     assert here == there
