@@ -29,5 +29,6 @@ def test_the_plain_script_fills_every_column_with_our_figures() -> None:
     }
     assert apart.keys() == names
     assert max(apart.values()) < 0.01
+    assert float(re.search(r"(\S+) m \(most\)", given)[1]) < 1e-4  # of all waypoints
     assert float(re.search(r"coverage_seen_pct ([\d.]+e[+-]\d+)", by_itself)[1]) < 5
     assert "plain over ours, warm: wall" in given
