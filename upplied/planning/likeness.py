@@ -13,7 +13,7 @@ from upplied.planning.standoff import Standoff
 from upplied.records import Floats, Record
 
 _ROUGHLY = 1e-3  # of a Frechet distance: enough to tell whether a path that strays comes nearer
-_MOST = 0.965  # share of the viewpoints that must be so near
+_MOST = 0.96  # share of the viewpoints that must be so near
 
 
 @dataclass(frozen=True, eq=False, repr=False)

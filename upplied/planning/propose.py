@@ -145,7 +145,8 @@ def _likeness(
     inspection: Inspection, pair: Pair, carried: Followed, standoff_m: float, settings: Settings
 ) -> Likeness:
     """What of the demonstration the path has to keep."""
-    station = inspection.viewpoints.middle
+    asked_s = inspection.viewpoints.t_s  # the same moments that the plan is judged by
+    station = np.abs(inspection.flight.t_s[:, None] - asked_s).argmin(axis=0)
     boxed = demonstrated_on_target(Take(inspection, pair))
     kept = np.unique(np.linspace(0, len(boxed) - 1, min(_COMPARED, len(boxed))).astype(np.int64))
     size = _size(boxed, standoff_m)[0] / spread(boxed)[1][0]
