@@ -24,10 +24,18 @@ class ServerError(Exception):
 
 
 class Server:
-    """A running server: the environment its clients need, and how to wait for it and start it again."""
+    """A running server: the environment its clients need, and how to wait for it and start it again.
+
+    Raises
+    ------
+    ServerError
+        If the port is taken.
+    """
 
     def __init__(self, home: Path, port: int = 0) -> None:
         port = port or free_port()
+        if _answers(port):  # it would be taken for ours
+            raise ServerError(f"Something listens on port {port} already. Stop it, or set UPPLIED_PORT.")
         home.mkdir(parents=True, exist_ok=True)
         self.api_url = f"http://127.0.0.1:{port}/api"
         self.environment = environment(home, self.api_url)
@@ -113,6 +121,11 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+def _answers(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def stop(process: subprocess.Popen[bytes], patience_s: float = 15.0) -> None:

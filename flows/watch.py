@@ -7,10 +7,12 @@ event, with the payload ``{"logs": [path, ...]}``.
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NoReturn
 
 from prefect.events import emit_event
 
@@ -38,7 +40,7 @@ def landed(folder: Path, seen: dict[Path, int]) -> Iterator[Path]:
             yield path
 
 
-def watch(folder: Path) -> None:
+def watch(folder: Path) -> NoReturn:
     """Look every few seconds, for ever; what lies there at the start is told too, since ingest knows it."""
     seen: dict[Path, int] = {}
     while True:
@@ -54,5 +56,16 @@ def watch(folder: Path) -> None:
         time.sleep(EVERY_S)
 
 
+def main(arguments: list[str]) -> int:
+    """Watch the folder that is named, or say what is missing."""
+    if len(arguments) != 1 or not Path(arguments[0]).is_dir():
+        sys.stderr.write("usage: python -m flows.watch FOLDER, which exists\n")
+        return 2
+    if not os.environ.get("PREFECT_API_URL"):
+        sys.stderr.write("PREFECT_API_URL is not set. Before this: set -a; source .env.example; set +a\n")
+        return 2
+    watch(Path(arguments[0]))
+
+
 if __name__ == "__main__":
-    watch(Path(sys.argv[1]))
+    sys.exit(main(sys.argv[1:]))

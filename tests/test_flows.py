@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -16,9 +17,9 @@ from typing import Any
 import pytest
 import yaml
 
-from flows import pages, pool
+from flows import pages, pool, watch
 from flows.environment import ROOT, SETTINGS, environment
-from flows.server import Server, private_server, start, stop
+from flows.server import Server, ServerError, private_server, start, stop
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.outputs.logs import write_log
@@ -293,6 +294,20 @@ def scheduled(server: Server, patience_s: float = 180) -> int:
             return count
         time.sleep(1)
     return 0
+
+
+def test_a_port_that_is_taken_is_told_and_its_owner_not_taken_for_ours(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as somebody:
+        port = somebody.getsockname()[1]
+        with pytest.raises(ServerError, match=f"port {port} already"), private_server(tmp_path, port):
+            pass
+
+
+@pytest.mark.parametrize(("folder", "told"), [("nowhere", "usage"), (".", "PREFECT_API_URL")])
+def test_a_watcher_that_cannot_tell_anybody_says_so(folder, told, monkeypatch, capsys):
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    assert watch.main([folder]) == 2
+    assert told in capsys.readouterr().err
 
 
 def test_no_server_is_told_at_once_and_in_words(tmp_path):
