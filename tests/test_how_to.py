@@ -10,9 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from made_logs import Flight, poses, write_log
 from scipy.spatial.transform import Rotation
 
+from flows.transfer_fleet import transfer_fleet
 from upplied.catalog import open_catalog
 from upplied.cli import main
 from upplied.poses import from_yaw_pitch
@@ -103,6 +105,10 @@ def test_blocks_of_the_how_to_pages_run(place, page, at):
     if language == "toml":
         goal = "flight.toml" if page.endswith("drone-log.md") else "structures.toml"
         (place / goal).write_text(text, encoding="utf-8")
+    elif language == "yaml":
+        given = yaml.safe_load(text)["parameters"]
+        transfer_fleet.validate_parameters(given)
+        assert (place / given["manifest"]).is_file() and all((place / log).is_dir() for log in given["logs"])
     elif language == "python":
         before = [body for other, body in blocks(page)[:at] if other == "python"]
         exec("\n".join([*before, text]), {})
