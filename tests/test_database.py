@@ -12,7 +12,7 @@ from catalog_records import demonstration, differences, key_of, plan, structure
 from deltalake import DeltaTable
 
 import upplied
-from upplied.catalog import adding, delta
+from upplied.catalog import adding, current, delta, queries
 from upplied.catalog.database import Catalog, open_catalog
 from upplied.catalog.tables import SCHEMA_VERSION, TABLES
 from upplied.errors import CatalogError, InputError
@@ -54,6 +54,32 @@ def test_records_come_back_equal(catalog):
     assert differences(flown, again.demonstration("flight")) == []
     name = again.transfers()["transfer_id"][0]
     assert differences(made, replace(again.plan(name), surface=again.surface(name))) == []
+
+
+@pytest.mark.parametrize("most_rows", [0, 100])
+def test_the_current_version_of_one_row_is_that_of_the_whole_table(catalog, monkeypatch, most_rows):
+    monkeypatch.setattr(current, "_MOST_ROWS", most_rows)
+    catalog.add_structures([structure(f"s{at}", at) for at in range(3)])
+    other = open_catalog(catalog.location)  # holds what it read, and must see what others write
+    for act in (
+        lambda: None,
+        lambda: catalog.add_structures([structure("s1", 1, notes="repainted"), structure("s3", 3)]),
+        lambda: catalog.retire_structures(["s2"]),
+        lambda: catalog.add_structures([structure("s1", 1)]),
+    ):
+        act()
+        known = {row["structure_id"]: row for row in queries.newest_rows(catalog.tables["structures"])}
+        assert {name: other.newest("structures", name) for name in known} == known
+        with pytest.raises(CatalogError, match="structure s9: is not in the catalog"):
+            other.newest("structures", "s9")
+
+
+def test_a_plan_is_kept_in_two_parts_as_in_one(catalog):
+    made = plan()
+    catalog.add_plans([(key_of(0), catalog.keep_surface(key_of(0), made), {})])
+    name = catalog.transfers()["transfer_id"][0]
+    assert made.surface is not None
+    assert differences(made.surface, catalog.surface(name)) == []
 
 
 def test_steps_are_tables_as_well(catalog):

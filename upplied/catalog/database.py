@@ -18,6 +18,7 @@ import pyarrow.compute as pc
 from upplied.catalog import adding, plan_rows, queries, rows
 from upplied.catalog.adding import Planned
 from upplied.catalog.cache import Cache
+from upplied.catalog.current import Current
 from upplied.catalog.delta import StoredTable
 from upplied.catalog.meshes import MeshStore
 from upplied.catalog.queries import PlannedTrajectory, When, Which
@@ -66,6 +67,7 @@ class Catalog:
         self.location = _checked(os.fspath(location))
         self.tables = {name: StoredTable(self.location, table) for name, table in TABLES.items()}
         self.meshes = MeshStore(self.location)
+        self._current = {name: Current(self.tables[name]) for name in ("structures", "demonstrations")}
         self.cache = Cache(cache if cache is not None else _cache_folder(self.location))
 
     def __repr__(self) -> str:
@@ -202,11 +204,11 @@ class Catalog:
         """The row of the current version of one structure or demonstration, retired or not."""
         column = TABLES[table].names[0]
         check_id(name, column.replace("_", " "))
-        found = queries.newest_rows(self.tables[table], pc.field(column) == name)
-        if not found:
+        found = self._current[table].row(name)
+        if found is None:
             what = f"{table.removesuffix('s')} {name}"
             raise CatalogError(what, "is not in the catalog", "", f"list them: {table}()")
-        return found[0]
+        return found
 
     def known_transfers(self, keys: Iterable[str]) -> set[str]:
         """Those of the keys that have a plan or an honest refusal; a failure may be tried again."""

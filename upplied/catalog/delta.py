@@ -101,7 +101,7 @@ class StoredTable:
             return wanted.empty_table()
         present = [name for name in wanted.names if name in dataset.schema.names]
         return self.in_schema(
-            _told(self.uri, partial(dataset.to_table, columns=present, filter=where)), wanted
+            told(self.uri, partial(dataset.to_table, columns=present, filter=where)), wanted
         )
 
     def in_schema(self, found: pa.Table, wanted: pa.Schema | None = None) -> pa.Table:
@@ -126,7 +126,7 @@ class StoredTable:
         # The file is written here and not by delta-rs: on the disk before a commit names it, and an
         # error of the disk comes back as an error (delta-rs 1.6 prints a panic besides).
         self._insist(self._ready)
-        added = _told(self.uri, lambda: self.new_file(rows))
+        added = told(self.uri, lambda: self.new_file(rows))
         self._insist(lambda: self._commit(added, rows))
 
     def change(self, act: Callable[[DeltaTable], T]) -> T | None:
@@ -144,7 +144,7 @@ class StoredTable:
         give_up = time.monotonic() + _PATIENCE_S
         while True:
             try:
-                return _told(self.uri, act, CommitFailedError)
+                return told(self.uri, act, CommitFailedError)
             except CommitFailedError as conflict:
                 if time.monotonic() > give_up:
                     raise CatalogError(
@@ -189,9 +189,9 @@ class StoredTable:
 
     def _refreshed(self) -> DeltaTable | None:
         if self._delta is None:
-            self._delta = _told(self.uri, lambda: _opened(self.uri))
+            self._delta = told(self.uri, lambda: _opened(self.uri))
         else:
-            _told(self.uri, self._delta.update_incremental)
+            told(self.uri, self._delta.update_incremental)
         return self._delta
 
     def _created(self) -> DeltaTable:
@@ -214,7 +214,7 @@ class StoredTable:
             return None
         if not 0 <= version <= current.version():
             raise CatalogError(f"{self.uri} version {version}", "does not exist", f"0 to {current.version()}")
-        return _told(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))
+        return told(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))
 
 
 def _opened(uri: str) -> DeltaTable | None:
@@ -264,7 +264,7 @@ def _statistics(rows: pa.Table) -> str:
     return json.dumps({"numRecords": len(rows), "minValues": low, "maxValues": high, "nullCount": nulls})
 
 
-def _told(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:
+def told(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:
     """Do it; what the storage raises becomes an error that people read."""
     try:
         return act()

@@ -102,12 +102,19 @@ def steps(table: StoredTable, name: str, row: Row, count: int) -> pa.Table:
 def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> list[Row]:
     """The current version of each id, retired ones too, in the order of their ids."""
     name = table.declared.names[0]
-    newest: dict[str, Row] = {}
+    versions: dict[str, list[Row]] = {}
     for row in rows.rows_of(table.read(where)):
-        before = newest.get(row[name])
-        if before is None or _order(row) >= _order(before):
-            newest[row[name]] = row
-    return [newest[key] for key in sorted(newest)]
+        versions.setdefault(row[name], []).append(row)
+    return [newest_of(versions[key]) for key in sorted(versions)]
+
+
+def newest_of(versions: Sequence[Row]) -> Row:
+    """The current one of the versions of an id; of those that came at once, the last."""
+    newest = versions[0]
+    for row in versions:
+        if _order(row) >= _order(newest):
+            newest = row
+    return newest
 
 
 def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:
