@@ -35,7 +35,8 @@ def transfer_artifacts(catalog: Catalog, decision: fleet.Decision, result: fleet
     summary = f"{result}, {decision.unchanged} unchanged"
     why = "\n".join(f"* {count}: {reason}" for reason, count in decision.reasons.items())
     troubles = [{"name": job, "status": status, "reason": reason} for job, status, reason in result.troubles]
-    create_table_artifact(_planned(catalog, decision, reports), key="transfer-fleet-result")
+    if decision.jobs:  # else the last run that planned something stays the one to read
+        create_table_artifact(_planned(catalog, decision, reports), key="transfer-fleet-result")
     told = f"## transfer-fleet\n\n{summary}\n\n{why}\n\n{_listed(troubles)}"
     if reports:
         index = address(reports, "index.html")
@@ -54,11 +55,9 @@ def _planned(catalog: Catalog, decision: fleet.Decision, reports: str) -> list[d
     plans = plans.sort_values(["fine", "demonstration_id", "target_id", "preset"]).head(MOST_ROWS)
     rows = []
     for plan in plans[list(_LINEAGE)].to_dict("records"):
-        row = {_LINEAGE[name]: _readable(value) for name, value in plan.items()}
-        if reports:
-            page = f"transfers/{plan['demonstration_id']}--{plan['target_id']}.html"
-            row["page"] = f"[{page}]({address(reports, page)})"
-        rows.append(row)
+        page = f"transfers/{plan['demonstration_id']}--{plan['target_id']}.html"
+        link = {"page": f"[open]({address(reports, page)})"} if reports else {}
+        rows.append(link | {_LINEAGE[name]: _readable(value) for name, value in plan.items()})
     return rows
 
 
@@ -68,11 +67,11 @@ _LINEAGE = {
     "target_id": "target",
     "preset": "preset",
     "status": "status",
-    "reason": "reason",
     "coverage_seen_pct": "coverage seen %",
     "frechet_z": "Frechet z",
     "min_clearance_m": "clearance m",
     "planning_s": "planning s",
+    "reason": "reason",
     "transfer_id": "trajectory",
     "demonstration_sha256": "log (sha256)",
 }
