@@ -36,6 +36,7 @@ def main() -> int:
     """Start what a fleet needs, in the order it needs it, and stop it again in the reverse."""
     port = int(os.environ.get("UPPLIED_PORT", "4200"))
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # as systemd stops it: through the same exits
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what a script started with &
     try:
         with private_server(ROOT / ".cache" / "prefect", port) as server:
             server.wait()
