@@ -111,7 +111,9 @@ def test_every_room_has_its_rule():
         ("import upplied", ("open3d", "prefect", "numba", "pyarrow")),
         ("import upplied.cli", ("open3d", "prefect", "numba", "numpy", "pandas")),
         ("import upplied.catalog", ("open3d", "prefect", "numba")),
-        ("import upplied.fleet", ("open3d", "prefect")),
+        ("from upplied import open_catalog", ("open3d", "prefect", "numba", "scipy")),
+        ("import upplied.fleet", ("open3d", "prefect", "numba", "pyarrow")),
+        ("import upplied.fleet.crew", ("open3d", "prefect", "mcap", "upplied.inputs", "upplied.outputs")),
         ("from upplied.scene import open3d; open3d()", ("dash", "plotly", "pydantic", "IPython", "pandas")),
     ],
 )

@@ -16,7 +16,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
-from upplied import poses
 from upplied.catalog import plan_rows, rows
 from upplied.catalog.delta import StoredTable
 from upplied.catalog.rows import Row
@@ -37,6 +36,8 @@ class PlannedTrajectory(Trajectory):
 
     def at(self, t_s: float | Floats) -> Trajectory:
         """Poses at other times, s: linear in position, spherical in orientation; the ends are held."""
+        from upplied import poses  # with scipy, which nothing else here needs
+
         return poses.interpolate(self, np.atleast_1d(np.asarray(t_s, float)))
 
 
