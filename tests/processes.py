@@ -30,6 +30,14 @@ def command(pid: int) -> str:
         return ""
 
 
+def ended(pid: int) -> bool:
+    """Whether a process has ended, be it that its parent has not looked yet."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+
+
 def cut_the_power(pid: int) -> None:
     """End a process and all that came of it at once, without a word."""
     for victim in (*descendants(pid), pid):

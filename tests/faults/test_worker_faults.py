@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from processes import ended
 
 from upplied.fleet.workers import JobKilled, Limits, Workers, WorkersBroken
 
@@ -62,6 +63,17 @@ def test_a_lost_process_costs_its_own_job_alone(culprit, timeout_s, reason):
             lost.result()
 
 
+def test_a_process_that_dies_between_two_jobs_costs_neither():
+    with Workers(1) as workers:
+        pid = workers.run(os.getpid)
+        os.kill(pid, signal.SIGKILL)
+        deadline = time.monotonic() + 60
+        while not ended(pid) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert workers.run(slow_square, 3) == 9
+        assert workers.run(os.getpid) != pid
+
+
 def test_an_error_of_the_job_itself_comes_back_as_it_was_raised():
     with Workers(1) as workers:
         with pytest.raises(ValueError, match="ordinary"):
@@ -105,12 +117,6 @@ def test_workers_end_with_a_killed_parent(tmp_path: Path):
     parent.wait()
     parent.stdout.close()
     deadline = time.monotonic() + 120
-    while time.monotonic() < deadline:
-        try:
-            os.kill(child, 0)
-        except ProcessLookupError:
-            return
-        if "Z" in Path(f"/proc/{child}/stat").read_text().rsplit(")", 1)[1].split()[:1]:
-            return  # ended; only its new parent has not looked yet
+    while not ended(child) and time.monotonic() < deadline:
         time.sleep(0.1)
-    pytest.fail(f"worker {child} outlived its parent")
+    assert ended(child), f"worker {child} outlived its parent"

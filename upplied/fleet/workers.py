@@ -153,6 +153,8 @@ class _Worker:
         self._process: BaseProcess | None = None
 
     def run(self, function: Callable[..., Value], args: tuple[Any, ...], limits: Limits) -> Value:
+        if self._process is not None and not self._process.is_alive():
+            self.stop()  # it died between two jobs: neither is the culprit
         executor = self._executor or self._start()
         try:
             future = executor.submit(function, *args)
