@@ -7,7 +7,7 @@ long axis). A camera pose is a position and a quaternion ``x y z w`` that turns 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -294,13 +294,3 @@ class Plan(Record):
     def n_viewpoints(self) -> int:
         """How many waypoints are viewpoints."""
         return 0 if self.is_viewpoint is None else int(self.is_viewpoint.sum())
-
-
-def in_a_row(paths: Sequence[Waypoints]) -> Waypoints:
-    """Several stretches of waypoints one after another, as one."""
-    return Waypoints(
-        np.concatenate([path.positions for path in paths]),
-        np.concatenate([path.quat_xyzw for path in paths]),
-        np.concatenate([path.t_s for path in paths]),
-        np.concatenate([path.is_viewpoint for path in paths]),
-    )

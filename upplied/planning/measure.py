@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from upplied.config import VisibilitySettings
 from upplied.planning.clearance import path_clearance
 from upplied.planning.frechet import frechet, frechet_z
+from upplied.planning.nearness import nearest, nearest_views
 from upplied.planning.visibility import visible
 from upplied.poses import angle_between, interpolate
 from upplied.records import (
@@ -134,7 +134,7 @@ def sought(
     index, number = correspondences.target_index[paired], len(target)
     need: Floats = np.bincount(index, weights=weight[paired], minlength=number).astype(float)
     jacobian = np.eye(3) if carry is None else carry
-    near = _nearest(
+    near = nearest(
         np.ascontiguousarray(demonstrated.stations.positions @ jacobian.T),
         np.ascontiguousarray((source.points @ jacobian.T).T),
         demonstrated.seen,
@@ -258,7 +258,7 @@ def surface_states(sought: Sought, seen: Bools, attainable: Bools | None = None)
 def _view_quality(sought: Sought, views: Views) -> tuple[float, float]:
     """Median of nearest view over the demonstration's, and 95th percentile of the least incidence."""
     normals = sought.cloud.normals
-    near, cosine = _nearest_views(
+    near, cosine = nearest_views(
         np.ascontiguousarray(views.stations.positions),
         np.ascontiguousarray(sought.cloud.points),
         np.zeros((len(sought.need), 3)) if normals is None else np.ascontiguousarray(normals),
@@ -279,36 +279,3 @@ def _weighted_percentile(values: Floats, weights: Floats, percent: float) -> flo
     share = np.cumsum(weights[order]) / weights.sum()
     rank = int(np.searchsorted(share, percent / 100))
     return float(values[order][min(rank, len(values) - 1)])
-
-
-@njit(cache=True)
-def _nearest(positions: Floats, points: Floats, seen: Bools) -> Floats:
-    """For each of the points (3, N) its smallest distance (N,) over the poses that see it."""
-    x, y, z = points[0], points[1], points[2]
-    squared = np.full(len(x), np.inf)
-    for pose in range(len(positions)):
-        at_x, at_y, at_z = positions[pose, 0], positions[pose, 1], positions[pose, 2]
-        row = seen[pose]
-        for index in range(len(x)):
-            dx, dy, dz = at_x - x[index], at_y - y[index], at_z - z[index]
-            gap = dx * dx + dy * dy + dz * dz
-            nearer = row[index] & (gap < squared[index])
-            squared[index] = gap if nearer else squared[index]
-    return np.sqrt(squared)
-
-
-@njit(cache=True)
-def _nearest_views(positions: Floats, points: Floats, normals: Floats, seen: Bools) -> tuple[Floats, Floats]:
-    """For each point its smallest distance, and largest cosine of incidence, over the poses that see it."""
-    near, frontal = np.full(len(points), np.inf), np.full(len(points), -1.0)
-    for pose in range(len(positions)):
-        for index in range(len(points)):
-            if seen[pose, index]:
-                x = positions[pose, 0] - points[index, 0]
-                y = positions[pose, 1] - points[index, 1]
-                z = positions[pose, 2] - points[index, 2]
-                distance = np.sqrt(x * x + y * y + z * z)
-                near[index] = min(near[index], distance)
-                facing = x * normals[index, 0] + y * normals[index, 1] + z * normals[index, 2]
-                frontal[index] = max(frontal[index], facing / max(distance, 1e-12))
-    return near, frontal

@@ -29,7 +29,7 @@ from upplied.planning.standoff import standoff_of
 from upplied.planning.transfer import aimed, box_map, registered_map, zscore_map
 from upplied.planning.turns import eased, with_looks
 from upplied.poses import from_yaw_pitch, yaw_pitch
-from upplied.records import Bools, Floats, Trajectory, Waypoints, in_a_row
+from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 _COMPACT = 0.7  # of the stand-off: a path with less spread counts as small
 _COMPARED = 500  # demonstrated positions that the path's shape is compared with
@@ -59,7 +59,7 @@ def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bool
     if len(takes) > 1:
         pair = takes[0].pair
         paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.surface.target))
-    return retime(in_a_row(paths), flight, settings.retime)
+    return retime(_in_a_row(paths), flight, settings.retime)
 
 
 def _in_joined_times(
@@ -77,10 +77,20 @@ def _with_transits(paths: Sequence[Waypoints], ways: Ways) -> list[Waypoints]:
     """The paths, and between them safe ways from the end of each to the start of the next."""
     whole = [paths[0]]
     for before, after in itertools.pairwise(paths):
-        ends = in_a_row([before[-1:], after[:1]])
+        ends = _in_a_row([before[-1:], after[:1]])
         transit = route(replace(ends, is_viewpoint=np.zeros(2, bool)), ways)
         whole += [transit[1:-1], after]
     return whole
+
+
+def _in_a_row(paths: Sequence[Waypoints]) -> Waypoints:
+    """Several stretches of waypoints one after another, as one."""
+    return Waypoints(
+        np.concatenate([path.positions for path in paths]),
+        np.concatenate([path.quat_xyzw for path in paths]),
+        np.concatenate([path.t_s for path in paths]),
+        np.concatenate([path.is_viewpoint for path in paths]),
+    )
 
 
 def published(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoints:
