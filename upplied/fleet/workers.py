@@ -40,7 +40,7 @@ ONE_THREAD = dict.fromkeys(
     ),
     "1",
 )
-START_UP_S = 180.0  # a fresh process imports its libraries in 3 s; a loaded machine may need far longer
+START_UP_S = 180.0  # a fresh process imports its libraries in 2 s; a loaded machine may need far longer
 
 _environment = threading.Lock()
 
@@ -173,8 +173,9 @@ class _Worker:
     def _start(self, attempts: int = 2) -> ProcessPoolExecutor:
         executor = ProcessPoolExecutor(1, get_context("spawn"), _prepare, self._arguments)
         try:
-            with _bare_child():
-                pid = executor.submit(os.getpid).result(START_UP_S)
+            with _bare_child():  # while it is made; it loads what it needs beside the others
+                started = executor.submit(os.getpid)
+            pid = started.result(START_UP_S)
         except (BrokenProcessPool, TimeoutError):
             executor.shutdown(wait=False, cancel_futures=True)
             if attempts > 1:
