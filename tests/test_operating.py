@@ -12,12 +12,14 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
 
 from flows.environment import ROOT, SETTINGS
 from flows.server import free_port, start, stop
@@ -66,6 +68,18 @@ def test_the_compose_file_says_what_the_flows_are_given():
     assert {name: given[name] for name in shared} == {name: SETTINGS[name] for name in shared}
     assert {name for name in SETTINGS if name.startswith("PREFECT_SERVER")} - shared == {
         "PREFECT_SERVER_ALLOW_EPHEMERAL_MODE"  # of clients
+    }
+
+
+def test_the_compose_files_server_has_the_versions_that_are_known_to_work():
+    dockerfile = COMPOSE["services"]["server"]["build"]["dockerfile_inline"]
+    given = {asked.name: asked.specifier for asked in map(Requirement, re.findall(r'"(.+?)"', dockerfile))}
+    ours = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    wanted = {asked.name: asked.specifier for asked in map(Requirement, ours)}
+    locked = re.search(r"^prefect==(\S+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE)[1]
+    assert given["prefect"] == f"=={locked}", "clients and server should be of one version"
+    assert {name: given[name] for name in ("fastapi", "sqlalchemy")} == {
+        name: wanted[name] for name in ("fastapi", "sqlalchemy")
     }
 
 
