@@ -14,7 +14,7 @@ from flows.pages import ADDRESS, FOLDER, served
 from flows.server import Server, ServerError, private_server, start, stop
 
 POOLS = ("local", "planners")  # of the runs themselves; of their shards, where several machines plan
-SHORT_S = 30.0  # what lives no longer than this does not work here, and is not started again
+SHORT_S = 10.0  # what lives no longer than this does not work here, and is not started again
 
 
 class Worker:
