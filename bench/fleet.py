@@ -1,10 +1,11 @@
 """A fleet, as ratios in one run: against a plain script, cold and warm, one process and two.
 
-    python bench/fleet.py [--targets N] [--recommended N] [--peer N] [--pairs N]
+    python bench/fleet.py [--targets N] [--recommended N] [--peer N] [--pairs N] [--no-scaling]
 
 Random airliners get the demonstration round an A320's fuselage. `plain` is bench/plain.py, run for a
 few of them (--peer) in one process, as such scripts are; Open3D takes threads for itself. CPU seconds
-are those of all processes, start-up included. See bench/README.md.
+are those of all processes, start-up included. Scaling stands beside what the machine allows: two
+processes that plan the same target again and again and share nothing else. See bench/README.md.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import os
 import resource
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,8 +24,10 @@ import numpy as np
 from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
 from upplied.config import settings_for
+from upplied.fleet import crew
 from upplied.fleet.crew import Outcome
 from upplied.fleet.ledger import Ledger
+from upplied.fleet.workers import Workers
 from upplied.planning.pair import study_pair
 from upplied.planning.transfer import registered_map
 from upplied.records import Cloud, Plan, Structure
@@ -54,58 +58,84 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--targets", type=int, default=200, help="of preset paper")
-    parser.add_argument("--recommended", type=int, default=40, help="targets of preset recommended")
-    parser.add_argument("--peer", type=int, default=5, help="targets that the plain script plans")
+    parser.add_argument("--recommended", type=int, default=100, help="targets of preset recommended")
+    parser.add_argument("--peer", type=int, default=5, help="targets that the plain script plans; 0: none")
     parser.add_argument(
         "--pairs", type=int, default=2000, help="pairs to decide; 10000 takes two minutes to make"
     )
+    parser.add_argument("--scaling", action=argparse.BooleanOptionalAction, default=True)
     options = parser.parse_args()
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before the start")
     with tempfile.TemporaryDirectory() as folder:
         warm_up(Path(folder))
         line("what", "plans", "wall s", "CPU s", "CPU s each")
         if options.targets:
-            against_a_script(Path(folder), options.targets, options.peer)
+            change = {"refine": {"iterations": 19}}
+            timed = ours("paper", change, Path(folder), options.targets, options.scaling)
+            if options.peer:
+                against_a_script(*timed, options.peer, options.targets)
         if options.recommended:
-            recommended(Path(folder), options.recommended)
+            change = {"route": {"clearance_m": 2.1}}
+            ours("recommended", change, Path(folder), options.recommended, options.scaling)
         if options.pairs:
             deciding(Path(folder), options.pairs)
 
 
-def against_a_script(folder: Path, targets: int, peer: int) -> None:
-    """Preset paper with nothing cached and with the caches of the night before, and the plain script."""
-    catalog = fleet_of(folder / "paper", targets)
-    cold = run(catalog, ("paper",), 2)
-    show("paper, nothing cached, 2 processes", cold)
-    warm = run(catalog, ("paper",), 2, {"refine": {"iterations": 19}})
-    show("paper, other settings, caches warm", warm)
-    if not peer:
-        return
-    for what, ours, given in (("cold", cold, False), ("warm", warm, True)):
+def ours(
+    preset: str, change: dict, folder: Path, targets: int, scaling: bool
+) -> tuple[Catalog, Clocked, Clocked]:
+    """A preset with nothing cached, with the caches of the night before, and by one process alone."""
+    catalog = fleet_of(folder / preset, targets)
+    cold = run(catalog, (preset,), 2)
+    show(f"{preset}, nothing cached, 2 processes", cold)
+    warm = run(catalog, (preset,), 2, change)
+    show(f"{preset}, other settings, caches warm", warm)
+    last = catalog.transfers(preset=preset, columns=("planning_s",))["planning_s"]
+    print(f"  of the last, in a process that has started: {last.mean():.2f} s a plan by wall")
+    if scaling:
+        alone = run(fleet_of(folder / f"{preset}-alone", targets), (preset,), 1)
+        show(f"{preset}, nothing cached, 1 process", alone)
+        print(
+            f"{preset} from 1 to 2 processes: {alone.wall_s / cold.wall_s:.2f} by wall, where the machine "
+            f"allows {ceiling(catalog, preset):.2f}; the two had {cold.cpu_s / cold.wall_s:.2f} cores, "
+            f"the one {alone.cpu_s / alone.wall_s:.2f}",
+            flush=True,
+        )
+    return catalog, cold, warm
+
+
+def ceiling(catalog: Catalog, preset: str, seconds: float = 8.0) -> float:
+    """How much more two processes do than one that need nothing of each other.
+
+    They plan the same target again and again, from what they hold in memory, and nobody commits it.
+    """
+    job = fleet.decide(catalog, fleet.Wish((preset,), {"route": {"ground_clearance_m": 2.5}})).jobs[0]
+
+    def rate(lasting_s: float) -> float:
+        began, done = time.perf_counter(), 0
+        while done == 0 or time.perf_counter() - began < lasting_s:
+            workers.run(crew.plan_in_process, job)
+            done += 1
+        return done / (time.perf_counter() - began)
+
+    with Workers(2, crew.prepare, (str(catalog.location),)) as workers, ThreadPoolExecutor(2) as threads:
+        list(threads.map(rate, [0.0, 0.0]))  # starts both
+        one = rate(seconds)
+        return sum(threads.map(rate, [seconds, seconds])) / one
+
+
+def against_a_script(catalog: Catalog, cold: Clocked, warm: Clocked, peer: int, targets: int) -> None:
+    """Preset paper beside the plain script."""
+    for what, timed, given in (("cold", cold, False), ("warm", warm, True)):
         script, frechet_s = plain(catalog, peer, given, targets)
         show(f"plain script, {'surfaces given' if given else 'all by itself'}, 1 process", script)
-        wall = script.wall_each / ours.wall_each
-        cpu = script.cpu_each / ours.cpu_each
-        without = (script.cpu_s - frechet_s) / script.plans / ours.cpu_each
+        wall = script.wall_each / timed.wall_each
+        cpu = script.cpu_each / timed.cpu_each
+        without = (script.cpu_s - frechet_s) / script.plans / timed.cpu_each
         print(
             f"plain over ours, {what}: wall {wall:.1f}, CPU {cpu:.1f}; "
             f"CPU {without:.1f} with the script's Frechet distances taken off it"
         )
-
-
-def recommended(folder: Path, targets: int) -> None:
-    """Preset recommended cold and warm, and by one process and two."""
-    catalog = fleet_of(folder / "two", targets)
-    both = run(catalog, ("recommended",), 2)
-    show("recommended, nothing cached, 2 processes", both)
-    warm = run(catalog, ("recommended",), 2, {"route": {"clearance_m": 2.1}})
-    show("recommended, other settings, caches warm", warm)
-    alone = run(fleet_of(folder / "one", targets), ("recommended",), 1)
-    show("recommended, nothing cached, 1 process", alone)
-    print(
-        f"scaling from 1 to 2 processes: {alone.wall_s / both.wall_s:.2f} by wall; the two had "
-        f"{both.cpu_s / both.wall_s:.2f} cores, the one {alone.cpu_s / alone.wall_s:.2f}"
-    )
 
 
 def fleet_of(folder: Path, targets: int) -> Catalog:
