@@ -19,9 +19,10 @@ import yaml
 
 from flows import pages, pool, watch
 from flows.environment import ROOT, SETTINGS, environment
-from flows.server import Server, ServerError, private_server, start, stop
+from flows.server import Server, ServerError, free_port, private_server, start, stop
 from upplied import fleet
 from upplied.catalog import open_catalog
+from upplied.cli import main
 from upplied.outputs.logs import write_log
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
@@ -308,6 +309,14 @@ def test_a_watcher_that_cannot_tell_anybody_says_so(folder, told, monkeypatch, c
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     assert watch.main([folder]) == 2
     assert told in capsys.readouterr().err
+
+
+def test_the_short_way_says_at_once_that_no_server_answers(monkeypatch, capsys):
+    """Prefect's own command would start a server that knows no deployment, and say that there is none."""
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    monkeypatch.setenv("UPPLIED_PORT", str(free_port()))
+    assert main(["fleet", "run"]) == 1
+    assert "make serve" in " ".join(capsys.readouterr().err.split())
 
 
 def test_no_server_is_told_at_once_and_in_words(tmp_path):
