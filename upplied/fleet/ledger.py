@@ -66,8 +66,13 @@ class Ledger:
     def _commit(self, batch: list[Outcome]) -> None:
         ordered = sorted(batch, key=lambda outcome: outcome.job.key)
         with self._committing:
-            if ordered:
-                self._catalog.add_plans([(o.job.key, o.plan, self._provenance(o)) for o in ordered])
+            try:
+                if ordered:
+                    self._catalog.add_plans([(o.job.key, o.plan, self._provenance(o)) for o in ordered])
+            except Exception:  # they wait again: the disk may have room at the end
+                with self._lock:
+                    self._waiting = batch + self._waiting
+                raise
 
     def _provenance(self, outcome: Outcome) -> dict[str, Any]:
         hashes = ("demonstration_sha256", "source_sha256", "target_sha256")
