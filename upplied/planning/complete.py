@@ -55,22 +55,30 @@ def complete(
     Looks
         Turns of the camera at stations of that path, for `upplied.planning.turns.with_looks`.
     """
-    positions = safe(stretched(safe(path.positions), view, likeness, allowed))
+    positions = safe(path.positions)
+    covered = _shown(positions, path.quat_xyzw, view)
 
     def within(tried: Floats, before: Floats, changed: Ints) -> bool:
         return likeness.kept(tried, before) and bool(allowed(tried[changed]).all())
 
+    def better(tried: Floats) -> tuple[Floats, Bools]:
+        """What was tried, made safe, unless that shows less: what keeps the distance may hide again."""
+        if tried is positions:
+            return positions, covered
+        tried = safe(tried)
+        seen = _shown(tried, path.quat_xyzw, view)
+        return (tried, seen) if view.need[seen].sum() > view.need[covered].sum() else (positions, covered)
+
+    positions, covered = better(stretched(positions, view, likeness, allowed))
     for share in _REACHES:
-        near_m = share * reach_m
-        covered = _shown(positions, path.quat_xyzw, view)
-        positions, covered = _leant(positions, path.quat_xyzw, covered, view, near_m, within)
         if view.need[~covered].sum() < _ENOUGH * view.need.sum():
             break
-        detours = find_detours(positions, covered, view, near_m, allowed)
-        bent = _bent(positions, path.quat_xyzw, detours, view, within, _WIDE * likeness.standoff.usual_m)
-        if bent is not positions:
-            positions = safe(bent)
-    positions = safe(positions)  # leans were tested at the positions only
+        near_m = share * reach_m
+        leant, shown = _leant(positions, path.quat_xyzw, covered, view, near_m, within)
+        detours = find_detours(leant, shown, view, near_m, allowed)
+        positions, covered = better(
+            _bent(leant, path.quat_xyzw, detours, view, within, _WIDE * likeness.standoff.usual_m)
+        )
     smooth = rounded(replace(path, positions=positions), broken)
     covered = view.covered(smooth.positions, smooth.quat_xyzw)
     return smooth, find_looks(past(smooth.positions), smooth.quat_xyzw, covered, view)

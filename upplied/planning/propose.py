@@ -32,6 +32,7 @@ from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 _COMPACT = 0.7  # of the stand-off: a path with less spread counts as small
+_LARGER = 2.4  # and as so many times as large as it is, at most
 _COMPARED = 500  # demonstrated positions that the path's shape is compared with
 _RIPPLES = 0.07  # of the usual stand-off: what is taken out of a path that was led and bent
 
@@ -148,7 +149,7 @@ def _size(positions: Floats, standoff_m: float) -> Floats:
     A path that is small beside its stand-off, such as one round an engine, counts as large as that.
     """
     scale = spread(positions)[1]
-    return scale * max(1.0, _COMPACT * standoff_m / float(scale.max()))
+    return scale * float(np.clip(_COMPACT * standoff_m / scale.max(), 1.0, _LARGER))
 
 
 def _likeness(
