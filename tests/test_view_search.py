@@ -126,3 +126,17 @@ def test_completing_sees_more_and_keeps_every_rule(wall):
     assert done.positions[:, 1].max() < -2.0 and (np.diff(done.t_s) >= 0).all()
     turned = angle_between(done.quat_xyzw[done.is_viewpoint], quats[0])
     assert len(turned) and turned.min() > 0.01  # just the turns are viewpoints
+
+
+def test_what_shows_less_once_it_is_safe_is_taken_back(wall):
+    positions, quats = along_wall(y=-3.0)
+    path = Waypoints(positions, quats, np.arange(21.0), np.zeros(21, bool))
+
+    def safe(places):
+        return places if np.array_equal(places, positions) else places - [0.0, 50.0, 0.0]
+
+    bent, _ = complete(
+        path, wall, ANYTHING, np.full(3, 1.5), safe,
+        lambda at: np.ones(len(at), bool), lambda at: np.zeros(len(at) - 1, bool),
+    )  # fmt: skip
+    np.testing.assert_allclose(bent.positions[:, 1], -3.0)
