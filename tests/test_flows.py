@@ -242,6 +242,13 @@ def test_env_example_says_what_the_flows_are_given():
     assert set(given) - set(SETTINGS) == {"PREFECT_API_URL", "PREFECT_HOME", "UPPLIED_HOME"}
 
 
+def test_env_example_names_this_clone_wherever_a_worker_runs():
+    """A worker starts its runs in folders of their own, where a relative path is another one."""
+    code = "set -a; source .env.example; cd /; echo $UPPLIED_HOME; echo $PREFECT_HOME"
+    told = subprocess.run(["bash", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert told.splitlines() == [str(ROOT), str(ROOT / ".cache" / "prefect")]
+
+
 def test_a_foreign_prefect_setting_does_not_leak_in(monkeypatch, tmp_path):
     monkeypatch.setenv("PREFECT_API_KEY", "of somebody else")
     assert "PREFECT_API_KEY" not in environment(tmp_path, "http://127.0.0.1:1/api")
