@@ -30,6 +30,18 @@ def cloud(*bricks: np.ndarray) -> Cloud:
     return Cloud(points, area_m2=np.ones(len(points)), part=label)
 
 
+def faced(*bricks: tuple[tuple[float, float, float], tuple[float, float, float]]) -> Cloud:
+    """Boxes with normals, dense enough to feel each other."""
+    points = [brick(low, size, 1500) for low, size in bricks]
+    normals = []
+    for (low, size), each in zip(bricks, points, strict=True):
+        at = (each - low) / size - 0.5
+        axis = np.abs(at).argmax(axis=1)
+        normals.append(np.sign(at[np.arange(len(at)), axis])[:, None] * np.eye(3)[axis])
+    whole = cloud(*points)
+    return Cloud(whole.points, np.concatenate(normals), whole.area_m2, whole.part)
+
+
 def never(parts: object, partners: object) -> bool:
     return False
 
@@ -103,6 +115,51 @@ def test_a_part_more_stays_without_partner() -> None:
     found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
     assert found.target_of(1).tolist() == [1] and found.target_of(2).tolist() == []
     assert found.source_class[2] == -1
+
+
+WIDE = brick((0, 0, 0), (90, 20, 10), 3000)
+
+
+def test_a_part_of_one_side_answers_to_none_in_the_middle_nor_across() -> None:
+    belly, one_side = brick((30, 8, -4), (9, 4, 4)), brick((32, 10.5, 10), (9, 4, 4))
+    other_side = brick((32, 5.5, 10), (9, 4, 4))
+    source = parts_of(cloud(WIDE, brick((30, 17, -4), (9, 4, 4)), brick((30, -1, -4), (9, 4, 4))))
+    found = match_parts(source, parts_of(cloud(WIDE, belly)), DIAGONAL, never)
+    assert found.target_of(0).tolist() == [0]
+    assert found.target_of(1).tolist() == found.target_of(2).tolist() == []
+    pair = parts_of(cloud(WIDE, one_side, other_side))
+    # Crossed over they would lie as near to their partners, and the order of the rows says nothing.
+    swapped = parts_of(cloud(WIDE, other_side, one_side))
+    found = match_parts(pair, swapped, DIAGONAL, never)
+    assert found.target_of(1).tolist() == [2] and found.target_of(2).tolist() == [1]
+    lone = match_parts(pair, parts_of(cloud(WIDE, other_side)), DIAGONAL, never)
+    assert lone.target_of(2).tolist() == [1] and lone.target_of(1).tolist() == []
+
+
+def test_what_has_no_mirror_image_may_stand_on_the_other_side() -> None:
+    crane, moved = brick((30, 14, 10), (4, 4, 8)), brick((30, 2, 10), (4, 4, 8))
+    found = match_parts(parts_of(cloud(WIDE, crane)), parts_of(cloud(WIDE, moved)), DIAGONAL, never)
+    assert found.target_of(1).tolist() == [1]
+
+
+def test_a_wing_is_no_turned_fuselage() -> None:
+    fuselage, wing = brick((0, -3, 0), (60, 6, 3), 600), brick((25, -29, 5), (6, 58, 2), 600)
+    tall, engine = brick((0, -3, 0), (60, 6, 10), 600), brick((25, -29, 5), (6, 3, 2))
+    found = match_parts(parts_of(cloud(fuselage, wing)), parts_of(cloud(tall, engine)), DIAGONAL, never)
+    assert found.target_of(0).tolist() == found.target_of(1).tolist() == []
+
+
+def test_what_stands_on_its_neighbours_is_a_body_and_what_continues_their_skin_is_none() -> None:
+    hull = ((0.0, 0.0, 0.0), (40.0, 10.0, 6.0))
+    cabin, panel = ((10.0, 2.0, 6.0), (20.0, 6.0, 2.0)), ((40.0, 0.0, 0.0), (8.0, 10.0, 6.0))
+    found = faced(hull, cabin, panel)
+    assert found.normals is not None and found.part is not None and found.area_m2 is not None
+    outer = np.ones(len(found.points), bool)
+    outer[found.part == 0] = found.normals[found.part == 0, 0] != 1  # open where the deck goes on
+    outer[found.part == 1] = found.points[found.part == 1, 2] > 6.05  # its floor is not seen
+    outer[found.part == 2] = found.normals[found.part == 2, 2] == 1  # a part of the deck
+    kept = Cloud(found.points[outer], found.normals[outer], found.area_m2[outer], found.part[outer])
+    assert parts_of(kept).body.tolist() == [True, True, False]
 
 
 def test_pins_are_kept() -> None:

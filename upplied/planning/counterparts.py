@@ -25,7 +25,6 @@ _GONE = 0.05  # of the diagonal: a point that stays this far from the target has
 _SAME_FACE = 0.3  # least cosine between a normal and its counterpart's, for a part that has no partner
 _ASTRAY, _NEXT_DOOR = 0.7, 0.5  # cosine of normals; how much nearer, normals counted, a face next door is
 _CLAIM = 1.5  # spacings: how near a counterpart of a matched part makes a target sample taken
-_BODY = 0.4  # length of the mean normal below which a part is a body of its own, not a patch of a skin
 _WHOLE = 0.6  # least share of a part without a partner that must find its like, or all of it has none
 
 
@@ -53,7 +52,8 @@ def by_parts(
     index = _next_door(warped, fixed, index, labels_of(lying), parts_of(lying), diagonal)
     on_skin = _on_skin(warped.points, fixed, index, spacing(source))
     claimed = _claimed(on_skin, moving.label, fixed, spacing(lying))
-    gone = _without(warped, fixed, index, claimed, labels_of(source), diagonal)
+    taken = claimed[index] & parts_of(source).body[labels_of(source)]
+    gone = _without(warped, fixed, index, taken, labels_of(source), diagonal)
     carried = registration.to_target(on_skin)
     carried[gone] = np.nan
     return Correspondences(
@@ -100,9 +100,7 @@ def facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
     return index
 
 
-def _next_door(
-    warped: Patch, fixed: Patch, index: Ints, part: Ints, parts: Parts, diagonal_m: float
-) -> Ints:
+def _next_door(warped: Patch, fixed: Patch, index: Ints, part: Ints, parts: Parts, diagonal_m: float) -> Ints:
     """The counterparts, but of a part that touches the partner where that alone has such a face.
 
     Modellers cut where it suits them: what is a strip of the fuselage's side in one wing's mesh is
@@ -135,17 +133,13 @@ def _claimed(on_skin: Floats, label: Ints, fixed: Patch, step_m: float) -> Bools
     return claimed
 
 
-def _without(
-    warped: Patch, fixed: Patch, index: Ints, claimed: Bools, part: Ints, diagonal_m: float
-) -> Bools:
+def _without(warped: Patch, fixed: Patch, index: Ints, taken: Bools, part: Ints, diagonal_m: float) -> Bools:
     """Which samples have no counterpart: far from everything, or of a part that finds no like."""
     free = warped.label < 0
     distance = np.linalg.norm(warped.points - fixed.points[index], axis=1)
     same_face = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) > _SAME_FACE
     count = np.maximum(np.bincount(part), 1)
-    facing = np.column_stack([np.bincount(part, weights=axis) for axis in warped.normals.T]) / count[:, None]
-    body = np.linalg.norm(facing, axis=1) < _BODY
-    found = same_face & (distance < _GONE / 2 * diagonal_m) & ~(claimed[index] & body[part])
+    found = same_face & (distance < _GONE / 2 * diagonal_m) & ~taken
     share = np.bincount(part, weights=found) / count
     return free & ((distance > _GONE * diagonal_m) | (share[part] < _WHOLE))
 

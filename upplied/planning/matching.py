@@ -15,17 +15,17 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from upplied.planning.parts import Parts
+from upplied.planning.parts import Parts, sides
 from upplied.records import Bools, Floats, Ints, Record
 
 # Largest ratio of extents along an axis, after the boxes of the structures were matched, with the
 # extent (over the diagonal) below which nothing is compared.
 _LIKE, _ALIKE = (0.015, 3.0), (0.05, 1.8)
 _LARGER = 4.0  # largest ratio of areas: a fairing is no engine, however small both are beside the wing
-_LONG = 4.0  # length over width of a part that may have turned
-_PART_OF = 0.1  # least share of the common surface, for each of two parts that make up one
+_ACROSS = 0.6  # how unlike two parts may lie about the middles of mirrored structures
+_PART_OF = 0.2  # least share of the common surface, for each of two parts that make up one
 _TRIES = 3
-_APART = (0.2, 0.15)  # of the diagonal: farthest that a long part may have moved, and any other
+_APART = (0.2, 0.15)  # of the diagonal: farthest that a blade may have moved, and any other part
 _SHAPE, _SIZE, _NEIGHBOURS = 0.05, 0.02, 0.3  # weights beside the distance over the diagonal
 _UNMATCHED = 0.5  # of a large part
 
@@ -105,25 +105,31 @@ def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Boo
     apart = cdist(source.middle, target.middle) / diagonal_m
     ratio = _ratios(source.high - source.low, target.high - target.low, _LIKE[0] * diagonal_m)
     size = np.abs(np.log(source.area[:, None] / target.area[None, :]))
-    near = apart < np.where(_both_long(source, target), *_APART)
+    near = apart < np.where(_both_blades(source, target), *_APART)
     allowed = _alike(source, target, diagonal_m, *_LIKE) & near & (size < np.log(_LARGER))
+    allowed &= ~_across(source, target)
     return apart + _SHAPE * ratio.mean(axis=2) + _SIZE * size, allowed
 
 
 def _alike(source: Parts, target: Parts, diagonal_m: float, floor: float, most: float) -> Bools:
     """Which parts (K, L) have extents of at most a ratio, where these are above a floor.
 
-    Long parts may have turned, as blades do: they are compared along their own axes as well.
+    Blades may have turned: they are compared along their own axes as well.
     """
     boxes = _ratios(source.high - source.low, target.high - target.low, floor * diagonal_m)
     turned = _ratios(source.extent, target.extent, floor * diagonal_m)
-    along = _both_long(source, target) & (turned.max(axis=2) < np.log(most))
+    along = _both_blades(source, target) & (turned.max(axis=2) < np.log(most))
     return np.asarray((boxes.max(axis=2) < np.log(most)) | along, bool)
 
 
-def _both_long(source: Parts, target: Parts) -> Bools:
-    long = [parts.extent[:, 0] > _LONG * parts.extent[:, 1] for parts in (source, target)]
-    return long[0][:, None] & long[1][None, :]
+def _both_blades(source: Parts, target: Parts) -> Bools:
+    return source.blade[:, None] & target.blade[None, :]
+
+
+def _across(source: Parts, target: Parts) -> Bools:
+    """Which parts (K, L) lie on different sides of structures that are their own mirror images."""
+    apart = np.abs(source.side[:, None] - target.side[None, :])
+    return np.asarray((apart > _ACROSS).any(axis=2) & ~_both_blades(source, target))
 
 
 def _ratios(one: Floats, other: Floats, floor: float) -> Floats:
@@ -166,19 +172,31 @@ def _neighbours(partner: Ints, free: list[int], cost: Floats) -> Iterator[Ints]:
 
 
 def _total(partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m: float) -> float:
-    """Cost of an assignment: of each pair, and of neighbours that lose touch or change sides."""
+    """Cost of an assignment: of each pair, and of neighbours, on either, that lose touch or change sides."""
     has = np.flatnonzero(partner >= 0)
     total = float(cost[has, partner[has]].sum()) + float(_unmatched(source)[partner < 0].sum())
-    one, other = np.nonzero(np.triu(source.touching, 1))
-    weight = np.sqrt(source.area[one] * source.area[other])
+    back = np.full(len(target), -1)
+    back[partner[has]] = has
+    return (
+        total
+        + _NEIGHBOURS
+        * (_estranged(partner, source, target, diagonal_m) + _estranged(back, target, source, diagonal_m))
+        / 2
+    )
+
+
+def _estranged(partner: Ints, mine: Parts, theirs: Parts, diagonal_m: float) -> float:
+    """How far the partners of parts that touch are from lying as these do, by the area of the parts."""
+    one, other = np.nonzero(np.triu(mine.touching, 1))
+    weight = np.sqrt(mine.area[one] * mine.area[other])
     known = (partner[one] >= 0) & (partner[other] >= 0)
-    total += _NEIGHBOURS * float(weight[~known].sum())
+    total = float(weight[~known].sum())
     one, other, weight = one[known], other[known], weight[known]
-    lost = ~target.touching[partner[one], partner[other]]
-    here = source.middle[other] - source.middle[one]
-    there = target.middle[partner[other]] - target.middle[partner[one]]
+    lost = ~theirs.touching[partner[one], partner[other]]
+    here = mine.middle[other] - mine.middle[one]
+    there = theirs.middle[partner[other]] - theirs.middle[partner[one]]
     shifted = np.linalg.norm(here - there, axis=1) / diagonal_m
-    return total + _NEIGHBOURS * float((weight * (lost + shifted)).sum())
+    return total + float((weight * (lost + shifted)).sum())
 
 
 def _classes(partner: Ints, number: int) -> Matching:
@@ -217,14 +235,17 @@ def _unions_like(one: Parts, part: int, other: Parts, free: Ints, diagonal_m: fl
     area = other.area[pairs]
     pairs = pairs[area.min(axis=1) > _PART_OF * area.sum(axis=1)]
     low, high = other.low[pairs].min(axis=1), other.high[pairs].max(axis=1)
-    unions = _boxes(low, high, other.area[pairs].sum(axis=1))
-    alone = _boxes(one.low[[part]], one.high[[part]], one.area[[part]])
+    mirrored = np.isfinite(other.side[pairs]).all(axis=1)
+    side = np.where(mirrored, sides(low, high, other.low.min(axis=0), other.high.max(axis=0)), np.nan)
+    unions = _boxes(low, high, other.area[pairs].sum(axis=1), side)
+    alone = _boxes(one.low[[part]], one.high[[part]], one.area[[part]], one.side[[part]])
     cost, allowed = _costs(alone, unions, diagonal_m)
     best = np.argsort(np.where(allowed[0], cost[0], np.inf), kind="stable")[:_TRIES]
     return [pairs[index].tolist() for index in best if allowed[0, index]]
 
 
-def _boxes(low: Floats, high: Floats, area: Floats) -> Parts:
+def _boxes(low: Floats, high: Floats, area: Floats, side: Floats) -> Parts:
     """Parts known by their boxes alone."""
     extent = np.sort(high - low, axis=1)[:, ::-1]
-    return Parts(low, high, area, np.zeros((len(low), len(low)), bool), extent)
+    alone = np.zeros((len(low), len(low)), bool)
+    return Parts(low, high, area, alone, extent, np.ones(len(low), bool), side)

@@ -102,6 +102,8 @@ def _boxed(parts: Parts) -> Parts:
         area=parts.area,
         touching=parts.touching,
         extent=parts.extent / size.max(),
+        body=parts.body,
+        side=parts.side,
     )
 
 

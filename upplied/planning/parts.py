@@ -16,6 +16,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from upplied.planning.boxes import spacing
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 
 _SMALLEST = 0.003  # share of the surface below which a piece joins its neighbour
@@ -24,6 +25,10 @@ _SAMPLES = 6
 _COMPACT = 0.2  # longest edge over the structure's diagonal: engines, not wings
 _NEAR = 0.015  # of the diagonal: pieces this close touch
 _SLENDER, _BLADE, _EQUAL = 4.0, 0.02, 0.2  # length over width, share of the surface, |log| of lengths
+_TWIN, _MIRRORED = 0.02, 0.8  # of the diagonal: how near an image must lie, and for what share of the samples
+_MIDDLE = 0.05  # of the structure's half width: no side this near the middle
+_ALIKE_FACES, _GOING_ON = 0.7, 0.3  # cosine of normals; share of the near pairs by which a skin goes on
+_ALL_WAYS = 0.4  # length of the mean normal below which a part is no patch of a skin
 _TOUCHING = 0.15  # least share of the smaller piece that touches the other, to be one body with it
 
 
@@ -36,6 +41,8 @@ class Parts(Record):
     area: Floats  # (K,) share of the whole surface
     touching: Bools  # (K, K) whose samples come near each other
     extent: Floats  # (K, 3) m, along its own principal axes, longest first
+    body: Bools  # (K,) stands on its neighbours; others continue their skin, as a belly fairing does
+    side: Floats  # (K, 2) where it lies from front to rear and from left to right, see `sides`
 
     def __len__(self) -> int:
         return len(self.low)
@@ -44,6 +51,26 @@ class Parts(Record):
     def middle(self) -> Floats:
         """(K, 3) m, centre of each box."""
         return (self.low + self.high) / 2
+
+    @property
+    def blade(self) -> Bools:
+        """(K,) long parts of which there are several, that may point anywhere."""
+        length, width = self.extent[:, 0], self.extent[:, 1]
+        blade = (length > _SLENDER * width) & (self.area > _BLADE) & (np.arange(len(self)) > 0)
+        log = np.log(np.maximum(length, 1e-9))
+        alike = np.abs(log[:, None] - log[None, :]) < _EQUAL
+        return np.asarray(blade & ((alike & blade[None, :]).sum(axis=1) > 1), bool)
+
+
+def sides(low: Floats, high: Floats, whole_low: Floats, whole_high: Floats) -> Floats:
+    """Where boxes lie in a whole, (K, 2), front to rear and left to right.
+
+    0 for what is balanced about the middle, about 1 to 2 for what lies on one side of it.
+    """
+    middle, half = (whole_low + whole_high)[:2] / 2, (whole_high - whole_low)[:2] / 2
+    low, high = low[:, :2] - middle, high[:, :2] - middle
+    reach = np.maximum(np.abs(low), np.abs(high)) + _MIDDLE * half
+    return np.asarray((low + high) / np.maximum(reach, 1e-9))
 
 
 def mesh_pieces(structure: Structure) -> Ints:
@@ -95,23 +122,23 @@ def _measured(cloud: Cloud) -> Parts:
     number = int(label.max()) + 1
     order = np.argsort(label, kind="stable")
     first = np.searchsorted(label[order], np.arange(number))
+    low, high = (of.reduceat(points[order], first, axis=0) for of in (np.minimum, np.maximum))
+    side = sides(low, high, points.min(axis=0), points.max(axis=0))
+    pairs = _near_others(points, label)
     return Parts(
-        low=np.minimum.reduceat(points[order], first, axis=0),
-        high=np.maximum.reduceat(points[order], first, axis=0),
+        low=low,
+        high=high,
         area=np.bincount(label, weights=area) / area.sum(),
-        touching=_contacts(points, label)[0] > 0,
+        touching=_contacts(pairs, label)[0] > 0,
+        body=_bodies(cloud, label, pairs),
         extent=np.array([_extent(points[label == part]) for part in range(number)]),
+        side=np.where(_mirrored(cloud, label, area), side, np.nan),
     )
 
 
 def blades_of(cloud: Cloud) -> Bools:
-    """Which samples (N,) lie on blades: long parts of which there are several, that may point anywhere."""
-    parts = parts_of(cloud)
-    length, width = parts.extent[:, 0], parts.extent[:, 1]
-    blade = (length > _SLENDER * width) & (parts.area > _BLADE) & (np.arange(len(parts)) > 0)
-    alike = np.abs(np.log(np.maximum(length[:, None], 1e-9) / np.maximum(length[None, :], 1e-9))) < _EQUAL
-    blade &= (alike & blade[None, :]).sum(axis=1) > 1
-    return np.asarray(blade[labels_of(cloud)], bool)
+    """Which samples (N,) lie on blades."""
+    return np.asarray(parts_of(cloud).blade[labels_of(cloud)], bool)
 
 
 def labels_of(cloud: Cloud) -> Ints:
@@ -122,6 +149,21 @@ def labels_of(cloud: Cloud) -> Ints:
 def _extent(points: Floats) -> Floats:
     offset = points - points.mean(axis=0)
     return np.ptp(offset @ np.linalg.eigh(offset.T @ offset)[1], axis=0)[::-1]
+
+
+def _mirrored(cloud: Cloud, label: Ints, area: Floats) -> Bools:
+    """Which parts (K, 2) have a mirror image on a structure that is mostly its own mirror image."""
+    points, tree = cloud.points, cKDTree(cloud.points)
+    low, high = points.min(axis=0), points.max(axis=0)
+    reach = max(_TWIN * float(np.linalg.norm(high - low)), spacing(cloud))
+    found = np.empty((int(label.max()) + 1, 2), bool)
+    for axis in (0, 1):
+        image = points.copy()
+        image[:, axis] = low[axis] + high[axis] - image[:, axis]
+        near = tree.query(image, distance_upper_bound=reach)[0] < reach
+        whole = area[near].sum() > _MIRRORED * area.sum()
+        found[:, axis] = whole & (np.bincount(label, weights=near) > _MIRRORED * np.bincount(label))
+    return found
 
 
 def _joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
@@ -147,21 +189,44 @@ def _joined_bodies(points: Floats, label: Ints) -> Ints:
     diagonal = np.linalg.norm(np.ptp(points, axis=0))
     size = np.array([np.ptp(points[label == part], axis=0).max() for part in range(number)])
     compact = size < _COMPACT * diagonal
-    near, count = _contacts(points, label)
+    near, count = _contacts(_near_others(points, label), label)
     of_smaller = near / np.minimum(count[:, None], count[None, :])
     # Both ways, so that the smaller one's share counts whichever of the two it is.
     body = (np.maximum(of_smaller, of_smaller.T) > _TOUCHING) & compact[:, None] & compact[None, :]
     return np.asarray(connected_components(body, directed=False)[1][label], np.int64)
 
 
-def _contacts(points: Floats, label: Ints) -> tuple[Ints, Ints]:
-    """How many samples of each part (row) come near each other part (column), and samples per part."""
+def _contacts(pairs: Ints, label: Ints) -> tuple[Ints, Ints]:
+    """How many samples of each part (row) come near each other part (column), and samples per part.
+
+    Parameters
+    ----------
+    pairs : array, shape (P, 2)
+        Of samples of different parts that come near each other.
+    label : array, shape (N,)
+    """
     number = int(label.max()) + 1
-    reach = _NEAR * np.linalg.norm(np.ptp(points, axis=0))
-    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
-    pairs = pairs[label[pairs[:, 0]] != label[pairs[:, 1]]]
     both = np.concatenate([pairs, pairs[:, ::-1]])
     sample_and_part = np.unique(both[:, 0] * number + label[both[:, 1]])
     owner, other = label[sample_and_part // number], sample_and_part % number
     near = np.bincount(owner * number + other, minlength=number * number).reshape(number, number)
     return near, np.bincount(label, minlength=number)
+
+
+def _near_others(points: Floats, label: Ints) -> Ints:
+    reach = _NEAR * np.linalg.norm(np.ptp(points, axis=0))
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    return np.asarray(pairs[label[pairs[:, 0]] != label[pairs[:, 1]]], np.int64)
+
+
+def _bodies(cloud: Cloud, label: Ints, pairs: Ints) -> Bools:
+    """Which parts (K,) face all ways, or another way than their neighbours where they come near them."""
+    number = int(label.max()) + 1
+    if cloud.normals is None:
+        return np.ones(number, bool)
+    count = np.bincount(label)
+    facing = np.column_stack([np.bincount(label, weights=axis) for axis in cloud.normals.T])
+    one, other = cloud.normals[pairs[:, 0]], cloud.normals[pairs[:, 1]]
+    alike = pairs[np.einsum("ij,ij->i", one, other) > _ALIKE_FACES]
+    near, going_on = (np.bincount(label[ends].reshape(-1), minlength=number) for ends in (pairs, alike))
+    return (np.linalg.norm(facing, axis=1) < _ALL_WAYS * count) | (going_on <= _GOING_ON * near)
