@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
 from upplied.errors import SettingsError
 from upplied.planning.plan import plan_transfer, transfer_key
-from upplied.poses import angle_between, moved, yaw_pitch
+from upplied.poses import angle_between, from_yaw_pitch, moved, yaw_pitch
+from upplied.records import Demonstration
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
 
@@ -147,3 +149,24 @@ def test_settings_that_do_not_go_together_say_so(fleet, around_cube):
     settings = settings_for("recommended", visibility={"occlusion": False})
     with pytest.raises(SettingsError, match="occlusion"):
         plan_transfer(around_cube, fleet["cube-v1"], fleet["cuboid-v1"], settings)
+
+
+def test_a_roof_seen_from_straight_above_is_seen_with_the_same_heading(fleet):
+    cube, cuboid = fleet["cube-v1"], fleet["cuboid-v1"]
+    low, high = cube.vertices.min(axis=0), cube.vertices.max(axis=0)
+    across = np.linspace(low[0] + 1, high[0] - 1, 120)
+    lanes = [
+        np.column_stack([across[:: (-1) ** lane], np.full(120, y), np.full(120, high[2] + 7)])
+        for lane, y in enumerate(np.linspace(low[1] + 1, high[1] - 1, 4))
+    ]
+    positions = np.concatenate(lanes)
+    trembling = Rotation.from_rotvec(np.random.default_rng(5).normal(0, np.radians(0.5), positions.shape))
+    down = Rotation.from_quat(from_yaw_pitch(np.full(480, 0.6), np.full(480, -np.pi / 2)))
+    flight = Demonstration(
+        "roof", cube.structure_id, np.arange(480) * 300_000_000, positions, (down * trembling).as_quat()
+    )
+    plan = plan_transfer(flight, cube, cuboid, settings_for("recommended"))
+    assert plan.status == "ok", plan.reason
+    assert plan.measures.coverage_seen_pct > 99 * plan.measures.coverage_attainable_pct / 100
+    yaw = np.unwrap(yaw_pitch(plan.trajectory.quat_xyzw)[0])
+    assert np.degrees(np.abs(np.diff(yaw)).sum()) < 90

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.planning.smooth import pauses, smoothed, turning_deg_per_m
-from upplied.poses import look_at, matrices, normalised, optical_axis
+from upplied.poses import from_yaw_pitch, look_at, matrices, normalised, optical_axis, yaw_pitch
 from upplied.records import Floats, Trajectory
 
 RING = 20.0
@@ -175,3 +175,22 @@ def test_real_flights_become_smoother_and_stay_where_they_were(real_data: Path, 
     for scale in (0.01, 0.03):
         before = turning_deg_per_m(flight.positions, scale * extent)
         assert turning_deg_per_m(even.positions, scale * extent) < before
+
+
+def test_a_camera_straight_down_keeps_its_heading() -> None:
+    rng = np.random.default_rng(3)
+    lanes = np.repeat(np.arange(4) * 6.0, 200)
+    back_and_forth = np.concatenate(
+        [np.linspace(0, 40, 200)[:: 1 if lane % 2 == 0 else -1] for lane in range(4)]
+    )
+    at = np.column_stack([back_and_forth, lanes, np.full(800, 25.0)])
+    exact = from_yaw_pitch(np.full(800, 0.7), np.full(800, -np.pi / 2))
+    shake = Rotation.from_rotvec(rng.normal(0, np.radians(0.7), at.shape))
+    flight = Trajectory(
+        np.arange(800) / 5.0,
+        at + rng.normal(0, 0.05, at.shape),
+        (Rotation.from_quat(exact) * shake).as_quat(),
+    )
+    yaw, pitch = yaw_pitch(smoothed(flight).flight.quat_xyzw)
+    assert np.abs(yaw - 0.7).max() < np.radians(2)
+    assert pitch.max() < np.radians(-88)

@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from upplied.records import Floats, Trajectory
 
+_STEEP = 0.1  # an optical axis that is less far across than this much of up or down has no heading
+
 
 def look_at(positions: Floats, targets: Floats) -> Floats:
     """Orientation without roll that points the optical axis from each position to its target.
@@ -44,9 +46,29 @@ def from_yaw_pitch(yaw_rad: Floats, pitch_rad: Floats) -> Floats:
 
 
 def yaw_pitch(quat_xyzw: Floats) -> tuple[Floats, Floats]:
-    """Yaw and pitch (rad) of the optical axis of each orientation; roll is ignored."""
-    axis = optical_axis(quat_xyzw)
-    return np.arctan2(axis[..., 1], axis[..., 0]), np.arcsin(np.clip(axis[..., 2], -1, 1))
+    """Yaw and pitch (rad) of the optical axis of each orientation; roll is ignored.
+
+    Within some degrees of straight up or down, where that axis has no heading, the yaw is that of the
+    left axis: a camera that looks at a roof from above keeps its heading.
+    """
+    axes = matrices(quat_xyzw)
+    return _heading_elevation(axes[..., :, 0], axes[..., :, 1])
+
+
+def facing(forward: Floats, left: Floats) -> Floats:
+    """Orientations (N, 4) without roll of cameras with these optical and left axes (N, 3), of any length."""
+    return from_yaw_pitch(*_heading_elevation(forward, left))
+
+
+def _heading_elevation(forward: Floats, left: Floats) -> tuple[Floats, Floats]:
+    flat = np.hypot(forward[..., 0], forward[..., 1])
+    steep = flat < _STEEP * np.abs(forward[..., 2])
+    yaw = np.where(
+        steep,
+        np.arctan2(-left[..., 0], left[..., 1]),
+        np.arctan2(forward[..., 1], forward[..., 0]),
+    )
+    return yaw, np.arctan2(forward[..., 2], flat)
 
 
 def optical_axis(quat_xyzw: Floats) -> Floats:

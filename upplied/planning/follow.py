@@ -17,8 +17,10 @@ from upplied.config import TransferSettings
 from upplied.planning.frechet import spread
 from upplied.planning.standoff import expected_standoff, median_distance, picture_share
 from upplied.planning.transfer import AxisMap, aimed
-from upplied.poses import without_roll
+from upplied.poses import from_yaw_pitch, optical_axis, without_roll, yaw_pitch
 from upplied.records import Camera, Cloud, Correspondences, Floats, Record, Trajectory, Visibility
+
+_STEEP = np.radians(75)  # of elevation: from there on a camera looks at what is below, whatever its heading
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,10 +88,23 @@ def follow_counterparts(
     positions = _stood_off(positions, aim_filled, weight, there, wanted, smoothing)
     positions = _like_carried(positions, carrier.points(flight.positions), deviation)
     before_to_aim = _filled(aim_before) - flight.positions
-    turned = aimed(
-        carrier.orientations(flight.quat_xyzw), positions, aim_filled, flight.quat_xyzw, before_to_aim
-    )
-    return Followed(positions, without_roll(turned), weight, there, wanted)
+    quats = carrier.orientations(flight.quat_xyzw)
+    turned = aimed(quats, positions, aim_filled, flight.quat_xyzw, before_to_aim)
+    return Followed(positions, _level(turned, quats), weight, there, wanted)
+
+
+def _level(turned: Floats, carried: Floats) -> Floats:
+    """The turned cameras without roll; those that looked steeply keep the heading they were carried with.
+
+    A camera that looks down and should look a little to its side would have to turn by a right angle.
+    """
+    heading, elevation = yaw_pitch(carried)
+    yaw, pitch = yaw_pitch(turned)
+    axis = optical_axis(turned)
+    ahead = axis[:, 0] * np.cos(heading) + axis[:, 1] * np.sin(heading)
+    tilt = np.arctan2(axis[:, 2], np.maximum(ahead, 0.0))
+    steep = np.abs(elevation) > _STEEP
+    return from_yaw_pitch(np.where(steep, heading, yaw), np.where(steep, tilt, pitch))
 
 
 def _like_carried(positions: Floats, carried: Floats, deviation: float) -> Floats:

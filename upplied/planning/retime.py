@@ -15,7 +15,7 @@ from numba import njit
 
 from upplied.config import RetimeSettings
 from upplied.planning.smooth import pauses, steadied
-from upplied.poses import angle_between, from_yaw_pitch, matrices
+from upplied.poses import angle_between, from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
 
 _STEP_M = 0.5  # largest leg of the result
@@ -84,13 +84,6 @@ def at_demonstrated_speed(path: Waypoints, flight: Trajectory) -> Trajectory:
     return Trajectory(np.concatenate([[0.0], np.cumsum(step)]), path.positions, path.quat_xyzw)
 
 
-def _yaw_pitch(quat_xyzw: Floats) -> tuple[Floats, Floats]:
-    """Unwrapped yaw, and pitch, rad; yaw by the level left axis, which is steady straight down."""
-    axes = matrices(quat_xyzw)
-    yaw = np.unwrap(np.arctan2(-axes[:, 0, 1], axes[:, 1, 1]))
-    return yaw, np.arcsin(np.clip(axes[:, 2, 0], -1, 1))
-
-
 def _without_repeats(path: Waypoints) -> Waypoints:
     """The path without waypoints that repeat the pose before them."""
     moved = np.linalg.norm(np.diff(path.positions, axis=0), axis=1) > 1e-6
@@ -128,7 +121,8 @@ def _divided(path: Waypoints, hover: Floats) -> _Stations:
     twice = np.flatnonzero(np.diff(origin) == 0)
     hold = np.zeros(len(origin) - 1)
     hold[twice] = hover[waypoint[twice]]
-    yaw, pitch = _yaw_pitch(path.quat_xyzw)
+    yaw, pitch = yaw_pitch(path.quat_xyzw)
+    yaw = np.unwrap(yaw)
     return _Stations(
         positions=np.column_stack([np.interp(origin, index, axis) for axis in path.positions.T]),
         yaw=np.interp(origin, index, yaw),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from upplied.poses import from_yaw_pitch, optical_axis
+from upplied.poses import facing, matrices, optical_axis
 from upplied.records import Floats, Ints, Record, Trajectory
 
 _SETTLE_S = 0.4  # deviation of the first smoothing in time, before distances are trusted
@@ -147,19 +147,19 @@ def _thinned(flight: Trajectory) -> Trajectory:
         return flight
     bounds = np.linspace(0, len(flight), _MOST_SAMPLES + 1).astype(int)
     count = np.diff(bounds)[:, None]
-    axis = np.add.reduceat(optical_axis(flight.quat_xyzw), bounds[:-1], axis=0)
+    axes = np.add.reduceat(_axes(flight), bounds[:-1], axis=0)
     return Trajectory(
         np.add.reduceat(flight.t_s, bounds[:-1]) / count[:, 0],
         np.add.reduceat(flight.positions, bounds[:-1], axis=0) / count,
-        _looking(axis),
+        _looking(axes),
     )
 
 
 def _settled(flight: Trajectory, reach: float) -> Trajectory:
-    """Positions and optical axes smoothed over a moment, in which no more than half a reach is flown."""
-    axis = optical_axis(flight.quat_xyzw)
+    """Positions and axes smoothed over a moment, in which no more than half a reach is flown."""
+    axes = _axes(flight)
     if len(flight) < 3:
-        return Trajectory(flight.t_s, flight.positions, _looking(axis))
+        return Trajectory(flight.t_s, flight.positions, _looking(axes))
     times, positions = steadied(flight)
     usual = float(np.percentile(np.linalg.norm(np.diff(positions, axis=0), axis=1), 75)) / (
         times[1] - times[0]
@@ -169,14 +169,19 @@ def _settled(flight: Trajectory, reach: float) -> Trajectory:
     return Trajectory(
         flight.t_s,
         gaussian_filter1d(flight.positions, window, axis=0, mode="nearest"),
-        _looking(gaussian_filter1d(axis, window, axis=0, mode="nearest")),
+        _looking(gaussian_filter1d(axes, window, axis=0, mode="nearest")),
     )
 
 
-def _looking(axis: Floats) -> Floats:
-    """Orientation without roll along each vector (N, 3), of any length."""
-    flat = np.hypot(axis[:, 0], axis[:, 1])
-    return from_yaw_pitch(np.arctan2(axis[:, 1], axis[:, 0]), np.arctan2(axis[:, 2], flat))
+def _axes(flight: Trajectory) -> Floats:
+    """Optical and left axis of each pose, (N, 6): what is averaged instead of angles."""
+    axes = matrices(flight.quat_xyzw)
+    return np.hstack([axes[:, :, 0], axes[:, :, 1]])
+
+
+def _looking(axes: Floats) -> Floats:
+    """Orientation without roll along each pair of axes (N, 6), of any length."""
+    return facing(axes[:, :3], axes[:, 3:])
 
 
 def _without_detours(flight: Trajectory, size: float) -> Trajectory:
@@ -212,8 +217,7 @@ def _progress(flight: Trajectory, extent: float) -> Floats:
 def _even(flight: Trajectory, along: Floats, spacing: float, reach: float) -> Trajectory:
     """Poses every `spacing` of progress, each a robust local line through those within `reach`."""
     stations = np.linspace(0, along[-1], max(int(np.ceil(along[-1] / spacing)), 1) + 1)
-    axis = optical_axis(flight.quat_xyzw)
-    values = np.column_stack([flight.positions, axis])
+    values = np.column_stack([flight.positions, _axes(flight)])
     # A pilot who stands still gives many samples at one progress: each counts by what it progresses.
     share = np.gradient(along) if len(along) > 1 else np.ones(1)
     share = np.maximum(share, 1e-9 * max(along[-1], 1e-9))
