@@ -170,3 +170,22 @@ def test_a_roof_seen_from_straight_above_is_seen_with_the_same_heading(fleet):
     assert plan.measures.coverage_seen_pct > 99 * plan.measures.coverage_attainable_pct / 100
     yaw = np.unwrap(yaw_pitch(plan.trajectory.quat_xyzw)[0])
     assert np.degrees(np.abs(np.diff(yaw)).sum()) < 90
+
+
+@pytest.mark.parametrize("preset", ["paper", "recommended", "baseline"])
+def test_a_flight_that_looks_away_is_refused_with_the_reason(fleet, around_cube, preset):
+    yaw, pitch = yaw_pitch(around_cube.quat_xyzw)
+    away = replace(around_cube, quat_xyzw=from_yaw_pitch(yaw + np.pi, pitch))
+    plan = plan_transfer(away, fleet["cube-v1"], fleet["cuboid-v1"], settings_for(preset))
+    assert plan.status == "refused" and plan.trajectory is None
+    assert "shows nothing of cube-v1" in plan.reason
+
+
+def test_a_camera_that_looked_higher_than_the_gimbal_may_is_told(fleet, around_cube):
+    settings = settings_for("recommended")
+    cube, cuboid = fleet["cube-v1"], fleet["cuboid-v1"]
+    low = replace(settings, retime=replace(settings.retime, max_gimbal_pitch_deg=-10.0))
+    told = plan_transfer(around_cube, cube, cuboid, low).warnings
+    assert any("max_gimbal_pitch_deg" in warning for warning in told)
+    untold = plan_transfer(around_cube, cube, cuboid, settings).warnings
+    assert not any("gimbal" in warning for warning in untold)

@@ -194,3 +194,13 @@ def test_a_camera_straight_down_keeps_its_heading() -> None:
     yaw, pitch = yaw_pitch(smoothed(flight).flight.quat_xyzw)
     assert np.abs(yaw - 0.7).max() < np.radians(2)
     assert pitch.max() < np.radians(-88)
+
+
+def test_a_trembling_hover_stays_where_it_was() -> None:
+    rng = np.random.default_rng(1)
+    at = np.array([12.0, 0, 40]) + rng.normal(0, 0.02, (200, 3))
+    quats = from_yaw_pitch(np.full(200, 3.0), np.zeros(200))
+    even = smoothed(Trajectory(np.arange(200) / 20, at, quats)).flight
+    middle = at.mean(axis=0)
+    farthest = np.linalg.norm(at - middle, axis=1).max()
+    assert np.linalg.norm(even.positions - middle, axis=1).max() < 2 * farthest

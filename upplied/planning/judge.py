@@ -25,9 +25,11 @@ from upplied.planning.pair import Fit, Memo, Pair, content_key, no_memo, remembe
 from upplied.planning.repeat import Take, begins_of, joined
 from upplied.planning.standoff import NEAR, expected_standoff, median_distance, picture_share
 from upplied.planning.transfer import box_map, registered_map
+from upplied.poses import yaw_pitch
 from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
 
 _ASKED = 200  # viewpoints, at most, whose stand-off is asked for
+_ALMOST_DEG = 2.0  # beyond a limit, that a hand's trembling explains
 
 
 def judge(
@@ -61,7 +63,8 @@ def judge(
     found = measure(trajectory, carried, pair.target_scene, paper, true, possible)
     if answers_s is not None:
         found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, answers_s, takes, settings))
-    return found, states, _warnings(found, true[0].without_pct, settings)
+    said = _warnings(found, true[0].without_pct, settings) + _beyond_the_gimbal(takes, settings)
+    return found, states, said
 
 
 def _standoff_kept(
@@ -116,6 +119,22 @@ def _warnings(found: Measures, without_pct: float, settings: Settings) -> tuple[
             f"{settings.route.clearance_m:g} m are asked for"
         )
     return tuple(said)
+
+
+def _beyond_the_gimbal(takes: Sequence[Take], settings: Settings) -> tuple[str, ...]:
+    """That the expert's camera looked further up or down than the planned one may."""
+    limits = settings.retime
+    if not limits.limits:
+        return ()
+    pitch = np.degrees(yaw_pitch(takes[0].inspection.flight.quat_xyzw)[1])
+    low, high = np.percentile(pitch, [5, 95])
+    if high <= limits.max_gimbal_pitch_deg + _ALMOST_DEG and low >= limits.min_gimbal_pitch_deg - _ALMOST_DEG:
+        return ()
+    return (
+        f"the demonstration looks from {low:.0f} to {high:.0f} deg of pitch, the plan only from "
+        f"{limits.min_gimbal_pitch_deg:g} to {limits.max_gimbal_pitch_deg:g} "
+        "(retime.min_gimbal_pitch_deg and max_gimbal_pitch_deg)",
+    )
 
 
 def attainable_samples(pair: Pair, camera: Camera, settings: Settings, memo: Memo = no_memo) -> Bools:

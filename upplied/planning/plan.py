@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from upplied.config import Settings, digest
 from upplied.errors import RefusedError
+from upplied.planning.inspect import nothing_shown
 from upplied.planning.judge import judge
 from upplied.planning.pair import METHOD_VERSION, Memo, no_memo, study_pair
 from upplied.planning.propose import propose
@@ -56,6 +57,8 @@ def plan_transfer(
         return replace(plan, status="refused", reason=pair.fit_for(settings).registration.reason)
     # What did the expert look at, and from which viewpoints? (Algorithm 2, lines 1 to 13)
     takes = takes_of(demonstration, pair, settings, memo)
+    if nothing := nothing_shown(takes[0].inspection, takes[0].pair, settings):
+        return replace(plan, status="refused", reason=nothing)
     # From where does the target show the same? (lines 14 to 18)
     try:
         trajectory, is_viewpoint, answers_s = propose(takes, settings)

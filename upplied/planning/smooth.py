@@ -235,21 +235,21 @@ def _local_line(station: float, along: Floats, values: Floats, share: Floats, re
     width = max(reach, float(np.abs(offset).min()) * 1.01, 1e-12)
     weight = share[low:high] * np.clip(1 - np.abs(offset / width) ** 3, 0, None) ** 3
     robust = np.ones_like(weight)
-    fit = values[low:high][np.argmin(np.abs(offset))]
+    near = values[low:high]
+    fit = near[np.argmin(np.abs(offset))]
     for _ in range(2):
         both = weight * robust
         mass = both.sum()
         if mass <= 0:
-            return np.asarray(fit)
-        mean_o, mean_v = both @ offset / mass, both @ values[low:high] / mass
+            break
+        mean_o, mean_v = both @ offset / mass, both @ near / mass
         spread = both @ (offset - mean_o) ** 2
-        slope = (
-            (both * (offset - mean_o)) @ (values[low:high] - mean_v) / spread if spread > 0 else 0 * mean_v
-        )
-        fit = mean_v - slope * mean_o
-        residual = np.linalg.norm(
-            (values[low:high] - mean_v - np.outer(offset - mean_o, slope))[:, :3], axis=1
-        )
+        slope = (both * (offset - mean_o)) @ (near - mean_v) / spread if spread > 0 else 0 * mean_v
+        # Samples close together on one side give a steep line, which leads where none of them has been.
+        ahead, around = -slope * mean_o, near - mean_v
+        farthest, led = np.linalg.norm(around[:, :3], axis=1).max(), np.linalg.norm(ahead[:3])
+        fit = mean_v + ahead * (farthest / led if led > farthest else 1.0)
+        residual = np.linalg.norm((near - mean_v - np.outer(offset - mean_o, slope))[:, :3], axis=1)
         usual = 6 * float(np.median(residual)) + 1e-9
         robust = np.clip(1 - (residual / usual) ** 2, 0, None) ** 2
     return np.asarray(fit)
