@@ -57,9 +57,14 @@ def zombies(silence_s: int = SILENCE_S) -> AutomationCore:
 
 
 def apply(automation: AutomationCore) -> None:
-    """Put an automation in place of older ones of the same name."""
+    """Put an automation in place of others of its name; the same one stays.
+
+    With it stays what it has heard: of the runs that a power cut ended, no server will hear again.
+    """
     with get_client(sync_client=True) as client:
         for older in client.read_automations_by_name(automation.name):
+            if (older.trigger, older.actions) == (automation.trigger, automation.actions):
+                return
             client.delete_automation(older.id)
     Automation(**automation.model_dump()).create()
 

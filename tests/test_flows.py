@@ -254,6 +254,27 @@ def test_a_foreign_prefect_setting_does_not_leak_in(monkeypatch, tmp_path):
     assert "PREFECT_API_KEY" not in environment(tmp_path, "http://127.0.0.1:1/api")
 
 
+def test_an_automation_that_is_there_stays_with_what_it_has_heard(server, place):
+    """In its place a new one would know nothing of the runs that died while nobody served."""
+    done = python(
+        server,
+        place,
+        """
+from prefect import get_client
+from flows.automations import apply, zombies
+with get_client(sync_client=True) as client:
+    for silence_s in (300, 300, 90):
+        apply(zombies(silence_s))
+        (there,) = client.read_automations_by_name(zombies().name)
+        print(there.id, int(there.trigger.within.total_seconds()))
+""",
+    )
+    first, again, changed = (line.split() for line in done.stdout.splitlines())
+    assert first == again, done.stderr
+    assert changed[0] != first[0]
+    assert changed[1] == "90"
+
+
 def test_every_deployment_names_a_flow_of_its_own_name():
     declared = yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
     for deployment in declared:
