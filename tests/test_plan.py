@@ -189,3 +189,13 @@ def test_a_camera_that_looked_higher_than_the_gimbal_may_is_told(fleet, around_c
     assert any("max_gimbal_pitch_deg" in warning for warning in told)
     untold = plan_transfer(around_cube, cube, cuboid, settings).warnings
     assert not any("gimbal" in warning for warning in untold)
+
+
+def test_a_stand_off_in_metres_is_kept_round_a_structure_twice_as_large(fleet):
+    settings = settings_for("recommended")
+    kept = replace(settings, transfer=replace(settings.transfer, standoff="kept"))
+    flight = fly(fleet["a320-v1"], "fuselage", seed=1)
+    plan = plan_transfer(flight, fleet["a320-v1"], fleet["b747-v1"], kept)
+    assert plan.status == "ok", plan.reason
+    assert plan.measures.standoff_kept_pct >= 95
+    assert plan.measures.frechet_z < 0.75

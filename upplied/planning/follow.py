@@ -20,6 +20,7 @@ from upplied.planning.transfer import AxisMap, aimed
 from upplied.poses import from_yaw_pitch, optical_axis, without_roll, yaw_pitch
 from upplied.records import Camera, Cloud, Correspondences, Floats, Record, Trajectory, Visibility
 
+_STRETCH = (0.4, 2.5)  # of the carried flight along an axis, that still counts as its shape
 _STEEP = np.radians(75)  # of elevation: from there on a camera looks at what is below, whatever its heading
 
 
@@ -86,7 +87,10 @@ def follow_counterparts(
     positions = carrier.points(flight.positions) + shift
     wanted = expected_standoff(flight.positions, weight, here, carrier, settings, camera, nearest_m)
     positions = _stood_off(positions, aim_filled, weight, there, wanted, smoothing)
-    positions = _like_carried(positions, carrier.points(flight.positions), deviation)
+    carried = carrier.points(flight.positions)
+    if settings.standoff != "scaled" or settings.gsd_m is not None:
+        carried = _stretched(carried, positions)  # in metres, a larger structure is flown round more closely
+    positions = _like_carried(positions, carried, deviation)
     before_to_aim = _filled(aim_before) - flight.positions
     quats = carrier.orientations(flight.quat_xyzw)
     turned = aimed(quats, positions, aim_filled, flight.quat_xyzw, before_to_aim)
@@ -118,6 +122,18 @@ def _like_carried(positions: Floats, carried: Floats, deviation: float) -> Float
     size = np.linalg.norm((stray - whole) / (deviation * spread(carried)[1]), axis=1, keepdims=True)
     kept = np.where(size > 1e-9, np.tanh(size) / np.maximum(size, 1e-9), 1.0)
     return carried + whole + (stray - whole) * kept
+
+
+def _stretched(carried: Floats, positions: Floats) -> Floats:
+    """The carried flight stretched along each axis towards a path: no change of shape either.
+
+    A level flight is stretched along no height, since its height says nothing of its shape.
+    """
+    middle, offset = carried.mean(axis=0), carried - carried.mean(axis=0)
+    most = np.maximum((offset**2).sum(axis=0), 1e-12)
+    stretch = np.einsum("ij,ij->j", offset, positions - positions.mean(axis=0)) / most
+    wide = offset.std(axis=0) > 0.5 * spread(carried)[1]
+    return np.asarray(middle + np.where(wide, np.clip(stretch, *_STRETCH), 1.0) * offset)
 
 
 def _stood_off(
