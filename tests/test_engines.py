@@ -110,7 +110,7 @@ def test_ray_gives_the_same_bytes(tmp_path, whose):
     with private_server(tmp_path / "prefect") as server:
         server.wait()
         here = planned(boxes(tmp_path / "here"), "local", server.environment)
-        # Addresses as they are given, instead of the one the machine has on its network; and a word they share.
+        # Addresses as they are given, not the one that the machine has on its network; and a word they share.
         loopback = {
             "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",
             "RAY_AUTH_MODE": "token",
