@@ -1,9 +1,16 @@
-"""The door to Open3D: what it leaves aside while it loads works once it is asked for."""
+"""The door to Open3D: what it leaves aside while it loads, and the threads that it keeps to."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+
+import numpy as np
+
+from upplied.fleet.workers import ONE_THREAD as ONE_THREAD_EACH
+from upplied.samples.fleet import random_member
+from upplied.scene import Scene
 
 PLOTS_TWICE = """
 from upplied.scene import open3d
@@ -30,3 +37,47 @@ print(open3d().visualization.draw_plotly is before)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["True"]
+
+
+ONE_THREAD = """
+import time
+import numpy as np
+from upplied.samples.fleet import member
+from upplied.scene import Scene
+shape = member("cube-v1").structure
+scene = Scene(shape.vertices, shape.triangles)
+rng = np.random.default_rng(0)
+starts, ends = rng.uniform(-60, 60, (2, 100_000, 3))
+calls = (scene.occluded, scene.cast, scene.hits)
+before = time.process_time(), time.thread_time()
+for call in calls:
+    call(starts, ends)
+scene.distance(starts), scene.closest(starts)
+process, thread = time.process_time() - before[0], time.thread_time() - before[1]
+print(1 - thread / process)
+"""
+
+
+def test_a_worker_casts_on_the_one_thread_that_it_has():
+    environment = {**os.environ, **ONE_THREAD_EACH}
+    done = subprocess.run(
+        [sys.executable, "-c", ONE_THREAD], capture_output=True, text=True, check=True, env=environment
+    )
+    assert float(done.stdout) < 0.1, "share of the work done by other threads"
+
+
+def test_answers_do_not_depend_on_the_number_of_threads():
+    shape = random_member("airliner", 3).structure
+    one, many = (Scene(shape.vertices, shape.triangles, threads) for threads in (1, 3))
+    rng = np.random.default_rng(1)
+    low, high = shape.vertices.min(axis=0) - 20, shape.vertices.max(axis=0) + 20
+    starts, ends = rng.uniform(low, high, (2, 5000, 3))
+    for ask in (
+        lambda scene: [scene.occluded(starts, ends)],
+        lambda scene: scene.cast(starts, ends - starts),
+        lambda scene: [scene.hits(starts, ends - starts)],
+        lambda scene: [scene.distance(starts)],
+        lambda scene: scene.closest(starts),
+    ):
+        for left, right in zip(ask(one), ask(many), strict=True):
+            assert np.array_equal(left, right)
