@@ -171,8 +171,8 @@ def test_a_run_outlives_its_server(tmp_path):
         served.catalog.add_demonstrations([fly(member("cube-v1").structure, "sides")])
         served.wait(lambda: len(served.catalog.transfers()) > 0, 300)
         (running,) = [run for run in served.runs() if run.state == "RUNNING"]
-        served.kill("server start", away_s=60)
         kept = len(served.catalog.transfers())
+        served.kill("server start", away_s=60)
         served.wait(lambda: finished(served, "transfer-fleet"), 600)
         runs = served.runs()
     (ended,) = [run for run in runs if run.run_id == running.run_id]
