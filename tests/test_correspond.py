@@ -91,6 +91,7 @@ def test_by_parts_itself_answers_to_itself(structure_id: str) -> None:
         ("bridge-1-v1", "bridge-2-v1", 0.3, 99),
         ("yacht-1-v1", "yacht-2-v1", 0.8, 99.5),  # one tier less: the top one has no counterpart
         ("cruise-v1", "yacht-1-v1", 1.2, 99),  # nor have funnel and lifeboats
+        ("cruise-v1", "yacht-2-v1", 1.8, 99),  # nor have two of four tiers
     ],
 )
 def test_true_counterparts_are_found(source: str, target: str, error: float, right: float) -> None:

@@ -142,6 +142,14 @@ def test_what_has_no_mirror_image_may_stand_on_the_other_side() -> None:
     assert found.target_of(1).tolist() == [1]
 
 
+def test_no_tier_is_left_out_in_the_middle() -> None:
+    hull = brick((0, 0, 0), (90, 20, 10), 3000)
+    four = [brick((10, 2, 10 + 4 * tier), (60, 16, 4), 900) for tier in range(4)]
+    three = [brick((10, 2, 10 + 5 * tier), (60, 16, 5), 900) for tier in range(3)]
+    found = match_parts(parts_of(cloud(hull, *four)), parts_of(cloud(hull, *three)), DIAGONAL, never)
+    assert [found.target_of(part).tolist() for part in range(5)] == [[0], [1], [2], [3], []]
+
+
 def test_a_wing_is_no_turned_fuselage() -> None:
     fuselage, wing = brick((0, -3, 0), (60, 6, 3), 600), brick((25, -29, 5), (6, 58, 2), 600)
     tall, engine = brick((0, -3, 0), (60, 6, 10), 600), brick((25, -29, 5), (6, 3, 2))

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from upplied.planning.boxes import diagonal_of, laid, spacing
 from upplied.planning.cpd import Patch, drift, farthest_points
 from upplied.planning.layout import FACING, matched, patches, placed
+from upplied.planning.matching import Matching
 from upplied.planning.parts import Parts, labels_of, parts_of
 from upplied.planning.wording import summary_of
 from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Registration
@@ -52,7 +53,8 @@ def by_parts(
     index = _next_door(warped, fixed, index, labels_of(lying), parts_of(lying), diagonal)
     on_skin = _on_skin(warped.points, fixed, index, spacing(source))
     claimed = _claimed(on_skin, moving.label, fixed, spacing(lying))
-    taken = claimed[index] & parts_of(source).body[labels_of(source)]
+    goes_on = _goes_on(parts_of(source), matching)[labels_of(source), fixed.label[index]]
+    taken = claimed[index] & ~goes_on
     gone = _without(warped, fixed, index, taken, labels_of(source), diagonal)
     carried = registration.to_target(on_skin)
     carried[gone] = np.nan
@@ -131,6 +133,15 @@ def _claimed(on_skin: Floats, label: Ints, fixed: Patch, step_m: float) -> Bools
         reach = cKDTree(on_skin[label == part]).query(fixed.points[theirs])[0]
         claimed[theirs] = reach < _CLAIM * step_m
     return claimed
+
+
+def _goes_on(parts: Parts, matching: Matching) -> Bools:
+    """Whether a part (row) continues the skin of one that answers to the class (column)."""
+    found = np.zeros((len(parts), max(len(matching), 1)), bool)
+    for part in np.flatnonzero(~parts.body):
+        classes = matching.source_class[parts.touching[part]]
+        found[part, classes[classes >= 0]] = True
+    return found
 
 
 def _without(warped: Patch, fixed: Patch, index: Ints, taken: Bools, part: Ints, diagonal_m: float) -> Bools:

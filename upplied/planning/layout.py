@@ -14,7 +14,7 @@ from upplied.planning.parts import labels_of, parts_of
 from upplied.records import Bools, Cloud, Floats
 
 FACING = 0.03  # of the diagonal: what turning a normal by a right angle counts beside distance
-_MISFIT = 0.025  # largest mean distance, in these units, of parts whose boxes are not alike
+_MISFIT = 0.022  # largest mean distance, both ways, in these units, of parts whose boxes are not alike
 _TRIED = 150  # samples by which that is judged
 _LONG = 3.0  # length over width of a part whose direction is its own: a blade
 _OUTWARD = 0.25  # of its length: how far from the structure's middle such a part lies, along itself
@@ -136,7 +136,7 @@ def _misfit(source: Cloud, mine: Bools, lying: Cloud, theirs: Bools, diagonal_m:
     to_there = cKDTree(there).query(here[:: step[0]])[0].mean()
     to_here = cKDTree(here).query(there[:: step[1]])[0].mean()
     size = np.sqrt(diagonal_m * np.linalg.norm(np.ptp(other, axis=0)))
-    return float(max(to_there, to_here) / max(size, 1e-9))
+    return float((to_there + to_here) / 2 / max(size, 1e-9))
 
 
 def _normals(cloud: Cloud) -> Floats:

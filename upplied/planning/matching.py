@@ -26,7 +26,7 @@ _ACROSS = 0.6  # how unlike two parts may lie about the middles of mirrored stru
 _PART_OF = 0.2  # least share of the common surface, for each of two parts that make up one
 _TRIES = 3
 _APART = (0.2, 0.15)  # of the diagonal: farthest that a blade may have moved, and any other part
-_SHAPE, _SIZE, _NEIGHBOURS = 0.05, 0.02, 0.3  # weights beside the distance over the diagonal
+_SHAPE, _SIZE, _NEIGHBOURS = 0.05, 0.02, 0.6  # weights beside the distance over the diagonal
 _UNMATCHED = 0.5  # of a large part
 
 
@@ -172,31 +172,26 @@ def _neighbours(partner: Ints, free: list[int], cost: Floats) -> Iterator[Ints]:
 
 
 def _total(partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m: float) -> float:
-    """Cost of an assignment: of each pair, and of neighbours, on either, that lose touch or change sides."""
+    """Cost of an assignment: of each pair, and of neighbours that lose touch or change sides.
+
+    Two parts that touch on the target alone count as well, or a tier might be left out in the middle.
+    """
     has = np.flatnonzero(partner >= 0)
     total = float(cost[has, partner[has]].sum()) + float(_unmatched(source)[partner < 0].sum())
-    back = np.full(len(target), -1)
-    back[partner[has]] = has
-    return (
-        total
-        + _NEIGHBOURS
-        * (_estranged(partner, source, target, diagonal_m) + _estranged(back, target, source, diagonal_m))
-        / 2
-    )
-
-
-def _estranged(partner: Ints, mine: Parts, theirs: Parts, diagonal_m: float) -> float:
-    """How far the partners of parts that touch are from lying as these do, by the area of the parts."""
-    one, other = np.nonzero(np.triu(mine.touching, 1))
-    weight = np.sqrt(mine.area[one] * mine.area[other])
+    one, other = np.nonzero(np.triu(source.touching, 1))
+    weight = np.sqrt(source.area[one] * source.area[other])
     known = (partner[one] >= 0) & (partner[other] >= 0)
-    total = float(weight[~known].sum())
+    total += _NEIGHBOURS * float(weight[~known].sum())
     one, other, weight = one[known], other[known], weight[known]
-    lost = ~theirs.touching[partner[one], partner[other]]
-    here = mine.middle[other] - mine.middle[one]
-    there = theirs.middle[partner[other]] - theirs.middle[partner[one]]
+    lost = ~target.touching[partner[one], partner[other]]
+    here = source.middle[other] - source.middle[one]
+    there = target.middle[partner[other]] - target.middle[partner[one]]
     shifted = np.linalg.norm(here - there, axis=1) / diagonal_m
-    return total + float((weight * (lost + shifted)).sum())
+    total += _NEIGHBOURS * float((weight * (lost + shifted)).sum())
+    one, other = has[np.array(np.nonzero(np.triu(target.touching[np.ix_(partner[has], partner[has])], 1)))]
+    new = ~source.touching[one, other]
+    weight = np.sqrt(target.area[partner[one]] * target.area[partner[other]])
+    return total + _NEIGHBOURS * float(weight[new].sum())
 
 
 def _classes(partner: Ints, number: int) -> Matching:
