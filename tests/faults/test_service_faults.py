@@ -32,7 +32,7 @@ from upplied.samples.pilot import fly
 pytestmark = [pytest.mark.slow, pytest.mark.server]
 
 
-BOXES = 24  # enough that a fast machine is not through before somebody has looked and killed
+BOXES = 80  # enough that a fast machine is not through before somebody has looked and killed
 PLANS = 2 * BOXES
 
 
