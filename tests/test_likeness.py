@@ -1,5 +1,6 @@
 """What a bent path keeps: its shape, by the Frechet distance, and the stand-off of its viewpoints."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.frechet import frechet, frechet_z, within_leash, zscored
 from upplied.planning.likeness import Likeness
 from upplied.planning.look import View
-from upplied.planning.standoff import standoff_of
+from upplied.planning.standoff import picture_share, standoff_of
 from upplied.planning.stretch import stretched
 from upplied.records import Camera, Cloud
 from upplied.scene import Scene
@@ -98,3 +99,22 @@ def test_a_path_that_sees_all_stays_as_it_is(tall_wall):
     path = wave(y=-8.0)
     likeness = Likeness(zscored(path), 9.0, standing_off(path))
     assert stretched(path, tall_wall, likeness, lambda at: at[:, 2] > -99) is path
+
+
+def test_a_picture_is_about_what_fills_it_and_what_the_flight_was_about() -> None:
+    rng = np.random.default_rng(4)
+    points, normals = rng.normal(size=(40, 3)), rng.normal(size=(40, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    area, part = rng.uniform(1, 2, 40), np.repeat([0, 1], 20)
+    inspected = rng.random(40) < np.where(part == 0, 0.9, 0.2)
+    cloud = Cloud(points, normals=normals, area_m2=area, part=part)
+    positions, known = rng.normal(size=(7, 3)) * 6, np.arange(0, 40, 3)
+    found = picture_share(positions, cloud, known, inspected)
+    for pose, sample in itertools.product(range(7), range(len(known))):
+        k = known[sample]
+        ray = positions[pose] - points[k]
+        length = np.linalg.norm(ray)
+        angle = area[k] * max(ray @ normals[k] / length, 0.0) / length**2
+        of_part = part == part[k]
+        meant = area[of_part & inspected].sum() / area[of_part].sum()
+        assert found[pose, sample] == pytest.approx(angle * meant**2, rel=1e-12)

@@ -15,6 +15,8 @@ from upplied.records import Bools, Floats, Ints, Record
 from upplied.scene import Scene
 
 _TOLERANCE_M = 0.005
+_BUNCH, _MANY = 13, 52  # neighbours that are asked together, and how few points are not worth it
+_ROUNDING_M = 1e-3  # beyond what single precision may be off
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,6 +62,25 @@ def path_clearance(scene: Scene, positions: Floats, tolerance_m: float = _TOLERA
     return Nearest(distance, np.array(place), leg, tolerance_m)
 
 
+def at_least(scene: Scene, points: Floats, limit_m: float) -> Bools:
+    """Which points (N, 3) are at least so far from the structure.
+
+    Neighbours in the order given, as along a path, are asked together where the ball round them all
+    lies wholly beyond the limit or wholly within it; the answers are those of asking each.
+    """
+    if len(points) < _MANY:
+        return np.asarray(scene.distance(points) >= limit_m, bool)
+    first = np.arange(0, len(points), _BUNCH)
+    bunch = np.arange(len(points)) // _BUNCH
+    middle = np.add.reduceat(points, first) / np.bincount(bunch)[:, None]
+    radius = np.maximum.reduceat(np.linalg.norm(points - middle[bunch], axis=1), first) + _ROUNDING_M
+    free = scene.distance(middle)
+    far, near = (free - radius >= limit_m)[bunch], (free + radius < limit_m)[bunch]
+    asked = ~far & ~near
+    far[asked] = scene.distance(points[asked]) >= limit_m
+    return np.asarray(far, bool)
+
+
 def legs_below(
     scene: Scene, start: Floats, end: Floats, limit_m: float, tolerance_m: float = _TOLERANCE_M
 ) -> Bools:
@@ -73,7 +94,11 @@ def legs_below(
     start, end : array, shape (N, 3), m, structure frame
     limit_m, tolerance_m : float
     """
-    free = scene.distance(np.concatenate([start, end]))
+    if np.array_equal(start[1:], end[:-1]):  # the legs of a path share their ends
+        along = scene.distance(np.concatenate([start, end[-1:]]))
+        free = np.concatenate([along[:-1], along[1:]])
+    else:
+        free = scene.distance(np.concatenate([start, end]))
     free_a, free_b = free[: len(start)], free[len(start) :]
     below = (free_a < limit_m) | (free_b < limit_m)
     pieces = _Pieces(start, end, free_a, free_b, np.arange(len(start)))

@@ -204,7 +204,8 @@ def _directions(
     rows, aims = [], []
     for place in np.flatnonzero(reach.any(axis=1)):
         hit = np.flatnonzero(reach[place])
-        chosen = hit[np.unique(np.linspace(0, len(hit) - 1, min(number, len(hit))).astype(np.int64))]
+        count = min(number, len(hit))
+        chosen = hit[np.arange(count) * (len(hit) - 1) // max(count - 1, 1)]
         aims.append((need[hit] @ points[hit] / need[hit].sum())[None])
         aims.append(points[chosen])
         rows.append(np.full(1 + len(chosen), place))

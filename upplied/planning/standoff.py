@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from scipy.spatial.distance import cdist
 
 from upplied.config import TransferSettings
 from upplied.planning.parts import labels_of
@@ -17,6 +18,7 @@ from upplied.planning.transfer import AxisMap
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
 NEAR = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
+_LEAST_M2 = 1e-6  # squared distance, so that nothing is divided by none
 _SEEN = 32  # counterparts that speak for what a viewpoint sees
 
 
@@ -62,16 +64,32 @@ def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bool
     inspected : array of bool, shape (N,)
         What the whole flight saw.
     """
-    ray = positions[:, None] - source.points[known][None]
-    squared = np.maximum(np.einsum("mkj,mkj->mk", ray, ray), 1e-6)
     area = np.ones(len(source)) if source.area_m2 is None else source.area_m2
     label = labels_of(source)
     meant = np.bincount(label, weights=area * inspected) / np.bincount(label, weights=area)
     weight = area[known] * meant[label[known]] ** 2
+    points = np.ascontiguousarray(source.points[known])
     if source.normals is None:
-        return weight / squared
-    facing = np.maximum(np.einsum("mkj,kj->mk", ray, source.normals[known]), 0.0)
-    return weight * facing / squared**1.5
+        squared = np.maximum(cdist(positions, points, "sqeuclidean"), _LEAST_M2)
+        return np.asarray(weight / squared)
+    normals = np.ascontiguousarray(source.normals[known])
+    return np.asarray(_solid_angles(np.ascontiguousarray(positions), points, normals, weight))
+
+
+@njit(cache=True)
+def _solid_angles(positions: Floats, points: Floats, normals: Floats, weight: Floats) -> Floats:
+    """Under which each position (M, 3) sees surface of an area `weight` (K,) at each point, (M, K)."""
+    angles = np.zeros((len(positions), len(points)))
+    for pose in range(len(positions)):
+        for sample in range(len(points)):
+            squared, facing = 0.0, 0.0
+            for axis in range(3):
+                ray = positions[pose, axis] - points[sample, axis]
+                squared += ray * ray
+                facing += ray * normals[sample, axis]
+            squared = max(squared, _LEAST_M2)
+            angles[pose, sample] = weight[sample] * max(facing, 0.0) / (squared * np.sqrt(squared))
+    return angles
 
 
 def expected_standoff(
