@@ -130,6 +130,8 @@ def _bent(
     least_m: float,
 ) -> Floats:
     """The path with each bend that shows more than it hides; the same array where none does."""
+    if len(detours.station) == 0:
+        return positions
     seen = view.seen(positions, quat_xyzw)
     shown = np.zeros(seen.shape[1], bool)
     for place, quat, station in zip(detours.positions, detours.quat_xyzw, detours.station, strict=True):

@@ -135,7 +135,7 @@ def _medians(positions: Floats, points: Floats, weight: Floats) -> Floats:
             for axis in range(3):
                 squared += (points[sample, axis] - positions[index, axis]) ** 2
             distance[place] = np.sqrt(squared)
-        order = np.argsort(distance, kind="mergesort")
+        order = np.argsort(distance)  # whatever the order of equals, the median is the same
         half, share = weight[index][seen].sum() / 2, 0.0
         for place in order:
             share += weight[index, seen[place]]
