@@ -141,34 +141,48 @@ class Workers:
         """Stop the processes; jobs that still run are lost."""
         self._closed = True
         for worker in self._all:
-            worker.stop()
+            worker.close()
 
 
 class _Worker:
     """One process, started when first needed and again after it was lost."""
 
     def __init__(self, arguments: tuple[Any, ...]) -> None:
-        self._arguments = arguments
+        # The number of the job that the process has begun, which it writes and this one reads.
+        self._begun = get_context("spawn").RawValue("Q", 0)
+        self._number, self._closed = 0, False
+        self._arguments = (*arguments, self._begun)
         self._executor: ProcessPoolExecutor | None = None
         self._process: BaseProcess | None = None
 
     def run(self, function: Callable[..., Value], args: tuple[Any, ...], limits: Limits) -> Value:
-        if self._process is not None and not self._process.is_alive():
-            self.stop()  # it died between two jobs: neither is the culprit
-        executor = self._executor or self._start()
         try:
-            future = executor.submit(function, *args)
-            if not wait([future], limits.timeout_s).done:
-                self.stop()
-                raise JobKilled(f"took longer than {limits.timeout_s:g} s and was stopped")
-            return future.result()
-        except MemoryError:
-            self.stop()  # what is left of its heap is nobody's guess
-            raise JobKilled(f"needed more memory than the {_gib(self._arguments[0])} of a worker") from None
+            return self._run(function, args, limits)
+        except BrokenProcessPool:
+            begun, reason = self._begun.value == self._number, self._obituary()
+            self.stop()
+            if begun or self._closed:
+                raise JobKilled(reason) from None
+        try:  # the process died before it began this job, which is not the culprit
+            return self._run(function, args, limits)
         except BrokenProcessPool:
             reason = self._obituary()
             self.stop()
             raise JobKilled(reason) from None
+
+    def _run(self, function: Callable[..., Value], args: tuple[Any, ...], limits: Limits) -> Value:
+        executor = self._executor or self._start()
+        self._number += 1
+        try:
+            future = executor.submit(_begin, self._number, function, args)
+            if not wait([future], limits.timeout_s).done:
+                self.stop()
+                raise JobKilled(f"took longer than {limits.timeout_s:g} s and was stopped")
+            value: Value = future.result()
+            return value
+        except MemoryError:
+            self.stop()  # what is left of its heap is nobody's guess
+            raise JobKilled(f"needed more memory than the {_gib(self._arguments[0])} of a worker") from None
 
     def _start(self, attempts: int = 2) -> ProcessPoolExecutor:
         executor = ProcessPoolExecutor(1, get_context("spawn"), _prepare, self._arguments)
@@ -192,6 +206,10 @@ class _Worker:
         if code is not None and code < 0:
             return f"its process was ended by {signal.Signals(-code).name}"
         return "its process ended" + ("" if code is None else f" with exit code {code}")
+
+    def close(self) -> None:
+        self._closed = True
+        self.stop()
 
     def stop(self) -> None:
         process, self._process = self._process, None
@@ -239,8 +257,21 @@ def _bare_child() -> Iterator[None]:
                     os.environ[name] = value
 
 
-def _prepare(memory_bytes: int, setup: Callable[..., None] | None, setup_args: tuple[Any, ...]) -> None:
+_job_begun: Any = None  # in a worker: where the number of the job that it has begun stands
+
+
+def _begin(number: int, function: Callable[..., Value], args: tuple[Any, ...]) -> Value:
+    """Do a job in a worker, and say first that it has begun: from then on a death is its own."""
+    _job_begun.value = number
+    return function(*args)
+
+
+def _prepare(
+    memory_bytes: int, setup: Callable[..., None] | None, setup_args: tuple[Any, ...], begun: Any
+) -> None:
     """First thing in a fresh process: die with the parent, stay within memory, load what jobs need."""
+    global _job_begun
+    _job_begun = begun
     threading.Thread(target=_die_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
     _limit_memory(memory_bytes)
