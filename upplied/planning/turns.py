@@ -68,7 +68,7 @@ def eased(path: Waypoints, fixed: Bools, speed_mps: Floats, view: View) -> Waypo
     yaw, pitch = yaw_pitch(path.quat_xyzw)
     step = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(step)])
-    free = _turning(path, fixed, along, speed_mps, view)
+    free = _turning(yaw, pitch, along, fixed, speed_mps, view)
     free[[0, -1]] = False
     before = view.covered(path.positions, path.quat_xyzw)
     least = _LOST * float(view.need.sum())
@@ -96,11 +96,10 @@ def _in_turn(path: Waypoints, looks: Looks) -> tuple[Ints, Floats]:
     return looks.station[order], looks.quat_xyzw[order]
 
 
-def _turning(path: Waypoints, fixed: Bools, along: Floats, speed_mps: Floats, view: View) -> Bools:
+def _turning(yaw: Floats, pitch: Floats, along: Floats, fixed: Bools, speed_mps: Floats, view: View) -> Bools:
     """Which waypoints (M,) lie within the way that a turn takes, before or after a fixed direction."""
-    yaw, pitch = yaw_pitch(path.quat_xyzw)
     rates = np.radians([view.limits.max_yaw_rate_degps, view.limits.max_gimbal_rate_degps])
-    free = np.zeros(len(path), bool)
+    free = np.zeros(len(fixed), bool)
     for place in np.flatnonzero(fixed):
         across = np.abs((yaw - yaw[place] + np.pi) % (2 * np.pi) - np.pi) / rates[0]
         turn_s = np.maximum(across, np.abs(pitch - pitch[place]) / rates[1])
@@ -108,7 +107,7 @@ def _turning(path: Waypoints, fixed: Bools, along: Floats, speed_mps: Floats, vi
         enough = apart >= _AMPLE * min(speed_mps[place], view.limits.max_speed_mps) * turn_s
         later = np.flatnonzero(enough[place + 1 :] & ~fixed[place + 1 :])
         earlier = np.flatnonzero(enough[:place] & ~fixed[:place])
-        end = place + 1 + later[0] if len(later) else len(path)
+        end = place + 1 + later[0] if len(later) else len(fixed)
         begin = earlier[-1] + 1 if len(earlier) else 0
         free[begin:end] = True
     return free & ~fixed
