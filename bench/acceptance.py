@@ -21,8 +21,8 @@ import numpy as np
 from real_data import real_folder, real_structure
 
 from upplied.config import settings_for
-from upplied.planning.register import fitted
-from upplied.planning.surface import surface_samples
+from upplied.planning.correspondence.registration import fitted
+from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import sample_structures
 from upplied.scene import scene_of

@@ -24,7 +24,7 @@ import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
 from upplied.catalog import Catalog, compact, open_catalog
-from upplied.catalog.tables import TABLES
+from upplied.catalog.schema.tables import TABLES
 from upplied.config import settings_for
 from upplied.records import Measures, Plan, Trajectory
 

@@ -28,8 +28,8 @@ from upplied.fleet import crew
 from upplied.fleet.crew import Outcome
 from upplied.fleet.ledger import Ledger
 from upplied.fleet.workers import Workers
-from upplied.planning.pair import study_pair
-from upplied.planning.transfer import registered_map
+from upplied.planning.carry.affine import registered_map
+from upplied.planning.correspondence.pair import study_pair
 from upplied.records import Cloud, Plan, Structure
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly

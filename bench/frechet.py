@@ -16,7 +16,7 @@ from collections.abc import Callable
 import numpy as np
 from curvesimilarities.frechet import fd
 
-from upplied.planning.frechet import frechet
+from upplied.planning.geometry.frechet import frechet
 from upplied.records import Floats
 
 

@@ -21,9 +21,9 @@ from scipy.stats import spearmanr
 from upplied.catalog import Catalog, open_catalog
 from upplied.config import settings_for
 from upplied.errors import RefusedError
-from upplied.fleet.recommend import Recommendation, recommend
-from upplied.planning.features import ShapeFeatures, ShapeLibrary, unlikeness
 from upplied.planning.plan import plan_transfer
+from upplied.recommend.features import ShapeFeatures, ShapeLibrary, unlikeness
+from upplied.recommend.ranking import Recommendation, recommend
 from upplied.records import Structure
 from upplied.samples.pilot import fly
 

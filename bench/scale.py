@@ -34,8 +34,8 @@ from upplied.catalog import Catalog  # noqa: E402
 from upplied.config import Settings  # noqa: E402
 from upplied.fleet import crew  # noqa: E402
 from upplied.fleet.crew import Outcome  # noqa: E402
-from upplied.planning.clouds import voxel_cloud  # noqa: E402
-from upplied.planning.pair import Memo  # noqa: E402
+from upplied.planning.correspondence.pair import Memo  # noqa: E402
+from upplied.planning.surface.voxels import voxel_cloud  # noqa: E402
 from upplied.records import Cloud, Demonstration, Plan, Structure, Trajectory  # noqa: E402
 from upplied.samples.fleet import member, random_member  # noqa: E402
 from upplied.samples.pilot import fly  # noqa: E402

@@ -15,7 +15,8 @@ from prefect.utilities.annotations import quote
 
 from flows import pool
 from upplied import fleet
-from upplied.catalog import maintenance, open_catalog, verification
+from upplied.catalog import open_catalog
+from upplied.catalog.verbs import maintenance, verification
 
 SESSIONS: dict[str, fleet.Session] = {}  # of the runs in this process, by run id
 

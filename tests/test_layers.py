@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -27,9 +28,24 @@ ALLOWED = {
     "inputs": FOUNDATION | {"inputs"},
     "catalog": FOUNDATION | {"catalog"},
     "outputs": FOUNDATION | {"outputs", "inputs", "samples", "catalog"},
-    "fleet": FOUNDATION | {"planning", "simulate", "inputs", "catalog", "outputs", "fleet"},
-    "cli": FOUNDATION | {"planning", "samples", "simulate", "inputs", "catalog", "outputs", "fleet", "cli"},
+    "recommend": FOUNDATION | {"planning", "catalog", "recommend"},
+    "fleet": FOUNDATION | {"planning", "simulate", "recommend", "inputs", "catalog", "outputs", "fleet"},
+    "cli": FOUNDATION
+    | {"planning", "samples", "simulate", "recommend", "inputs", "catalog", "outputs", "fleet", "cli"},
 }
+# The rooms of planning in the order of the method: each may use those before it.
+ROOMS = (
+    "geometry",
+    "surface",
+    "visibility",
+    "correspondence",
+    "airspace",
+    "demonstration",
+    "carry",
+    "trajectory",
+    "measures",
+    "plan",
+)
 # The only rooms or modules that may import a package; None means nowhere in `upplied`.
 DOORS = {
     "prefect": (),
@@ -90,6 +106,27 @@ def test_imports_point_one_way(path: Path):
             assert parts[1] in ALLOWED[room] | {room}, f"{room} imports {name}"
         elif parts[0] in DOORS:
             assert room in DOORS[parts[0]], f"{name} is imported outside {DOORS[parts[0]]}"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "upplied" / "planning").rglob("*.py")), ids=named)
+def test_rooms_of_planning_use_those_before_them(path: Path):
+    room = path.relative_to(ROOT / "upplied" / "planning").parts[0].removesuffix(".py")
+    if room == "__init__":
+        return
+    used = {name.split(".")[2] for name in imports(path) if name.startswith("upplied.planning.")}
+    assert used <= set(ROOMS[: ROOMS.index(room) + 1]), f"{room} may use the rooms before it alone"
+
+
+def test_no_module_circle_in_any_room():
+    graph = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts): {
+            ".".join(name.split(".")[:length]) for name in imports(path) for length in range(2, 6)
+        }
+        for path in modules()
+        if path.name != "__init__.py"
+    }
+    order = TopologicalSorter({name: used & set(graph) - {name} for name, used in graph.items()})
+    order.prepare()  # raises CycleError, which names the modules of the circle
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "upplied" / "planning").rglob("*.py")), ids=named)

@@ -16,9 +16,9 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.errors import RefusedError, SettingsError
-from upplied.planning.judge import judge
-from upplied.planning.pair import Memo, no_memo, study_pair
-from upplied.planning.repeat import takes_of
+from upplied.planning.correspondence.pair import Memo, no_memo, study_pair
+from upplied.planning.demonstration.repetition import takes_of
+from upplied.planning.measures.evaluate import judge
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.records import Demonstration, Floats, Plan, Structure, Trajectory
 

@@ -14,9 +14,9 @@ from PIL import Image
 from upplied.config import settings_for
 from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED, PRESETS
-from upplied.planning.measure import BY_FRUSTUM, TRULY, views
-from upplied.planning.pair import study_pair
+from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.plan import METHOD_VERSION, plan_transfer
+from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, views
 from upplied.records import SURFACE_STATES, Bools, Cloud, Demonstration, Plan, Structure, SurfaceStates
 from upplied.samples.fleet import sample_demonstrations, sample_structures
 from upplied.simulate import Wind, fly_trajectory, measure_flown

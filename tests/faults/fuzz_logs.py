@@ -6,7 +6,7 @@
 Needs atheris (Linux), which `make fuzz` installs. The readers may refuse with an `UppliedError`;
 any other exception, a warning, ten seconds or 2 GiB for one small file is a finding. Findings of
 one kind are kept once, in the folder given by ``--findings``; the small ones belong into
-``tests/data/findings``, where `tests/test_logs_findings.py` replays them for ever.
+``tests/data/findings``, where `tests/inputs/test_logs_findings.py` replays them for ever.
 """
 
 from __future__ import annotations

@@ -25,8 +25,9 @@ from catalog_records import key_of, plan, structure
 from deltalake import DeltaTable
 from deltalake.exceptions import TableNotFoundError
 
-from upplied.catalog import compact, delta, export_tables, open_catalog, verify
-from upplied.catalog.tables import TABLES
+from upplied.catalog import compact, export_tables, open_catalog, verify
+from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store import delta
 from upplied.errors import CatalogError
 
 WRITERS = 8

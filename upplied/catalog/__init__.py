@@ -6,16 +6,16 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from upplied.catalog.cache import Cache
-    from upplied.catalog.changes import changed_structures, diff, history, runs
     from upplied.catalog.database import Catalog, open_catalog
-    from upplied.catalog.exchange import export_dataset, import_dataset
-    from upplied.catalog.lerobot import export_lerobot
-    from upplied.catalog.maintenance import compact, vacuum
-    from upplied.catalog.published import export_tables
-    from upplied.catalog.queries import PlannedTrajectory
-    from upplied.catalog.recipes import Recipe, recipe
-    from upplied.catalog.verification import Finding, verify
+    from upplied.catalog.store.cache import Cache
+    from upplied.catalog.verbs.changes import changed_structures, diff, history, runs
+    from upplied.catalog.verbs.exchange import export_dataset, import_dataset
+    from upplied.catalog.verbs.lerobot import export_lerobot
+    from upplied.catalog.verbs.maintenance import compact, vacuum
+    from upplied.catalog.verbs.published import export_tables
+    from upplied.catalog.verbs.queries import PlannedTrajectory
+    from upplied.catalog.verbs.recipes import Recipe, recipe
+    from upplied.catalog.verbs.verification import Finding, verify
 
 __all__ = [
     "Cache",
@@ -40,16 +40,16 @@ __all__ = [
 
 # Loaded when first asked for: the storage libraries take a moment.
 _HOME = {
-    "cache": ("Cache",),
-    "changes": ("changed_structures", "diff", "history", "runs"),
+    "store.cache": ("Cache",),
+    "verbs.changes": ("changed_structures", "diff", "history", "runs"),
     "database": ("Catalog", "open_catalog"),
-    "exchange": ("export_dataset", "import_dataset"),
-    "lerobot": ("export_lerobot",),
-    "maintenance": ("compact", "vacuum"),
-    "published": ("export_tables",),
-    "queries": ("PlannedTrajectory",),
-    "recipes": ("Recipe", "recipe"),
-    "verification": ("Finding", "verify"),
+    "verbs.exchange": ("export_dataset", "import_dataset"),
+    "verbs.lerobot": ("export_lerobot",),
+    "verbs.maintenance": ("compact", "vacuum"),
+    "verbs.published": ("export_tables",),
+    "verbs.queries": ("PlannedTrajectory",),
+    "verbs.recipes": ("Recipe", "recipe"),
+    "verbs.verification": ("Finding", "verify"),
 }
 
 

@@ -15,15 +15,16 @@ from typing import TYPE_CHECKING
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from upplied.catalog import adding, plan_rows, queries, rows
-from upplied.catalog.adding import Planned
-from upplied.catalog.cache import Cache
-from upplied.catalog.current import Current
-from upplied.catalog.delta import StoredTable
-from upplied.catalog.meshes import MeshStore
-from upplied.catalog.queries import PlannedTrajectory, When, Which
-from upplied.catalog.rows import Row
-from upplied.catalog.tables import TABLES
+from upplied.catalog.schema import plan_rows, rows
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.cache import Cache
+from upplied.catalog.store.current import Current
+from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.meshes import MeshStore
+from upplied.catalog.verbs import adding, queries
+from upplied.catalog.verbs.adding import Planned
+from upplied.catalog.verbs.queries import PlannedTrajectory, When, Which
 from upplied.checks import check_id
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Plan, Structure, SurfaceStates
@@ -237,7 +238,7 @@ class Catalog:
             The key is the hash of everything the plan depends on; one that is known adds nothing,
             with two exceptions: a failure makes way for a later result, and a plan that had been
             followed by another of its pair becomes current again. For the provenance see
-            `upplied.catalog.plan_rows.transfer_row`; hashes it leaves out are those of the current
+            `upplied.catalog.schema.plan_rows.transfer_row`; hashes it leaves out are those of the current
             versions in the catalog.
         """
         return adding.add_plans(self, plans)

@@ -45,7 +45,7 @@ def fly(
     gusts : bool
         Whether the wind is gusty.
     """
-    from upplied.catalog.recipes import settings_of
+    from upplied.catalog.verbs.recipes import settings_of
     from upplied.fleet.flights import fly_plan
     from upplied.simulate import Wind
 

@@ -26,7 +26,7 @@ def recommend(
     structure : str
         Id of the structure to be inspected.
     """
-    from upplied.fleet.recommend import recommend as rank
+    from upplied.recommend.ranking import recommend as rank
 
     with errors.status("comparing shapes"):
         found = [asdict(one) for one in rank(opened(catalog), structure, most)]
@@ -52,7 +52,7 @@ def best(location: str, structure: str) -> str:
         If none fits beyond doubt, or the best is of another declared kind.
     """
     from upplied.errors import InputError
-    from upplied.fleet.recommend import recommend as rank
+    from upplied.recommend.ranking import recommend as rank
 
     store = opened(location)
     others = [one for one in rank(store, structure, 100) if one.verdict != "own"]

@@ -13,7 +13,7 @@ from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.decisions import Job
 from upplied.fleet.recent import Recent
 from upplied.fleet.workers import JobKilled, Limits, Workers
-from upplied.planning.pair import Memo, no_memo
+from upplied.planning.correspondence.pair import Memo, no_memo
 from upplied.planning.plan import plan_transfer
 from upplied.records import Demonstration, Plan, Structure
 from upplied.scene import open3d

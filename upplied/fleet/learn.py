@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from upplied.catalog import Catalog, open_catalog
-from upplied.fleet.shapes import Shapes, content_of
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
+from upplied.recommend.shapes import Shapes, content_of
 from upplied.records import Demonstration, Placement, Structure
 
 log = logging.getLogger(__name__)

@@ -13,7 +13,7 @@ import upplied
 from upplied.catalog import Catalog
 from upplied.fleet.crew import Outcome
 from upplied.fleet.decisions import Job
-from upplied.planning.pair import METHOD_VERSION
+from upplied.planning.correspondence.pair import METHOD_VERSION
 
 log = logging.getLogger(__name__)
 

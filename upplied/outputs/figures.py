@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from upplied.errors import SettingsError
-from upplied.outputs import tubes
-from upplied.outputs.canvas import Solid, picture, solid
 from upplied.outputs.colours import DEMONSTRATED, PRESETS, STATES, rgb
+from upplied.outputs.draw import tubes
+from upplied.outputs.draw.canvas import Solid, picture, solid
+from upplied.outputs.draw.sheet import Panel, padded, sheet_png
+from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
 from upplied.outputs.files import replace_file
-from upplied.outputs.sheet import Panel, padded, sheet_png
-from upplied.outputs.views import View, facing, fitted, named_view, proportion
 from upplied.records import (
     SURFACE_STATES,
     Camera,
@@ -44,7 +44,7 @@ def structure_png(
     ----------
     structure : Structure
     views : sequence of view names or View
-        See `upplied.outputs.views.VIEWS`; the first is drawn large.
+        See `upplied.outputs.draw.views.VIEWS`; the first is drawn large.
     states : SurfaceStates, optional
         Colours the surface.
     trajectories : sequence of (name, trajectory or demonstration, colour)

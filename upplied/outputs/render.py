@@ -9,9 +9,9 @@ from typing import Any
 from upplied.errors import CatalogError
 from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED
+from upplied.outputs.draw.views import View
 from upplied.outputs.missions import Exported, MissionOptions, export
 from upplied.outputs.reports import Source, plan_of
-from upplied.outputs.views import View
 
 
 def render_structure(

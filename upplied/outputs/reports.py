@@ -13,10 +13,10 @@ from upplied.config import digest
 from upplied.outputs import figures
 from upplied.outputs.along import profile
 from upplied.outputs.display import DisplayMesh, display_mesh, display_states, nearest_samples, structure_data
+from upplied.outputs.draw.sheet import Panel
 from upplied.outputs.flown import flown_data, flown_sentence, last_flown
 from upplied.outputs.pair_page import demonstration_data, pair_data, path_data, planned_data
 from upplied.outputs.pairs import Pair, number
-from upplied.outputs.sheet import Panel
 from upplied.records import Demonstration, Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
 from upplied.scene import Scene, scene_of
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 from upplied.config import Settings, digest
 from upplied.errors import RefusedError
-from upplied.planning.inspect import nothing_shown
-from upplied.planning.judge import judge
-from upplied.planning.pair import METHOD_VERSION, Memo, no_memo, study_pair
-from upplied.planning.propose import propose
-from upplied.planning.repeat import takes_of
+from upplied.planning.correspondence.pair import METHOD_VERSION, Memo, no_memo, study_pair
+from upplied.planning.demonstration.inspection import nothing_shown
+from upplied.planning.demonstration.repetition import takes_of
+from upplied.planning.measures.evaluate import judge
+from upplied.planning.trajectory.propose import propose
 from upplied.records import Demonstration, Plan, Structure
 
 
@@ -31,7 +31,7 @@ def plan_transfer(
     settings : Settings
         From `upplied.config.settings_for`: preset `paper`, `recommended` or `baseline`.
     memo : callable, optional
-        Remembers what is found out about structures and pairs; see `upplied.planning.pair.Memo`.
+        Remembers what is found out about structures and pairs; see `correspondence.pair.Memo`.
 
     Returns
     -------

@@ -1,0 +1,58 @@
+"""The benchmarks run: one short row of each."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCH = Path(__file__).parents[2] / "bench"
+
+
+def run(script: str, *arguments: str) -> str:
+    done = subprocess.run(
+        [sys.executable, str(BENCH / script), *arguments], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_the_tables_of_the_paper(tmp_path: Path) -> None:
+    table = tmp_path / "table.csv"
+    printed = run("paper_tables.py", "--only", "cuboid", "--csv", str(table), "--pictures", str(tmp_path))
+    assert "cube sides > cuboid" in printed
+    assert len(table.read_text().splitlines()) == 4
+    assert len(list(tmp_path.glob("*.png"))) == 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", [(), ("--add",)])
+def test_the_stages_one_by_one(arguments: tuple[str, ...]) -> None:
+    lines = run("ablation.py", "--only", "cuboid", *arguments).splitlines()
+    assert len(lines) > 4
+    assert all(" 1 " in line for line in lines[1:])
+
+
+@pytest.mark.slow
+def test_planned_against_flown() -> None:
+    assert "cube sides > cuboid" in run("flown.py", "--only", "cuboid", "--flights", "1")
+
+
+def test_the_fifteen_rows_are_those_of_the_tables(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCH))
+    from transfers import PUBLISHED
+
+    assert len(PUBLISHED) == 15
+    assert len({(row.source, row.target, row.inspection) for row in PUBLISHED}) == 15
+    assert all(50 < row.baseline_pct <= row.coverage_pct <= 100 for row in PUBLISHED)
+
+
+@pytest.mark.slow
+def test_what_a_fleet_costs_besides_planning() -> None:
+    heads, line = run("scale.py", "--targets", "20", "--flow", "0").splitlines()
+    assert "overhead" in heads
+    assert line.split()[0] == "20"
+    assert 0 < float(line.split()[6]) < 2  # GiB of a worker

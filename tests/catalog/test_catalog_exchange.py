@@ -1,0 +1,246 @@
+"""What goes out comes in again equal, once, and nothing else comes in."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from catalog_records import demonstration, differences, key_of, plan, structure
+
+from upplied.catalog import export_dataset, export_lerobot, import_dataset, open_catalog, recipe, verify
+from upplied.catalog.schema.tables import TABLES
+from upplied.errors import CatalogError, InputError
+
+
+@pytest.fixture(scope="module")
+def catalog(tmp_path_factory):
+    made = open_catalog(tmp_path_factory.mktemp("from"))
+    made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
+    made.add_demonstrations([demonstration()])
+    made.add_plans([(key_of(at), plan(f"t{at}", at), {"run_id": "r", "planning_s": 0.5}) for at in range(3)])
+    made.add_plans([(key_of(3), plan("t3", status="refused"), {})])
+    return made
+
+
+@pytest.fixture
+def folder(catalog, tmp_path) -> Path:
+    export_dataset(catalog, tmp_path / "set", "boxes-v1", catalog.transfers(), "CC-BY-4.0", "Ada & sons")
+    return tmp_path / "set"
+
+
+def rows(catalog) -> dict[str, int]:
+    return {name: len(table.read()) for name, table in catalog.tables.items()}
+
+
+def test_a_folder_stands_for_itself(folder):
+    about = json.loads((folder / "dataset.json").read_text())
+    assert about["rows"] == {
+        "structures": 5,
+        "demonstrations": 1,
+        "poses": 50,
+        "transfers": 4,
+        "waypoints": 180,
+    }
+    assert "CC-BY-4.0" in (folder / "README.md").read_text()
+    assert "Ada & sons" in (folder / "LICENCE.txt").read_text()
+    assert "waypoints" in (folder / "DATA_DICTIONARY.md").read_text()
+    for name in TABLES:
+        assert list(pd.read_parquet(folder / f"{name}.parquet").columns) == TABLES[name].names
+    assert set(about["files"]) | {"dataset.json"} == {
+        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
+    }
+
+
+def test_out_and_in_again_is_equal_and_whole(catalog, folder, tmp_path):
+    other = open_catalog(tmp_path / "to")
+    assert import_dataset(other, folder) == {"structures": 5, "demonstrations": 1, "transfers": 4}
+    assert verify(other) == []
+    for name in ("boxy", "t2"):
+        assert differences(catalog.structure(name), other.structure(name)) == []
+    assert differences(catalog.demonstration("flight"), other.demonstration("flight")) == []
+    kept = [name for name in TABLES["transfers"].names if name != "commit_id"]
+    pd.testing.assert_frame_equal(catalog.transfers()[kept], other.transfers()[kept])
+    for name in catalog.transfers()["transfer_id"]:
+        assert differences(catalog.plan(name), other.plan(name)) == []
+    assert recipe(other, key_of(1)[:20]).differences(plan("t1", 1)) == []
+
+
+def test_a_second_import_adds_nothing(folder, tmp_path):
+    other = open_catalog(tmp_path / "to")
+    import_dataset(other, folder)
+    before = rows(other)
+    assert set(import_dataset(other, folder).values()) == {0}
+    assert rows(other) == before
+
+
+def test_a_part_takes_only_what_it_refers_to(catalog, tmp_path):
+    counts = export_dataset(catalog, tmp_path / "one", "one-v2", [key_of(1)[:20]], "CC0-1.0")
+    assert counts == {"structures": 2, "demonstrations": 1, "poses": 50, "transfers": 1, "waypoints": 60}
+    assert len(list((tmp_path / "one" / "meshes").iterdir())) == 2
+    other = open_catalog(tmp_path / "to")
+    import_dataset(other, tmp_path / "one")
+    assert verify(other) == []
+
+
+def test_a_name_that_means_something_else_here_is_not_overwritten(folder, tmp_path):
+    other = open_catalog(tmp_path / "to")
+    other.add_structures([structure("t1", 99)])
+    before = rows(other)
+    with pytest.raises(CatalogError, match="structures t1"):
+        import_dataset(other, folder)
+    assert rows(other) == before
+    import_dataset(other, folder, replace=True)
+    assert len(other.structures(every=True)) == 6
+    other.add_structures([structure("t1", 98)])  # newer than what was imported
+    assert set(import_dataset(other, folder).values()) == {0}
+    assert differences(other.structure("t1"), structure("t1", 98)) == []
+
+
+def resigned(folder: Path) -> None:
+    """Make the hashes of `dataset.json` right again, as somebody would who means harm."""
+    from upplied.catalog.verbs.dataset_files import _sha256
+
+    about = json.loads((folder / "dataset.json").read_text())
+    about["files"] = {name: _sha256(folder / name) for name in about["files"]}
+    (folder / "dataset.json").write_text(json.dumps(about))
+
+
+def edited(folder: Path, name: str, change) -> None:
+    table = pd.read_parquet(folder / f"{name}.parquet")
+    import pyarrow as pa
+
+    made = pa.Table.from_pandas(change(table), TABLES[name].schema, preserve_index=False)
+    pq.write_table(made, folder / f"{name}.parquet")
+    resigned(folder)
+
+
+@pytest.mark.parametrize(
+    ("harm", "words"),
+    [
+        (lambda f: (f / "poses.parquet").unlink(), "poses.parquet: is missing"),
+        (lambda f: (f / "poses.parquet").write_bytes(b"PAR1"), "not the file that was exported"),
+        (lambda f: (f / "dataset.json").write_text("{"), "cannot be read"),
+        (lambda f: (f / "dataset.json").write_text("[1]"), "cannot be read"),
+        (lambda f: ((f / "poses.parquet").write_bytes(b"PAR1"), resigned(f)), "has not the declared columns"),
+        (lambda f: edited(f, "waypoints", lambda t: t.iloc[:-1]), "do not answer to their row"),
+        (
+            lambda f: edited(f, "waypoints", lambda t: t.assign(x_m=t["x_m"] + 1)),
+            "do not answer to their row",
+        ),
+        (lambda f: edited(f, "poses", lambda t: t.assign(qw=0.5)), "do not answer to their row"),
+        (lambda f: edited(f, "transfers", lambda t: t.assign(status="great")), "transfers.status"),
+        (lambda f: edited(f, "transfers", lambda t: t.assign(key="0" * 64)), "does not answer to its key"),
+        (lambda f: edited(f, "transfers", lambda t: t.assign(transfer_id="../x", key="../x")), "got '../x'"),
+        (lambda f: edited(f, "structures", lambda t: t.assign(structure_id="<b>")), "got '<b>'"),
+        (lambda f: edited(f, "structures", lambda t: t.assign(mesh_sha256="../../up")), "is no hash"),
+    ],
+)
+def test_a_folder_that_is_not_right_adds_nothing(folder, tmp_path, harm, words):
+    harm(folder)
+    other = open_catalog(tmp_path / "to")
+    with pytest.raises((CatalogError, InputError)) as told:
+        import_dataset(other, folder)
+    assert words in str(told.value)
+    assert sum(rows(other).values()) == 0
+
+
+@pytest.mark.parametrize("name", ["../outside.txt", "/etc/hostname", "meshes/../../outside.txt"])
+def test_no_file_outside_the_folder_is_touched(folder, tmp_path, name):
+    (folder.parent / "outside.txt").write_text("")
+    about = json.loads((folder / "dataset.json").read_text())
+    about["files"][name] = "0" * 64
+    (folder / "dataset.json").write_text(json.dumps(about))
+    with pytest.raises(CatalogError, match="outside the folder"):
+        import_dataset(open_catalog(tmp_path / "to"), folder)
+
+
+def test_a_folder_of_a_newer_program_is_refused(folder, tmp_path):
+    about = json.loads((folder / "dataset.json").read_text())
+    (folder / "dataset.json").write_text(json.dumps({**about, "schema_version": 99}))
+    with pytest.raises(CatalogError, match="schema version 99"):
+        import_dataset(open_catalog(tmp_path / "to"), folder)
+
+
+def test_an_export_says_what_it_lacks(catalog, tmp_path):
+    for name in ("boxes", "boxes-v0", "../boxes-v1"):
+        with pytest.raises(InputError, match="airliners-v1"):
+            export_dataset(catalog, tmp_path / "x", name, catalog.transfers(), "CC0-1.0")
+    with pytest.raises(InputError, match="licence"):
+        export_dataset(catalog, tmp_path / "x", "a-v1", catalog.transfers(), " ")
+    with pytest.raises(CatalogError, match="nothing-like-it"):
+        export_dataset(catalog, tmp_path / "x", "a-v1", ["nothing-like-it"], "CC0-1.0")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").touch()
+    with pytest.raises(InputError, match="not empty"):
+        export_dataset(catalog, tmp_path / "full", "a-v1", catalog.transfers(), "CC0-1.0")
+
+
+def test_lerobot_layout(catalog, tmp_path):
+    counts = export_lerobot(catalog, tmp_path / "set", catalog.transfers(), fps=20)
+    info = json.loads((tmp_path / "set" / "meta" / "info.json").read_text())
+    assert info["codebase_version"] == "v3.0"
+    assert info["total_episodes"] == counts["episodes"] == 3  # the refused one has no trajectory
+    frames = pd.read_parquet(tmp_path / "set" / info["data_path"].format(chunk_index=0, file_index=0))
+    assert set(frames.columns) == set(info["features"])
+    assert len(frames) == info["total_frames"] == counts["frames"]
+    assert list(frames["index"]) == list(range(len(frames)))
+    episodes = pd.read_parquet(tmp_path / "set" / "meta/episodes/chunk-000/file-000.parquet")
+    tasks = pd.read_parquet(tmp_path / "set" / "meta" / "tasks.parquet")
+    assert info["total_tasks"] == len(tasks)
+    for episode in episodes.to_dict("records"):
+        own = frames.iloc[episode["dataset_from_index"] : episode["dataset_to_index"]]
+        assert len(own) == episode["length"]
+        assert (own["episode_index"] == episode["episode_index"]).all()
+        assert np.allclose(np.diff(own["timestamp"]), 1 / 20, atol=1e-5)
+        assert tasks["task_index"][episode["tasks"][0]] == own["task_index"].iloc[0]
+        path = catalog.trajectory(episode["transfer_id"])
+        state = np.stack(own["observation.state"].to_list())
+        assert np.allclose(state[:, :3], path.at(np.arange(len(own)) / 20).positions, atol=1e-5)
+        assert np.allclose(np.stack(own["action"].to_list())[:-1], state[1:])
+        assert np.allclose(episode["stats/observation.state/mean"], state.mean(axis=0), atol=1e-5)
+
+
+def test_lerobot_statistics_are_those_of_all_frames(catalog, tmp_path):
+    export_lerobot(catalog, tmp_path / "set", catalog.transfers())
+    stats = json.loads((tmp_path / "set" / "meta" / "stats.json").read_text())
+    frames = pd.read_parquet(tmp_path / "set" / "data/chunk-000/file-000.parquet")
+    state = np.stack(frames["observation.state"].to_list()).astype(float)
+    for name, value in (
+        ("mean", state.mean(0)),
+        ("std", state.std(0)),
+        ("min", state.min(0)),
+        ("max", state.max(0)),
+    ):
+        assert np.allclose(stats["observation.state"][name], value, atol=1e-6), name
+    assert stats["index"]["count"] == [len(frames)]
+
+
+def test_lerobot_files_are_split_between_episodes(catalog, tmp_path, monkeypatch):
+    from upplied.catalog.verbs import lerobot
+
+    monkeypatch.setattr(lerobot, "_FRAMES_A_FILE", 400)
+    counts = export_lerobot(catalog, tmp_path / "set", catalog.transfers())
+    files = sorted((tmp_path / "set" / "data" / "chunk-000").iterdir())
+    assert len(files) > 1
+    assert sum(pq.read_metadata(path).num_rows for path in files) == counts["frames"]
+    episodes = pd.read_parquet(tmp_path / "set" / "meta/episodes/chunk-000/file-000.parquet")
+    for number, path in enumerate(files):
+        own = set(pd.read_parquet(path)["episode_index"])
+        assert own == set(episodes[episodes["data/file_index"] == number]["episode_index"])
+
+
+def test_lerobot_needs_a_trajectory(catalog, tmp_path):
+    with pytest.raises(InputError, match="0 plans with a trajectory"):
+        export_lerobot(catalog, tmp_path / "x", catalog.transfers(status="refused"))
+
+
+def test_an_imported_failure_makes_way(catalog, folder, tmp_path):
+    other = open_catalog(tmp_path / "to")
+    other.add_plans([(key_of(1), replace(plan("t1", status="failed")), {})])
+    assert import_dataset(other, folder)["transfers"] == 4
+    assert other.transfer(key_of(1)[:20])["status"] == "ok"

@@ -1,0 +1,243 @@
+"""Verification finds what is wrong; maintenance changes nothing that anybody reads."""
+
+from __future__ import annotations
+
+import os
+import time
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pytest
+from catalog_records import demonstration, key_of, plan, structure
+
+from upplied.catalog import compact, export_tables, history, open_catalog, vacuum, verify
+from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store import merging
+from upplied.catalog.verbs import adding
+from upplied.errors import CatalogError, SettingsError
+
+DAY = 86_400
+
+
+@pytest.fixture
+def catalog(tmp_path):
+    made = open_catalog(tmp_path / "catalog")
+    made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
+    made.add_demonstrations([demonstration()])
+    for night in range(3):
+        batch = [
+            (key_of(night, at), plan(f"t{at}", 10 * night + at), {"run_id": f"n{night}"}) for at in range(4)
+        ]
+        made.add_plans(batch)
+    return made
+
+
+def said(catalog) -> str:
+    return "\n".join(map(str, verify(catalog)))
+
+
+def rewrite(catalog, name: str, change) -> None:
+    """Put other rows in the place of those of a table, behind our back."""
+    from deltalake import write_deltalake
+
+    rows = catalog.tables[name].read().to_pandas()
+    changed = change(rows)
+    table = pa.Table.from_pandas(changed, TABLES[name].schema, preserve_index=False)
+    write_deltalake(catalog.tables[name].uri, table, mode="overwrite")
+
+
+def test_a_sound_catalog_has_no_findings(catalog):
+    assert said(catalog) == ""
+    assert verify(open_catalog(Path(catalog.location) / "nothing")) == []
+
+
+@pytest.mark.parametrize(
+    ("table", "change", "words"),
+    [
+        ("waypoints", lambda rows: rows.iloc[1:], "59 steps, the row says 60"),
+        (
+            "waypoints",
+            lambda rows: rows.assign(x_m=rows["x_m"].where(rows.index != 7, 0.0)),
+            "hash in their row",
+        ),
+        ("waypoints", lambda rows: rows.assign(seq=rows["seq"].replace(5, 4)), "not numbered"),
+        ("waypoints", lambda rows: rows.assign(t_s=-rows["t_s"]), "time does not increase"),
+        ("poses", lambda rows: rows.assign(qw=rows["qw"] * 0.5), "poses of flight"),
+        ("transfers", lambda rows: rows.assign(status="fine"), "'fine' is not required, one of ok"),
+        (
+            "transfers",
+            lambda rows: rows.assign(frechet_m=-1.0),
+            "transfers.frechet_m: '-1.0' is not at least 0",
+        ),
+        ("transfers", lambda rows: rows.assign(target_id="lost"), "lost is not in structures"),
+        ("transfers", lambda rows: rows.assign(settings_sha256="0" * 64), "settings 000000000000"),
+        ("structures", lambda rows: rows.assign(n_triangles=7), "not as said of boxy"),
+        ("structures", lambda rows: rows.assign(mesh_sha256="0" * 64), "cannot be read"),
+        (
+            "demonstrations",
+            lambda rows: rows.assign(structure_id=""),
+            "demonstrations.structure_id: '' is not",
+        ),
+    ],
+)
+def test_what_is_wrong_is_found(catalog, table, change, words):
+    rewrite(catalog, table, change)
+    assert words in said(catalog)
+
+
+def test_a_damaged_mesh_is_found(catalog):
+    path = next(Path(catalog.meshes.files.root).iterdir())
+    path.write_bytes(path.read_bytes()[:-100])
+    assert f"{path}: is damaged; the mesh of" in said(catalog)
+
+
+def snapshot(catalog) -> list[pd.DataFrame]:
+    return [
+        catalog.transfers(every=True),
+        catalog.waypoints(key_of(1, 1)[:20]),
+        catalog.poses("flight"),
+        catalog.structures(every=True),
+        catalog.transfers(version=2),
+    ]
+
+
+def test_compaction_changes_no_answer_and_older_versions_stay(catalog):
+    before = snapshot(catalog)
+    merged = compact(catalog)
+    assert merged["waypoints"] == merged["transfers"] == 3
+    for left, right in zip(before, snapshot(catalog), strict=True):
+        pd.testing.assert_frame_equal(left, right)
+    assert sum(compact(catalog).values()) == 0
+    assert "maintenance" in set(history(catalog)["operation"])
+    assert said(catalog) == ""
+
+
+def aged(catalog, days: float) -> None:
+    """Make every file look this old."""
+    then = time.time() - days * DAY
+    for path in Path(catalog.location).rglob("*"):
+        if path.is_file() and "_delta_log" not in path.parts:
+            os.utime(path, (then, then))
+
+
+def test_vacuum_keeps_the_stated_history(catalog):
+    before = snapshot(catalog)
+    compact(catalog)
+    aged(catalog, 40)
+    kept = vacuum(catalog, keep_days=30)  # merged just now, so their versions are young
+    assert sum(kept.files_removed.values()) == 0
+    for left, right in zip(before, snapshot(catalog), strict=True):
+        pd.testing.assert_frame_equal(left, right)
+    with pytest.raises(SettingsError, match="at least"):
+        vacuum(catalog, keep_days=0.01)
+
+
+def test_vacuum_removes_what_stopped_writers_left_and_nothing_young(catalog, monkeypatch):
+    with monkeypatch.context() as patched:
+        patched.setattr(adding, "_add", lambda *_: 1 / 0)
+        old = f"{datetime.now(UTC) - timedelta(days=40):%Y%m%d-%H%M%S-%f}-deadbeef"
+        for commit in (old, adding.new_commit_id()):
+            patched.setattr(adding, "new_commit_id", lambda commit=commit: commit)
+            with pytest.raises(ZeroDivisionError):
+                catalog.add_plans([(key_of("lost", commit), plan("t0"), {})])
+    root = Path(catalog.location)
+    leftovers = [
+        root / "waypoints" / "part-0.parquet#1",
+        root / "meshes" / ".x.parquet.draft",
+        root / "waypoints" / "x.parquet",
+    ]
+    for path in leftovers:
+        path.write_bytes(b"")
+    assert vacuum(catalog, keep_days=30).drafts_removed == 0
+    assert all(path.exists() for path in leftovers)
+    for path in leftovers:
+        os.utime(path, (time.time() - 40 * DAY,) * 2)
+    held = set(catalog.tables["waypoints"].read(None, ["commit_id"])["commit_id"].to_pylist())
+    assert len(held) == 4  # three nights and the young orphan: the old one went in the first vacuum
+    assert old not in held
+    kept = vacuum(catalog, keep_days=30)
+    assert kept.drafts_removed == 2
+    assert not any(path.exists() for path in leftovers)
+    assert said(catalog) == ""
+
+
+def test_vacuum_bounds_the_cache(catalog):
+    assert len(catalog.cache.entries()) == 12  # what each plan sees of its target
+    assert vacuum(catalog, cache_bytes=0).cache_bytes_freed > 0
+    assert catalog.cache.entries() == []
+
+
+def test_two_merges_at_the_same_time_do_not_double_rows(catalog, monkeypatch):
+    """The second one finds the files of the first gone, and leaves it at that."""
+    other = open_catalog(catalog.location)
+    before = snapshot(catalog)
+    merge_oldest, met = merging._merge_oldest, []
+
+    def meanwhile(table, delta, size_bytes):
+        if table.uri not in met:
+            met.append(table.uri)
+            merging.merge(other.tables[table.declared.name], size_bytes)  # `delta` does not know of it
+        return merge_oldest(table, delta, size_bytes)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(merging, "_merge_oldest", meanwhile)
+        compact(catalog)
+    for left, right in zip(before, snapshot(open_catalog(catalog.location)), strict=True):
+        pd.testing.assert_frame_equal(left, right)
+    assert said(catalog) == ""
+
+
+def test_published_files_hold_the_current_rows(catalog, tmp_path):
+    catalog.add_plans([(key_of("no"), plan("t3", status="refused", preset="paper"), {})])
+    counts = export_tables(catalog, tmp_path / "reports")
+    assert counts == {"transfers": 5, "structures": 5, "demonstrations": 1, "waypoints": 240, "poses": 50}
+    read = {name: pd.read_parquet(tmp_path / "reports" / f"{name}.parquet") for name in TABLES}
+    for name, frame in read.items():
+        assert list(frame.columns) == TABLES[name].names
+    pd.testing.assert_frame_equal(read["transfers"], catalog.transfers(), check_dtype=False)
+    one = read["waypoints"][read["waypoints"]["transfer_id"] == key_of(2, 1)[:20]].reset_index(drop=True)
+    pd.testing.assert_frame_equal(one, catalog.waypoints(key_of(2, 1)[:20]), check_dtype=False)
+    assert set(read["waypoints"]["transfer_id"]) == set(
+        read["transfers"].query("status == 'ok'")["transfer_id"]
+    )
+    assert sorted(path.name for path in (tmp_path / "reports").iterdir()) == sorted(
+        f"{n}.parquet" for n in TABLES
+    )
+
+
+def test_published_files_say_units_and_version(catalog, tmp_path):
+    export_tables(catalog, tmp_path)
+    schema = pa.parquet.read_schema(tmp_path / "waypoints.parquet")
+    assert schema.field("t_s").metadata[b"unit"] == b"s"
+    assert schema.metadata[b"schema_version"] == b"1"
+    generations = {
+        pa.parquet.read_schema(tmp_path / f"{name}.parquet").metadata[b"generation"] for name in TABLES
+    }
+    assert len(generations) == 1
+
+
+def test_publishing_in_pieces_gives_the_same(catalog, tmp_path, monkeypatch):
+    from upplied.catalog.verbs import published
+
+    export_tables(catalog, tmp_path / "whole")
+    monkeypatch.setattr(published, "_CHUNK", 70)
+    export_tables(catalog, tmp_path / "pieces")
+    for name in TABLES:
+        left, right = (pd.read_parquet(tmp_path / at / f"{name}.parquet") for at in ("whole", "pieces"))
+        pd.testing.assert_frame_equal(left, right)
+
+
+def test_a_publication_that_fails_leaves_what_was_there(catalog, tmp_path):
+    export_tables(catalog, tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.glob("*.parquet")}
+    catalog.tables["waypoints"].append(catalog.tables["waypoints"].read().slice(0, 1))
+    catalog.add_plans([(key_of("late"), plan("t0", 77), {})])
+    with pytest.raises(CatalogError):
+        export_tables(open_catalog(catalog.location), tmp_path)
+    rewrite(catalog, "waypoints", lambda rows: rows.iloc[:0])
+    with pytest.raises(CatalogError, match="catalog verify"):
+        export_tables(catalog, tmp_path)
+    assert {path.name: path.read_bytes() for path in tmp_path.glob("*.parquet")} == before
+    assert not list(tmp_path.glob(".*"))

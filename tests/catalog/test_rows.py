@@ -1,0 +1,98 @@
+"""Records to rows and back: equal in every field, bit by bit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from catalog_records import demonstration, differences, key_of, plan, structure
+
+from upplied.catalog.schema import plan_rows, rows
+from upplied.catalog.schema.steps import poses_sha256, stored_quats
+from upplied.catalog.schema.tables import TABLES
+from upplied.config import settings_for
+from upplied.errors import CatalogError
+from upplied.records import Measures, Structure, Surroundings, Trajectory
+
+
+def through(table: str, row: dict) -> dict:
+    """A row as it comes back from Arrow."""
+    return rows.rows_of(rows.table_of(TABLES[table], [row]))[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_structure_round_trip(seed: int):
+    given = structure(seed=seed)
+    back = rows.structure_of(through("structures", rows.structure_row(given, "0" * 64)), given)
+    assert differences(given, back) == []
+
+
+def test_bare_structure_round_trip():
+    given = Structure("a", "box", np.eye(3), np.empty((0, 3), np.int64), normals=np.eye(3))
+    back = rows.structure_of(through("structures", rows.structure_row(given, "0" * 64)), given)
+    assert differences(given, back) == []
+    assert differences(Surroundings(), back.surroundings) == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_demonstration_round_trip(seed: int):
+    given = demonstration(seed=seed)
+    row = through("demonstrations", rows.demonstration_row(given))
+    assert differences(given, rows.demonstration_of(row, rows.pose_table(given, "c"))) == []
+
+
+def test_path_length_leaves_breaks_out():
+    line = np.column_stack([[0.0, 1, 2, 100, 101], np.zeros(5), np.zeros(5)])
+    given = demonstration(count=5, positions=line, breaks=np.array([3]))
+    assert rows.demonstration_row(given)["path_length_m"] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("status", ["ok", "refused", "failed"])
+def test_plan_round_trip(status: str):
+    given = replace(plan(status=status), surface=None)
+    row = through("transfers", plan_rows.transfer_row(key_of(status), given, {}))
+    steps = (
+        plan_rows.waypoint_table("id", given, "c")
+        if given.trajectory
+        else TABLES["waypoints"].schema.empty_table()
+    )
+    assert differences(given, plan_rows.plan_of(row, steps)) == []
+
+
+def test_missing_measures_are_null_not_nan():
+    given = replace(plan(), measures=Measures(frechet_m=1.0))
+    row = through("transfers", plan_rows.transfer_row(key_of(1), given, {}))
+    assert row["frechet_m"] == 1.0
+    assert row["coverage_seen_pct"] is None
+    assert np.isnan(
+        plan_rows.plan_of(row, plan_rows.waypoint_table("id", given, "c")).measures.coverage_seen_pct
+    )
+
+
+def test_stored_orientations_have_w_not_negative_and_are_the_same():
+    quats = np.random.default_rng(1).normal(size=(40, 4))
+    kept = stored_quats(quats)
+    assert (kept[:, 3] >= 0).all()
+    assert np.array_equal(np.abs(kept), np.abs(quats))
+    sign = np.sign(kept[:, 0] * quats[:, 0])
+    assert np.array_equal(kept, quats * sign[:, None])
+
+
+def test_the_hash_of_poses_sees_every_number():
+    path = plan().trajectory
+    before = poses_sha256(path.t_s, path.positions, path.quat_xyzw)
+    for name in ("t_s", "positions", "quat_xyzw"):
+        changed = getattr(path, name).copy()
+        changed.flat[-1] = np.nextafter(changed.flat[-1], 2)
+        other = replace(path, **{name: changed})
+        assert poses_sha256(other.t_s, other.positions, other.quat_xyzw) != before
+    opposite = Trajectory(path.t_s, path.positions, -path.quat_xyzw)
+    assert poses_sha256(opposite.t_s, opposite.positions, opposite.quat_xyzw) == before
+
+
+def test_provenance_is_kept_and_a_slip_is_named():
+    settings = settings_for("paper", route={"clearance_m": 3.0})
+    row = plan_rows.transfer_row(key_of(0), plan(preset="paper"), {"settings": settings, "run_id": "r"})
+    assert row["settings_sha256"] == settings.sha256
+    assert '"clearance_m":3.0' in row["settings_json"]
+    with pytest.raises(CatalogError, match="runid"):
+        plan_rows.transfer_row(key_of(0), plan(), {"runid": "r"})

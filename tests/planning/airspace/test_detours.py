@@ -1,0 +1,209 @@
+"""Routes: whatever comes out keeps the rules on its whole length, or a refusal says where and why."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from upplied.config import CloudSettings
+from upplied.errors import RefusedError
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.detours import Ways, route, safe_positions
+from upplied.planning.airspace.rules import Airspace, crosses_box, crosses_fence, inside_fence
+from upplied.planning.surface.samples import surface_samples
+from upplied.poses import look_at
+from upplied.records import Floats, Structure, Surroundings, Waypoints
+from upplied.scene import Scene
+
+CLEARANCE = 2.0
+
+
+def ways(surroundings: Surroundings | None = None, *boxes: tuple[Floats, Floats]) -> Ways:
+    """Round a cube of 10 m on the origin, or round other boxes."""
+    unit = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))])
+    given = boxes or ((np.full(3, -5.0), np.full(3, 5.0)),)
+    vertices = np.vstack([low + unit * (np.asarray(high) - low) for low, high in given])
+    stacked = np.vstack([triangles + 8 * index for index in range(len(given))])
+    structure, scene = Structure("boxes", "box", vertices, stacked), Scene(vertices, stacked, 1)
+    surface = surface_samples(structure, scene, CloudSettings(surface_samples=1200))
+    return Ways(Airspace(scene, CLEARANCE, surroundings or Surroundings(), 1.0), surface)
+
+
+def line(start: Floats, end: Floats, number: int) -> Floats:
+    return np.asarray(start) + np.linspace(0, 1, number)[:, None] * (np.asarray(end) - start)
+
+
+def waypoints(positions: Floats) -> Waypoints:
+    count = len(positions)
+    looks = look_at(positions, np.zeros_like(positions))
+    return Waypoints(positions, looks, np.arange(count, dtype=float), np.ones(count, bool))
+
+
+def independent_clearance(positions: Floats, low: float = -5.0, high: float = 5.0) -> float:
+    """Distance of a densely sampled path from a solid cube, in closed form."""
+    share = np.linspace(0, 1, 60)[:, None]
+    dense = np.vstack([a + share * (b - a) for a, b in itertools.pairwise(positions)])
+    return float(np.linalg.norm(np.maximum(np.maximum(low - dense, dense - high), 0), axis=1).min())
+
+
+def test_a_safe_path_is_left_alone() -> None:
+    path = waypoints(line([-20.0, -9, 0], [20, -9, 0], 30))
+    round_cube = ways()
+    assert route(path, round_cube) is path
+    assert safe_positions(path.positions, round_cube) is path.positions
+
+
+def test_a_path_through_the_cube_is_led_round_it() -> None:
+    through = line([-20.0, 0.5, 0.2], [20, 0.5, 0.2], 80)
+    round_cube = ways()
+    dense = safe_positions(through, round_cube)
+    assert len(dense) == 80
+    assert dense[[0, -1]] == pytest.approx(through[[0, -1]])
+    sparse = route(waypoints(through[::20]), round_cube)
+    for positions in (dense, sparse.positions):
+        assert independent_clearance(positions) >= CLEARANCE
+        assert path_clearance(round_cube.airspace.scene, positions).distance_m >= CLEARANCE
+        length = np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()
+        assert length < 1.35 * 40  # the shortest way round is 46 m
+    assert (np.diff(sparse.t_s) >= 0).all()
+
+
+def test_viewpoints_stay_viewpoints_in_their_order() -> None:
+    path = waypoints(line([-20.0, 0.5, 0.2], [20, 0.5, 0.2], 5))
+    routed = route(path, ways())
+    assert routed.is_viewpoint.sum() == 5
+    kept = routed.positions[routed.is_viewpoint]
+    assert kept[[0, 1, 3, 4]] == pytest.approx(path.positions[[0, 1, 3, 4]], abs=1e-9)
+    assert (np.diff(kept[:, 0]) > 0).all()
+    assert routed.quat_xyzw[routed.is_viewpoint] == pytest.approx(path.quat_xyzw, abs=1e-9)
+    assert np.linalg.norm(routed.quat_xyzw, axis=1) == pytest.approx(np.ones(len(routed)))
+
+
+def test_what_is_a_little_too_near_is_pushed_out_and_little_else_moves() -> None:
+    near = line([-30.0, 6.5, 0], [30, 6.5, 0], 121)
+    safe = safe_positions(near, ways())
+    moved = np.linalg.norm(safe - near, axis=1)
+    assert independent_clearance(safe) >= CLEARANCE and moved.max() < 1.2
+    assert moved[np.abs(near[:, 0]) > 14].max() < 1e-9
+    turn = np.diff(safe, axis=0)
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    assert np.degrees(np.arccos(np.clip((turn[1:] * turn[:-1]).sum(axis=1), -1, 1))).max() < 30
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 2**31))
+def test_any_path_comes_out_safe_or_refused(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ground = Surroundings(ground_z_m=-7.0, keep_out_m=np.array([[[8.0, -3, -3], [12, 3, 6]]]))
+    corner = np.cumsum(rng.normal(0, 7, (4, 3)), axis=0)
+    path = np.vstack([line(a, b, 25) for a, b in itertools.pairwise(corner)])
+    round_cube = ways(ground)
+    for planned in (safe_positions(path, round_cube), route(waypoints(path[::12]), round_cube).positions):
+        assert independent_clearance(planned) >= CLEARANCE
+        assert planned[:, 2].min() >= -6.0 - 1e-9
+        share = np.linspace(0, 1, 60)[:, None]
+        dense = np.vstack([a + share * (b - a) for a, b in itertools.pairwise(planned)])
+        assert not ((dense > [8, -3, -3]) & (dense < [12, 3, 6])).all(axis=1).any()
+
+
+def test_inside_of_a_hollow_box_is_no_place_to_fly() -> None:
+    hollow = ways(None, (np.full(3, -12.0), np.full(3, 12.0)))
+    inside = line([-3.0, 0, 0], [3, 0, 0], 40)  # 9 m from every wall, yet nobody gets there
+    safe = safe_positions(inside, hollow)
+    assert independent_clearance(safe, -12, 12) >= CLEARANCE
+
+
+def test_ground_ceiling_and_fence_hold() -> None:
+    fence = np.array([[-30.0, -30], [30, -30], [30, 9], [-30, 9]])
+    limits = Surroundings(ground_z_m=-5.0, ceiling_z_m=12.0, geofence_m=fence)
+    round_cube = ways(limits)
+    wild = np.vstack([line([-20.0, -12, -9], [20, -12, 20], 40), line([20.0, -12, 20], [20, 15, 0], 40)])
+    safe = safe_positions(wild, round_cube)
+    assert safe[:, 2].min() >= -4.0 and safe[:, 2].max() <= 12.0
+    assert inside_fence(fence, safe).all() and not round_cube.airspace.broken(safe).any()
+
+
+def test_what_cannot_be_repaired_is_refused_with_place_and_reason() -> None:
+    low_ceiling = Surroundings(ground_z_m=5.0, ceiling_z_m=5.5)  # no height is allowed
+    with pytest.raises(RefusedError, match=r"waypoint \d+ at \(.*\) m"):
+        safe_positions(line([-20.0, 0, 0], [20, 0, 0], 30), ways(low_ceiling))
+    walled = Surroundings(
+        geofence_m=np.array([[-30.0, -4], [30, -4], [30, 4], [-30, 4]]), ground_z_m=-6.0, ceiling_z_m=6.5
+    )
+    with pytest.raises(RefusedError, match=r"waypoint \d+ at"):
+        route(waypoints(line([-20.0, 0, 0], [20, 0, 0], 5)), ways(walled))
+
+
+def test_reasons_are_in_words() -> None:
+    limits = Surroundings(
+        ground_z_m=-9.0,
+        ceiling_z_m=20.0,
+        keep_out_m=np.array([[[8.0, -3, -3], [12, 3, 6]]]),
+        geofence_m=np.array([[-30.0, -30], [30, -30], [30, 30], [-30, 30]]),
+    )
+    airspace = ways(limits).airspace
+    cases = {
+        (0.0, 6, 0): "from the structure",
+        (20.0, 0, -8.5): "least height",
+        (20.0, 0, 25): "ceiling",
+        (40.0, 0, 0): "geofence",
+        (10.0, 0, 0): "keep-out",
+    }
+    for place, words in cases.items():
+        assert words in airspace.why(np.array(place))
+        assert not airspace.allowed(np.array([place]))[0]
+    assert airspace.why(np.array([20.0, 0, 0])) == ""
+    assert airspace.allowed(np.array([[20.0, 0, 0]]))[0]
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**31))
+def test_boxes_and_fences_agree_with_dense_sampling(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    start, end = rng.uniform(-5, 5, (2, 40, 3))
+    axis = int(rng.integers(3))
+    end[:10, axis] = start[:10, axis]  # legs along a face
+    low, high = np.array([-2.0, -1, -3]), np.array([1.0, 2, 2])
+    dense = start[:, None] + np.linspace(0, 1, 3001)[:, None] * (end - start)[:, None]
+    depth = np.minimum(dense - low, high - dense).min(axis=2).max(axis=1)
+    sure = np.abs(depth) > 5e-3
+    assert np.array_equal(crosses_box(start, end, low, high)[sure], (depth > 0)[sure])
+    polygon = np.array([[-4.0, -4], [4, -4], [4, 4], [0, 0.5], [-4, 4]])
+    inside = inside_fence(polygon, dense.reshape(-1, 3)).reshape(dense.shape[:2])
+    leaves = inside.any(axis=1) & ~inside.all(axis=1)
+    both_in = inside[:, 0] & inside[:, -1]
+    assert (crosses_fence(polygon, start, end) | ~leaves).all()
+    clean = both_in & ~leaves
+    grazing = np.array([_gap_to_edges(polygon, path[:, :2]) < 0.01 for path in dense])
+    assert not (crosses_fence(polygon, start, end) & clean & ~grazing).any()
+
+
+def _gap_to_edges(polygon: Floats, path: Floats) -> float:
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    share = np.clip(((path[:, None] - polygon) * edge).sum(axis=2) / (edge**2).sum(axis=1), 0, 1)
+    return float(np.linalg.norm(polygon + share[..., None] * edge - path[:, None], axis=2).min())
+
+
+def test_the_ground_margin_is_kept_only_where_ground_is_known() -> None:
+    airspace = ways().airspace
+    deep = np.array([[20.0, 0, -500]])
+    assert airspace.allowed(deep)[0]
+    assert not replace(airspace, surroundings=Surroundings(ground_z_m=-10.0)).allowed(deep)[0]
+
+
+def test_a_small_push_leaves_a_curve_its_shape() -> None:
+    turn = np.linspace(0, 4 * np.pi, 160)
+    ring = np.column_stack([30 * np.cos(turn), 30 * np.sin(turn), np.linspace(-2, 2, 160)])
+    near = np.array(ring)
+    near[70:74, :2] *= 0.2  # into the box
+    safe = safe_positions(near, ways())
+    assert independent_clearance(safe) >= CLEARANCE
+    untouched = np.abs(np.arange(160) - 71.5) > 12
+    assert np.linalg.norm((safe - ring)[untouched], axis=1).max() < 1.0

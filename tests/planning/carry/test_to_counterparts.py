@@ -1,0 +1,99 @@
+"""The flight carried to the counterparts: scaled structures, kept stand-offs, parts that moved."""
+
+import numpy as np
+import pytest
+
+from upplied.config import TransferSettings
+from upplied.planning.carry.affine import AxisMap
+from upplied.planning.carry.to_counterparts import follow_counterparts
+from upplied.poses import angle_between, look_at, optical_axis
+from upplied.records import Camera, Cloud, Correspondences, Trajectory, Visibility
+
+CAMERA = Camera(max_range_m=200)
+
+
+def ball(count=400, radius=4.0):
+    index = np.arange(count) + 0.5
+    z, turn = 1 - 2 * index / count, np.pi * (1 + np.sqrt(5)) * index
+    ring = np.sqrt(1 - z**2)
+    normals = np.column_stack([ring * np.cos(turn), ring * np.sin(turn), z])
+    return Cloud(radius * normals, normals, np.full(count, 4 * np.pi * radius**2 / count))
+
+
+def orbit(radius=12.0, count=60):
+    turn = np.linspace(0, 1.5 * np.pi, count)
+    positions = radius * np.column_stack([np.cos(turn), np.sin(turn), 0.2 * np.sin(2 * turn)])
+    return Trajectory(np.arange(count, dtype=float), positions, look_at(positions, np.zeros((count, 3))))
+
+
+def facing(flight, cloud):
+    rays = flight.positions[:, None] - cloud.points
+    return Visibility(np.einsum("mnj,nj->mn", rays, cloud.normals) > 0)
+
+
+def follow(scale, shift=(0.0, 0.0, 0.0), partial=None, **settings):
+    cloud, flight = ball(), orbit()
+    there = cloud.points * scale + shift
+    pairs = Correspondences(np.arange(len(there)), np.zeros(len(there)), there)
+    carrier = AxisMap(np.eye(3) * scale, np.zeros(3) if partial else np.asarray(shift, float))
+    seen = facing(flight, cloud)
+    return flight, follow_counterparts(
+        flight, seen, cloud, pairs, carrier, TransferSettings(**settings), CAMERA, 0.1, 5.0
+    )
+
+
+def test_the_same_structure_gives_the_flight_back():
+    flight, done = follow(1.0)
+    np.testing.assert_allclose(done.positions, flight.positions, atol=1e-9)
+    assert angle_between(done.quat_xyzw, flight.quat_xyzw).max() < 1e-6
+
+
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_scaled_stand_off_scales_the_flight(scale):
+    flight, done = follow(scale)
+    np.testing.assert_allclose(done.positions, scale * flight.positions, atol=1e-6)
+    assert angle_between(done.quat_xyzw, flight.quat_xyzw).max() < 1e-6
+
+
+def test_kept_stand_off_keeps_the_distance_to_what_is_seen():
+    flight, done = follow(2.0, standoff="kept")
+    seen, cloud = facing(flight, ball()).seen, ball()
+    here = np.linalg.norm(flight.positions[:, None] - cloud.points, axis=2)
+    there = np.linalg.norm(done.positions[:, None] - 2 * cloud.points, axis=2)
+    ray = flight.positions[:, None] - cloud.points
+    share = np.where(seen, np.einsum("mnj,nj->mn", ray, cloud.normals) / here**3, 0)  # of the picture
+    kept = [np.average(there[pose], weights=share[pose]) for pose in range(len(flight))]
+    flown = [np.average(here[pose], weights=share[pose]) for pose in range(len(flight))]
+    assert np.array(kept) == pytest.approx(np.array(flown), rel=0.08)
+
+
+def test_a_ground_sampling_distance_sets_the_distance():
+    cloud, flight = ball(), orbit()
+    pairs = Correspondences(np.arange(400), np.zeros(400), cloud.points)
+    camera = Camera(hfov_deg=90, max_range_m=200, width_px=1000)
+    done = follow_counterparts(
+        flight, facing(flight, cloud), cloud, pairs, AxisMap(np.eye(3), np.zeros(3)),
+        TransferSettings(gsd_m=0.03), camera, 0.1, 5.0,
+    )  # fmt: skip
+    distance = np.linalg.norm(done.positions[:, None] - cloud.points, axis=2)
+    in_view = np.where(facing(flight, cloud).seen, distance, np.nan)
+    assert np.nanmedian(in_view) == pytest.approx(0.03 * 1000 / 2, rel=0.15)
+
+
+def test_a_part_that_lies_elsewhere_is_followed():
+    shift = np.array([3.0, -2.0, 1.0])
+    flight, done = follow(1.0, shift, partial=True)
+    np.testing.assert_allclose(done.positions, flight.positions + shift, atol=1e-6)
+    towards = shift - done.positions
+    cosine = np.sum(optical_axis(done.quat_xyzw) * towards, axis=1) / np.linalg.norm(towards, axis=1)
+    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 1
+
+
+def test_a_flight_that_sees_nothing_known_is_carried_by_the_map():
+    cloud, flight = ball(), orbit()
+    none = Correspondences(np.full(400, -1), np.full(400, np.nan), np.full((400, 3), np.nan))
+    done = follow_counterparts(
+        flight, facing(flight, cloud), cloud, none, AxisMap(2 * np.eye(3), np.ones(3)),
+        TransferSettings(), CAMERA, 0.1, 0.5,
+    )  # fmt: skip
+    np.testing.assert_allclose(done.positions, 2 * flight.positions + 1)

@@ -1,0 +1,70 @@
+"""Repetitions: on each matching part, and mirrored to the other side."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from upplied.config import settings_for
+from upplied.errors import SettingsError
+from upplied.planning.correspondence.pair import study_pair
+from upplied.planning.demonstration.repetition import demonstrated_part, joined, mirrored, takes_of
+from upplied.planning.plan import plan_transfer
+from upplied.planning.surface.parts import parts_of
+from upplied.poses import optical_axis
+from upplied.samples.fleet import sample_structures
+from upplied.samples.pilot import fly
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    return {structure.structure_id: structure for structure in sample_structures()}
+
+
+@pytest.fixture(scope="module")
+def engine(fleet):
+    return fly(fleet["a320-v1"], "engine_left")
+
+
+def test_mirroring_twice_gives_the_flight_back(fleet, engine):
+    once = mirrored(engine, fleet["a320-v1"])
+    twice = mirrored(once, fleet["a320-v1"])
+    np.testing.assert_allclose(twice.positions, engine.positions, atol=1e-12)
+    np.testing.assert_allclose(optical_axis(twice.quat_xyzw), optical_axis(engine.quat_xyzw), atol=1e-9)
+    np.testing.assert_allclose(
+        optical_axis(once.quat_xyzw), optical_axis(engine.quat_xyzw) * [1, -1, 1], atol=1e-9
+    )
+
+
+def test_the_engine_is_what_the_flight_round_it_is_about(fleet, engine):
+    settings = settings_for("recommended")
+    pair = study_pair(fleet["a320-v1"], fleet["b747-v1"], settings)
+    (take,) = takes_of(engine, pair, settings)
+    part = parts_of(pair.surface.source).middle[demonstrated_part(take)]
+    assert 4 < part[1] < 8 and part[2] < 3  # under the left wing of an A320
+
+
+def test_each_engine_of_a_747_is_inspected(fleet, engine):
+    settings = settings_for("recommended", correspondence={"repeat": "each"})
+    plan = plan_transfer(engine, fleet["a320-v1"], fleet["b747-v1"], settings)
+    assert plan.status == "ok", plan.reason
+    assert plan.measures.min_clearance_m >= 2
+    assert plan.measures.coverage_seen_pct > 95
+    across = plan.trajectory.positions[:, 1]
+    for engine_y in (20.8, 11.7, -11.7, -20.8):  # of the sample 747
+        assert np.abs(across - engine_y).min() < 8
+    once = plan_transfer(engine, fleet["a320-v1"], fleet["b747-v1"], settings_for("recommended"))
+    assert once.trajectory.positions[:, 1].min() > 0
+
+
+def test_presets_that_know_no_parts_say_so(fleet, engine):
+    settings = settings_for("paper", correspondence={"repeat": "mirror"})
+    with pytest.raises(SettingsError, match="recommended"):
+        plan_transfer(engine, fleet["a320-v1"], fleet["b747-v1"], settings)
+
+
+def test_joined_flights_follow_one_another(engine):
+    flight = engine.trajectory
+    both = joined([flight, replace(flight, positions=flight.positions + 1)])
+    assert len(both) == 2 * len(flight) and (np.diff(both.t_s) > 0).all()
+    np.testing.assert_array_equal(both.positions[len(flight) :], flight.positions + 1)

@@ -1,0 +1,205 @@
+"""Laws of the surface samples, checked where the outside is known by geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull, cKDTree
+
+from upplied.config import CloudSettings
+from upplied.planning.surface.poisson import shares, thin
+from upplied.planning.surface.samples import surface_samples
+from upplied.records import Cloud, Structure
+from upplied.scene import scene_of
+
+SETTINGS = CloudSettings(surface_samples=1500)
+BOX = np.array(
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float
+)
+FACES = np.array(
+    [
+        0,
+        2,
+        1,
+        0,
+        3,
+        2,
+        4,
+        5,
+        6,
+        4,
+        6,
+        7,
+        0,
+        1,
+        5,
+        0,
+        5,
+        4,
+        1,
+        2,
+        6,
+        1,
+        6,
+        5,
+        2,
+        3,
+        7,
+        2,
+        7,
+        6,
+        3,
+        0,
+        4,
+        3,
+        4,
+        7,
+    ]
+).reshape(12, 3)
+SIZE = np.array([10.0, 6.0, 4.0])
+
+
+def mesh(*pieces: tuple[np.ndarray, np.ndarray]) -> Structure:
+    offset, vertices, triangles = 0, [], []
+    for points, faces in pieces:
+        vertices.append(points)
+        triangles.append(np.asarray(faces) + offset)
+        offset += len(points)
+    return Structure("s", "test", np.concatenate(vertices), np.concatenate(triangles))
+
+
+def box(size: np.ndarray = SIZE, low: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    return BOX * size + low, FACES
+
+
+def sample(structure: Structure, settings: CloudSettings = SETTINGS) -> Cloud:
+    return surface_samples(structure, scene_of(structure, 1), settings)
+
+
+def hull(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    points = np.random.default_rng(seed).normal(size=(40, 3)) * [9.0, 5.0, 3.0]
+    return points, ConvexHull(points).simplices  # of arbitrary winding
+
+
+AREA = 2 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_convex_is_wholly_outside(seed: int) -> None:
+    points, faces = hull(seed)
+    found = sample(mesh((points, faces)))
+    solid = ConvexHull(points)
+    assert found.area_m2 is not None and found.normals is not None
+    assert found.area_m2.sum() == pytest.approx(solid.area, rel=0.01)
+    assert len(found) == pytest.approx(SETTINGS.surface_samples, rel=0.03)
+    # Every sample lies on a facet of the hull, and its normal is the outward one of that facet.
+    height = found.points @ solid.equations[:, :3].T + solid.equations[:, 3]
+    np.testing.assert_allclose(height.max(axis=1), 0, atol=1e-9)
+    facing = np.einsum("ij,ij->i", found.normals, solid.equations[height.argmax(axis=1), :3])
+    np.testing.assert_allclose(facing, 1, atol=1e-6)
+
+
+def test_each_face_of_a_box_has_its_area() -> None:
+    found = sample(mesh(box()))
+    for axis in range(3):
+        for sign in (1, -1):
+            on = found.normals[:, axis] * sign > 0.9
+            assert found.area_m2[on].sum() == pytest.approx(np.delete(SIZE, axis).prod(), rel=0.02)
+
+
+def test_interiors_do_not_count() -> None:
+    nested = mesh(box(), box(SIZE * 0.5, SIZE * 0.25), box(SIZE * 0.2, SIZE * 0.4))
+    found = sample(nested)
+    assert found.area_m2.sum() == pytest.approx(AREA, rel=0.03)
+    on_wall = (np.abs(found.points) < 1e-9) | (np.abs(found.points - SIZE) < 1e-9)
+    assert on_wall.any(axis=1).all()
+
+
+@pytest.mark.parametrize("flip", [False, True])
+def test_copies_of_faces_count_once(flip: bool) -> None:
+    points, faces = box()
+    copies = faces[:6, ::-1] if flip else faces[:6]
+    found = sample(mesh((points, faces), (points, copies), (points, copies)))
+    assert found.area_m2.sum() == pytest.approx(AREA, rel=0.03)
+    apart = cKDTree(found.points).query(found.points, k=2)[0][:, 1]
+    assert np.percentile(apart, 5) > 0.45 * np.sqrt(AREA / len(found))
+
+
+def test_winding_does_not_matter() -> None:
+    points, faces = box()
+    flipped = np.where((np.arange(12) % 3 == 0)[:, None], faces[:, ::-1], faces)
+    found = sample(mesh((points, flipped)))
+    outward = np.einsum("ij,ij->i", found.normals, found.points - SIZE / 2)
+    assert (outward > 0).all()
+    assert found.area_m2.sum() == pytest.approx(AREA, rel=0.02)
+
+
+def test_sheet_has_two_sides() -> None:
+    points = np.array([[0.0, 0, 0], [8, 0, 0], [8, 0, 5], [0, 0, 5]])
+    found = sample(mesh((points, [[0, 1, 2], [0, 2, 3]])))
+    assert found.area_m2.sum() == pytest.approx(80, rel=0.01)
+    assert found.area_m2[found.normals[:, 1] > 0.9].sum() == pytest.approx(40, rel=0.05)
+
+
+def test_thin_plate_keeps_both_skins() -> None:
+    found = sample(mesh(box(np.array([20.0, 20.0, 0.05]))))
+    up, down = found.normals[:, 2] > 0.9, found.normals[:, 2] < -0.9
+    assert found.area_m2[up].sum() == pytest.approx(400, rel=0.03)
+    assert found.area_m2[down].sum() == pytest.approx(400, rel=0.03)
+
+
+def test_open_bottom_is_closed_by_the_floor() -> None:
+    points, faces = box()
+    found = sample(mesh((points, faces[2:])))  # no bottom
+    assert found.area_m2.sum() == pytest.approx(AREA - SIZE[0] * SIZE[1], rel=0.03)
+
+
+def test_open_top_shows_its_inside() -> None:
+    points, faces = box()
+    shell = np.delete(faces, [2, 3], axis=0)
+    found = sample(mesh((points, shell)))
+    inside = np.einsum("ij,ij->i", found.normals, found.points - SIZE / 2) < 0
+    assert found.area_m2[inside].sum() == pytest.approx(AREA - SIZE[0] * SIZE[1], rel=0.05)
+
+
+def test_samples_keep_apart() -> None:
+    found = sample(mesh(hull(4)))
+    apart = cKDTree(found.points).query(found.points, k=2)[0][:, 1]
+    even = np.sqrt(found.area_m2.sum() / len(found))
+    assert np.percentile(apart, 5) > 0.6 * even
+    assert found.area_m2.max() < 5 * found.area_m2.mean()
+
+
+def test_deterministic_and_moved_with_the_structure() -> None:
+    points, faces = hull(5)
+    one, again = sample(mesh((points, faces))), sample(mesh((points, faces)))
+    np.testing.assert_array_equal(one.points, again.points)
+    np.testing.assert_array_equal(one.area_m2, again.area_m2)
+    moved = sample(mesh((points + np.array([100.0, -50, 20]), faces)))
+    assert len(moved) == pytest.approx(len(one), rel=0.02)
+    assert moved.area_m2.sum() == pytest.approx(one.area_m2.sum(), rel=1e-3)
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_point_cloud_uses_its_points(given: bool) -> None:
+    turn = np.pi * (1 + np.sqrt(5)) * np.arange(6000)
+    height = np.linspace(-1, 1, 6000)
+    ring = np.sqrt(1 - height**2)
+    unit = np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
+    structure = Structure("s", "test", 5 * unit, np.empty((0, 3), np.int64), unit if given else None)
+    found = sample(structure)
+    assert len(found) == pytest.approx(SETTINGS.surface_samples, rel=0.03)
+    assert found.area_m2.sum() == pytest.approx(4 * np.pi * 25, rel=0.1)
+    assert np.einsum("ij,ij->i", found.normals, found.points / 5).min() > 0.95
+
+
+def test_thinning_gives_every_area_away() -> None:
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.random((3000, 2)) * 10, np.zeros(3000)])
+    normals = np.tile([0.0, 0, 1], (3000, 1))
+    kept = thin(points, normals, 500, 100.0)
+    area = shares(points, normals, np.full(3000, 1 / 30), kept)
+    assert len(kept) == pytest.approx(500, abs=5)
+    assert area.sum() == pytest.approx(100)
+    nearest = kept[np.linalg.norm(points[:, None, :] - points[None, kept, :], axis=2).argmin(axis=1)]
+    np.testing.assert_allclose(area, [np.count_nonzero(nearest == index) / 30 for index in kept])

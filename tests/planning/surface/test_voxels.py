@@ -1,0 +1,55 @@
+"""Voxel clouds: PCL's filter, the chosen leaf, and evenness by area."""
+
+import numpy as np
+import pytest
+
+from upplied.config import CloudSettings
+from upplied.planning.surface.voxels import area_uniform, voxel_cloud, voxel_filter
+from upplied.records import Structure
+
+
+def box(size=(4.0, 2.0, 1.0), shift=(0.0, 0.0, 0.0)):
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    triangles = np.array([[q[i] for i in pick] for q in quads for pick in ((0, 1, 2), (0, 2, 3))])
+    return Structure("box-v1", "box", corners * size + shift, triangles)
+
+
+def test_each_voxel_gives_the_centroid_of_its_points():
+    points = np.random.default_rng(3).random((500, 3)) * 10
+    leaf = 1.7
+    expected = {}
+    for point in points:  # the plain definition
+        expected.setdefault(tuple(np.floor((point - points.min(axis=0)) / leaf).astype(int)), []).append(
+            point
+        )
+    found = voxel_filter(points, leaf)
+    means = np.array([np.mean(members, axis=0) for _, members in sorted(expected.items())])
+    np.testing.assert_allclose(found, means, atol=1e-12)
+
+
+@pytest.mark.parametrize("wanted", [300, 1000, 2000])
+def test_the_leaf_leaves_about_the_wanted_number(wanted):
+    cloud = voxel_cloud(box(), CloudSettings(voxel_points=wanted))
+    assert abs(len(cloud) - wanted) < 0.1 * wanted
+
+
+def test_a_moved_structure_gives_the_moved_cloud():
+    shift = np.array([100.0, -50.0, 7.0])
+    here = voxel_cloud(box(), CloudSettings())
+    there = voxel_cloud(box(shift=shift), CloudSettings())
+    np.testing.assert_allclose(there.points, here.points + shift, atol=1e-9)
+
+
+def test_points_are_spread_by_area():
+    shape = box()
+    points = area_uniform(shape.vertices, shape.triangles, 20_000, seed=0)
+    top = np.mean(points[:, 2] > 1 - 1e-9)
+    assert top == pytest.approx(8 / 28, abs=0.01)  # 4 x 2 of 28 m^2
+    assert points[points[:, 2] > 1 - 1e-9][:, :2].mean(axis=0) == pytest.approx([2, 1], abs=0.05)
+
+
+def test_a_point_cloud_is_filtered_as_it_is():
+    points = np.random.default_rng(0).random((5000, 3))
+    cloud = voxel_cloud(Structure("c-v1", "box", points, np.empty((0, 3), np.int64)), CloudSettings(300))
+    np.testing.assert_allclose(cloud.points, voxel_filter(points, cloud.leaf_m))

@@ -1,0 +1,1 @@
+"""What is kept: tables and columns, and records as rows."""

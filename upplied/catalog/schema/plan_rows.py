@@ -1,0 +1,184 @@
+"""Plans to rows and back; what comes back equals what went in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from upplied.catalog.schema.rows import Row, json_text
+from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table
+from upplied.catalog.schema.tables import WAYPOINTS
+from upplied.config import Settings, settings_for
+from upplied.errors import CatalogError
+from upplied.records import Bools, Measures, Plan, Registration, Trajectory
+
+#: What may be said of how a plan came about; see `transfer_row`.
+PROVENANCE = (
+    "run_id",
+    "code_version",
+    "method_version",
+    "planned_at",
+    "planning_s",
+    "settings",
+    "demonstration_sha256",
+    "source_sha256",
+    "target_sha256",
+)
+
+_ID_DIGITS = 20  # of the key in `transfer_id`: 80 bits, still short enough to type
+
+
+def transfer_id(key: str) -> str:
+    """The name of the plan with this key."""
+    return key[:_ID_DIGITS]
+
+
+def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
+    """The row of `transfers`, without the commit that adds it.
+
+    Parameters
+    ----------
+    key : str
+        Hash of everything the plan depends on.
+    plan : Plan
+    provenance : mapping
+        Any of `PROVENANCE`. `settings` is the `Settings` used (those of the preset where it is not
+        said), `planned_at` an aware datetime (now where it is not said).
+
+    Raises
+    ------
+    CatalogError
+        If the provenance has a name that is not kept.
+    """
+    unknown = sorted(set(provenance) - set(PROVENANCE))
+    if unknown:
+        raise CatalogError(
+            f"provenance of {key}", f"has {', '.join(unknown)}", f"any of {', '.join(PROVENANCE)}"
+        )
+    said = dict(provenance)
+    settings: Settings = said.pop("settings", None) or settings_for(plan.preset)
+    registration = plan.registration
+    path = plan.trajectory
+    return {
+        "planned_at": datetime.now(UTC),
+        **said,
+        "transfer_id": transfer_id(key),
+        "key": key,
+        **{
+            name: getattr(plan, name)
+            for name in (
+                "demonstration_id",
+                "source_id",
+                "target_id",
+                "kind",
+                "preset",
+                "status",
+                "reason",
+                "counterpart_summary",
+            )
+        },
+        **asdict(plan.measures),
+        "n_viewpoints": plan.n_viewpoints,
+        "n_waypoints": 0 if path is None else len(path),
+        **(
+            {}
+            if registration is None
+            else {
+                "icp_score_m2": registration.score_m2,
+                "acceptance": registration.acceptance,
+                "runner_up_gap": registration.runner_up_gap,
+            }
+        ),
+        "warnings": json_text(list(plan.warnings)),
+        "settings_sha256": settings.sha256,
+        "settings_json": settings_text(settings),
+        "registration_json": "" if registration is None else _registration_json(registration),
+        "waypoints_sha256": "" if path is None else _plan_sha256(plan),
+    }
+
+
+def waypoint_table(name: str, plan: Plan, commit_id: str) -> pa.Table:
+    """The rows of `waypoints` of one plan that has a trajectory."""
+    assert plan.trajectory is not None
+    path = plan.trajectory
+    columns = {
+        "transfer_id": name,
+        "commit_id": commit_id,
+        "t_s": np.asarray(path.t_s, float),
+        "is_viewpoint": _viewpoint_flags(plan),
+    }
+    return step_table(WAYPOINTS, columns, path.positions, path.quat_xyzw)
+
+
+def plan_of(row: Row, waypoints: pa.Table) -> Plan:
+    """The plan of a row and its waypoints in order, without the states of the surface."""
+    planned = row["n_waypoints"] > 0
+    nan = float("nan")
+    measures = {item.name: row[item.name] for item in fields(Measures)}
+    return Plan(
+        **{name: row[name] for name in ("demonstration_id", "source_id", "target_id", "kind", "preset")},
+        status=row["status"],
+        reason=row["reason"],
+        trajectory=trajectory_of(waypoints) if planned else None,
+        is_viewpoint=np.array(waypoints["is_viewpoint"]) if planned else None,
+        registration=_registration_of(row["registration_json"]),
+        measures=Measures(**{name: nan if value is None else value for name, value in measures.items()}),
+        counterpart_summary=row["counterpart_summary"],
+        warnings=tuple(json.loads(row["warnings"] or "[]")),
+    )
+
+
+def trajectory_of(waypoints: pa.Table) -> Trajectory:
+    """The timed camera poses of rows of `waypoints` in order."""
+    return Trajectory(np.array(waypoints["t_s"]), *pose_arrays(waypoints))
+
+
+def settings_text(settings: Settings) -> str:
+    """The JSON of all settings."""
+    return json_text(asdict(settings))
+
+
+def _plan_sha256(plan: Plan) -> str:
+    assert plan.trajectory is not None
+    path = plan.trajectory
+    return poses_sha256(path.t_s, path.positions, path.quat_xyzw, _viewpoint_flags(plan))
+
+
+def _viewpoint_flags(plan: Plan) -> Bools:
+    assert plan.trajectory is not None
+    if plan.is_viewpoint is None:
+        return np.zeros(len(plan.trajectory), bool)
+    return np.asarray(plan.is_viewpoint, bool)
+
+
+def _registration_json(registration: Registration) -> str:
+    plain = {item.name: getattr(registration, item.name) for item in fields(registration)}
+    return json_text({name: _json_value(value) for name, value in plain.items()})
+
+
+def _json_value(value: Any) -> Any:
+    """Arrays as lists; not-a-number as null, since JSON has no word for it."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _registration_of(text: str) -> Registration | None:
+    if not text:
+        return None
+    kept = json.loads(text)
+    known = {item.name for item in fields(Registration)}
+    return Registration(**{name: _from_json(value) for name, value in kept.items() if name in known})
+
+
+def _from_json(value: Any) -> Any:
+    """The opposite of `_json_value`."""
+    if isinstance(value, list):
+        return np.array(value, float)
+    return float("nan") if value is None else value

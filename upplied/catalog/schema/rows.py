@@ -1,0 +1,178 @@
+"""Records to rows and back; what comes back equals what went in."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from upplied.catalog.schema.columns import Table
+from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table
+from upplied.catalog.schema.tables import POSES
+from upplied.records import (
+    Camera,
+    Demonstration,
+    Placement,
+    Structure,
+    Surroundings,
+)
+
+Row = dict[str, Any]
+
+ADDED = ("version", "added_at", "commit_id")  # of a row: when and by which commit it was added
+
+# --- structures --------------------------------------------------------------------------------
+
+
+def structure_row(structure: Structure, mesh_sha256: str) -> Row:
+    """The row of `structures`, without the moment and commit that add it."""
+    size = np.ptp(structure.vertices, axis=0)
+    placement = structure.placement
+    around = structure.surroundings
+    return {
+        "structure_id": structure.structure_id,
+        "kind": structure.kind,
+        "site": structure.site,
+        "notes": structure.notes,
+        "sha256": structure.sha256,
+        "mesh_sha256": mesh_sha256,
+        "n_vertices": len(structure.vertices),
+        "n_triangles": len(structure.triangles),
+        "size_x_m": size[0],
+        "size_y_m": size[1],
+        "size_z_m": size[2],
+        "diagonal_m": structure.diagonal_m,
+        **({} if placement is None else asdict(placement)),
+        "datum": "" if placement is None else placement.datum,
+        "surroundings_json": json_text(
+            {
+                "ground_z_m": around.ground_z_m,
+                "keep_out_m": np.asarray(around.keep_out_m, float).tolist(),
+                "geofence_m": np.asarray(around.geofence_m, float).tolist(),
+                "ceiling_z_m": around.ceiling_z_m,
+            }
+        ),
+        "landmarks_json": json_text({name: list(map(float, at)) for name, at in structure.landmarks.items()}),
+        "symmetric": structure.symmetric,
+        "retired": False,
+    }
+
+
+def structure_of(row: Row, mesh: Structure) -> Structure:
+    """The structure of a row and its stored mesh (whose other fields are ignored)."""
+    around = json.loads(row["surroundings_json"] or "{}")
+    placed = row["lat_deg"] is not None
+    return Structure(
+        structure_id=row["structure_id"],
+        kind=row["kind"],
+        vertices=mesh.vertices,
+        triangles=mesh.triangles,
+        normals=mesh.normals,
+        site=row["site"],
+        sha256=row["sha256"],
+        placement=Placement(**{f.name: row[f.name] for f in fields(Placement)}) if placed else None,
+        surroundings=Surroundings(
+            ground_z_m=around.get("ground_z_m"),
+            keep_out_m=np.array(around.get("keep_out_m", []), float).reshape(-1, 2, 3),
+            geofence_m=np.array(around.get("geofence_m", []), float).reshape(-1, 2),
+            ceiling_z_m=around.get("ceiling_z_m"),
+        ),
+        landmarks={name: (x, y, z) for name, (x, y, z) in json.loads(row["landmarks_json"] or "{}").items()},
+        symmetric=row["symmetric"],
+        notes=row["notes"],
+    )
+
+
+# --- demonstrations ----------------------------------------------------------------------------
+
+
+def demonstration_row(demonstration: Demonstration) -> Row:
+    """The row of `demonstrations`, without the moment and commit that add it."""
+    steps = np.linalg.norm(np.diff(demonstration.positions, axis=0), axis=1)
+    steps[demonstration.breaks - 1] = 0.0
+    return {
+        "demonstration_id": demonstration.demonstration_id,
+        "structure_id": demonstration.structure_id,
+        "operator": demonstration.operator,
+        "site": demonstration.site,
+        "notes": demonstration.notes,
+        "sha256": demonstration.sha256,
+        "poses_sha256": poses_sha256(demonstration.t_ns, demonstration.positions, demonstration.quat_xyzw),
+        "n_poses": len(demonstration),
+        "duration_s": float(demonstration.t_ns[-1] - demonstration.t_ns[0]) * 1e-9,
+        "path_length_m": float(steps.sum()),
+        **asdict(demonstration.camera),
+        "clock": demonstration.clock,
+        "topic": demonstration.topic,
+        "breaks_json": json_text(demonstration.breaks.tolist()),
+        "dropped_json": json_text(dict(demonstration.dropped)),
+        "degraded": demonstration.degraded,
+        "retired": False,
+    }
+
+
+def pose_table(demonstration: Demonstration, commit_id: str) -> pa.Table:
+    """The rows of `poses` of one demonstration."""
+    columns = {
+        "demonstration_id": demonstration.demonstration_id,
+        "commit_id": commit_id,
+        "t_ns": np.asarray(demonstration.t_ns, np.int64),
+    }
+    return step_table(POSES, columns, demonstration.positions, demonstration.quat_xyzw)
+
+
+def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
+    """The demonstration of a row and its poses in order."""
+    positions, quats = pose_arrays(poses)
+    return Demonstration(
+        demonstration_id=row["demonstration_id"],
+        structure_id=row["structure_id"],
+        t_ns=np.array(poses["t_ns"]),
+        positions=positions,
+        quat_xyzw=quats,
+        camera=Camera(**{item.name: row[item.name] for item in fields(Camera)}),
+        operator=row["operator"],
+        site=row["site"],
+        sha256=row["sha256"],
+        breaks=np.array(json.loads(row["breaks_json"] or "[]"), np.int64),
+        degraded=row["degraded"],
+        dropped=json.loads(row["dropped_json"] or "{}"),
+        clock=row["clock"],
+        topic=row["topic"],
+        notes=row["notes"],
+    )
+
+
+# --- all of them -------------------------------------------------------------------------------
+
+
+def table_of(table: Table, rows: list[Row]) -> pa.Table:
+    """Rows as an Arrow table in the declared schema; NaN and absent numbers are null, texts empty."""
+    columns = []
+    for column in table.columns:
+        empty = "" if pa.types.is_string(column.type) else None
+        values = [row.get(column.name, empty) for row in rows]
+        if pa.types.is_floating(column.type):
+            values = [None if value is None or np.isnan(value) else float(value) for value in values]
+        columns.append(pa.array(values, column.type))
+    return pa.table(columns, schema=table.schema)
+
+
+def rows_of(table: pa.Table) -> list[Row]:
+    """An Arrow table as rows."""
+    rows: list[Row] = table.to_pylist()
+    return rows
+
+
+def says_same(table: Table, stored: Row, given: Row) -> bool:
+    """Whether a row says the same as a stored one, apart from when and by which commit it was added."""
+    left, right = (table_of(table, [row]).drop_columns(list(ADDED)) for row in (stored, given))
+    return bool(left.equals(right))
+
+
+def json_text(value: Any) -> str:
+    """The one JSON text of a value."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)

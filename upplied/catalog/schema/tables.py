@@ -1,0 +1,249 @@
+"""The five tables of the catalog, each column declared once: name, type, unit, meaning, constraint.
+
+The stored tables, the published Parquet, the checks of `verify` and the data dictionary
+``catalog/README.md`` all follow from here. ``python -m upplied.catalog.schema.tables`` writes the dictionary.
+
+Columns may be added (older catalogs then read as missing values); none is renamed or removed
+without raising `SCHEMA_VERSION`, which older programs refuse to read.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table
+from upplied.config import PRESETS
+
+SCHEMA_VERSION = 1
+
+
+def _id(name: str, meaning: str) -> Column:
+    return Column(name, TEXT, "", meaning, required=True)
+
+
+_COMMIT = _id("commit_id", "the commit that wrote the row, in the order of time")
+
+
+def _version_of(whole: str) -> tuple[Column, ...]:
+    """How a version of a structure or demonstration came, and whether it went."""
+    return (
+        Column("retired", TRUTH, "", f"taken out of {whole} with this version; history stays"),
+        Column("version", WHOLE, "1", "1, 2, ... per id in the order of time, counted when read", low=1),
+        Column("added_at", MOMENT, "UTC", "when this version was added", required=True),
+        _COMMIT,
+    )
+
+
+_POSE = (
+    *(Column(f"{axis}_m", REAL, "m", f"position of the camera, {axis}, structure frame") for axis in "xyz"),
+    *(
+        Column(f"q{part}", REAL, "1", f"quaternion, camera to structure, {part}", low=-1, high=1)
+        for part in "xyz"
+    ),
+    Column("qw", REAL, "1", "quaternion, camera to structure, w; never negative", low=0, high=1),
+)
+
+STRUCTURES = Table(
+    "structures",
+    "one row per structure and version; the newest of an id is current",
+    ("structure_id", "version"),
+    (
+        _id("structure_id", "name of the structure"),
+        _id("kind", "what it is: structures of one kind correspond to each other"),
+        Column("site", TEXT, "", "where it stands, in words"),
+        Column("notes", TEXT, "", "free text from the manifest"),
+        Column("sha256", TEXT, "", "hash of the bytes of its file and of what the manifest says of it"),
+        _id("mesh_sha256", "hash of the stored mesh, which is meshes/<hash>.parquet"),
+        Column("n_vertices", WHOLE, "1", "vertices, or points of a point cloud", required=True, low=1),
+        Column("n_triangles", WHOLE, "1", "triangles; 0 for a point cloud", required=True, low=0),
+        Column("size_x_m", REAL, "m", "extent along +X (forward)", low=0),
+        Column("size_y_m", REAL, "m", "extent along +Y", low=0),
+        Column("size_z_m", REAL, "m", "extent along +Z (up)", low=0),
+        Column("diagonal_m", REAL, "m", "diagonal of the bounding box", low=0),
+        Column(
+            "lat_deg", REAL, "deg", "WGS 84 latitude of the origin; missing where unplaced", low=-90, high=90
+        ),
+        Column("lon_deg", REAL, "deg", "WGS 84 longitude of the origin", low=-180, high=360),
+        Column("alt_m", REAL, "m", "altitude of the origin above the datum"),
+        Column("heading_deg", REAL, "deg", "bearing of +X, clockwise from true north"),
+        Column("datum", TEXT, "", "of alt_m: ellipsoid (WGS 84) or amsl", allowed=("", "ellipsoid", "amsl")),
+        Column("surroundings_json", TEXT, "", "ground, keep-out boxes, geofence and ceiling, m"),
+        Column("landmarks_json", TEXT, "", "named points, m, structure frame"),
+        Column("symmetric", TRUTH, "", "declared: no heading can be told from the shape"),
+        *_version_of("the fleet"),
+    ),
+    ("structure_id", "added_at"),
+)
+
+DEMONSTRATIONS = Table(
+    "demonstrations",
+    "one row per demonstration and version; the newest of an id is current",
+    ("demonstration_id", "version"),
+    (
+        _id("demonstration_id", "name of the demonstration"),
+        _id("structure_id", "the structure it was flown on"),
+        Column("operator", TEXT, "", "who flew"),
+        Column("site", TEXT, "", "where, in words"),
+        Column("notes", TEXT, "", "free text, and what salvage lost"),
+        Column("sha256", TEXT, "", "hash of the bytes of the log and of what its side-car and options say"),
+        _id("poses_sha256", "hash of the stored poses"),
+        Column("n_poses", WHOLE, "1", "rows in `poses`", required=True, low=1),
+        Column("duration_s", REAL, "s", "from the first to the last pose", low=0),
+        Column("path_length_m", REAL, "m", "length of the flown path, breaks left out", low=0),
+        Column("hfov_deg", REAL, "deg", "camera: full horizontal field of view", low=0, high=360),
+        Column("vfov_deg", REAL, "deg", "camera: full vertical field of view", low=0, high=180),
+        Column("min_range_m", REAL, "m", "camera: nearest useful distance", low=0),
+        Column("max_range_m", REAL, "m", "camera: farthest useful distance", low=0),
+        Column("width_px", WHOLE, "px", "camera: image width; 0 where not known", low=0),
+        Column("height_px", WHOLE, "px", "camera: image height; 0 where not known", low=0),
+        Column("clock", TEXT, "", "which stamp of the log was used"),
+        Column("topic", TEXT, "", "which topic of the log was used"),
+        Column("breaks_json", TEXT, "", "first pose after each gap"),
+        Column("dropped_json", TEXT, "", "samples dropped, by reason"),
+        Column("degraded", TRUTH, "", "the log was salvaged; the notes say what was lost"),
+        *_version_of("use"),
+    ),
+    ("demonstration_id", "added_at"),
+)
+
+POSES = Table(
+    "poses",
+    "one row per step of a demonstration, as flown",
+    ("demonstration_id", "commit_id", "seq"),
+    (
+        _id("demonstration_id", "the demonstration it belongs to"),
+        Column("seq", WHOLE, "1", "0, 1, ... in the order of flight", required=True, low=0),
+        Column("t_ns", WHOLE, "ns", "time stamp of the source clock", required=True),
+        *_POSE,
+        _COMMIT,
+    ),
+    ("commit_id", "demonstration_id", "seq"),
+)
+
+TRANSFERS = Table(
+    "transfers",
+    "one row per plan, refused and failed ones too; the newest of a pair and preset is current",
+    ("transfer_id",),
+    (
+        _id("transfer_id", "name of the plan: the first digits of `key`"),
+        _id("demonstration_id", "the demonstration that was transferred"),
+        _id("source_id", "the structure it was flown on"),
+        _id("target_id", "the structure it was transferred to"),
+        Column("kind", TEXT, "", "kind of the target"),
+        Column("preset", TEXT, "", "which method", required=True, allowed=PRESETS),
+        Column("status", TEXT, "", "what came of it", required=True, allowed=("ok", "refused", "failed")),
+        Column("reason", TEXT, "", "why it is not ok, in words"),
+        Column("coverage_paper_pct", REAL, "%", "the paper's measure: target points in any frustum", low=0),
+        Column("coverage_seen_pct", REAL, "%", "inspected surface that is really seen", low=0, high=100),
+        Column(
+            "coverage_attainable_pct", REAL, "%", "the most that any safe camera could see", low=0, high=100
+        ),
+        Column("frechet_z", REAL, "1", "continuous Frechet distance to the demonstration, z-scored", low=0),
+        Column("frechet_m", REAL, "m", "the same in metres, after alignment", low=0),
+        Column("min_clearance_m", REAL, "m", "least distance of the whole path to the target's surface"),
+        Column("path_length_m", REAL, "m", "length of the planned path", low=0),
+        Column("duration_s", REAL, "s", "from the first to the last waypoint", low=0),
+        Column("standoff_ratio_p50", REAL, "1", "median of planned over demonstrated stand-off", low=0),
+        Column(
+            "standoff_kept_pct",
+            REAL,
+            "%",
+            "viewpoints from which their counterparts are seen within 20 % of the wanted stand-off",
+            low=0,
+            high=100,
+        ),
+        Column(
+            "incidence_p95_deg",
+            REAL,
+            "deg",
+            "95th percentile of the incidence on seen surface",
+            low=0,
+            high=90,
+        ),
+        Column("peak_speed_mps", REAL, "m/s", "highest speed", low=0),
+        Column("peak_acceleration_mps2", REAL, "m/s2", "highest acceleration", low=0),
+        Column("n_viewpoints", WHOLE, "1", "waypoints that are viewpoints", required=True, low=0),
+        Column("n_waypoints", WHOLE, "1", "rows in `waypoints`", required=True, low=0),
+        Column("icp_score_m2", REAL, "m2", "mean squared nearest-neighbour distance after alignment", low=0),
+        Column("acceptance", REAL, "1", "how badly the structures fit, free of scale and density", low=0),
+        Column("runner_up_gap", REAL, "1", "relative gap to the next best orientation"),
+        Column("counterpart_summary", TEXT, "", "parts matched, and parts without a counterpart"),
+        Column("warnings", TEXT, "", "JSON list of what a pilot should know"),
+        Column("planned_at", MOMENT, "UTC", "when it was planned", required=True),
+        Column("run_id", TEXT, "", "the run that planned it"),
+        Column("code_version", TEXT, "", "version of the program"),
+        Column("method_version", TEXT, "", "version of the method, raised when results may change"),
+        Column("planning_s", REAL, "s", "time it took to plan", low=0),
+        Column("demonstration_sha256", TEXT, "", "of the demonstration that was read"),
+        Column("source_sha256", TEXT, "", "of the source structure that was read"),
+        Column("target_sha256", TEXT, "", "of the target structure that was read"),
+        Column("settings_sha256", TEXT, "", "hash of all settings"),
+        Column("settings_json", TEXT, "", "all settings"),
+        Column("registration_json", TEXT, "", "how the target lies on the source, with the evidence"),
+        Column("waypoints_sha256", TEXT, "", "hash of the waypoints; empty where there are none"),
+        _id("key", "hash of everything the plan depends on"),
+        _COMMIT,
+    ),
+    ("transfer_id", "planned_at"),
+)
+
+WAYPOINTS = Table(
+    "waypoints",
+    "one row per step of a planned trajectory",
+    ("transfer_id", "commit_id", "seq"),
+    (
+        _id("transfer_id", "the plan it belongs to"),
+        Column("seq", WHOLE, "1", "0, 1, ... in the order of flight", required=True, low=0),
+        Column("t_s", REAL, "s", "time from the start", required=True, low=0),
+        *_POSE,
+        Column("is_viewpoint", TRUTH, "", "a pose chosen to see, not only to pass", required=True),
+        _COMMIT,
+    ),
+    ("commit_id", "transfer_id", "seq"),
+)
+
+TABLES = {table.name: table for table in (STRUCTURES, DEMONSTRATIONS, POSES, TRANSFERS, WAYPOINTS)}
+
+
+def data_dictionary() -> str:
+    """The data dictionary as Markdown, for people who open the tables."""
+    parts = [_PREFACE.format(version=SCHEMA_VERSION)]
+    for table in TABLES.values():
+        parts.append(f"## {table.name}\n\n{table.meaning[0].upper()}{table.meaning[1:]}.\n")
+        parts.append("| column | type | unit | meaning | constraint |\n|---|---|---|---|---|")
+        parts += [
+            f"| `{c.name}` | {_TYPES[c.type]} | {c.unit} | {c.meaning} | {c.constraint} |"
+            for c in table.columns
+        ]
+        parts.append("")
+    return "\n".join(parts).rstrip() + "\n"
+
+
+_TYPES = {TEXT: "text", REAL: "float64", WHOLE: "int64", TRUTH: "bool", MOMENT: "time, UTC, us"}
+
+
+_PREFACE = """\
+# The catalog: data dictionary
+
+Written by `python -m upplied.catalog.schema.tables`; schema version {version}.
+
+Metres, seconds and degrees; the structure frame is Z up and +X forward; quaternions are `x y z w` and turn
+the camera frame (x forward, y left, z up) into the structure frame. A missing measure is null (NaN in
+pandas), a missing text is empty.
+
+The tables here are Delta tables. Read them with `upplied.open_catalog(...)`, or read the plain Parquet
+files of the same names and columns that every run publishes into `reports/`. Do not point `pd.read_parquet`
+at a folder of the catalog: it would count rows that the table no longer holds. Rows are only ever added: a
+newer plan is a new row, and which one is current is a question asked when reading. A row of `transfers` or
+`demonstrations` owns the rows of `waypoints` or `poses` that carry its id and its `commit_id`; others
+belong to writers that were stopped, and are not part of the catalog.
+"""
+
+
+def write_data_dictionary(path: Path) -> None:
+    """Write the data dictionary to a file."""
+    path.write_text(data_dictionary(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write_data_dictionary(Path(__file__).parents[3] / "catalog" / "README.md")

@@ -1,0 +1,1 @@
+"""Where it is kept: Delta tables, whole files, meshes, the cache."""

@@ -1,0 +1,110 @@
+"""The memo: any record of arrays and scalars as one Parquet file, found by stage and key.
+
+The caller puts everything a result depends on into the key: input bytes, parameters and the version
+of the algorithm. A file carries the hash of its content; one that does not match is not believed
+but computed again. Losing the cache loses time, nothing else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from upplied.catalog.schema.codec import decode, encode
+from upplied.catalog.store.files import replace_file
+from upplied.checks import check_id
+from upplied.errors import CatalogError
+
+log = logging.getLogger(__name__)
+
+R = TypeVar("R")
+
+
+class Cache:
+    """Remembers records by content.
+
+    Parameters
+    ----------
+    folder : path
+        Made when the first record is kept.
+
+    Examples
+    --------
+    >>> cache = Cache("cache")                                                    # doctest: +SKIP
+    >>> cache("clouds", Cloud, key, lambda: voxel_cloud(structure, settings))     # doctest: +SKIP
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.folder = Path(folder)
+        self.hits = self.misses = 0
+
+    def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
+        """The remembered record of this stage and key, or the computed one, which is then remembered."""
+        found = self.get(stage, record_type, key)
+        if found is not None:
+            self.hits += 1
+            return found
+        self.misses += 1
+        record = compute()
+        self.put(stage, key, record)
+        return record
+
+    def get(self, stage: str, record_type: type[R], key: str) -> R | None:
+        """The remembered record, or None where there is none that can be believed."""
+        path = self.path(stage, key)
+        try:
+            content = path.read_bytes()
+            record = decode(content, record_type)
+        except FileNotFoundError:
+            return None
+        except (OSError, CatalogError) as error:
+            log.warning("cache entry %s is not believed and will be computed again: %s", path, error)
+            return None
+        _touch(path)
+        return record
+
+    def put(self, stage: str, key: str, record: object) -> None:
+        """Remember a record; where that is impossible (disk full, read-only) only time is lost."""
+        path = self.path(stage, key)
+        try:
+            replace_file(path, encode(record), lasting=False)  # an entry that a power cut tore is noticed
+        except OSError as error:
+            log.warning("cannot remember %s: %s", path, error)
+
+    def path(self, stage: str, key: str) -> Path:
+        """Where the record of this stage and key lies."""
+        name = check_id(key, "cache key")
+        return self.folder / check_id(stage, "cache stage") / name[:2] / f"{name}.parquet"
+
+    def entries(self) -> list[tuple[float, int, Path]]:
+        """When each entry was last used (s since 1970), its size in bytes and its path; oldest first."""
+        found = []
+        for path in self.folder.glob("*/*/*.parquet"):
+            try:
+                known = path.stat()
+            except FileNotFoundError:
+                continue  # pruned by somebody else meanwhile
+            found.append((known.st_mtime, known.st_size, path))
+        return sorted(found)
+
+    def prune(self, max_bytes: int) -> int:
+        """Forget the records unused for longest until at most `max_bytes` remain; bytes freed."""
+        entries = self.entries()
+        excess = sum(size for _, size, _ in entries) - max_bytes
+        freed = 0
+        for _, size, path in entries:
+            if freed >= excess:
+                break
+            path.unlink(missing_ok=True)
+            freed += size
+        return freed
+
+
+def _touch(path: Path) -> None:
+    """Note the use, for `prune`."""
+    with contextlib.suppress(OSError):  # read-only: the entry only looks older than it is
+        os.utime(path)

@@ -1,0 +1,291 @@
+"""One Delta table: whole commits or none, many writers, and readers that see one moment.
+
+Rows are only ever appended, so writers never contradict each other; what delta-rs still raises
+when many commit at once (or while a table is compacted) is tried again here, since otherwise rows
+would be lost.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import random
+import threading
+import time
+import uuid
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+from typing import TypeVar
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.dataset as ds
+import pyarrow.parquet as pq
+from deltalake import CommitProperties, DeltaTable
+from deltalake import Schema as DeltaSchema
+from deltalake.exceptions import CommitFailedError, DeltaError, SchemaMismatchError, TableNotFoundError
+from deltalake.transaction import AddAction
+
+from upplied.catalog.schema.columns import Table
+from upplied.catalog.schema.tables import SCHEMA_VERSION
+from upplied.catalog.store.files import FileStore, sync_path
+from upplied.errors import CatalogError
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+_VERSION_KEY = "upplied.schemaVersion"
+_PROPERTIES = {
+    "delta.checkpointInterval": "50",
+    "delta.logRetentionDuration": "interval 365 days",
+    "delta.deletedFileRetentionDuration": "interval 30 days",
+}
+_PATIENCE_S = 60.0  # of conflicts, before a writer gives up
+_ROW_GROUP = 16_384
+_LONGEST_STATISTIC = 64
+
+
+class StoredTable:
+    """One table of a catalog.
+
+    Parameters
+    ----------
+    root : str
+        Folder or object-store URI of the catalog.
+    declared : Table
+    """
+
+    def __init__(self, root: str, declared: Table) -> None:
+        self.declared = declared
+        self.uri = f"{root.rstrip('/')}/{declared.name}"
+        self._files = FileStore(self.uri)
+        self._lock = threading.Lock()
+        self._delta: DeltaTable | None = None
+        self._dataset: tuple[int, ds.Dataset] | None = None
+
+    def dataset(self, version: int | None = None) -> ds.Dataset | None:
+        """The rows as of the newest commit, or of an older version; None where nothing was committed."""
+        if version is not None:
+            return self._older(version)
+        with self._lock:
+            delta = self._refreshed()
+            if delta is None:
+                return None
+            if self._dataset is None or self._dataset[0] != delta.version():
+                self._dataset = (delta.version(), self.rows_of(delta))
+            return self._dataset[1]
+
+    def rows_of(self, delta: DeltaTable) -> ds.Dataset:
+        """The rows of one version, read by pyarrow itself.
+
+        Through delta-rs's own file system one process in seven aborted at its exit, since pyarrow's
+        threads may outlive the interpreter that it calls back into.
+        """
+        return delta.to_pyarrow_dataset(filesystem=self._files.filesystem())
+
+    def read(
+        self,
+        where: ds.Expression | None = None,
+        columns: list[str] | None = None,
+        version: int | None = None,
+    ) -> pa.Table:
+        """The rows that fit, in the declared columns and types; those an older program lacked are null."""
+        schema = self.declared.schema
+        wanted = schema if columns is None else pa.schema([schema.field(name) for name in columns])
+        dataset = self.dataset(version)
+        if dataset is None:
+            return wanted.empty_table()
+        present = [name for name in wanted.names if name in dataset.schema.names]
+        return self.in_schema(
+            told(self.uri, partial(dataset.to_table, columns=present, filter=where)), wanted
+        )
+
+    def in_schema(self, found: pa.Table, wanted: pa.Schema | None = None) -> pa.Table:
+        """Rows in the declared columns and types; those that an older program lacked are null."""
+        schema = wanted or self.declared.schema
+        columns = [
+            found[field.name].cast(field.type)
+            if field.name in found.schema.names
+            else pa.nulls(len(found), field.type)
+            for field in schema
+        ]
+        return pa.table(columns, schema=schema)
+
+    def append(self, rows: pa.Table) -> None:
+        """Commit rows, all or none; returns when they are there to stay.
+
+        Raises
+        ------
+        CatalogError
+            If the place cannot be written, or was made by a newer program.
+        """
+        # The file is written here and not by delta-rs: on the disk before a commit names it, and an
+        # error of the disk comes back as an error (delta-rs 1.6 prints a panic besides).
+        self._insist(self._ready)
+        added = told(self.uri, lambda: self.new_file(rows))
+        self._insist(lambda: self._commit(added, rows))
+
+    def change(self, act: Callable[[DeltaTable], T]) -> T | None:
+        """Do maintenance on the newest version, again where a writer was faster; None without a table."""
+
+        def once() -> T | None:
+            with self._lock:
+                delta = self._refreshed()
+                return None if delta is None else act(delta)
+
+        return self._insist(once)
+
+    def _insist(self, act: Callable[[], T]) -> T:
+        """Do it again until no other writer was faster."""
+        give_up = time.monotonic() + _PATIENCE_S
+        while True:
+            try:
+                return told(self.uri, act, CommitFailedError)
+            except CommitFailedError as conflict:
+                if time.monotonic() > give_up:
+                    raise CatalogError(
+                        self.uri, f"other writers were always faster: {conflict}", "", "try again later"
+                    ) from None
+                log.debug("%s: another writer was faster, trying again", self.uri)
+                time.sleep(random.uniform(0.01, 0.25))
+
+    def _ready(self) -> None:
+        """Make the table where there is none, and add the columns that an older program lacked."""
+        with self._lock:
+            delta = self._refreshed() or self._created()
+            known = {field.name for field in delta.schema().fields}
+            new = [field for field in self.declared.schema if field.name not in known]
+            if new:
+                delta.alter.add_columns(list(DeltaSchema.from_arrow(pa.schema(new)).fields))
+
+    def new_file(self, rows: pa.Table) -> AddAction:
+        """Write a data file that no commit names yet."""
+        sink = BytesIO()
+        pq.write_table(rows, sink, row_group_size=_ROW_GROUP, compression="zstd")
+        name = f"part-{uuid.uuid4()}.parquet"
+        self._files.write(name, sink.getvalue())
+        return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, _statistics(rows))
+
+    def _commit(self, added: AddAction, rows: pa.Table) -> None:
+        with self._lock:
+            delta = self._refreshed()
+            assert delta is not None
+            said = CommitProperties({"rows": str(len(rows))}, max_commit_retries=30)
+            delta.create_write_transaction([added], "append", rows.schema, commit_properties=said)
+            delta.update_incremental()
+            if self._files.local:
+                entry = Path(self.uri) / "_delta_log" / f"{delta.version():020}.json"
+                sync_path(entry)
+                sync_path(entry.parent)
+
+    def delta(self) -> DeltaTable | None:
+        """The table itself, as of its newest commit, for maintenance; None where there is none."""
+        with self._lock:
+            return self._refreshed()
+
+    def _refreshed(self) -> DeltaTable | None:
+        if self._delta is None:
+            self._delta = told(self.uri, lambda: _opened(self.uri))
+        else:
+            told(self.uri, self._delta.update_incremental)
+        return self._delta
+
+    def _created(self) -> DeltaTable:
+        if self._files.local:
+            Path(self.uri).mkdir(parents=True, exist_ok=True)
+        self._delta = DeltaTable.create(
+            self.uri,
+            self.declared.schema,
+            mode="ignore",
+            name=self.declared.name,
+            description=self.declared.meaning,
+            configuration={_VERSION_KEY: str(SCHEMA_VERSION), **_PROPERTIES},
+            raise_if_key_not_exists=False,
+        )
+        return self._delta
+
+    def _older(self, version: int) -> ds.Dataset | None:
+        current = self.delta()
+        if current is None:
+            return None
+        if not 0 <= version <= current.version():
+            raise CatalogError(f"{self.uri} version {version}", "does not exist", f"0 to {current.version()}")
+        return told(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))
+
+
+def _opened(uri: str) -> DeltaTable | None:
+    try:
+        delta = DeltaTable(uri)
+    except TableNotFoundError:
+        if not _has_commits(uri):
+            return None
+        delta = DeltaTable(uri)  # another writer made the table since we looked
+    version = delta.metadata().configuration.get(_VERSION_KEY, "")
+    if not version.isdigit() or int(version) > SCHEMA_VERSION:
+        raise CatalogError(
+            uri,
+            f"has schema version {version or 'unknown'}",
+            f"at most {SCHEMA_VERSION}",
+            "use a newer version of upplied",
+        )
+    return delta
+
+
+def _has_commits(uri: str) -> bool:
+    """Whether a local table has a log after all; raises where we may not look into it."""
+    log_folder = Path(uri) / "_delta_log"
+    if "://" in uri or not log_folder.exists():
+        return False
+    return any(entry.suffix == ".json" for entry in log_folder.iterdir())
+
+
+def _statistics(rows: pa.Table) -> str:
+    """What readers may skip the file by: the range of each column, and its nulls.
+
+    Long texts have no range; moments are stated to the millisecond, so theirs is a little wider. A
+    column that is filtered by must have one (ids are short enough): pyarrow takes a missing range
+    for nulls.
+    """
+    low, high = {}, {}
+    for name in rows.column_names:
+        ends = pc.min_max(rows[name]).as_py()
+        least, most = ends["min"], ends["max"]
+        if most is None or len(str(most)) > _LONGEST_STATISTIC or most != most:
+            continue
+        if isinstance(most, datetime):
+            most += timedelta(milliseconds=1)
+            least, most = (when.isoformat(timespec="milliseconds") for when in (least, most))
+        low[name], high[name] = least, most
+    nulls = {name: rows[name].null_count for name in rows.column_names}
+    return json.dumps({"numRecords": len(rows), "minValues": low, "maxValues": high, "nullCount": nulls})
+
+
+def told(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:
+    """Do it; what the storage raises becomes an error that people read."""
+    try:
+        return act()
+    except passed:
+        raise
+    except CatalogError:
+        raise
+    except SchemaMismatchError as error:
+        raise CatalogError(what, f"has other columns: {_brief(error)}", "", "use a newer version") from None
+    except (DeltaError, OSError, pa.ArrowException) as error:
+        raise CatalogError(what, _brief(error), "", _remedy(str(error))) from None
+
+
+def _brief(error: Exception) -> str:
+    """The first line of what the storage said, at a length that fits a screen."""
+    return str(error).strip().split("\n")[0][:300]
+
+
+def _remedy(said: str) -> str:
+    if "No space" in said or "os error 28" in said or "File too large" in said:
+        return "free some space; nothing was changed"
+    if "ermission" in said or "ead-only" in said:
+        return "ask for the right to read and write there; nothing was changed"
+    return ""

@@ -1,0 +1,66 @@
+"""Small data files into large ones, with the rows that are asked for together lying together.
+
+Not delta-rs's own compaction: that one mixes the rows of the files it reads at the same time, so
+that one trajectory lies in many row groups.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import pyarrow as pa
+from deltalake import CommitProperties, DeltaTable, Transaction
+from deltalake.transaction import RemoveAction
+
+from upplied.catalog.store.delta import StoredTable
+
+
+def merge(table: StoredTable, size_bytes: int) -> int:
+    """Merge files of less than half of some size into ones of about that size; how many were merged."""
+    merged = 0
+    while done := table.change(lambda delta: _merge_oldest(table, delta, size_bytes)):
+        merged += done
+    return merged
+
+
+def removing() -> CommitProperties:
+    """What marks commits that remove files.
+
+    Delta-rs does not see that two of our removals contradict each other. It does see that both
+    advance the same transaction: the second one fails, and is done again on what is there then.
+    """
+    turn = Transaction("upplied.maintenance", time.time_ns())
+    return CommitProperties({"doing": "maintenance"}, max_commit_retries=30, app_transactions=[turn])
+
+
+def _merge_oldest(table: StoredTable, delta: DeltaTable, size_bytes: int) -> int:
+    chosen = _oldest_small(delta, size_bytes)
+    if len(chosen) < 2:
+        return 0
+    rows = _rows_of(table, delta, set(chosen))
+    rows = rows.sort_by([(name, "ascending") for name in table.declared.order])
+    now = int(time.time() * 1000)
+    added = replace(table.new_file(rows), data_change=False)
+    removed = [RemoveAction(name, False, now, size, {}) for name, size in chosen.items()]
+    delta.create_write_transaction([added, *removed], "append", rows.schema, commit_properties=removing())
+    return len(chosen)
+
+
+def _oldest_small(delta: DeltaTable, size_bytes: int) -> dict[str, int]:
+    """Names and sizes of the oldest small files that together make one of about that size."""
+    files = pa.table(delta.get_add_actions()).select(["modification_time", "path", "size_bytes"])
+    chosen: dict[str, int] = {}
+    for file in sorted(files.to_pylist(), key=lambda file: (file["modification_time"], file["path"])):
+        if file["size_bytes"] < size_bytes / 2:
+            if len(chosen) > 1 and sum(chosen.values()) + file["size_bytes"] > size_bytes:
+                break
+            chosen[file["path"]] = file["size_bytes"]
+    return chosen
+
+
+def _rows_of(table: StoredTable, delta: DeltaTable, names: set[str]) -> pa.Table:
+    """All rows of some data files, in the declared schema."""
+    dataset = table.rows_of(delta)
+    parts = [part for part in dataset.get_fragments() if part.path.rsplit("/", 1)[-1] in names]
+    return table.in_schema(pa.concat_tables([part.to_table(schema=dataset.schema) for part in parts]))

@@ -1,0 +1,1 @@
+"""What is done with it: add, query, exchange, maintain, verify."""

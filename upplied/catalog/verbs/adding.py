@@ -1,0 +1,174 @@
+"""The way in: records become rows, steps first, then the rows that own them."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import pyarrow as pa
+
+from upplied.catalog.schema import plan_rows, rows
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.verbs import queries
+from upplied.checks import check_id
+from upplied.records import Demonstration, Plan, Structure
+
+if TYPE_CHECKING:
+    from upplied.catalog.database import Catalog
+
+SURFACE = "surface"  # the cache's stage for what plans see of their targets
+
+Planned = tuple[str, Plan, Mapping[str, Any]]  # key, plan, provenance
+
+
+def add_structures(catalog: Catalog, structures: Sequence[Structure]) -> int:
+    """See `Catalog.add_structures`."""
+    current = _current(catalog, "structures")
+    new: dict[str, Row] = {}
+    for structure in structures:
+        check_id(structure.structure_id, "structure id")
+        check_id(structure.kind, f"kind of {structure.structure_id}")
+        row = rows.structure_row(structure, catalog.meshes.put(structure))
+        if not _known("structures", current.get(structure.structure_id), row):
+            new[structure.structure_id] = row
+    return _add(catalog, "structures", list(new.values()))
+
+
+def add_demonstrations(catalog: Catalog, demonstrations: Sequence[Demonstration]) -> int:
+    """See `Catalog.add_demonstrations`."""
+    current = _current(catalog, "demonstrations")
+    new: dict[str, tuple[Row, Demonstration]] = {}
+    for item in demonstrations:
+        check_id(item.demonstration_id, "demonstration id")
+        check_id(item.structure_id, f"structure of {item.demonstration_id}")
+        row = rows.demonstration_row(item)
+        if not _known("demonstrations", current.get(item.demonstration_id), row):
+            new[item.demonstration_id] = row, item
+    commit = _add_steps(
+        catalog, "poses", lambda commit: [rows.pose_table(item, commit) for _, item in new.values()]
+    )
+    return _add(catalog, "demonstrations", [{**row, "commit_id": commit} for row, _ in new.values()])
+
+
+def add_plans(catalog: Catalog, plans: Sequence[Planned]) -> int:
+    """See `Catalog.add_plans`."""
+    for key, _, _ in plans:
+        check_id(key, "key of a plan")
+    table = catalog.tables["transfers"]
+    stored = queries.rows_of_keys(table, [key for key, _, _ in plans])
+    new = {
+        key: (plan, provenance)
+        for key, plan, provenance in plans
+        if key not in stored or (stored[key]["status"] == "failed" and plan.status != "failed")
+    }
+    again = queries.superseded(table, [row for key, row in stored.items() if key not in new])
+    flown = {
+        plan_rows.transfer_id(key): plan for key, (plan, _) in new.items() if plan.trajectory is not None
+    }
+    commit = _add_steps(
+        catalog,
+        "waypoints",
+        lambda commit: [plan_rows.waypoint_table(name, flown[name], commit) for name in sorted(flown)],
+    )
+    made = [{**row, "commit_id": commit} for row in _transfer_rows(catalog, new)]
+    now = datetime.now(UTC)
+    added = _add(catalog, "transfers", [*made, *({**row, "planned_at": now} for row in again)])
+    for name, plan in flown.items():
+        if plan.surface is not None:
+            catalog.cache.put(SURFACE, name, plan.surface)
+    return added
+
+
+def keep_surface(catalog: Catalog, key: str, plan: Plan) -> Plan:
+    """See `Catalog.keep_surface`."""
+    if plan.surface is None:
+        return plan
+    catalog.cache.put(SURFACE, plan_rows.transfer_id(key), plan.surface)
+    return replace(plan, surface=None)
+
+
+def adopt_plans(catalog: Catalog, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:
+    """Add plans of another catalog as they are, with the steps that they own there."""
+    stored = queries.rows_of_keys(catalog.tables["transfers"], [row["key"] for row in plans])
+    new = [
+        row
+        for row in plans
+        if row["key"] not in stored
+        or (stored[row["key"]]["status"] == "failed" and row["status"] != "failed")
+    ]
+    owned = [waypoints[row["transfer_id"], row["commit_id"]] for row in new if row["n_waypoints"]]
+
+    def carrying(commit: str) -> list[pa.Table]:
+        at = TABLES["waypoints"].names.index("commit_id")
+        field = TABLES["waypoints"].schema.field(at)
+        return [steps.set_column(at, field, pa.repeat(commit, len(steps))) for steps in owned]
+
+    commit = _add_steps(catalog, "waypoints", carrying)
+    return _add(catalog, "transfers", [{**row, "commit_id": commit} for row in new])
+
+
+def retire(catalog: Catalog, name: str, ids: Sequence[str]) -> int:
+    """Add a version of structures or demonstrations that says they are out of use."""
+    now = datetime.now(UTC)
+    found = [catalog.newest(name, item) for item in dict.fromkeys(ids)]
+    gone = [{**row, "retired": True, "added_at": now} for row in found if not row["retired"]]
+    return _add(catalog, name, gone)
+
+
+def _transfer_rows(catalog: Catalog, new: Mapping[str, tuple[Plan, Mapping[str, Any]]]) -> list[Row]:
+    """Rows of new plans; hashes that the provenance leaves out are those of the current versions."""
+    hashes: dict[str, str] = {}
+    if any(_HASHES.keys() - said.keys() for _, said in new.values()):
+        for table, name in (("structures", "structure_id"), ("demonstrations", "demonstration_id")):
+            hashes.update(
+                (f"{table}/{row[name]}", row["sha256"]) for row in queries.newest_rows(catalog.tables[table])
+            )
+    made = []
+    for key, (plan, provenance) in new.items():
+        found = {
+            column: hashes.get(f"{table}/{getattr(plan, name)}", "")
+            for column, (table, name) in _HASHES.items()
+        }
+        made.append(plan_rows.transfer_row(key, plan, {**found, **provenance}))
+    return made
+
+
+_HASHES = {
+    "demonstration_sha256": ("demonstrations", "demonstration_id"),
+    "source_sha256": ("structures", "source_id"),
+    "target_sha256": ("structures", "target_id"),
+}
+
+
+def _current(catalog: Catalog, name: str) -> dict[str, Row]:
+    return {row[TABLES[name].names[0]]: row for row in queries.newest_rows(catalog.tables[name])}
+
+
+def _known(name: str, stored: Row | None, given: Row) -> bool:
+    return stored is not None and rows.says_same(TABLES[name], stored, given)
+
+
+def _add(catalog: Catalog, name: str, made: list[Row]) -> int:
+    """Commit rows; those that own steps carry the commit that brought these already."""
+    if made:
+        added = {"commit_id": new_commit_id(), "added_at": datetime.now(UTC)}
+        catalog.tables[name].append(rows.table_of(TABLES[name], [{**added, **row} for row in made]))
+    return len(made)
+
+
+def _add_steps(catalog: Catalog, name: str, build: Callable[[str], list[pa.Table]]) -> str:
+    """Commit steps, where there are any; returns the commit that the rows owning them must carry."""
+    commit = new_commit_id()
+    steps = build(commit)
+    if steps:
+        catalog.tables[name].append(pa.concat_tables(steps))
+    return commit
+
+
+def new_commit_id() -> str:
+    """A name that sorts by time and is never given twice."""
+    return f"{datetime.now(UTC):%Y%m%d-%H%M%S-%f}-{secrets.token_hex(4)}"

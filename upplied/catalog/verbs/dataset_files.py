@@ -1,0 +1,92 @@
+"""What makes an exported folder stand for itself: README, licence, data dictionary, and a seal.
+
+The seal is ``dataset.json``: the dataset's name (``name-v1``), where it came from, and the hash of
+every other file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import upplied
+from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, data_dictionary
+from upplied.catalog.store.files import replace_file
+from upplied.errors import CatalogError
+
+_DATASET = "dataset.json"
+_MAX_BYTES = 8 << 30  # of one file of a folder that is imported
+
+
+def describe(place: Path, about: dict[str, Any]) -> None:
+    """Write what a person and a program need to know of the folder; `dataset.json` last."""
+    about |= {
+        "schema_version": SCHEMA_VERSION,
+        "made_by": f"upplied {upplied.__version__}",
+        "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+    lines = [f"- {count} rows in `{table}.parquet`" for table, count in about["rows"].items()]
+    whom = f" Please name: {about['attribution']}." if about["attribution"] else ""
+    readme = _README.format(name=about["name"], rows="\n".join(lines), licence=about["licence"], whom=whom)
+    replace_file(place / "README.md", readme.encode())
+    replace_file(place / "LICENCE.txt", f"{about['licence']}\n{about['attribution']}\n".encode())
+    replace_file(place / "DATA_DICTIONARY.md", data_dictionary().encode())
+    files = {_relative(place, path): _sha256(path) for path in sorted(place.rglob("*")) if path.is_file()}
+    replace_file(place / _DATASET, json.dumps({**about, "files": files}, indent=2).encode())
+
+
+_README = """\
+# {name}
+
+Expert demonstrations of inspection flights, and what they became on other structures.
+
+{rows}
+- the meshes of the structures in `meshes/`, named by their hash
+
+Every table is plain Parquet: `pandas.read_parquet("transfers.parquet")`. DATA_DICTIONARY.md explains each
+column and its unit. Rows name the hashes of the log, the meshes, the settings and the versions of method and
+program that they came from; `dataset.json` holds the hash of every file here.
+
+Licence: {licence}.{whom}
+"""
+
+
+def check_files(place: Path) -> None:
+    """Compare the files that are there with the hashes they should have.
+
+    Raises
+    ------
+    CatalogError
+        If one is missing, was changed, is not listed or lies elsewhere.
+    """
+    try:
+        about = json.loads((place / _DATASET).read_text(encoding="utf-8"))
+        version, files = int(about["schema_version"]), dict(about["files"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise CatalogError(f"{place / _DATASET}", f"cannot be read: {error}", "an exported folder") from None
+    if version > SCHEMA_VERSION:
+        raise CatalogError(
+            str(place), f"has schema version {version}", f"at most {SCHEMA_VERSION}", "use a newer version"
+        )
+    needed = {f"{name}.parquet" for name in TABLES}
+    for name in sorted(needed | set(files)):
+        path = place / name
+        if name not in files or _relative(place, path) != name or ".." in Path(name).parts:
+            raise CatalogError(f"{place}: {name[:200]}", "is not listed, or lies outside the folder")
+        if not path.is_file() or path.stat().st_size > _MAX_BYTES or _sha256(path) != files[name]:
+            raise CatalogError(str(path), "is missing, too large, or not the file that was exported")
+
+
+def _relative(place: Path, path: Path) -> str:
+    try:
+        return path.resolve().relative_to(place.resolve()).as_posix()
+    except ValueError:
+        return ""
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,233 @@
+"""A part of a catalog as a folder that stands for itself, and such a folder into another catalog.
+
+The folder holds the five tables as plain Parquet, the meshes, the data dictionary, the licence, and
+``dataset.json`` (`upplied.catalog.verbs.dataset_files`). Nothing of it is believed before it was checked;
+importing it twice adds nothing the second time.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from upplied.catalog.schema import codec, plan_rows, rows
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.files import replace_file
+from upplied.catalog.store.meshes import file_name
+from upplied.catalog.verbs import adding
+from upplied.catalog.verbs.dataset_files import check_files, describe
+from upplied.catalog.verbs.published import owned_steps, write_tables
+from upplied.catalog.verbs.verification import answers, broken_values
+from upplied.checks import check_id
+from upplied.errors import CatalogError, InputError
+from upplied.records import Structure
+
+if TYPE_CHECKING:
+    from upplied.catalog.database import Catalog
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}-v[1-9][0-9]*")
+_IDS = {"structure_id", "kind", "demonstration_id", "source_id", "target_id", "transfer_id", "key"}
+
+
+def export_dataset(
+    catalog: Catalog,
+    folder: str | os.PathLike[str],
+    name: str,
+    transfers: pd.DataFrame | Sequence[str],
+    licence: str,
+    attribution: str = "",
+) -> dict[str, int]:
+    """Write some plans, with all they refer to, as a folder that stands for itself.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    folder : path
+        New, or empty.
+    name : str
+        With its version, as ``airliners-v1``.
+    transfers : DataFrame or sequence of str
+        Rows of `Catalog.transfers`, or names of plans.
+    licence : str
+        Under which the data may be used, as an SPDX name (``CC-BY-4.0``) or in words.
+    attribution : str
+        Whom to name.
+
+    Returns
+    -------
+    dict
+        Rows written, by table.
+    """
+    place = Path(folder)
+    if not _NAME.fullmatch(name):
+        raise InputError(f"dataset name {name[:80]!r}", "is not a name with a version", "like airliners-v1")
+    if not licence.strip():
+        raise InputError(f"dataset {name}", "has no licence", "say one, like CC-BY-4.0")
+    if place.exists() and any(place.iterdir()):
+        raise InputError(str(place), "is not empty", "a new folder", "choose another")
+    plans = _chosen(catalog, transfers)
+    demonstrations = _only(catalog.demonstrations(every=True), "demonstration_id", plans["demonstration_id"])
+    wanted = {*plans["source_id"], *plans["target_id"], *demonstrations["structure_id"]}
+    structures = _only(catalog.structures(every=True), "structure_id", wanted)
+    counts = write_tables(
+        place,
+        {
+            "structures": iter([_table("structures", structures)]),
+            "demonstrations": iter([_table("demonstrations", demonstrations)]),
+            "poses": owned_steps(catalog, "poses", demonstrations),
+            "transfers": iter([_table("transfers", plans)]),
+            "waypoints": owned_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0]),
+        },
+        generation=name,
+    )
+    for sha256 in sorted(set(structures["mesh_sha256"])):
+        replace_file(place / "meshes" / f"{sha256}.parquet", codec.encode(catalog.meshes.get(sha256)))
+    about = {"name": name, "licence": licence, "attribution": attribution, "rows": counts}
+    describe(place, about)
+    return counts
+
+
+def import_dataset(catalog: Catalog, folder: str | os.PathLike[str], replace: bool = False) -> dict[str, int]:
+    """Take the content of an exported folder into a catalog, after checking all of it.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    folder : path
+    replace : bool
+        Let structures and demonstrations that are here under the same names with another content
+        become newer versions; otherwise that is an error.
+
+    Returns
+    -------
+    dict
+        Rows added, by table; zeros where everything was known.
+
+    Raises
+    ------
+    CatalogError
+        If the folder is not whole, does not answer to its hashes, or contradicts itself or the
+        catalog. Nothing is added then.
+    """
+    place = Path(folder)
+    check_files(place)
+    tables = {name: _read(place, name) for name in TABLES}
+    for name in ("structures", "demonstrations", "transfers"):
+        frame = tables[name].to_pandas()
+        for finding in broken_values(name, frame):
+            raise CatalogError(f"{place}: {finding.what}", finding.found)
+        for column in _IDS & set(frame.columns):
+            for value in frame[column].unique():
+                check_id(value, f"{place}: {name}.{column}")
+    steps = {name: _by_owner(tables[name]) for name in ("poses", "waypoints")}
+    structures = [_structure(place, row) for row in _newest(tables["structures"])]
+    demonstrations = [
+        rows.demonstration_of(row, _steps(place, steps["poses"], "poses", row))
+        for row in _newest(tables["demonstrations"])
+    ]
+    plans = rows.rows_of(tables["transfers"])
+    for row in plans:
+        if plan_rows.transfer_id(row["key"]) != row["transfer_id"]:
+            raise CatalogError(f"{place}: plan {row['transfer_id']}", "does not answer to its key")
+        if row["n_waypoints"]:
+            _steps(place, steps["waypoints"], "waypoints", row)
+    new_structures = _unknown(catalog, "structures", structures, replace)
+    new_demonstrations = _unknown(catalog, "demonstrations", demonstrations, replace)
+    return {
+        "structures": catalog.add_structures(new_structures),
+        "demonstrations": catalog.add_demonstrations(new_demonstrations),
+        "transfers": adding.adopt_plans(catalog, plans, steps["waypoints"]),
+    }
+
+
+def _chosen(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> pd.DataFrame:
+    names = set(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
+    every = catalog.transfers(every=True)
+    missing = sorted(names - set(every["transfer_id"]))
+    if missing or not names:
+        raise CatalogError(
+            f"transfers {', '.join(missing[:5]) or '(none)'}",
+            "are not in the catalog",
+            "at least one that is",
+        )
+    return every[every["transfer_id"].isin(names)]
+
+
+def _only(frame: pd.DataFrame, column: str, names: Any) -> pd.DataFrame:
+    """The newest version of each, retired or not."""
+    return frame[frame[column].isin(set(names))].drop_duplicates(column, keep="last")
+
+
+def _table(name: str, frame: pd.DataFrame) -> pa.Table:
+    return pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
+
+
+def _read(place: Path, name: str) -> pa.Table:
+    schema = TABLES[name].schema
+    try:
+        found = pq.read_table(place / f"{name}.parquet")
+        return found.select(schema.names).cast(schema)
+    except (KeyError, OSError, pa.ArrowException) as error:
+        raise CatalogError(str(place / f"{name}.parquet"), f"has not the declared columns: {error}") from None
+
+
+def _newest(table: pa.Table) -> list[Row]:
+    return sorted(rows.rows_of(table), key=lambda row: row["added_at"])
+
+
+def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:
+    """Steps by owner and commit, in order."""
+    key = steps.schema.names[0]
+    ordered = steps.sort_by([(name, "ascending") for name in (key, "commit_id", "seq")])
+    names = list(zip(ordered[key].to_pylist(), ordered["commit_id"].to_pylist(), strict=True))
+    starts = [at for at in range(len(names)) if at == 0 or names[at] != names[at - 1]]
+    return {
+        names[start]: ordered.slice(start, stop - start)
+        for start, stop in zip(starts, [*starts[1:], len(names)], strict=True)
+    }
+
+
+def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: Row) -> pa.Table:
+    """The steps of a row, checked against it."""
+    key = TABLES[name].names[0]
+    steps = found.get((row[key], row["commit_id"]))
+    if steps is None or not answers(name, row, steps):
+        raise CatalogError(f"{place}: {name} of {row[key]}", "do not answer to their row")
+    return steps
+
+
+def _structure(place: Path, row: Row) -> Structure:
+    path = place / "meshes" / file_name(row["mesh_sha256"])
+    try:
+        mesh = codec.decode(path.read_bytes(), Structure)
+    except OSError as error:
+        raise CatalogError(str(path), f"cannot be read: {error}") from None
+    if codec.sha256_of(mesh) != row["mesh_sha256"]:
+        raise CatalogError(str(path), "has other content than its name says")
+    return rows.structure_of(row, mesh)
+
+
+def _unknown(catalog: Catalog, name: str, records: list[Any], replace: bool) -> list[Any]:
+    """Those that no version here says the same as; the others are left as they are."""
+    key = TABLES[name].names[0]
+    every = catalog.structures(every=True) if name == "structures" else catalog.demonstrations(every=True)
+    known = {(row[key], row["sha256"]) for row in every[[key, "sha256"]].to_dict("records")}
+    names = set(every[key])
+    new = [record for record in records if (getattr(record, key), record.sha256) not in known]
+    clashes = sorted(getattr(record, key) for record in new if getattr(record, key) in names)
+    if clashes and not replace:
+        raise CatalogError(
+            f"{name} {', '.join(clashes[:5])}",
+            "are in the catalog with another content",
+            "",
+            "import with replace, which makes newer versions of them",
+        )
+    return new

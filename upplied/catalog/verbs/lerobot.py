@@ -1,0 +1,214 @@
+"""Plans and demonstrations in the layout of LeRobot's datasets, version 3.
+
+An episode is a trajectory, a frame is a pose at a steady rate. State and action are the pose of the
+camera in the structure frame (x y z, m; quaternion x y z w); the action is the pose of the next
+frame. What the layout has no place for (structure, operator, measures, hashes) stands beside each
+episode in ``meta/episodes``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from upplied import poses
+from upplied.catalog.store.files import replace_file
+from upplied.errors import InputError
+from upplied.records import Floats, Trajectory
+
+if TYPE_CHECKING:
+    from upplied.catalog.database import Catalog
+
+_NAMES = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
+_DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+_EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+_FRAMES_A_FILE = 1_000_000  # of 80 bytes: below the 100 MB that the layout allows a file
+_FILES_A_CHUNK = 1000
+_POSE_FEATURES = ("observation.state", "action")
+_MEASURES = ("min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99")
+_QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+
+
+def export_lerobot(
+    catalog: Catalog, folder: str | os.PathLike[str], transfers: pd.DataFrame | Sequence[str], fps: int = 10
+) -> dict[str, int]:
+    """Write the trajectories of some plans as a dataset in LeRobot's layout, version 3.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    folder : path
+        New, or empty.
+    transfers : DataFrame or sequence of str
+        Rows of `Catalog.transfers`, or names of plans; those without a trajectory are left out.
+    fps : int
+        Frames a second; trajectories are interpolated at this rate.
+
+    Returns
+    -------
+    dict
+        Number of episodes and frames.
+    """
+    place = Path(folder)
+    if place.exists() and any(place.iterdir()):
+        raise InputError(str(place), "is not empty", "a new folder", "choose another")
+    names = list(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
+    rows = [row for row in map(catalog.transfer, names) if row["n_waypoints"]]
+    if not rows or fps < 1:
+        found = f"{len(rows)} plans with a trajectory, at {fps} frames a second"
+        raise InputError("episodes", found, "at least one of each")
+    tasks = {task: at for at, task in enumerate(dict.fromkeys(map(_task, rows)))}
+    episodes: list[dict[str, Any]] = []
+    frames: list[dict[str, Any]] = []  # of the file being filled
+    total = files = 0
+    for number, row in enumerate(rows):
+        made = _frames(catalog.trajectory(row["transfer_id"]), fps, number, tasks[_task(row)], total)
+        count = len(made["index"])
+        if frames and sum(len(part["index"]) for part in frames) + count > _FRAMES_A_FILE:
+            _write_frames(place, files, frames)
+            frames, files = [], files + 1
+        frames.append(made)
+        episodes.append(_episode(row, made, total, total + count, files))
+        total += count
+    _write_frames(place, files, frames)
+    _write(place / _EPISODES, pa.Table.from_pylist(episodes))
+    by_task = pd.DataFrame({"task_index": list(tasks.values())}, index=pd.Index(tasks, name="task"))
+    _write(place / "meta" / "tasks.parquet", pa.Table.from_pandas(by_task))
+    replace_file(place / "meta" / "stats.json", _json(_overall(episodes)))
+    replace_file(place / "meta" / "info.json", _json(_info(len(rows), total, len(tasks), fps)))
+    return {"episodes": len(rows), "frames": total}
+
+
+def _task(row: Mapping[str, Any]) -> str:
+    return f"Inspect the {row['kind']} {row['target_id']} as shown in {row['demonstration_id']}."
+
+
+def _frames(path: Trajectory, fps: int, episode: int, task: int, first: int) -> dict[str, Any]:
+    """Frames of one episode, at a steady rate."""
+    count = max(1, int(np.floor(path.t_s[-1] * fps + 1e-9)) + 1)
+    steady = poses.interpolate(path, np.arange(count) / fps)
+    state = np.column_stack([steady.positions, steady.quat_xyzw]).astype(np.float32)
+    return {
+        "observation.state": state,
+        "action": np.concatenate([state[1:], state[-1:]]),
+        "timestamp": (np.arange(count) / fps).astype(np.float32),
+        "frame_index": np.arange(count),
+        "episode_index": np.full(count, episode),
+        "index": np.arange(first, first + count),
+        "task_index": np.full(count, task),
+    }
+
+
+def _episode(
+    row: Mapping[str, Any], frames: Mapping[str, Any], first: int, stop: int, file: int
+) -> dict[str, Any]:
+    """The row of one episode: where its frames lie, their statistics, and where it came from."""
+    kept = (
+        "transfer_id demonstration_id source_id target_id kind preset coverage_seen_pct min_clearance_m "
+        "code_version method_version demonstration_sha256 source_sha256 target_sha256 settings_sha256"
+    )
+    statistics = {
+        f"stats/{name}/{measure}": value
+        for name, values in frames.items()
+        for measure, value in _statistics(values).items()
+    }
+    return {
+        "episode_index": int(frames["episode_index"][0]),
+        "tasks": [_task(row)],
+        "length": stop - first,
+        "data/chunk_index": file // _FILES_A_CHUNK,
+        "data/file_index": file % _FILES_A_CHUNK,
+        "dataset_from_index": first,
+        "dataset_to_index": stop,
+        "meta/episodes/chunk_index": 0,
+        "meta/episodes/file_index": 0,
+        **statistics,
+        **{name: row[name] for name in kept.split()},
+    }
+
+
+def _statistics(values: Floats) -> dict[str, list[float]]:
+    table = np.asarray(values, float).reshape(len(values), -1)
+    return {
+        "min": table.min(axis=0).tolist(),
+        "max": table.max(axis=0).tolist(),
+        "mean": table.mean(axis=0).tolist(),
+        "std": table.std(axis=0).tolist(),
+        "count": [len(table)],
+        **{name: np.quantile(table, share, axis=0).tolist() for name, share in _QUANTILES.items()},
+    }
+
+
+def _overall(episodes: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[float]]]:
+    """Statistics of all frames from those of the episodes; quantiles are their weighted means."""
+    found: dict[str, dict[str, list[float]]] = {}
+    features = {name.split("/")[1] for name in episodes[0] if name.startswith("stats/")}
+    for feature in sorted(features):
+        of = {name: np.array([e[f"stats/{feature}/{name}"] for e in episodes]) for name in _MEASURES}
+        weight = of["count"] / of["count"].sum()
+        mean = (weight * of["mean"]).sum(axis=0)
+        variance = (weight * (of["std"] ** 2 + (of["mean"] - mean) ** 2)).sum(axis=0)
+        found[feature] = {
+            "min": of["min"].min(axis=0).tolist(),
+            "max": of["max"].max(axis=0).tolist(),
+            "mean": mean.tolist(),
+            "std": np.sqrt(variance).tolist(),
+            "count": [int(of["count"].sum())],
+            **{name: (weight * of[name]).sum(axis=0).tolist() for name in _QUANTILES},
+        }
+    return found
+
+
+def _info(episodes: int, frames: int, tasks: int, fps: int) -> dict[str, Any]:
+    pose = {"dtype": "float32", "shape": [len(_NAMES)], "names": _NAMES}
+    whole = {"dtype": "int64", "shape": [1], "names": None}
+    return {
+        "codebase_version": "v3.0",
+        "robot_type": "drone",
+        "total_episodes": episodes,
+        "total_frames": frames,
+        "total_tasks": tasks,
+        "chunks_size": _FILES_A_CHUNK,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": fps,
+        "splits": {"train": f"0:{episodes}"},
+        "data_path": _DATA,
+        "video_path": None,
+        "features": {
+            **dict.fromkeys(_POSE_FEATURES, pose),
+            "timestamp": {"dtype": "float32", "shape": [1], "names": None},
+            **dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), whole),
+        },
+    }
+
+
+def _write_frames(place: Path, file: int, parts: Sequence[Mapping[str, Any]]) -> None:
+    columns = {}
+    for name in parts[0]:
+        values = np.concatenate([part[name] for part in parts])
+        if name in _POSE_FEATURES:
+            columns[name] = pa.FixedSizeListArray.from_arrays(pa.array(values.reshape(-1)), len(_NAMES))
+        else:
+            columns[name] = pa.array(values)
+    chunk = {"chunk_index": file // _FILES_A_CHUNK, "file_index": file % _FILES_A_CHUNK}
+    _write(place / _DATA.format(**chunk), pa.table(columns))
+
+
+def _write(path: Path, table: pa.Table) -> None:
+    sink = BytesIO()
+    pq.write_table(table, sink, compression="snappy")
+    replace_file(path, sink.getvalue())
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, indent=4).encode()

@@ -1,0 +1,114 @@
+"""Keeping a catalog fast and small, while others read and write it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pyarrow.compute as pc
+from deltalake import DeltaTable
+
+from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.merging import merge, removing
+from upplied.errors import SettingsError
+
+if TYPE_CHECKING:
+    from upplied.catalog.database import Catalog
+
+KEEP_DAYS = 30.0  # of versions that `version` can still ask for
+SHORTEST_KEEP_HOURS = 1.0  # a writer that takes longer between points and row would lose its points
+CACHE_BYTES = 20 << 30
+
+_TARGET_BYTES = 64 << 20  # of a data file; merging needs some eight times as much memory
+_OWNERS = {"waypoints": "transfers", "poses": "demonstrations"}
+
+
+@dataclass
+class Kept:
+    """What maintenance did."""
+
+    files_merged: dict[str, int] = field(default_factory=dict)  # by table
+    orphan_commits: dict[str, int] = field(default_factory=dict)  # of writers that were stopped, by table
+    files_removed: dict[str, int] = field(default_factory=dict)  # by table
+    drafts_removed: int = 0
+    cache_bytes_freed: int = 0
+
+
+def compact(catalog: Catalog) -> dict[str, int]:
+    """Merge small data files, in the order of commits; returns how many files were merged, by table.
+
+    Readers and writers go on meanwhile, and older versions can still be asked for.
+    """
+    return {name: merge(table, _TARGET_BYTES) for name, table in catalog.tables.items()}
+
+
+def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CACHE_BYTES) -> Kept:
+    """Remove what nobody can ask for any more.
+
+    That is: data files that were merged or whose version is older than `keep_days`; points that
+    stopped writers left behind, and their unfinished files; and cache entries unused for longest
+    beyond `cache_bytes`. Rows are never removed: `as_of` reaches back to the first one.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    keep_days : float
+        Versions younger than this can still be asked for; at least an hour, so that the files of
+        writers at work are left alone.
+    cache_bytes : int
+    """
+    hours = keep_days * 24
+    if not hours >= SHORTEST_KEEP_HOURS:
+        raise SettingsError(
+            "keep_days", f"is {keep_days:g}", f"at least {SHORTEST_KEEP_HOURS / 24:.3f} (an hour)"
+        )
+    kept = Kept()
+    before = datetime.now(UTC) - timedelta(hours=hours)
+    for steps, owner in _OWNERS.items():
+        kept.orphan_commits[steps] = _drop_orphans(catalog.tables[steps], catalog.tables[owner], before)
+    for name, table in catalog.tables.items():
+
+        def remove(delta: DeltaTable) -> int:
+            # Not an enforced week: the caller states the history, and an hour protects writers.
+            removed = delta.vacuum(
+                max(1, int(hours)), dry_run=False, enforce_retention_duration=False, full=True
+            )
+            return len(removed)
+
+        kept.files_removed[name] = table.change(remove) or 0
+    if "://" not in catalog.location:
+        kept.drafts_removed = _remove_drafts(Path(catalog.location), before)
+    kept.cache_bytes_freed = catalog.cache.prune(cache_bytes)
+    return kept
+
+
+def orphans(steps: StoredTable, owners: StoredTable, before: datetime) -> list[str]:
+    """Commits of steps that no row owns, older than a moment."""
+    youngest = f"{before:%Y%m%d-%H%M%S-%f}"  # commit ids begin with their time
+    held = pc.unique(steps.read(pc.field("commit_id") < youngest, ["commit_id"])["commit_id"])
+    owned = pc.unique(owners.read(None, ["commit_id"])["commit_id"])
+    return sorted(set(held.to_pylist()) - set(owned.to_pylist()))
+
+
+def _drop_orphans(steps: StoredTable, owners: StoredTable, before: datetime) -> int:
+    found = orphans(steps, owners, before)
+    if found:
+        listed = ", ".join(f"'{commit}'" for commit in found)
+        steps.change(lambda delta: delta.delete(f"commit_id IN ({listed})", commit_properties=removing()))
+    return len(found)
+
+
+def _remove_drafts(root: Path, before: datetime) -> int:
+    """Files that stopped writers began and never finished."""
+    removed = 0
+    for pattern in ("*/*.parquet#*", "*/_delta_log/*.tmp*", "**/.*.draft"):
+        for path in root.glob(pattern):
+            try:
+                if path.stat().st_mtime < before.timestamp():
+                    path.unlink()
+                    removed += 1
+            except FileNotFoundError:
+                continue  # finished or removed meanwhile
+    return removed

@@ -1,0 +1,289 @@
+"""Questions to the catalog, answered with pandas.
+
+Rows are only ever appended. What is current, and how the catalog stood at an earlier moment, are
+therefore questions over the rows themselves: the newest per name, among those added until then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.dataset as ds
+
+from upplied.catalog.schema import plan_rows, rows
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.delta import StoredTable
+from upplied.errors import CatalogError, SettingsError
+from upplied.records import Floats, Ints, Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+When = datetime | str
+
+PAIR = ["demonstration_id", "target_id", "preset"]  # of these, the newest plan is current
+
+
+class PlannedTrajectory(Trajectory):
+    """A trajectory that can be asked for its pose at any time."""
+
+    def at(self, t_s: float | Floats) -> Trajectory:
+        """Poses at other times, s: linear in position, spherical in orientation; the ends are held."""
+        from upplied import poses  # with scipy, which nothing else here needs
+
+        return poses.interpolate(self, np.atleast_1d(np.asarray(t_s, float)))
+
+
+@dataclass(frozen=True)
+class Which:
+    """Which rows of `transfers`.
+
+    With `every` false, only the newest plan of each demonstration, target and preset is considered,
+    and `status` and `since` then choose among those.
+    """
+
+    kind: str | None = None
+    site: str | None = None  # of the target
+    structure: str | None = None  # the target
+    demonstration: str | None = None
+    preset: str | None = None
+    status: str | None = None
+    since: When | None = None  # planned at or after
+    as_of: When | None = None
+    version: int | None = None  # of the table, as `history` lists them
+    every: bool = False  # older plans of a pair as well
+    columns: Sequence[str] | None = None
+
+
+def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
+    """Rows of `transfers`, ordered by demonstration, target, preset and time."""
+    declared = TABLES["transfers"]
+    wanted = declared.names if which.columns is None else _known_columns(declared.names, which.columns)
+    sorting = [*PAIR, "planned_at", "transfer_id", "status"]
+    columns = [name for name in declared.names if name in {*wanted, *sorting}]
+    table = tables["transfers"].read(_pair_filter(tables, which), columns, which.version)
+    found = frame(_in_order(table, newest=not which.every))
+    if not which.every:
+        found = _in_use(tables, found, which)
+    if which.status is not None:
+        found = found[found["status"] == which.status]
+    if which.since is not None:
+        found = found[found["planned_at"] >= moment(which.since)]
+    return found[list(wanted)].reset_index(drop=True)
+
+
+def steps(table: StoredTable, name: str, row: Row, count: int) -> pa.Table:
+    """The waypoints or poses that one row owns, in order.
+
+    Raises
+    ------
+    CatalogError
+        If they are not as many as the row says.
+    """
+    what = f"{name} {row[name]}"
+    if not count:
+        return table.declared.schema.empty_table()
+    found = table.read((pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name]))
+    order = pc.sort_indices(found["seq"])
+    found = found.take(order)
+    if len(found) != count or not np.array_equal(found["seq"].to_numpy(), np.arange(count)):
+        raise CatalogError(
+            what, f"has {len(found)} steps, its row says {count}", "", "run: upplied catalog verify"
+        )
+    return found
+
+
+def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> list[Row]:
+    """The current version of each id, retired ones too, in the order of their ids."""
+    name = table.declared.names[0]
+    versions: dict[str, list[Row]] = {}
+    for row in rows.rows_of(table.read(where)):
+        versions.setdefault(row[name], []).append(row)
+    return [newest_of(versions[key]) for key in sorted(versions)]
+
+
+def newest_of(versions: Sequence[Row]) -> Row:
+    """The current one of the versions of an id; of those that came at once, the last."""
+    newest = versions[0]
+    for row in versions:
+        if _order(row) >= _order(newest):
+            newest = row
+    return newest
+
+
+def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:
+    """The row that stands for each of the keys that are known."""
+    asked = set(keys)
+    ids = [plan_rows.transfer_id(key) for key in asked]
+    found: dict[str, list[Row]] = {}
+    # First whether there are any, of one narrow column: most often there are none.
+    known = table.read(pc.field("transfer_id").isin(ids), ["transfer_id"])["transfer_id"].unique()
+    if len(known):
+        for row in rows.rows_of(table.read(pc.field("transfer_id").isin(known))):
+            found.setdefault(row["key"], []).append(row)
+    return {key: standing(same_plan) for key, same_plan in found.items() if key in asked}
+
+
+def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
+    """Those of the stored plans that are not the newest of their demonstration, target and preset."""
+    if not plans:
+        return []
+    where = pc.field("demonstration_id").isin(list({row["demonstration_id"] for row in plans}))
+    where &= pc.field("target_id").isin(list({row["target_id"] for row in plans}))
+    columns = ["transfer_id", *PAIR, "status", "planned_at"]
+    newest = _in_order(table.read(where, columns), newest=True)
+    current = set(newest["transfer_id"].to_pylist())
+    return [row for row in plans if row["transfer_id"] not in current]
+
+
+def settled_keys(table: StoredTable, keys: Iterable[str]) -> set[str]:
+    """Those of the keys that have a row which is not a failure."""
+    asked = set(keys)
+    where = pc.field("transfer_id").isin([plan_rows.transfer_id(key) for key in asked])
+    found = table.read(where & (pc.field("status") != "failed"), ["key"]) if asked else None
+    return asked & set(found["key"].to_pylist()) if found is not None else set()
+
+
+def standing(same_plan: list[Row]) -> Row:
+    """The row that stands for a plan: one that is not a failure, and of those the newest."""
+    return max(same_plan, key=lambda row: (row["status"] != "failed", row["planned_at"], row["commit_id"]))
+
+
+def frame(table: pa.Table) -> pd.DataFrame:
+    """A DataFrame; the unit of each column is in ``frame.attrs["units"]``."""
+    made = table.to_pandas()
+    made.attrs["units"] = {
+        field.name: field.metadata[b"unit"].decode() for field in table.schema if field.metadata
+    }
+    return made
+
+
+def moment(when: When) -> pd.Timestamp:
+    """A moment in UTC; a text without a zone is UTC."""
+    import pandas as pd
+
+    try:
+        stamp = pd.Timestamp(when)
+    except ValueError:
+        raise SettingsError(
+            f"moment {when!r}", "cannot be read", "like 2026-11-21 or 2026-11-21T02:00:00Z"
+        ) from None
+    return stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
+
+
+def versions(
+    table: StoredTable, equal: Mapping[str, str | None], every: bool, as_of: When | None
+) -> pd.DataFrame:
+    """Versions of each id counted in the order of time, then narrowed to what was asked."""
+    name = table.declared.names[0]
+    found = frame(table.read(_until("added_at", as_of))).sort_values(
+        [name, "added_at", "commit_id"], kind="stable"
+    )
+    found = found[~_repeated(found)]  # two writers may add the same version at once
+    found["version"] = found.groupby(name).cumcount() + 1
+    if not every:
+        found = found.drop_duplicates(name, keep="last")
+        found = found[~found["retired"].astype(bool)]
+    for column, value in equal.items():
+        if value is not None:
+            found = found[found[column] == value]
+    return found.reset_index(drop=True)
+
+
+def _repeated(ordered: pd.DataFrame) -> pd.Series:
+    """Which rows say the same as the one before, apart from when and by which commit they were added."""
+    said = ordered.drop(columns=list(rows.ADDED))
+    before = said.shift()
+    return ((said == before) | (said.isna() & before.isna())).all(axis=1)
+
+
+def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expression | None:
+    """What may be left out before asking which plan of a pair is the newest."""
+    parts = [
+        pc.field(column) == value
+        for column, value in (
+            ("kind", which.kind),
+            ("target_id", which.structure),
+            ("demonstration_id", which.demonstration),
+            ("preset", which.preset),
+        )
+        if value is not None
+    ]
+    if which.as_of is not None:
+        parts.append(_until("planned_at", which.as_of))
+    if which.site is not None:
+        there = versions(tables["structures"], {"site": which.site}, False, which.as_of)
+        parts.append(pc.field("target_id").isin(list(there["structure_id"])))
+    joined: ds.Expression | None = None
+    for part in parts:
+        joined = part if joined is None else joined & part
+    return joined
+
+
+def _in_order(table: pa.Table, newest: bool) -> pa.Table:
+    """One row per plan, ordered by pair and time; with `newest`, the last of each pair alone.
+
+    There may be more rows of a plan: a failure may be followed, racing writers may add it twice, and
+    one that is asked for again becomes current again. Its newest row counts.
+    """
+    pairs = _pairs(table)
+    when = table["planned_at"].cast(pa.int64()).to_numpy()
+    chosen = _standing(table, when)
+    order = chosen[np.lexsort((when[chosen], pairs[chosen]))]
+    if newest:
+        order = order[np.flatnonzero(np.diff(pairs[order], append=-1))]
+    return table.take(order)
+
+
+def _standing(table: pa.Table, when: Ints) -> Ints:
+    """Which row stands for each plan: one that is not a failure, and of those the newest."""
+    plans = table["transfer_id"].combine_chunks().dictionary_encode()
+    if len(plans.dictionary) == len(table):
+        return np.arange(len(table))
+    codes = plans.indices.to_numpy()
+    order = np.lexsort((when, pc.not_equal(table["status"], "failed").to_numpy(), codes))
+    return np.asarray(order[np.flatnonzero(np.diff(codes[order], append=-1))], np.int64)
+
+
+def _pairs(table: pa.Table) -> Ints:
+    """A number per row that is the same for the same pair, and grows with its names."""
+    number = np.zeros(len(table), np.int64)
+    for name in PAIR:
+        encoded = table[name].combine_chunks().dictionary_encode()
+        rank = np.empty(len(encoded.dictionary), np.int64)
+        rank[pc.sort_indices(encoded.dictionary).to_numpy()] = np.arange(len(rank))
+        number = number * max(1, len(rank)) + rank[encoded.indices.to_numpy()]
+    return number
+
+
+def _in_use(tables: Mapping[str, StoredTable], found: pd.DataFrame, which: Which) -> pd.DataFrame:
+    """Without the plans of retired demonstrations and targets."""
+    as_of = found["planned_at"].max() if which.version is not None and len(found) else which.as_of
+    for name, column in (("structures", "target_id"), ("demonstrations", "demonstration_id")):
+        where = _until("added_at", as_of)
+        gone = [row for row in newest_rows(tables[name], where) if row["retired"]]
+        found = found[~found[column].isin([row[TABLES[name].names[0]] for row in gone])]
+    return found
+
+
+def _until(column: str, as_of: When | None) -> ds.Expression | None:
+    return None if as_of is None else pc.field(column) <= pa.scalar(moment(as_of), pa.timestamp("us", "UTC"))
+
+
+def _known_columns(names: list[str], asked: Iterable[str]) -> list[str]:
+    wanted = list(asked)
+    for name in wanted:
+        if name not in names:
+            raise SettingsError(f"column {name!r}", "does not exist", f"one of {', '.join(names)}")
+    return wanted
+
+
+def _order(row: Row) -> tuple[Any, ...]:
+    return row["added_at"], row["commit_id"]

@@ -1,0 +1,108 @@
+"""A plan from its row: what went in, so that it can be planned again and compared byte for byte."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import pyarrow.compute as pc
+
+from upplied.catalog.schema import rows
+from upplied.catalog.schema.plan_rows import transfer_row
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.verbs import queries
+from upplied.config import Settings, settings_for
+from upplied.errors import CatalogError
+from upplied.records import Demonstration, Measures, Plan, Structure
+
+if TYPE_CHECKING:
+    from upplied.catalog.database import Catalog
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Everything that one stored plan was made from."""
+
+    row: Row  # of `transfers`
+    demonstration: Demonstration
+    source: Structure
+    target: Structure
+    settings: Settings
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why another result might come of it now, in words."""
+        if self.settings.sha256 != self.row["settings_sha256"]:
+            return ("settings were added to the program since; they have their defaults here",)
+        return ()
+
+    def differences(self, plan: Plan) -> list[str]:
+        """Columns in which a plan made again differs from the stored one; none: the same bytes."""
+        again = transfer_row(self.row["key"], plan, {"settings": self.settings})
+        names = [
+            "status",
+            "reason",
+            "n_viewpoints",
+            "n_waypoints",
+            "waypoints_sha256",
+            "registration_json",
+            "counterpart_summary",
+            "warnings",
+            *(item.name for item in fields(Measures)),
+        ]
+        stored, given = (
+            rows.rows_of(rows.table_of(TABLES["transfers"], [row]))[0] for row in (self.row, again)
+        )
+        return [name for name in names if stored[name] != given[name]]
+
+
+def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
+    """What the plan of this name was made from: the versions of its inputs, and its settings.
+
+    Raises
+    ------
+    CatalogError
+        If an input of that hash is not in the catalog, or the settings are not known to this version.
+    """
+    row = catalog.transfer(transfer_id)
+    flown = _version(catalog, "demonstrations", row["demonstration_id"], row["demonstration_sha256"])
+    source = _version(catalog, "structures", row["source_id"], row["source_sha256"])
+    target = _version(catalog, "structures", row["target_id"], row["target_sha256"])
+    return Recipe(
+        row,
+        catalog.demonstration_of(flown),
+        catalog.structure_of(source),
+        catalog.structure_of(target),
+        settings_of(row["settings_json"]),
+    )
+
+
+def settings_of(text: str) -> Settings:
+    """The settings of their JSON, as `settings_json` holds them."""
+    stages: dict[str, Any] = json.loads(text)
+    preset = stages.pop("preset")
+    return settings_for(
+        preset,
+        **{stage: {name: _tuples(v) for name, v in values.items()} for stage, values in stages.items()},
+    )
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def _version(catalog: Catalog, table: str, name: str, sha256: str) -> Row:
+    """The newest version of that id with that hash."""
+    found = queries.newest_rows(
+        catalog.tables[table],
+        (pc.field(TABLES[table].names[0]) == name) & (pc.field("sha256") == sha256),
+    )
+    if not found:
+        raise CatalogError(
+            f"{table.removesuffix('s')} {name}",
+            f"no version with hash {sha256[:12] or '(none)'} is in the catalog",
+            "a plan can be made again from the very inputs it had",
+        )
+    return found[0]

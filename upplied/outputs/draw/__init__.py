@@ -1,0 +1,1 @@
+"""Pictures by casting rays, without a display or a GPU."""

@@ -1,0 +1,176 @@
+"""Pictures by casting rays: a shaded surface with tubes in front of it and, faintly, behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from upplied.outputs.colours import BACKGROUND, STATES, SURFACE, rgb
+from upplied.outputs.display import Neighbourhood
+from upplied.outputs.draw import shade
+from upplied.outputs.draw.tubes import Tubes
+from upplied.outputs.draw.views import Frame
+from upplied.records import Bools, Floats, Ints, Structure, SurfaceStates
+from upplied.scene import Scene, surfels
+
+_BEHIND = 0.20  # opacity of a tube behind the surface
+_FINE = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))  # rays of a pixel at an edge
+_CONTRAST = 0.03  # from which a pixel counts as an edge
+_COARSE = 2  # the sky is sampled at every second pixel
+_WHITE = np.array(rgb(BACKGROUND))
+
+
+@dataclass
+class Solid:
+    """A structure ready to be drawn, with its surface coloured by state where that is known."""
+
+    vertices: Floats
+    triangles: Ints
+    states: SurfaceStates | None = None
+    scene: Scene = field(init=False)
+    normals: Floats = field(init=False)
+    _near: Neighbourhood | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        self.scene = Scene(self.vertices, self.triangles)
+        self.normals = shade.corner_normals(self.vertices, self.triangles)
+        if self.states is not None and len(self.states.points):
+            self._near = Neighbourhood(self.states, self.size_m)
+
+    @property
+    def size_m(self) -> float:
+        """Diagonal of the bounding box, m."""
+        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
+    def colours(self, points: Floats, normals: Floats) -> Floats:
+        """Colour (N, 3) of the surface at points (N, 3) with normals towards the eye (N, 3)."""
+        if self._near is None:
+            return np.broadcast_to(rgb(SURFACE), points.shape)
+        palette = np.array([rgb(colour) for colour in STATES.values()])
+        return palette[self._near.states(points, normals)]
+
+
+def solid(structure: Structure, states: SurfaceStates | None = None) -> Solid:
+    """The structure's mesh, or discs for a point cloud."""
+    if len(structure.triangles):
+        return Solid(structure.vertices, structure.triangles, states)
+    return Solid(*surfels(structure.vertices, structure.normals), states)
+
+
+def picture(body: Solid, lines: Tubes, frame: Frame) -> np.ndarray:
+    """The picture, uint8 (height, width, 3): one ray a pixel, and more where neighbours differ.
+
+    Surface and tubes look for edges each in their own colours: where only a tube ends, the surface
+    behind it needs no more rays.
+    """
+    painter = _Painter(body, lines, frame)
+    columns, rows = np.meshgrid(np.arange(frame.width) + 0.5, np.arange(frame.height) + 0.5)
+    size = frame.height, frame.width
+    surface, reach = painter.surface(columns.ravel(), rows.ravel())
+    rough = _edges(surface.reshape(*size, 3)).ravel()
+    image = painter.with_lines(surface, reach, columns.ravel(), rows.ravel())
+    edge = _edges(image.reshape(*size, 3)).ravel() | rough
+    total = np.zeros((np.count_nonzero(edge), 3))
+    for right, down in _FINE:
+        x, y = columns.ravel()[edge] + right, rows.ravel()[edge] + down
+        behind, far = surface[edge], reach[edge]
+        fine = rough[edge]
+        behind[fine], far[fine] = painter.surface(x[fine], y[fine])
+        total += painter.with_lines(behind, far, x, y)
+    image[edge] = total / len(_FINE)
+    return np.round(255 * image).astype(np.uint8).reshape(*size, 3)
+
+
+def _edges(image: Floats) -> Bools:
+    """Pixels (H, W) of an image (H, W, 3) that differ from a neighbour."""
+    edge = np.zeros(image.shape[:2], bool)
+    for axis in (0, 1):
+        red, green, blue = np.moveaxis(np.abs(np.diff(image, axis=axis)) > _CONTRAST, 2, 0)
+        step = red | green | blue
+        edge |= np.pad(step, [(1, 0) if axis == 0 else (0, 0), (1, 0) if axis == 1 else (0, 0)])
+        edge |= np.pad(step, [(0, 1) if axis == 0 else (0, 0), (0, 1) if axis == 1 else (0, 0)])
+    return edge
+
+
+class _Painter:
+    """Colours of single rays; the open sky is looked up in a coarse grid made once."""
+
+    def __init__(self, body: Solid, lines: Tubes, frame: Frame) -> None:
+        self.body, self.lines, self.frame = body, lines, frame
+        self.line_scene = Scene(lines.vertices, lines.triangles) if len(lines.triangles) else None
+        self._ambient_of_grid()
+
+    def surface(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Colour (N, 3) in 0 .. 1 and distance (N,), m, of the surface at picture points x, y (N,), px."""
+        reach, points, normals, hit = self._surface(*self.frame.rays(x, y))
+        out = np.tile(_WHITE, (len(x), 1))
+        at = np.flatnonzero(hit)
+        if len(at):
+            sky = self._ambient(x[at], y[at], points[at], normals[at])
+            paint = self.body.colours(points[at], normals[at])
+            out[at] = shade.lit(paint, normals[at], self.frame.back, self.frame.up, sky)
+        return out, reach
+
+    def with_lines(self, colours: Floats, reach: Floats, x: Floats, y: Floats) -> Floats:
+        """The colours (N, 3) of surfaces at `reach` (N,), m, with the tubes over them."""
+        if self.line_scene is None:
+            return colours
+        _, directions = rays = self.frame.rays(x, y)
+        line_reach, triangle, face = self.line_scene.cast(*rays)
+        at = np.flatnonzero(triangle >= 0)
+        facing = np.abs(np.einsum("ij,ij->i", face[at], directions[at]))
+        colour = self.lines.colours[triangle[at]] * (0.72 + 0.28 * facing)[:, None]
+        opacity = np.where(line_reach[at] < reach[at], 1.0, _BEHIND)[:, None]
+        out = colours.copy()
+        out[at] = opacity * colour + (1 - opacity) * out[at]
+        return out
+
+    def _surface(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats, Floats, np.ndarray]:
+        reach, triangle, face = self.body.scene.cast(origins, directions)
+        hit = triangle >= 0
+        points, normals = np.zeros_like(face), np.zeros_like(face)
+        points[hit] = origins[hit] + reach[hit, None] * directions[hit]
+        mixed = shade.smooth_normals(
+            self.body.vertices, self.body.triangles, self.body.normals, triangle[hit], points[hit]
+        )
+        away = np.einsum("ij,ij->i", face[hit], directions[hit]) > 0
+        same = np.einsum("ij,ij->i", mixed, face[hit]) > 0
+        normals[hit] = np.where((away == same)[:, None], -mixed, mixed)
+        return reach, points, normals, hit
+
+    def _ambient_of_grid(self) -> None:
+        columns, rows = -(-self.frame.width // _COARSE), -(-self.frame.height // _COARSE)
+        x, y = np.meshgrid(
+            np.arange(columns) * _COARSE + _COARSE / 2, np.arange(rows) * _COARSE + _COARSE / 2
+        )
+        _, points, normals, hit = self._surface(*self.frame.rays(x.ravel(), y.ravel()))
+        sky = np.ones(len(hit))
+        size = self.body.size_m
+        sky[hit] = shade.open_sky(self.body.scene, points[hit], normals[hit], 0.25 * size, 2e-3 * size)
+        self._grid = (
+            sky.reshape(rows, columns),
+            points.reshape(rows, columns, 3),
+            normals.reshape(rows, columns, 3),
+            hit.reshape(rows, columns),
+        )
+
+    def _ambient(self, x: Floats, y: Floats, points: Floats, normals: Floats) -> Floats:
+        """Open sky between the four nearest grid points that lie on the same piece of surface."""
+        sky, grid_points, grid_normals, grid_hit = self._grid
+        u, v = x / _COARSE - 0.5, y / _COARSE - 0.5
+        left, top = np.floor(u).astype(int), np.floor(v).astype(int)
+        total, weight = np.zeros(len(x)), np.full(len(x), 1e-9)
+        near = (3 * _COARSE / self.frame.metre_px) ** 2
+        for across in (0, 1):
+            for down in (0, 1):
+                column = np.clip(left + across, 0, sky.shape[1] - 1)
+                row = np.clip(top + down, 0, sky.shape[0] - 1)
+                share = np.abs((1 - across) - (u - left)) * np.abs((1 - down) - (v - top)) + 1e-3
+                gap = points - grid_points[row, column]
+                off_plane = np.einsum("ij,ij->i", gap, normals) ** 2
+                alike = np.clip(np.einsum("ij,ij->i", normals, grid_normals[row, column]), 1e-3, 1) ** 8
+                share = share * grid_hit[row, column] * alike / (1 + (4 * off_plane / near) ** 2)
+                total += share * sky[row, column]
+                weight += share
+        return np.where(weight > 2e-9, total / weight, 1.0)

@@ -1,0 +1,1 @@
+"""Where the vehicle may be, and ways round a structure."""

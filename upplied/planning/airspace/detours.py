@@ -1,0 +1,285 @@
+"""A path made safe: the whole of it keeps the safety distance, the ground, the fence and the boxes.
+
+What comes a little too near is pushed out, smoothly along the path. What leads through the structure
+is led round it. What cannot be repaired is refused with the reason and the place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.errors import RefusedError
+from upplied.planning.airspace.push import pushed_out
+from upplied.planning.airspace.roadmap import Roadmap, links, roadmap, way
+from upplied.planning.airspace.rules import Airspace
+from upplied.poses import interpolate
+from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
+
+_BUFFER_M = 0.05  # kept beyond the safety distance while planning, so that the final test is passed
+_SMOOTHINGS = 30
+_SPACING_M = 1.0  # of the waypoints that a detour adds
+
+
+class Ways:
+    """Where to fly round one structure; the graph of ways is made when one is needed, once.
+
+    Parameters
+    ----------
+    airspace : Airspace
+        The rules to keep.
+    surface : Cloud
+        Samples of the target's outside with normals: where ways round it are sought.
+    """
+
+    def __init__(self, airspace: Airspace, surface: Cloud) -> None:
+        self.airspace, self.surface = airspace, surface
+        self.planning = replace(airspace, clearance_m=airspace.clearance_m + _BUFFER_M)
+
+    @cached_property
+    def graph(self) -> Roadmap:
+        """The graph of ways, with a little more than the safety distance."""
+        return roadmap(self.planning, self.surface)
+
+
+def route(path: Waypoints, ways: Ways) -> Waypoints:
+    """The waypoints at safe places, with further ones where a leg has to lead round something.
+
+    Parameters
+    ----------
+    path : Waypoints
+    ways : Ways
+
+    Returns
+    -------
+    Waypoints
+        Every leg of it keeps the rules. Added waypoints turn the camera steadily from one neighbour
+        to the next and are no viewpoints.
+
+    Raises
+    ------
+    RefusedError
+        With the reason and the place, if no such path is found.
+    """
+    if len(path) == 0 or _is_safe(path.positions, ways.airspace):
+        return path
+    positions = _at_good_places(path.positions, ways)
+    pieces, origin = [positions[:1]], [np.zeros(1)]
+    broken = ways.planning.broken(positions)
+    for leg in range(len(positions) - 1):
+        line = positions[leg : leg + 2]
+        if broken[leg]:
+            line = _spaced(_way_or_refusal(ways.graph, line[0], line[1], leg))
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+        pieces.append(line[1:])
+        origin.append(leg + along[1:] / max(along[-1], 1e-12))
+    whence = np.concatenate(origin)
+    routed = _with_inserted(path, np.vstack(pieces), whence)
+    smooth = _smoothed(routed.positions, _around_added(whence) & ~routed.is_viewpoint, ways.planning)
+    _refuse_unsafe(smooth, ways.airspace)
+    return replace(routed, positions=smooth)
+
+
+def safe_positions(positions: Floats, ways: Ways) -> Floats:
+    """As many positions as given, near them and in their order, on a path that keeps the rules.
+
+    For closely spaced paths: what has to lead round something uses the positions that the
+    unsafe stretch and its neighbourhood have.
+
+    Parameters
+    ----------
+    positions : array, shape (M, 3), m
+    ways : Ways
+
+    Returns
+    -------
+    array, shape (M, 3), m
+
+    Raises
+    ------
+    RefusedError
+        With the reason and the place, if no such path is found.
+    """
+    if len(positions) == 0 or _is_safe(positions, ways.airspace):
+        return positions
+    safe = _at_good_places(positions, ways)
+    for _ in range(4):  # a detour may need the positions of its neighbourhood, which may touch the next
+        broken = np.flatnonzero(ways.planning.broken(safe))
+        if len(broken) == 0:
+            break
+        changed = np.zeros(len(safe), bool)
+        for first, last in _runs(broken):
+            _lead_round(safe, changed, first, last + 1, ways.graph)
+        safe = _smoothed(safe, _widened(changed, 15), ways.planning, like=positions)
+    _refuse_unsafe(safe, ways.airspace)
+    return safe
+
+
+def _is_safe(positions: Floats, airspace: Airspace) -> bool:
+    """Whether every rule is kept and the path is outside of the structure, as far as rays can tell."""
+    if not airspace.allowed(positions).all() or airspace.broken(positions).any():
+        return False
+    return bool(_sees_sky(positions[:1], airspace)[0])
+
+
+def _sees_sky(positions: Floats, airspace: Airspace) -> Bools:
+    """Whether at least some rays from each position escape; inside a closed structure none does."""
+    golden = np.arange(48) * np.pi * (3 - np.sqrt(5))
+    z = 1 - (np.arange(48) + 0.5) / 24
+    rays = np.column_stack([np.sqrt(1 - z**2) * np.cos(golden), np.sqrt(1 - z**2) * np.sin(golden), z])
+    starts, reach = np.repeat(positions, 48, axis=0), 1e4
+    hit = airspace.scene.occluded(starts, starts + reach * np.tile(rays, (len(positions), 1)), slack=0.0)
+    return np.asarray((~hit).reshape(len(positions), 48).mean(axis=1) > 0.1, bool)
+
+
+def _at_good_places(positions: Floats, ways: Ways) -> Floats:
+    """The path pushed out; what still is not allowed, or cannot be reached, at places that are and can."""
+    pushed = pushed_out(positions, ways.planning)
+    good = ways.planning.allowed(pushed)
+    broken = ways.planning.broken(pushed)
+    if good.all() and not broken.any() and _sees_sky(pushed[:1], ways.planning)[0]:
+        return pushed
+    # Stretches without a broken leg are inside or outside as a whole: one free way out tells.
+    stretch = np.concatenate([[0], np.cumsum(broken)])
+    for number in np.unique(stretch[good]):
+        members = np.flatnonzero((stretch == number) & good)
+        asked = members[np.unique(np.linspace(0, len(members) - 1, 8).astype(int))]
+        good[members] = _is_outside(pushed[asked], ways.graph)
+        if not good[members[0]] and _sees_sky(pushed[asked], ways.planning).all():
+            raise _refusal(int(members[0]), pushed[members[0]], "no free way leads here from the rest")
+    return _placed(pushed, good, ways.graph)
+
+
+def _is_outside(positions: Floats, graph: Roadmap) -> bool:
+    """Whether a free leg leads from one of these positions to a place of the graph."""
+    return any(len(links(graph, position)) for position in positions)
+
+
+def _placed(positions: Floats, good: Bools, graph: Roadmap) -> Floats:
+    """Positions that are not good moved to places of the graph, or between their good neighbours."""
+    if good.all():
+        return positions
+    if len(graph.places) == 0:
+        index = int(np.flatnonzero(~good)[0])
+        raise _refusal(index, positions[index], graph.airspace.why(positions[index]))
+    tree = cKDTree(graph.places)
+    placed = np.array(positions)
+    placed[~good] = graph.places[tree.query(positions[~good])[1]]
+    return placed
+
+
+def _lead_round(positions: Floats, changed: Bools, first: int, last: int, graph: Roadmap) -> None:
+    """Replace the positions between two safe ones by a way round, with as many positions."""
+    for _ in range(len(positions)):
+        line = _way_or_refusal(graph, positions[first], positions[last], first)
+        if last - first >= len(line) - 1:
+            positions[first : last + 1] = _with_count(line, last - first + 1)
+            changed[first : last + 1] = True
+            return
+        if first == 0 and last == len(positions) - 1:
+            break
+        first, last = max(first - 1, 0), min(last + 1, len(positions) - 1)
+    raise _refusal(first, positions[first], "the way round needs more waypoints than the path has")
+
+
+def _way_or_refusal(graph: Roadmap, start: Floats, goal: Floats, index: int) -> Floats:
+    line = way(graph, start, goal)
+    if line is None:
+        reason = graph.airspace.why(start) or graph.airspace.why(goal) or "no free way leads on from here"
+        raise _refusal(index, start, reason)
+    return line
+
+
+def _with_count(line: Floats, count: int) -> Floats:
+    """A polyline with `count` vertices, its own among them, the others spread over its legs."""
+    length = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    pieces = np.ones(len(length), int)
+    for _ in range(count - 1 - len(length)):
+        pieces[np.argmax(length / pieces)] += 1
+    legs = [
+        a + np.arange(n)[:, None] / n * (b - a) for a, b, n in zip(line[:-1], line[1:], pieces, strict=True)
+    ]
+    return np.vstack([*legs, line[-1:]])
+
+
+def _spaced(line: Floats) -> Floats:
+    """A polyline with a vertex every metre or so, its own among them."""
+    length = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    return _with_count(line, 1 + int(np.ceil(length / _SPACING_M).sum()))
+
+
+def _with_inserted(path: Waypoints, positions: Floats, origin: Floats) -> Waypoints:
+    """Waypoints at positions whose place between the given ones is `origin` (whole: one of them)."""
+    index = np.arange(float(len(path)))
+    own = np.isclose(origin, np.round(origin), atol=1e-9)
+    turned = interpolate(Trajectory(index, path.positions, path.quat_xyzw), origin).quat_xyzw
+    viewpoint = np.zeros(len(origin), bool)
+    viewpoint[own] = path.is_viewpoint[np.round(origin[own]).astype(int)]
+    return Waypoints(positions, turned, np.interp(origin, index, path.t_s), viewpoint)
+
+
+def _around_added(origin: Floats) -> Bools:
+    return _widened(~np.isclose(origin, np.round(origin), atol=1e-9), 1)
+
+
+def _smoothed(positions: Floats, movable: Bools, airspace: Airspace, like: Floats | None = None) -> Floats:
+    """Corners rounded where that breaks no rule; ends and what is not movable stay.
+
+    Where a path to be `like` is given, the difference from it is smoothed instead: rounding the path
+    itself would pull every curve inwards.
+    """
+    smooth, movable = np.array(positions), np.array(movable)
+    like = np.zeros_like(smooth) if like is None else like
+    movable[[0, -1]] = False
+    for _ in range(_SMOOTHINGS):
+        wanted = np.array(smooth)
+        off = smooth - like
+        wanted[1:-1] += 0.5 * ((off[2:] + off[:-2]) / 2 - off[1:-1])
+        wanted[~movable] = smooth[~movable]
+        broken = airspace.broken(wanted)
+        if broken.any():
+            touched = np.zeros(len(smooth), bool)
+            touched[:-1] |= broken
+            touched[1:] |= broken
+            wanted[touched] = smooth[touched]
+            if airspace.broken(wanted).any():
+                break
+        smooth = wanted
+    return smooth
+
+
+def _widened(marked: Bools, by: int) -> Bools:
+    return np.convolve(marked, np.ones(2 * by + 1), mode="full")[by : len(marked) + by] > 0
+
+
+def _runs(index: np.ndarray) -> list[tuple[int, int]]:
+    """First and last of each run of consecutive integers."""
+    cut = np.flatnonzero(np.diff(index) > 1)
+    starts, stops = np.append(index[0], index[cut + 1]), np.append(index[cut], index[-1])
+    return [(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
+
+
+def _refuse_unsafe(positions: Floats, airspace: Airspace) -> None:
+    """The last word: the path as it will be flown, tested as a whole."""
+    broken = airspace.broken(positions)
+    if len(positions) == 1 and not airspace.allowed(positions)[0]:
+        raise _refusal(0, positions[0], airspace.why(positions[0]))
+    if broken.any():
+        leg = int(np.flatnonzero(broken)[0])
+        reason = (
+            airspace.why(positions[leg]) or airspace.why(positions[leg + 1]) or "the leg on breaks a rule"
+        )
+        raise _refusal(leg, positions[leg], reason)
+
+
+def _refusal(index: int, position: Floats, reason: str) -> RefusedError:
+    x, y, z = position
+    return RefusedError(
+        f"waypoint {index} at ({x:.1f}, {y:.1f}, {z:.1f}) m",
+        reason or "cannot be reached from outside the structure",
+        "the whole path keeps the safety distance and stays where flying is allowed",
+        "a smaller safety distance or other limits may help",
+    )

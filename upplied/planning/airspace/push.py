@@ -1,0 +1,81 @@
+"""Positions that come a little too near, pushed out smoothly along the path."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upplied.planning.airspace.rules import Airspace, inside_fence
+from upplied.records import Floats
+
+_PUSHES = 24
+
+
+def pushed_out(positions: Floats, airspace: Airspace) -> Floats:
+    """Each position moved to where it is allowed, its neighbours along the path with it.
+
+    It ends with what it can reach: places between two near surfaces, or inside the structure, may
+    stay too near.
+
+    Parameters
+    ----------
+    positions : array, shape (M, 3), m
+    airspace : Airspace
+
+    Returns
+    -------
+    array, shape (M, 3), m
+    """
+    moved = np.array(positions, float)
+    weights = _kernel(positions, reach=2 * airspace.clearance_m)
+    for turn in range(_PUSHES):
+        push = _wanted_push(moved, airspace)
+        middle = _wanted_push((moved[1:] + moved[:-1]) / 2, airspace)  # so that corners are rounded, too
+        middle[np.linalg.norm(np.diff(moved, axis=0), axis=1) > airspace.clearance_m] = 0.0
+        for ends in (push[1:], push[:-1]):
+            more = np.linalg.norm(middle, axis=1) > np.linalg.norm(ends, axis=1)
+            ends[more] = middle[more]
+        if not push.any():
+            break
+        moved += weights @ push if turn < _PUSHES // 2 else push
+    return moved
+
+
+def _wanted_push(positions: Floats, airspace: Airspace) -> Floats:
+    """The shortest way (M, 3) out of what each position breaks."""
+    closest, _ = airspace.scene.closest(positions)
+    away = positions - closest
+    distance = np.linalg.norm(away, axis=1)
+    lack = np.maximum(airspace.clearance_m + 0.02 - distance, 0)
+    push = np.where(lack > 0, lack / np.maximum(distance, 1e-6), 0)[:, None] * away
+    push[:, 2] += np.maximum(airspace.floor_m - positions[:, 2], 0)
+    push[:, 2] -= np.maximum(positions[:, 2] - airspace.ceiling_m, 0)
+    for low, high in airspace.surroundings.keep_out_m:
+        inside = ((positions > low) & (positions < high)).all(axis=1)
+        gaps = np.concatenate([low - positions, high - positions], axis=1)[inside]
+        nearest = np.abs(gaps).argmin(axis=1)
+        step = gaps[np.arange(len(gaps)), nearest]
+        push[np.flatnonzero(inside), nearest % 3] += step + np.sign(step) * 0.02
+    fence = airspace.surroundings.geofence_m
+    outside = ~inside_fence(fence, positions)
+    if outside.any():
+        push[outside, :2] += _to_fence(fence, positions[outside, :2])
+    return push
+
+
+def _to_fence(polygon: Floats, xy: Floats) -> Floats:
+    """From each place outside to a little inside the nearest edge, (N, 2)."""
+    start, edge = polygon, np.roll(polygon, -1, axis=0) - polygon
+    share = ((xy[:, None] - start) * edge).sum(axis=2) / np.maximum((edge**2).sum(axis=1), 1e-12)
+    foot = start + np.clip(share, 0, 1)[..., None] * edge
+    gap = foot - xy[:, None]
+    nearest = np.linalg.norm(gap, axis=2).argmin(axis=1)
+    step = gap[np.arange(len(xy)), nearest]
+    return step * (1 + 0.05 / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 0.05))
+
+
+def _kernel(positions: Floats, reach: float) -> Floats:
+    """(M, M) how much of one position's push its neighbours along the path share; 1 for itself."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    gap = np.abs(along[:, None] - along) / reach
+    weight = np.where(gap < 1, 0.5 + 0.5 * np.cos(np.pi * gap), 0)
+    return weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)

@@ -1,0 +1,188 @@
+"""Ways round a structure: a graph of places just beyond the safety distance.
+
+The places stand before samples of the outside surface and on a box round all of it. Every edge is
+tested along its whole length, and only what hangs together with that box is kept: the inside of a
+hull, or a pocket that cannot be left, is no way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
+
+from upplied.planning.airspace.rules import Airspace
+from upplied.records import Cloud, Floats, Ints, Record
+
+_SAMPLES = 1500  # of the surface, that places are set before
+_DEGREE = 14  # edges per place
+_TILTS_DEG = (45.0, 80.0)  # from the normal: round edges, where the normals leave a gap
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Roadmap(Record):
+    """Places that may be flown to, and which are neighbours."""
+
+    places: Floats  # (K, 3) m
+    first: Ints  # (E,) one end of each free edge
+    second: Ints  # (E,)
+    length_m: Floats  # (E,)
+    airspace: Airspace
+
+
+def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -> Roadmap:
+    """Places round a structure.
+
+    Parameters
+    ----------
+    airspace : Airspace
+    surface : Cloud
+        Samples of the outside with outward normals.
+    further : array, shape (N, 3), optional
+        More places, e.g. of the path itself.
+    """
+    shown = np.unique(np.linspace(0, len(surface) - 1, min(_SAMPLES, len(surface))).astype(int))
+    points, normals = surface.points[shown], surface.normals[shown]  # type: ignore[index]
+    spacing = _spacing(points)
+    near = airspace.clearance_m + 0.15 + 0.15 * spacing
+    directions = _directions(normals)
+    places = [points + near * direction for direction in directions]
+    places.append(points + (near + 2.5 * spacing + 1.0) * normals)
+    whole = np.stack([surface.points.min(axis=0), surface.points.max(axis=0)])
+    places.append(_round_box(whole, near, number=5))
+    for box in airspace.surroundings.keep_out_m:
+        places.append(_round_box(box, 0.05 + 0.1 * airspace.clearance_m, number=3))
+    if further is not None:
+        places.append(further)
+    stacked = np.vstack(places)
+    stacked = stacked[_thinned(stacked, 0.4 * spacing)]
+    stacked = stacked[airspace.allowed(stacked)]
+    first, second = _neighbours(stacked, spacing)
+    free = ~airspace.broken_legs(stacked[first], stacked[second])
+    return _outer(stacked, first[free], second[free], whole, airspace)
+
+
+def way(graph: Roadmap, start: Floats, goal: Floats) -> Floats | None:
+    """A short way (K, 3) from start to goal, both included, that breaks no rule; None if none is known."""
+    if not graph.airspace.broken(np.stack([start, goal]))[0]:
+        return np.stack([start, goal])
+    count = len(graph.places)
+    nodes = np.vstack([graph.places, start, goal])
+    start_links, goal_links = links(graph, start), links(graph, goal)
+    first = np.concatenate([graph.first, np.full(len(start_links), count), goal_links])
+    second = np.concatenate([graph.second, start_links, np.full(len(goal_links), count + 1)])
+    length = np.linalg.norm(nodes[first] - nodes[second], axis=1)
+    matrix = csr_matrix((length, (first, second)), shape=(count + 2, count + 2))
+    total, before = dijkstra(matrix, directed=False, indices=count, return_predecessors=True)
+    if not np.isfinite(total[count + 1]):
+        return None
+    return shortened(nodes[_backwards(before, count, count + 1)], graph.airspace)
+
+
+def links(graph: Roadmap, position: Floats) -> Ints:
+    """Places near a position to which a straight leg is free."""
+    if len(graph.places) == 0:
+        return np.empty(0, np.int64)
+    near = np.atleast_1d(cKDTree(graph.places).query(position, k=min(4 * _DEGREE, len(graph.places)))[1])
+    start = np.repeat(position[None], len(near), axis=0)
+    return np.asarray(near[~graph.airspace.broken_legs(start, graph.places[near])], np.int64)
+
+
+def _outer(places: Floats, first: Ints, second: Ints, whole: Floats, airspace: Airspace) -> Roadmap:
+    """What hangs together with the places farthest outside."""
+    count = len(places)
+    length = np.linalg.norm(places[first] - places[second], axis=1)
+    component = connected_components(csr_matrix((length, (first, second)), shape=(count, count)))[1]
+    outside = np.maximum(whole[0] - places, places - whole[1]).max(axis=1)
+    votes = np.bincount(component[outside > 0]) if (outside > 0).any() else np.zeros(1)
+    kept = np.flatnonzero(component == votes.argmax())
+    number = np.full(count, -1)
+    number[kept] = np.arange(len(kept))
+    both = number[first] >= 0
+    return Roadmap(places[kept], number[first[both]], number[second[both]], length[both], airspace)
+
+
+def shortened(path: Floats, airspace: Airspace) -> Floats:
+    """The path without the corners that can be cut."""
+    kept, index = [0], 0
+    while index < len(path) - 1:
+        ahead = np.arange(index + 1, len(path))
+        free = ~airspace.broken_legs(np.repeat(path[index : index + 1], len(ahead), axis=0), path[ahead])
+        free[0] = True
+        index = int(ahead[np.flatnonzero(free)[-1]])
+        kept.append(index)
+    return path[kept]
+
+
+def _directions(normals: Floats) -> list[Floats]:
+    """The normals, and around each some that lean over edges."""
+    aside = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    first = np.cross(normals, aside)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(normals, first)
+    found = [normals]
+    for tilt in np.radians(_TILTS_DEG):
+        for turn in np.arange(4) * np.pi / 2:
+            beside = np.cos(turn) * first + np.sin(turn) * second
+            found.append(np.cos(tilt) * normals + np.sin(tilt) * beside)
+    return found
+
+
+def _spacing(points: Floats) -> float:
+    """Usual distance of a sample to its neighbours, m."""
+    if len(points) < 2:
+        return 1.0
+    return max(float(np.median(cKDTree(points).query(points, k=2)[0][:, 1])), 1e-3)
+
+
+def _thinned(points: Floats, spacing: float) -> Ints:
+    """Indices of one point for each cell of a grid."""
+    cell = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
+    size = cell.max(axis=0) + 1
+    return np.sort(
+        np.unique((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2], return_index=True)[1]
+    )
+
+
+def _round_box(box: Floats, distance_m: float, number: int) -> Floats:
+    """A grid of places on a box that stands a distance outside of a given one."""
+    steps = np.linspace(0, 1, number)
+    grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    grid = grid[((grid == 0) | (grid == 1)).any(axis=1)]
+    low, high = box
+    return low - distance_m + grid * (high - low + 2 * distance_m)
+
+
+def _neighbours(places: Floats, spacing: float) -> tuple[Ints, Ints]:
+    """Edges from each place to its nearest ones, each pair once.
+
+    The same again among fewer and fewer places: long edges join patches that stand apart.
+    """
+    count, pairs = len(places), [np.empty(0, np.int64)]
+    layer = np.arange(count)
+    while len(layer) > 1:
+        near = cKDTree(places[layer]).query(places[layer], k=min(_DEGREE + 1, len(layer)))[1][:, 1:]
+        a, b = layer[np.repeat(np.arange(len(layer)), near.shape[1])], layer[near.ravel()]
+        pairs.append(_edge_id(a, b, count))
+        spacing *= 2.5
+        fewer = layer[_thinned(places[layer], spacing)]
+        if len(fewer) == len(layer) or len(layer) <= _DEGREE:
+            break
+        layer = fewer
+    pair = np.unique(np.concatenate(pairs))
+    return pair // count, pair % count
+
+
+def _edge_id(a: Ints, b: Ints, count: int) -> Ints:
+    return np.minimum(a, b) * count + np.maximum(a, b)
+
+
+def _backwards(before: Ints, start: int, goal: int) -> Ints:
+    """The nodes from start to goal, from each node's predecessor."""
+    route = [goal]
+    while route[-1] != start:
+        route.append(int(before[route[-1]]))
+    return np.array(route[::-1])

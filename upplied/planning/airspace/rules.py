@@ -1,0 +1,113 @@
+"""Where the vehicle may be: away from the structure, above the ground, in the fence, outside of boxes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.planning.airspace.clearance import at_least, legs_below
+from upplied.records import Bools, Floats, Record, Surroundings
+from upplied.scene import Scene
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Airspace(Record):
+    """The rules for positions and for the straight legs between them, structure frame."""
+
+    scene: Scene
+    clearance_m: float
+    surroundings: Surroundings
+    ground_clearance_m: float = 0.0  # least height above known ground
+
+    @property
+    def floor_m(self) -> float:
+        """Lowest allowed z; -inf where no ground is known."""
+        ground = self.surroundings.ground_z_m
+        return -np.inf if ground is None else ground + self.ground_clearance_m
+
+    @property
+    def ceiling_m(self) -> float:
+        """Highest allowed z; inf where there is none."""
+        ceiling = self.surroundings.ceiling_z_m
+        return np.inf if ceiling is None else ceiling
+
+    def allowed(self, positions: Floats) -> Bools:
+        """Which positions (N, 3) keep every rule."""
+        kept = self.in_bounds(positions)
+        kept[kept] = at_least(self.scene, positions[kept], self.clearance_m)
+        return kept
+
+    def in_bounds(self, positions: Floats) -> Bools:
+        """Which positions (N, 3) keep the rules that do not concern the structure."""
+        height = positions[:, 2]
+        kept = (height >= self.floor_m) & (height <= self.ceiling_m)
+        for low, high in self.surroundings.keep_out_m:
+            kept &= ~((positions > low) & (positions < high)).all(axis=1)
+        return np.asarray(kept & inside_fence(self.surroundings.geofence_m, positions), bool)
+
+    def broken(self, positions: Floats) -> Bools:
+        """Which legs (N - 1,) of a path break a rule somewhere between or at their ends."""
+        return self.broken_legs(positions[:-1], positions[1:])
+
+    def broken_legs(self, start: Floats, end: Floats) -> Bools:
+        """Which straight legs (N,) from `start` to `end` break a rule."""
+        broken = ~(self.in_bounds(start) & self.in_bounds(end))
+        for low, high in self.surroundings.keep_out_m:
+            broken |= crosses_box(start, end, low, high)
+        broken |= crosses_fence(self.surroundings.geofence_m, start, end)
+        fine = np.flatnonzero(~broken)
+        broken[fine] = legs_below(self.scene, start[fine], end[fine], self.clearance_m)
+        return np.asarray(broken, bool)
+
+    def why(self, position: Floats) -> str:
+        """What is wrong with a position, in words; empty where nothing is."""
+        at = np.reshape(position, (1, 3))
+        distance = float(self.scene.distance(at)[0])
+        if distance < self.clearance_m:
+            return f"{distance:.2f} m from the structure, {self.clearance_m:g} m are to be kept"
+        if at[0, 2] < self.floor_m:
+            return f"below {self.floor_m:.2f} m, the least height above the ground"
+        if at[0, 2] > self.ceiling_m:
+            return f"above the ceiling of {self.ceiling_m:.2f} m"
+        if not inside_fence(self.surroundings.geofence_m, at)[0]:
+            return "outside the geofence"
+        return "" if self.in_bounds(at)[0] else "in a keep-out box"
+
+
+def inside_fence(polygon: Floats, positions: Floats) -> Bools:
+    """Which positions (N, 3) lie in a polygon (G, 2) seen from above; all where there is no polygon."""
+    if len(polygon) < 3:
+        return np.ones(len(positions), bool)
+    x, y = positions[:, None, 0], positions[:, None, 1]
+    (ax, ay), (bx, by) = polygon.T, np.roll(polygon, -1, axis=0).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = ((ay > y) != (by > y)) & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
+    return np.asarray(crossing.sum(axis=1) % 2 == 1, bool)
+
+
+def crosses_fence(polygon: Floats, start: Floats, end: Floats) -> Bools:
+    """Which segments (N,) cross an edge of a polygon seen from above."""
+    if len(polygon) < 3:
+        return np.zeros(len(start), bool)
+    a, b = polygon[None], np.roll(polygon, -1, axis=0)[None]
+    p, q = start[:, None, :2], end[:, None, :2]
+
+    def side(u: Floats, v: Floats, w: Floats) -> Floats:
+        return (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1]) - (v[..., 1] - u[..., 1]) * (
+            w[..., 0] - u[..., 0]
+        )
+
+    apart = (side(a, b, p) * side(a, b, q) < 0) & (side(p, q, a) * side(p, q, b) < 0)
+    return np.asarray(apart.any(axis=1), bool)
+
+
+def crosses_box(start: Floats, end: Floats, low: Floats, high: Floats) -> Bools:
+    """Which segments (N,) enter the inside of a box (slab test)."""
+    ray = end - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_low, to_high = (low - start) / ray, (high - start) / ray
+    still, between = ray == 0, (start > low) & (start < high)
+    enter = np.where(still, np.where(between, -np.inf, np.inf), np.minimum(to_low, to_high))
+    leave = np.where(still, np.where(between, np.inf, -np.inf), np.maximum(to_low, to_high))
+    return np.asarray(np.maximum(enter.max(axis=1), 0.0) < np.minimum(leave.min(axis=1), 1.0) - 1e-12, bool)

@@ -1,0 +1,1 @@
+"""The flight carried from the source to the target."""

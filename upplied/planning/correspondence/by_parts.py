@@ -1,0 +1,164 @@
+"""Correspondences by parts: parts first, then points within them, warped and facing the same way.
+
+The paper pairs nearest neighbours (Sec. III-B). On real structures a third of those pairs join the
+top of one wing to the bottom of the other, and an inner engine to an outer one where that is nearer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.planning.correspondence.coherent_point_drift import Patch, drift, farthest_points
+from upplied.planning.correspondence.describe import summary_of
+from upplied.planning.correspondence.part_alignment import FACING, matched, patches, placed
+from upplied.planning.correspondence.part_assignment import Matching
+from upplied.planning.geometry.boxes import diagonal_of, laid, spacing
+from upplied.planning.surface.parts import Parts, labels_of, parts_of
+from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Registration
+
+_CONTROLS, _ANCHORS = 200, 450  # points of the source that move, points of the target that pull
+_TRIED, _NEARER = 300, 0.7  # samples of a part, and how much nearer a drift must bring them
+_GONE = 0.05  # of the diagonal: a point that stays this far from the target has no counterpart there
+_SAME_FACE = 0.3  # least cosine between a normal and its counterpart's, for a part that has no partner
+_ASTRAY, _NEXT_DOOR = 0.7, 0.5  # cosine of normals; how much nearer, normals counted, a face next door is
+_CLAIM = 1.5  # spacings: how near a counterpart of a matched part makes a target sample taken
+_WHOLE = 0.6  # least share of a part without a partner that must find its like, or all of it has none
+
+
+def by_parts(
+    source: Cloud, target: Cloud, registration: Registration, pinned: Mapping[int, int] | None = None
+) -> Correspondences:
+    """Counterparts of all samples of the source.
+
+    Parameters
+    ----------
+    source, target : Cloud
+        Surface samples with normals and parts, each in its own frame.
+    registration : Registration
+    pinned : mapping, optional
+        Source part to target part, as the user said.
+    """
+    if source.normals is None or target.normals is None:
+        raise ValueError("correspondences by parts need normals")
+    diagonal = diagonal_of(source.points)
+    lying = laid(target, registration)
+    matching = matched(source, lying, pinned)
+    moving, fixed = patches(source, lying, matching)
+    warped = _warped(placed(moving, fixed), fixed, diagonal)
+    index = facing_nearest(warped, fixed, diagonal)
+    index = _next_door(warped, fixed, index, labels_of(lying), parts_of(lying), diagonal)
+    on_skin = _on_skin(warped.points, fixed, index, spacing(source))
+    claimed = _claimed(on_skin, moving.label, fixed, spacing(lying))
+    goes_on = _goes_on(parts_of(source), matching)[labels_of(source), fixed.label[index]]
+    taken = claimed[index] & ~goes_on
+    gone = _without(warped, fixed, index, taken, labels_of(source), diagonal)
+    carried = registration.to_target(on_skin)
+    carried[gone] = np.nan
+    return Correspondences(
+        target_index=np.where(gone, -1, index),
+        distance_m=np.where(gone, np.nan, np.linalg.norm(source.points - on_skin, axis=1)),
+        target_points=carried,
+        summary=summary_of(parts_of(source), matching, labels_of(source), gone, parts_of(lying)),
+    )
+
+
+def _warped(placed: Patch, fixed: Patch, diagonal_m: float) -> Patch:
+    """Drifted where that brings the surfaces clearly nearer; a part that lies well already stays."""
+    controls = farthest_points(placed.points, _CONTROLS)
+    anchors = farthest_points(fixed.points, _ANCHORS)
+    found = drift(placed.at(controls), fixed.at(anchors), diagonal_m)
+    drifted = replace(placed, points=placed.points + found.at(placed.points, placed.label))
+    points = placed.points.copy()
+    for label in np.unique(placed.label):
+        mine = np.flatnonzero(placed.label == label)
+        tried = mine[:: max(1, len(mine) // _TRIED)]
+        before = _off(placed.at(tried), fixed, diagonal_m)
+        if _off(drifted.at(tried), fixed, diagonal_m) < _NEARER * before:
+            points[mine] = drifted.points[mine]
+    return replace(placed, points=points)
+
+
+def _off(patch: Patch, fixed: Patch, diagonal_m: float) -> float:
+    """Mean distance of points from the skin of their counterparts, along its normal."""
+    index = facing_nearest(patch, fixed, diagonal_m)
+    offset = np.einsum("ij,ij->i", patch.points - fixed.points[index], fixed.normals[index])
+    return float(np.abs(offset).mean())
+
+
+def facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
+    """For each point the sample of its partner part that is near and faces the same way."""
+    weight = FACING * diagonal_m
+    index = np.full(len(warped), -1)
+    for label in np.unique(warped.label):
+        mine = warped.label == label
+        theirs = np.flatnonzero(fixed.label == label) if label >= 0 else np.arange(len(fixed))
+        tree = cKDTree(np.hstack([fixed.points[theirs], weight * fixed.normals[theirs]]))
+        found = tree.query(np.hstack([warped.points[mine], weight * warped.normals[mine]]))[1]
+        index[mine] = theirs[found]
+    return index
+
+
+def _next_door(warped: Patch, fixed: Patch, index: Ints, part: Ints, parts: Parts, diagonal_m: float) -> Ints:
+    """The counterparts, but of a part that touches the partner where that alone has such a face.
+
+    Modellers cut where it suits them: what is a strip of the fuselage's side in one wing's mesh is
+    the fuselage's in another, and nothing of the other wing faces that way.
+    """
+    weight = FACING * diagonal_m
+    here, there = (np.hstack([patch.points, weight * patch.normals]) for patch in (warped, fixed))
+    astray = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) < _ASTRAY
+    index = index.copy()
+    for label in np.unique(warped.label[astray & (warped.label >= 0)]):
+        mine = np.flatnonzero(astray & (warped.label == label))
+        partners = np.unique(part[fixed.label == label])
+        doors = parts.touching[partners].any(axis=0)
+        theirs = np.flatnonzero(doors[part] & (fixed.label != label))
+        if len(theirs) == 0:
+            continue
+        distance, found = cKDTree(there[theirs]).query(here[mine])
+        nearer = distance < _NEXT_DOOR * np.linalg.norm(here[mine] - there[index[mine]], axis=1)
+        index[mine[nearer]] = theirs[found[nearer]]
+    return index
+
+
+def _claimed(on_skin: Floats, label: Ints, fixed: Patch, step_m: float) -> Bools:
+    """Which target samples (M,) are counterparts of parts that were matched."""
+    claimed = np.zeros(len(fixed), bool)
+    for part in np.unique(label[label >= 0]):
+        theirs = np.flatnonzero(fixed.label == part)
+        reach = cKDTree(on_skin[label == part]).query(fixed.points[theirs])[0]
+        claimed[theirs] = reach < _CLAIM * step_m
+    return claimed
+
+
+def _goes_on(parts: Parts, matching: Matching) -> Bools:
+    """Whether a part (row) continues the skin of one that answers to the class (column)."""
+    found = np.zeros((len(parts), max(len(matching), 1)), bool)
+    for part in np.flatnonzero(~parts.body):
+        classes = matching.source_class[parts.touching[part]]
+        found[part, classes[classes >= 0]] = True
+    return found
+
+
+def _without(warped: Patch, fixed: Patch, index: Ints, taken: Bools, part: Ints, diagonal_m: float) -> Bools:
+    """Which samples have no counterpart: far from everything, or of a part that finds no like."""
+    free = warped.label < 0
+    distance = np.linalg.norm(warped.points - fixed.points[index], axis=1)
+    same_face = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) > _SAME_FACE
+    count = np.maximum(np.bincount(part), 1)
+    found = same_face & (distance < _GONE / 2 * diagonal_m) & ~taken
+    share = np.bincount(part, weights=found) / count
+    return free & ((distance > _GONE * diagonal_m) | (share[part] < _WHOLE))
+
+
+def _on_skin(points: Floats, fixed: Patch, index: Ints, step_m: float) -> Floats:
+    """The warped points dropped onto the target's skin, no farther than one spacing from a sample."""
+    sample, normal = fixed.points[index], fixed.normals[index]
+    offset = points - sample
+    offset = offset - np.einsum("ij,ij->i", offset, normal)[:, None] * normal
+    length = np.linalg.norm(offset, axis=1, keepdims=True)
+    return sample + offset * np.minimum(1.0, step_m / np.maximum(length, 1e-12))

@@ -1,0 +1,128 @@
+"""Which part a user means: a landmark, ``part_7`` of a summary, or a place such as ``outer``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from upplied.errors import SettingsError
+from upplied.planning.correspondence.part_assignment import like_shape
+from upplied.planning.surface.parts import Parts, labels_of, parts_of
+from upplied.records import Cloud, Floats, Ints
+
+Landmarks = Mapping[str, tuple[float, float, float]]
+
+_WORDS = ("left", "right", "inner", "outer", "front", "rear", "high", "low")
+_SIDE = 0.05  # of the width: nearer to the middle a part is on neither side
+
+
+def pinned_parts(
+    source: Cloud,
+    target: Cloud,
+    pairs: tuple[tuple[str, str], ...],
+    source_landmarks: Landmarks,
+    target_landmarks: Landmarks,
+) -> dict[int, int]:
+    """Source part to target part for each pair of names.
+
+    Parameters
+    ----------
+    source, target : Cloud
+        Surface samples with parts; the target in its own frame.
+    pairs : tuple of (name on the source, name on the target)
+        A name is a landmark of its structure or ``part_7``. On the target it may be places as well,
+        ``outer`` or ``left_inner``: they choose among the parts of the source part's shape, on its
+        side unless they name one.
+    source_landmarks, target_landmarks : mapping of name to x y z, m, frame of each structure
+
+    Raises
+    ------
+    SettingsError
+        If a name is unknown, with the names that would be known.
+    """
+    here, there = parts_of(source), parts_of(target)
+    pinned = {}
+    for name, name_there in pairs:
+        one = _named(name, source, here, source_landmarks)
+        if one is None:
+            raise _unknown(name, "source", source_landmarks, len(here), "")
+        other = _named(name_there, target, there, target_landmarks)
+        if other is None and set(name_there.split("_")) <= set(_WORDS):
+            other = _placed(name_there.split("_"), here, one, there)
+        if other is None:
+            places = " or places among " + ", ".join(_WORDS)
+            raise _unknown(name_there, "target", target_landmarks, len(there), places)
+        pinned[one] = other
+    return pinned
+
+
+def choices_for(source: Parts, part: int, target: Parts) -> Ints:
+    """Target parts of the shape of a source part, those on its side first; boxes of both made equal."""
+    return np.array(
+        sorted(
+            _alike(source, part, target), key=lambda other: side_of(target, other) != side_of(source, part)
+        ),
+        np.int64,
+    )
+
+
+def _named(name: str, cloud: Cloud, parts: Parts, landmarks: Landmarks) -> int | None:
+    if name in landmarks:
+        nearest = np.linalg.norm(cloud.points - np.asarray(landmarks[name], float), axis=1).argmin()
+        return int(labels_of(cloud)[nearest])
+    number = name.removeprefix("part_")
+    if number != name and number.isdecimal() and int(number) < len(parts):
+        return int(number)
+    return None
+
+
+def _placed(words: list[str], source: Parts, part: int, target: Parts) -> int | None:
+    candidates = _alike(source, part, target)
+    side = {"left": 1, "right": -1}.get(next((word for word in words if word in ("left", "right")), ""), 0)
+    side = side or side_of(source, part)
+    candidates = [other for other in candidates if side_of(target, other) == side] or candidates
+    offset = _offsets(target)
+    score = {"outer": np.abs(offset[:, 1]), "inner": -np.abs(offset[:, 1])}
+    score |= {"front": offset[:, 0], "rear": -offset[:, 0], "high": offset[:, 2], "low": -offset[:, 2]}
+    wanted = sum((score[word] for word in words if word in score), np.zeros(len(target)))
+    return max(candidates, key=lambda other: float(wanted[other]), default=None)
+
+
+def _alike(source: Parts, part: int, target: Parts) -> list[int]:
+    """Target parts of like shape, with the structures' boxes made equal."""
+    return like_shape(_boxed(source), part, _boxed(target), np.sqrt(3.0)).tolist()
+
+
+def _boxed(parts: Parts) -> Parts:
+    low, size = parts.low.min(axis=0), np.maximum(np.ptp(np.vstack([parts.low, parts.high]), axis=0), 1e-9)
+    return Parts(
+        low=(parts.low - low) / size,
+        high=(parts.high - low) / size,
+        area=parts.area,
+        touching=parts.touching,
+        extent=parts.extent / size.max(),
+        body=parts.body,
+        side=parts.side,
+    )
+
+
+def _offsets(parts: Parts) -> Floats:
+    """Middles (K, 3) from the middle of the structure, over its size."""
+    return np.asarray(_boxed(parts).middle - 0.5)
+
+
+def side_of(parts: Parts, part: int) -> int:
+    """Side on which a part lies: 1 left (+Y), -1 right, 0 in the middle."""
+    offset = _offsets(parts)[part, 1]
+    return 0 if abs(offset) < _SIDE else int(np.sign(offset))
+
+
+def _unknown(name: str, which: str, landmarks: Landmarks, number: int, places: str) -> SettingsError:
+    known = ", ".join(sorted(landmarks)) or "none declared"
+    return SettingsError(
+        f"counterpart {name!r}",
+        f"names no part of the {which} structure",
+        f"landmarks ({known}), part_0 to part_{number - 1}{places}",
+        "declare the landmark in the manifest, or take the part's number from the counterpart summary",
+    )

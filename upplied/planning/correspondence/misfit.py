@@ -1,0 +1,126 @@
+"""Do two structures correspond at all? A measure free of density and scale, and where they do not fit.
+
+The published score cannot tell: it grows with the spacing of the samples and with the structure,
+sees one direction only, and the boxes it starts from make anything as large as anything. Here three
+things count, each without a unit: how much of the space that one occupies the other occupies too,
+how far the surfaces gape beyond the spacing of their samples, and how unevenly the boxes had to be
+stretched.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from upplied.planning.correspondence.coherent_point_drift import spread_over
+from upplied.planning.correspondence.describe import place_in
+from upplied.planning.correspondence.part_alignment import matched, patches, placed
+from upplied.planning.geometry.boxes import diagonal_of, laid, spacing
+from upplied.planning.surface.parts import blades_of
+from upplied.records import Bools, Cloud, Floats, Record, Registration
+
+_CELLS = 16  # along each axis of the common box
+_SAMPLES = 1000  # of each structure, asked for their distance
+_FACING = 0.05  # of the diagonal: what turning a normal by a right angle counts beside distance
+_FAR = 0.06  # of the diagonal: a sample this far from the other structure does not fit
+_WEIGHTS = (
+    1 / 0.45,
+    1 / 0.09,
+    1 / 6,
+)  # of missing overlap, gape and stretch; each alone reaches the gate at 1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Misfit(Record):
+    """How badly two structures fit, lower is better."""
+
+    overlap: float  # share of the cells of either that are at most one cell from the other's
+    gape: float  # mean distance of the surfaces, both ways, over the diagonal
+    stretch: float  # |log| of the scale of the axis that differs most from the middle one
+    value: float  # what is gated, by `RegistrationSettings.acceptance`
+    where: str  # what fits worst, in words; empty where nothing does
+
+
+def misfit_of(source: Cloud, target: Cloud, registration: Registration) -> Misfit:
+    """Judge a registration of two clouds of surface samples.
+
+    Long parts that point another way on the target, as the blades of a rotor that stopped elsewhere
+    do, are turned along their partners first.
+    """
+    lying = laid(target, registration)
+    here = _with_blades_turned(source, lying)
+    overlap = _overlap(here.points, lying.points)
+    diagonal = diagonal_of(source.points)
+    forth, back = _distances(here, lying, diagonal), _distances(lying, here, diagonal)
+    gape = (_mean(here, forth) + _mean(lying, back)) / 2
+    logs = np.sort(np.log(registration.scale))
+    stretch = float(np.abs(logs - logs[1]).max())
+    value = float(np.dot(_WEIGHTS, (1 - overlap, gape, stretch)))
+    return Misfit(overlap, gape, stretch, value, _worst(source, target, lying, forth, back, diagonal))
+
+
+def _with_blades_turned(source: Cloud, lying: Cloud) -> Cloud:
+    if not (blades_of(source).any() and blades_of(lying).any()):
+        return source
+    moved = placed(*patches(source, lying, matched(source, lying)), turned_only=True)
+    return Cloud(moved.points, moved.normals, source.area_m2, source.part)
+
+
+def _overlap(points: Floats, others: Floats) -> float:
+    low = np.minimum(points.min(axis=0), others.min(axis=0))
+    size = np.maximum(np.maximum(points.max(axis=0), others.max(axis=0)) - low, 1e-9)
+    one, other = _occupied(points, low, size), _occupied(others, low, size)
+    forth = (one & ndimage.binary_dilation(other)).sum() / one.sum()
+    back = (other & ndimage.binary_dilation(one)).sum() / other.sum()
+    return float(forth + back) / 2
+
+
+def _occupied(points: Floats, low: Floats, size: Floats) -> Bools:
+    cell = np.clip(((points - low) / size * _CELLS).astype(int), 0, _CELLS - 1)
+    grid = np.zeros((_CELLS,) * 3, bool)
+    grid[cell[:, 0], cell[:, 1], cell[:, 2]] = True
+    return grid
+
+
+def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> Floats:
+    """For some samples, (_SAMPLES,), how far the other surface is beyond its spacing, over the diagonal.
+
+    A surface that faces another way is farther.
+    """
+    assert cloud.normals is not None and other.normals is not None
+    weight = _FACING * diagonal_m
+    asked = spread_over(cloud, _SAMPLES)
+    tree = cKDTree(np.hstack([other.points, weight * other.normals]))
+    found = tree.query(np.hstack([cloud.points[asked], weight * cloud.normals[asked]]))[0]
+    return np.maximum(found - spacing(other), 0) / diagonal_m
+
+
+def _mean(cloud: Cloud, distances: Floats) -> float:
+    assert cloud.area_m2 is not None
+    return float(np.average(distances, weights=cloud.area_m2[spread_over(cloud, _SAMPLES)]))
+
+
+def _worst(source: Cloud, target: Cloud, lying: Cloud, forth: Floats, back: Floats, diagonal_m: float) -> str:
+    """The region, of either structure, with most surface that is far from the other."""
+    sentences = []
+    for name, frame, cloud, distance in (("source", source, source, forth), ("target", target, lying, back)):
+        asked = spread_over(cloud, _SAMPLES)
+        assert cloud.area_m2 is not None
+        share = cloud.area_m2[asked] / cloud.area_m2[asked].sum()
+        far = distance > _FAR
+        if share[far].sum() < 0.01:
+            continue
+        centre, region = place_in(frame.points, frame.points[asked][far], share[far])
+        area = 100 * share[far][region].sum()
+        gap = float(distance[far][region].max()) * diagonal_m
+        sentences.append(
+            (
+                area,
+                f"{centre} of the {name}, {area:.0f} % of its area, has no counterpart: "
+                f"up to {gap:.1f} m away at the source's scale",
+            )
+        )
+    return max(sentences)[1] if sentences else ""

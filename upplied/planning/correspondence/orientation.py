@@ -1,0 +1,172 @@
+"""Which way round the target stands, where that is not known: ranked candidates and how sure the best is.
+
+Principal axes with their 24 proper assignments and a grid of headings give the candidates. Each is
+judged with the boxes matched, both ways, normals counted; the best few are refined by ICP. A
+symmetric structure has no answer of its own: then the declared heading decides, and that is said.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import permutations, product
+from typing import Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from upplied.planning.correspondence.coherent_point_drift import spread_over
+from upplied.planning.geometry.boxes import box_scale, diagonal_of
+from upplied.planning.geometry.icp import icp
+from upplied.records import Cloud, Floats, Ints, Record
+
+_STEP_DEG = 10.0  # between headings
+_FEW, _MORE = 250, 700  # samples by which all candidates and by which the best are judged
+_REFINED = 6  # candidates
+_ITERATIONS = 15
+_SAME_DEG = 25.0  # candidates this near are one orientation
+_SLIGHT = 0.95  # ICP must lower the cost to this share, or the candidate stays as it is
+_SURE = 0.15  # least relative gap between the best and the next orientation
+_TURNED_NORMAL, _STRETCH = 0.03, 0.03  # what a reversed normal and a stretch by e count, over the diagonal
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Orientation(Record):
+    """How to turn the target."""
+
+    turn: Floats  # (3, 3) proper: target frame to the demonstration's orientation
+    gap: float  # by what share the next best orientation fits worse; NaN where there is none
+    evidence: str  # in words
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Few(Record):
+    points: Floats
+    normals: Floats
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of the points."""
+        return cKDTree(self.points)
+
+
+def find_orientation(source: Cloud, target: Cloud, search: Literal["heading", "orientation"]) -> Orientation:
+    """Turn that lays the target on the source best.
+
+    Parameters
+    ----------
+    source, target : Cloud
+        Surface samples with normals.
+    search : {"heading", "orientation"}
+        About the vertical, or about any axis.
+    """
+    few, few_target = _few(source, _FEW), _few(target, _FEW)
+    turns = _headings() if search == "heading" else np.concatenate([_headings(), _axes(source, target)])
+    rough = np.array([_cost(few, few_target, turn) for turn in turns])
+    more, more_target = _few(source, _MORE), _few(target, _MORE)
+    best = turns[np.argsort(rough, kind="stable")]
+    refined = [_refined(more, more_target, turn, search) for turn in best[_distinct(best)[:_REFINED]]]
+    ranked = sorted(refined, key=lambda found: found[1])
+    candidates, costs = np.array([turn for turn, _ in ranked]), np.array([cost for _, cost in ranked])
+    kept = _distinct(candidates)
+    return _chosen(candidates[kept], np.maximum(costs[kept], _noise(source)), len(turns))
+
+
+def _noise(source: Cloud) -> float:
+    """What two samplings of one surface cost: no orientation is better than another below it."""
+    assert source.area_m2 is not None
+    return float(0.7 * np.sqrt(source.area_m2.sum() / _MORE) / diagonal_of(source.points))
+
+
+def _chosen(turns: Floats, costs: Floats, tried: int) -> Orientation:
+    gap = float(1 - costs[0] / max(costs[1], 1e-12)) if len(costs) > 1 else float("nan")
+    angle = np.degrees(Rotation.from_matrix(turns).magnitude())
+    said = f"{tried} orientations tried"
+    if gap < _SURE:
+        alike = costs <= costs[0] / (1 - _SURE)
+        nearest = int(np.argmin(np.where(alike, angle, np.inf)))
+        said += (
+            f"; {int(alike.sum())} of them fit alike (the next best {100 * max(gap, 0):.0f} % worse), "
+            f"so the one nearest to the declared heading is kept, {angle[nearest]:.0f} deg from it"
+        )
+        return Orientation(turns[nearest], gap, said)
+    return Orientation(
+        turns[0], gap, f"{said}; turned by {angle[0]:.0f} deg, the next best fits {100 * gap:.0f} % worse"
+    )
+
+
+def _few(cloud: Cloud, number: int) -> _Few:
+    assert cloud.normals is not None
+    index = spread_over(cloud, number)
+    return _Few(cloud.points[index], cloud.normals[index])
+
+
+def _cost(source: _Few, target: _Few, turn: Floats) -> float:
+    """Two-way distance over the diagonal, boxes matched, plus what turned normals and stretch count."""
+    points, normals, scale = _laid(source, target, turn)
+    diagonal = diagonal_of(source.points)
+    total = 0.0
+    for a, na, tree, nb in (
+        (source.points, source.normals, cKDTree(points), normals),
+        (points, normals, source.tree, source.normals),
+    ):
+        distance, index = tree.query(a)
+        facing = np.einsum("ij,ij->i", na, nb[index])
+        total += float(np.mean(distance) / diagonal + _TURNED_NORMAL * np.mean(1 - facing) / 2) / 2
+    logs = np.sort(np.log(scale))
+    return total + _STRETCH * float(np.abs(logs - logs[1]).max())
+
+
+def _laid(source: _Few, target: _Few, turn: Floats) -> tuple[Floats, Floats, Floats]:
+    points = target.points @ turn.T
+    scale = box_scale(source.points, points)
+    normals = (target.normals @ turn.T) / scale
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    middle = (source.points.min(axis=0) + source.points.max(axis=0)) / 2
+    return scale * (points - (points.min(axis=0) + points.max(axis=0)) / 2) + middle, normals, scale
+
+
+def _refined(source: _Few, target: _Few, turn: Floats, search: str) -> tuple[Floats, float]:
+    """The turn after ICP, where that lowers the cost, and its cost; a heading stays about the vertical."""
+    points, _, _ = _laid(source, target, turn)
+    rotation, _ = icp(points, source.points, _ITERATIONS, source.tree)
+    if search == "heading":
+        rotation = Rotation.from_euler("z", float(np.arctan2(rotation[1, 0], rotation[0, 0]))).as_matrix()
+    candidate = rotation @ turn
+    before, after = _cost(source, target, turn), _cost(source, target, candidate)
+    return (candidate, after) if after < _SLIGHT * before else (turn, before)
+
+
+def _headings() -> Floats:
+    return Rotation.from_euler("z", np.arange(0, 360, _STEP_DEG)[:, None], degrees=True).as_matrix()
+
+
+def _axes(source: Cloud, target: Cloud) -> Floats:
+    """Turns (24, 3, 3) that lay the target's principal axes on the source's, in every proper assignment."""
+    mine, theirs = _principal(source), _principal(target)
+    found = []
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        assigned = np.eye(3)[list(order)] * np.array(signs)
+        if np.linalg.det(assigned) > 0:
+            found.append(mine @ assigned @ theirs.T)
+    return np.array(found)
+
+
+def _principal(cloud: Cloud) -> Floats:
+    """Principal axes (columns), right-handed."""
+    weight = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    offset = cloud.points - np.average(cloud.points, axis=0, weights=weight)
+    axes = np.linalg.eigh((offset * weight[:, None]).T @ offset)[1]
+    return axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
+
+
+def _distinct(turns: Floats) -> Ints:
+    """Indices of the turns, in their order, without those near an earlier one that is kept."""
+    cosine = (np.einsum("aij,bij->ab", turns, turns) - 1) / 2  # of the angle between two turns
+    apart = cosine < np.cos(np.radians(_SAME_DEG))
+    kept: list[int] = []
+    for index in range(len(turns)):
+        if apart[index, kept].all():
+            kept.append(index)
+    return np.array(kept, np.int64)

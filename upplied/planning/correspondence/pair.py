@@ -1,0 +1,154 @@
+"""What is found out once about a pair of structures, whoever flew and whatever was inspected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeVar
+
+from upplied.config import CloudSettings, RegistrationSettings, Settings, digest, settings_for
+from upplied.planning.correspondence.nearest import correspond
+from upplied.planning.correspondence.registration import register
+from upplied.planning.surface.samples import surface_samples
+from upplied.planning.surface.voxels import voxel_cloud
+from upplied.records import Cloud, Correspondences, Record, Registration, Structure
+from upplied.scene import Scene, scene_of
+
+METHOD_VERSION = "3"  # raised with every change that may alter a result
+
+R = TypeVar("R")
+
+
+class Memo(Protocol):
+    """Remembers results by content: the catalog's cache, or nothing at all."""
+
+    def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
+        """The remembered record of this stage and key, or the computed one."""
+
+
+def no_memo(stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
+    """Computes every time."""
+    return compute()
+
+
+def remembering(memo: Memo, *hashes: str) -> Memo:
+    """The memo where all inputs have a hash to remember them by, else none."""
+    return memo if all(hashes) else no_memo
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Record):
+    """Two clouds of one sort, and how one lies on the other."""
+
+    source: Cloud
+    target: Cloud
+    registration: Registration
+    correspondences: Correspondences  # from source to target
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Pair(Record):
+    """Two structures and how they fit.
+
+    `voxels` are the paper's clouds and what follows from them. `surface` is the ruler by which
+    every plan is measured, whatever its preset, and what `recommended` plans on.
+    """
+
+    source: Structure
+    target: Structure
+    source_scene: Scene
+    target_scene: Scene
+    voxels: Fit
+    surface: Fit
+
+    def fit_for(self, settings: Settings) -> Fit:
+        """The fit that a preset plans on: with normals where it asks what is truly seen."""
+        return self.surface if settings.visibility.occlusion else self.voxels
+
+
+def study_pair(source: Structure, target: Structure, settings: Settings, memo: Memo = no_memo) -> Pair:
+    """Clouds, registration and correspondences of a pair (paper, Alg. 1), remembered by content."""
+    memo = remembering(memo, source.sha256, target.sha256)
+    scenes = scene_of(source), scene_of(target)
+    voxels = _voxels(source, settings.clouds, memo), _voxels(target, settings.clouds, memo)
+    samples = (
+        _samples(source, scenes[0], settings.clouds, memo),
+        _samples(target, scenes[1], settings.clouds, memo),
+    )
+    return Pair(
+        source,
+        target,
+        *scenes,
+        voxels=_fit("voxels", voxels, (source, target), voxel_settings(settings), memo),
+        surface=_fit("surface", samples, (source, target), surface_settings(settings), memo),
+    )
+
+
+def voxel_settings(settings: Settings) -> Settings:
+    """How the paper's clouds are fitted: as the preset says if it plans on them, else as published."""
+    return settings if not settings.visibility.occlusion else _with_clouds("paper", settings)
+
+
+def surface_settings(settings: Settings) -> Settings:
+    """How the surfaces are fitted, the ruler of every preset: as `recommended` does."""
+    if settings.visibility.occlusion:
+        return settings
+    recommended = _with_clouds("recommended", settings)
+    wanted = replace(recommended.correspondence, counterparts=settings.correspondence.counterparts)
+    return replace(recommended, correspondence=wanted)
+
+
+def content_key(*parts: Any) -> str:
+    """Key of a result in the cache: the method's version and all that went in."""
+    return digest({"method": METHOD_VERSION, "parts": [digest(part) for part in parts]})
+
+
+def surface_key(structure_sha256: str, clouds: CloudSettings) -> str:
+    """Key of a structure's surface samples."""
+    return content_key("surface", structure_sha256, clouds)
+
+
+def registration_key(
+    sort: str,
+    source_sha256: str,
+    target_sha256: str,
+    clouds: CloudSettings,
+    registration: RegistrationSettings,
+) -> str:
+    """Key of the registration of two structures by clouds of one sort, "voxels" or "surface"."""
+    return content_key("register", sort, source_sha256, target_sha256, clouds, registration)
+
+
+def _with_clouds(preset: str, settings: Settings) -> Settings:
+    return replace(settings_for(preset), clouds=settings.clouds)
+
+
+def _voxels(structure: Structure, clouds: CloudSettings, memo: Memo) -> Cloud:
+    key = content_key("voxels", structure.sha256, clouds)
+    return memo("clouds", Cloud, key, lambda: voxel_cloud(structure, clouds))
+
+
+def _samples(structure: Structure, scene: Scene, clouds: CloudSettings, memo: Memo) -> Cloud:
+    key = surface_key(structure.sha256, clouds)
+    return memo("clouds", Cloud, key, lambda: surface_samples(structure, scene, clouds))
+
+
+def _fit(
+    sort: str,
+    clouds: tuple[Cloud, Cloud],
+    structures: tuple[Structure, Structure],
+    settings: Settings,
+    memo: Memo,
+) -> Fit:
+    source, target = structures
+    facts = (sort, source.sha256, target.sha256, settings.clouds, settings.registration)
+    key = registration_key(*facts)
+    found = memo("registration", Registration, key, lambda: register(*clouds, settings.registration))
+    key = content_key("correspond", *facts, settings.correspondence)
+    matched = memo(
+        "correspondences",
+        Correspondences,
+        key,
+        lambda: correspond(*clouds, found, settings.correspondence, source.landmarks, target.landmarks),
+    )
+    return Fit(*clouds, found, matched)

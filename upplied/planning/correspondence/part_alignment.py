@@ -1,0 +1,144 @@
+"""Parts laid on their partners: box on box, or along their own direction where they turned (rotor blades)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.planning.correspondence.coherent_point_drift import Patch
+from upplied.planning.correspondence.part_assignment import Matching, match_parts
+from upplied.planning.geometry.boxes import box_scale, diagonal_of
+from upplied.planning.surface.parts import labels_of, parts_of
+from upplied.records import Bools, Cloud, Floats
+
+FACING = 0.03  # of the diagonal: what turning a normal by a right angle counts beside distance
+_MISFIT = 0.022  # largest mean distance, both ways, in these units, of parts whose boxes are not alike
+_TRIED = 150  # samples by which that is judged
+_LONG = 3.0  # length over width of a part whose direction is its own: a blade
+_OUTWARD = 0.25  # of its length: how far from the structure's middle such a part lies, along itself
+_STRAY, _FAR = 0.05, 8.0  # share of a part's samples at either end, and how far they must stick out
+_TURNED = np.cos(np.radians(10))
+
+
+def matched(source: Cloud, lying: Cloud, pinned: Mapping[int, int] | None = None) -> Matching:
+    """Match the parts of two clouds, the target's already in the frame and at the scale of the source."""
+    diagonal = diagonal_of(source.points)
+
+    def fits(parts: Sequence[int], partners: Sequence[int]) -> bool:
+        mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(lying), partners)
+        return _misfit(source, mine, lying, theirs, diagonal) < _MISFIT
+
+    return match_parts(parts_of(source), parts_of(lying), diagonal, fits, pinned)
+
+
+def patches(source: Cloud, lying: Cloud, matching: Matching) -> tuple[Patch, Patch]:
+    """Both clouds with the class of each sample's part."""
+    return (
+        Patch(source.points, _normals(source), matching.source_class[labels_of(source)]),
+        Patch(lying.points, _normals(lying), matching.target_class[labels_of(lying)]),
+    )
+
+
+def placed(moving: Patch, fixed: Patch, turned_only: bool = False) -> Patch:
+    """Each matched part laid on its partner; only those that turned, if asked."""
+    points, normals = moving.points.copy(), moving.normals.copy()
+    for label in range(int(moving.label.max(initial=-1)) + 1):
+        mine, theirs = moving.label == label, fixed.label == label
+        if not mine.any() or not theirs.any():
+            continue
+        part = moving.points[mine], moving.normals[mine]
+        turned = _turned(*part, moving.points, fixed.points[theirs], fixed.points)
+        if turned is not None:
+            points[mine], normals[mine] = turned
+        elif not turned_only:
+            points[mine], normals[mine] = _boxed(*part, fixed.points[theirs])
+    return Patch(points, normals, moving.label)
+
+
+def _turned(
+    part: Floats, normals: Floats, whole: Floats, partner: Floats, other_whole: Floats
+) -> tuple[Floats, Floats] | None:
+    """The part laid along its partner, None unless both are long and point apart."""
+    axis, length, width, outward = _direction(part, whole)
+    other_axis, other_length, other_width, other_outward = _direction(partner, other_whole)
+    pointing = outward and other_outward and length > _LONG * width and other_length > _LONG * other_width
+    if not pointing or axis @ other_axis > _TURNED:
+        return None
+    turn = _smallest_turn(axis, other_axis)
+    stretch = np.eye(3) * (other_width / width)
+    stretch += np.outer(axis, axis) * (other_length / length - other_width / width)
+    middle, other_middle = _middle_along(part, axis), _middle_along(partner, other_axis)
+    return (part - middle) @ (turn @ stretch).T + other_middle, normals @ turn.T
+
+
+def _boxed(part: Floats, normals: Floats, partner: Floats) -> tuple[Floats, Floats]:
+    """The part with its box on its partner's."""
+    box, other = _core(part), _core(partner)
+    scale = box_scale(other, box)
+    scaled_normals = normals / scale
+    scaled_normals /= np.linalg.norm(scaled_normals, axis=1, keepdims=True)
+    return scale * (part - box[0]) + other[0], scaled_normals
+
+
+def _core(part: Floats) -> Floats:
+    """Lower and upper corner (2, 3) of a part without what little sticks out of it.
+
+    A strip of the wing that was modelled with the engine would double the engine's box. Where
+    the outermost samples widen an axis by far more than their number, they do not count.
+    """
+    low, high = part.min(axis=0), part.max(axis=0)
+    inner_low, inner_high = np.quantile(part, [_STRAY, 1 - _STRAY], axis=0)
+    usual = (inner_high - inner_low) * _STRAY / (1 - 2 * _STRAY)
+    stray_low, stray_high = inner_low - low > _FAR * usual, high - inner_high > _FAR * usual
+    return np.stack(
+        [np.where(stray_low, inner_low - usual, low), np.where(stray_high, inner_high + usual, high)]
+    )
+
+
+def _direction(part: Floats, whole: Floats) -> tuple[Floats, float, float, bool]:
+    """Long axis of a part, its length and width, and whether it points away from the structure's middle."""
+    offset = part - part.mean(axis=0)
+    axis = np.linalg.eigh(offset.T @ offset)[1][:, 2]
+    outward = (part.mean(axis=0) - (whole.min(axis=0) + whole.max(axis=0)) / 2) @ axis
+    axis = axis if outward >= 0 else -axis
+    along = offset @ axis
+    across = np.linalg.norm(offset - along[:, None] * axis, axis=1)
+    length = float(np.ptp(along))
+    return axis, length, float(2 * np.sqrt(np.mean(across**2))), bool(abs(outward) > _OUTWARD * length)
+
+
+def _middle_along(part: Floats, axis: Floats) -> Floats:
+    mean = part.mean(axis=0)
+    along = (part - mean) @ axis
+    return mean + axis * (along.min() + along.max()) / 2
+
+
+def _smallest_turn(a: Floats, b: Floats) -> Floats:
+    """The rotation matrix of the smallest turn from unit vector `a` to unit vector `b`."""
+    v, cosine = np.cross(a, b), float(a @ b)
+    skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.eye(3) + skew + skew @ skew / max(1 + cosine, 1e-9)
+
+
+def _misfit(source: Cloud, mine: Bools, lying: Cloud, theirs: Bools, diagonal_m: float) -> float:
+    """Mean two-way distance of two sets of parts, box on box, normals counted.
+
+    Over the mean (geometric) of the structure's diagonal and theirs, since small parts misfit by less.
+    """
+    one, other = source.points[mine], lying.points[theirs]
+    boxed, turned = _boxed(one, _normals(source)[mine], other)
+    weight = FACING * diagonal_m
+    here = np.hstack([boxed, weight * turned])
+    there = np.hstack([other, weight * _normals(lying)[theirs]])
+    step = [max(1, len(cloud) // _TRIED) for cloud in (here, there)]
+    to_there = cKDTree(there).query(here[:: step[0]])[0].mean()
+    to_here = cKDTree(here).query(there[:: step[1]])[0].mean()
+    size = np.sqrt(diagonal_m * np.linalg.norm(np.ptp(other, axis=0)))
+    return float((to_there + to_here) / 2 / max(size, 1e-9))
+
+
+def _normals(cloud: Cloud) -> Floats:
+    assert cloud.normals is not None
+    return cloud.normals

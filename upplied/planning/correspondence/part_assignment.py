@@ -1,0 +1,246 @@
+"""Which part of the target answers to which part of the source: one to one, by place, size and neighbours.
+
+Nearest neighbours send the points of an inner engine to an outer one where that lies nearer. So
+parts are matched before points: an assignment over all parts, then exchanges that make the parts
+which touch each other keep touching.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from upplied.planning.surface.parts import Parts, sides
+from upplied.records import Bools, Floats, Ints, Record
+
+# Largest ratio of extents along an axis, after the boxes of the structures were matched, with the
+# extent (over the diagonal) below which nothing is compared.
+_LIKE, _ALIKE = (0.015, 3.0), (0.05, 1.8)
+_LARGER = 4.0  # largest ratio of areas: a fairing is no engine, however small both are beside the wing
+_ACROSS = 0.6  # how unlike two parts may lie about the middles of mirrored structures
+_PART_OF = 0.2  # least share of the common surface, for each of two parts that make up one
+_TRIES = 3
+_APART = (0.2, 0.15)  # of the diagonal: farthest that a blade may have moved, and any other part
+_SHAPE, _SIZE, _NEIGHBOURS = 0.05, 0.02, 0.6  # weights beside the distance over the diagonal
+_UNMATCHED = 0.5  # of a large part
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Matching(Record):
+    """Classes of parts that answer to each other; parts in no class answer to whatever is near."""
+
+    source_class: Ints  # (K,) class of each source part, -1 where it is in none
+    target_class: Ints  # (L,) class of each target part, -1 where it is in none
+
+    def __len__(self) -> int:
+        return int(self.source_class.max(initial=-1)) + 1
+
+    def target_of(self, source_part: int) -> Ints:
+        """The target parts that answer to a source part, empty where none is known."""
+        wanted = self.source_class[source_part]
+        return np.flatnonzero((self.target_class == wanted) & (wanted >= 0))
+
+
+def match_parts(
+    source: Parts,
+    target: Parts,
+    diagonal_m: float,
+    fits: Callable[[Sequence[int], Sequence[int]], bool],
+    pinned: Mapping[int, int] | None = None,
+) -> Matching:
+    """Match parts one to one.
+
+    Boxes of like extents are proof enough. Where they are less alike, a deck that is shorter or a
+    wing modelled whole here and in halves there, the surfaces must agree after box was laid on box.
+
+    Parameters
+    ----------
+    source, target : Parts
+        Both in the frame and at the scale of the source.
+    diagonal_m : float
+        Of the source.
+    fits : callable
+        Whether the surfaces of some source parts and of some target parts agree, box on box.
+    pinned : mapping, optional
+        Source part to target part, as the user said.
+    """
+    pinned = dict(pinned or {})
+    cost, allowed = _costs(source, target, diagonal_m)
+    for one, other in np.argwhere(allowed & ~_alike(source, target, diagonal_m, *_ALIKE)).tolist():
+        allowed[one, other] = fits([one], [other])
+    for one, other in pinned.items():
+        allowed[one, :], allowed[:, other] = False, False
+        allowed[one, other] = True
+        cost[one, other] = -1.0
+    cost = np.where(allowed, cost, 10.0)
+    alone = np.full((len(source), len(source)), 10.0)
+    np.fill_diagonal(alone, _unmatched(source))
+    rows, columns = linear_sum_assignment(np.hstack([cost, alone]))
+    partner = np.full(len(source), -1)
+    with_one = columns < len(target)
+    with_one[with_one] = allowed[rows[with_one], columns[with_one]]
+    partner[rows[with_one]] = columns[with_one]
+    partner = _exchanged(partner, cost, source, target, diagonal_m, set(pinned))
+    classes = _classes(partner, len(target))
+    return _with_unions(classes, source, target, diagonal_m, fits)
+
+
+def _unmatched(source: Parts) -> Floats:
+    """What it costs that a part has no partner, (K,): by its size, so that a fairing displaces no engine."""
+    return np.minimum(_UNMATCHED, 2 * np.sqrt(source.area))
+
+
+def like_shape(source: Parts, part: int, target: Parts, diagonal_m: float) -> Ints:
+    """The target parts that have the shape and size of a source part, wherever they are."""
+    alike = _alike(source, target, diagonal_m, *_LIKE) & _alike(source, target, diagonal_m, *_ALIKE)
+    return np.flatnonzero(alike[part])
+
+
+def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Bools]:
+    apart = cdist(source.middle, target.middle) / diagonal_m
+    ratio = _ratios(source.high - source.low, target.high - target.low, _LIKE[0] * diagonal_m)
+    size = np.abs(np.log(source.area[:, None] / target.area[None, :]))
+    near = apart < np.where(_both_blades(source, target), *_APART)
+    allowed = _alike(source, target, diagonal_m, *_LIKE) & near & (size < np.log(_LARGER))
+    allowed &= ~_across(source, target)
+    return apart + _SHAPE * ratio.mean(axis=2) + _SIZE * size, allowed
+
+
+def _alike(source: Parts, target: Parts, diagonal_m: float, floor: float, most: float) -> Bools:
+    """Which parts (K, L) have extents of at most a ratio, where these are above a floor.
+
+    Blades may have turned: they are compared along their own axes as well.
+    """
+    boxes = _ratios(source.high - source.low, target.high - target.low, floor * diagonal_m)
+    turned = _ratios(source.extent, target.extent, floor * diagonal_m)
+    along = _both_blades(source, target) & (turned.max(axis=2) < np.log(most))
+    return np.asarray((boxes.max(axis=2) < np.log(most)) | along, bool)
+
+
+def _both_blades(source: Parts, target: Parts) -> Bools:
+    return source.blade[:, None] & target.blade[None, :]
+
+
+def _across(source: Parts, target: Parts) -> Bools:
+    """Which parts (K, L) lie on different sides of structures that are their own mirror images."""
+    apart = np.abs(source.side[:, None] - target.side[None, :])
+    return np.asarray((apart > _ACROSS).any(axis=2) & ~_both_blades(source, target))
+
+
+def _ratios(one: Floats, other: Floats, floor: float) -> Floats:
+    """|log| of the ratio of extents, (K, L, 3); none counts as less than the floor, m."""
+    one, other = np.maximum(one, floor), np.maximum(other, floor)
+    return np.asarray(np.abs(np.log(one[:, None] / other[None, :])))
+
+
+def _exchanged(
+    partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m: float, fixed: set[int]
+) -> Ints:
+    """Exchange partners while that lowers the cost with neighbours: decks keep their order."""
+    best, lowest = partner, _total(partner, cost, source, target, diagonal_m)
+    free = [part for part in range(len(partner)) if part not in fixed]
+    for _ in range(20):
+        before = lowest
+        for candidate in _neighbours(best, free, cost):
+            total = _total(candidate, cost, source, target, diagonal_m)
+            if total < lowest - 1e-12:
+                best, lowest = candidate, total
+        if lowest == before:
+            break
+    return best
+
+
+def _neighbours(partner: Ints, free: list[int], cost: Floats) -> Iterator[Ints]:
+    """Assignments that differ by one exchange or one move to a target part that is not taken."""
+    for one, other in combinations(free, 2):
+        swapped = partner.copy()
+        swapped[one], swapped[other] = partner[other], partner[one]
+        if all(swapped[part] < 0 or cost[part, swapped[part]] < 10.0 for part in (one, other)):
+            yield swapped
+    spare = set(range(cost.shape[1])) - set(partner.tolist())
+    for one in free:
+        for other in sorted(spare):
+            if cost[one, other] < 10.0:
+                moved = partner.copy()
+                moved[one] = other
+                yield moved
+
+
+def _total(partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m: float) -> float:
+    """Cost of an assignment: of each pair, and of neighbours that lose touch or change sides.
+
+    Two parts that touch on the target alone count as well, or a tier might be left out in the middle.
+    """
+    has = np.flatnonzero(partner >= 0)
+    total = float(cost[has, partner[has]].sum()) + float(_unmatched(source)[partner < 0].sum())
+    one, other = np.nonzero(np.triu(source.touching, 1))
+    weight = np.sqrt(source.area[one] * source.area[other])
+    known = (partner[one] >= 0) & (partner[other] >= 0)
+    total += _NEIGHBOURS * float(weight[~known].sum())
+    one, other, weight = one[known], other[known], weight[known]
+    lost = ~target.touching[partner[one], partner[other]]
+    here = source.middle[other] - source.middle[one]
+    there = target.middle[partner[other]] - target.middle[partner[one]]
+    shifted = np.linalg.norm(here - there, axis=1) / diagonal_m
+    total += _NEIGHBOURS * float((weight * (lost + shifted)).sum())
+    one, other = has[np.array(np.nonzero(np.triu(target.touching[np.ix_(partner[has], partner[has])], 1)))]
+    new = ~source.touching[one, other]
+    weight = np.sqrt(target.area[partner[one]] * target.area[partner[other]])
+    return total + _NEIGHBOURS * float(weight[new].sum())
+
+
+def _classes(partner: Ints, number: int) -> Matching:
+    source_class, target_class = np.full(len(partner), -1), np.full(number, -1)
+    has = np.flatnonzero(partner >= 0)
+    source_class[has] = np.arange(len(has))
+    target_class[partner[has]] = np.arange(len(has))
+    return Matching(source_class, target_class)
+
+
+def _with_unions(
+    matching: Matching,
+    source: Parts,
+    target: Parts,
+    diagonal_m: float,
+    fits: Callable[[Sequence[int], Sequence[int]], bool],
+) -> Matching:
+    """Let one part answer to two that make it up."""
+    source_class, target_class = matching.source_class.copy(), matching.target_class.copy()
+    for part in np.flatnonzero(source_class < 0).tolist():
+        for pair in _unions_like(source, part, target, np.flatnonzero(target_class < 0), diagonal_m):
+            if fits([part], pair):
+                source_class[part] = target_class[pair] = source_class.max() + 1
+                break
+    for part in np.flatnonzero(target_class < 0).tolist():
+        for pair in _unions_like(target, part, source, np.flatnonzero(source_class < 0), diagonal_m):
+            if fits(pair, [part]):
+                target_class[part] = source_class[pair] = source_class.max() + 1
+                break
+    return Matching(source_class, target_class)
+
+
+def _unions_like(one: Parts, part: int, other: Parts, free: Ints, diagonal_m: float) -> list[list[int]]:
+    """Pairs of parts whose common box is like that of a part, the most alike first."""
+    pairs = np.array(list(combinations(free.tolist(), 2)), np.int64).reshape(-1, 2)
+    area = other.area[pairs]
+    pairs = pairs[area.min(axis=1) > _PART_OF * area.sum(axis=1)]
+    low, high = other.low[pairs].min(axis=1), other.high[pairs].max(axis=1)
+    mirrored = np.isfinite(other.side[pairs]).all(axis=1)
+    side = np.where(mirrored, sides(low, high, other.low.min(axis=0), other.high.max(axis=0)), np.nan)
+    unions = _boxes(low, high, other.area[pairs].sum(axis=1), side)
+    alone = _boxes(one.low[[part]], one.high[[part]], one.area[[part]], one.side[[part]])
+    cost, allowed = _costs(alone, unions, diagonal_m)
+    best = np.argsort(np.where(allowed[0], cost[0], np.inf), kind="stable")[:_TRIES]
+    return [pairs[index].tolist() for index in best if allowed[0, index]]
+
+
+def _boxes(low: Floats, high: Floats, area: Floats, side: Floats) -> Parts:
+    """Parts known by their boxes alone."""
+    extent = np.sort(high - low, axis=1)[:, ::-1]
+    alone = np.zeros((len(low), len(low)), bool)
+    return Parts(low, high, area, alone, extent, np.ones(len(low), bool), side)

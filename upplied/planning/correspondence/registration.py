@@ -1,0 +1,185 @@
+"""Convergence check: how the target lies on the demonstration structure, and whether it fits (Sec. III-A)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from upplied.config import RegistrationSettings
+from upplied.planning.correspondence.misfit import Misfit, misfit_of
+from upplied.planning.correspondence.orientation import Orientation, find_orientation
+from upplied.planning.geometry.boxes import box_scale, laid, spacing
+from upplied.planning.geometry.icp import icp, mean_squared_nn_distance
+from upplied.planning.surface.parts import blades_of, labels_of, parts_of
+from upplied.records import Bools, Cloud, Floats, Registration
+
+_BETTER = (
+    0.8  # a registration that leaves the declared orientation or the boxes must lower the misfit to this
+)
+_HOPELESS = 2.0  # gates: a misfit that no fine alignment mends
+_SAME_DEG, _STRONG = 25.0, 0.25  # how far off, and how much better, a heading must be to be mentioned
+_FEW = 700  # points of the cloud that fine alignment moves
+
+
+def register(source: Cloud, target: Cloud, settings: RegistrationSettings) -> Registration:
+    """Lay the target on the source and judge the fit: as published, or as `settings.acceptance` asks.
+
+    Parameters
+    ----------
+    source : Cloud
+        Of the demonstration structure.
+    target : Cloud
+    settings : RegistrationSettings
+
+    Returns
+    -------
+    Registration
+        With PCL's score in m^2 and the verdict; where refused, the reason says what and where.
+    """
+    if settings.acceptance is None or source.normals is None or target.normals is None:
+        return published(source, target, settings)
+    return judged(source, target, settings, settings.acceptance)
+
+
+def published(source: Cloud, target: Cloud, settings: RegistrationSettings) -> Registration:
+    """Scale the target until the bounding boxes match, align it by ICP, and judge the score (Alg. 1)."""
+    scale = box_scale(source.points, target.points)
+    offset = source.points.min(axis=0) - scale * target.points.min(axis=0)
+    scaled = scale * target.points + offset
+    # Algorithm 1 gives the demonstration's cloud as source, so the motion found goes to the target;
+    # its inverse lays the target on the demonstration and leaves every distance as it is.
+    forward, shift = icp(source.points, scaled, settings.iterations)
+    rotation, translation = forward.T, forward.T @ (offset - shift)
+    aligned = (scale * target.points) @ rotation.T + translation
+    score = mean_squared_nn_distance(source.points, aligned)
+    gate = settings.gamma * spacing(source) ** 2
+    accepted = score < gate
+    return Registration(
+        scale=scale,
+        rotation=rotation,
+        translation=translation,
+        score_m2=score,
+        accepted=accepted,
+        reason="" if accepted else _refusal(score, gate, settings.gamma, spacing(source)),
+    )
+
+
+def judged(source: Cloud, target: Cloud, settings: RegistrationSettings, gate: float) -> Registration:
+    """Boxes matched in the declared or a searched orientation, gated by a measure free of density and scale.
+
+    Rigid ICP after box scaling lowers the score and raises the true error of structures whose
+    orientations agree, so it is taken only where it helps much.
+    """
+    found = find_orientation(source, target, "heading" if settings.search == "none" else settings.search)
+    turn, gap, evidence, doubt = found.turn, found.gap, found.evidence, ""
+    if settings.search == "none":
+        turn, gap, evidence, doubt = np.eye(3), float("nan"), "orientation as declared", _doubt(found)
+    best, misfit, laid_how = _best_lay(source, target, turn, gate)
+    accepted = misfit.value < gate
+    return replace(
+        best,
+        score_m2=mean_squared_nn_distance(source.points, laid(target, best).points),
+        accepted=accepted,
+        reason="" if accepted else _misfit_in_words(misfit, gate) + doubt,
+        acceptance=misfit.value,
+        runner_up_gap=gap,
+        evidence=f"{evidence}{laid_how}; {_figures(misfit)}{doubt}",
+    )
+
+
+def fitted(source: Cloud, target: Cloud, gate: float) -> Registration:
+    """As `judged` in the declared orientation, in a quarter of the time: no heading is sought.
+
+    The verdict is the same; neither the score nor a doubt about the declared heading is given.
+    """
+    best, misfit, laid_how = _best_lay(source, target, np.eye(3), gate)
+    accepted = misfit.value < gate
+    return replace(
+        best,
+        accepted=accepted,
+        reason="" if accepted else _misfit_in_words(misfit, gate),
+        acceptance=misfit.value,
+        evidence=f"orientation as declared{laid_how}; {_figures(misfit)}",
+    )
+
+
+def _best_lay(source: Cloud, target: Cloud, turn: Floats, gate: float) -> tuple[Registration, Misfit, str]:
+    """The target, turned, on the source: box on box, or a way that fits much better, and which."""
+    start = box_on_box(source, target, turn)
+    best, misfit, laid_how = start, misfit_of(source, target, start), ""
+    others = {}
+    if misfit.value < _HOPELESS * gate:
+        others["aligned by ICP"] = _aligned(source, target, start)
+    if blades_of(source).any() and blades_of(target).any():
+        others["laid body on body, since blades may have turned"] = body_on_body(source, target, turn)
+    for how, other in others.items():
+        judgement = misfit_of(source, target, other)
+        if judgement.value < _BETTER * misfit.value:
+            best, misfit, laid_how = other, judgement, f"; {how}"
+    return best, misfit, laid_how
+
+
+def box_on_box(source: Cloud, target: Cloud, turn: Floats | None = None) -> Registration:
+    """The registration that makes the bounding boxes equal, after a turn of the target; not judged."""
+    turn = np.eye(3) if turn is None else turn
+    turned = target.points @ turn.T
+    scale = box_scale(source.points, turned)
+    offset = source.points.min(axis=0) - scale * turned.min(axis=0)
+    return Registration(scale, np.eye(3), offset, float("nan"), False, turn=turn)
+
+
+def body_on_body(source: Cloud, target: Cloud, turn: Floats | None = None) -> Registration:
+    """Boxes without the blades made equal, but across the axis of the rotor the blades' lengths.
+
+    Where a rotor stopped shifts and widens the box of a turbine.
+    """
+    turn = np.eye(3) if turn is None else turn
+    turned = Cloud(target.points @ turn.T, None, target.area_m2, target.part)
+    body, other_body = (cloud.points[~blades_of(cloud)] for cloud in (source, turned))
+    scale = box_scale(body, other_body)
+    scale[1] = _blade_length(source, blades_of(source)) / _blade_length(turned, blades_of(turned))
+    middle, other_middle = ((points.min(axis=0) + points.max(axis=0)) / 2 for points in (body, other_body))
+    return Registration(scale, np.eye(3), middle - scale * other_middle, float("nan"), False, turn=turn)
+
+
+def _blade_length(cloud: Cloud, blades: Bools) -> float:
+    return float(parts_of(cloud).extent[np.unique(labels_of(cloud)[blades]), 0].mean())
+
+
+def _aligned(source: Cloud, target: Cloud, start: Registration) -> Registration:
+    """Boxes made equal again after the turn that ICP finds."""
+    lying = laid(target, start).points
+    rotation, _ = icp(lying[:: max(1, len(lying) // _FEW)], source.points, 15)
+    return box_on_box(source, target, rotation @ start.turn)
+
+
+def _doubt(found: Orientation) -> str:
+    """What speaks against the declared heading, in words; empty where nothing does."""
+    angle = float(np.degrees(np.arctan2(found.turn[1, 0], found.turn[0, 0])))
+    if abs(angle) < _SAME_DEG or not found.gap > _STRONG:
+        return ""
+    return (
+        f"; turned by {angle:.0f} deg about the vertical the target would fit {100 * found.gap:.0f} % better "
+        "than in any other heading: check its declared forward axis, or search the heading"
+    )
+
+
+def _misfit_in_words(misfit: Misfit, gate: float) -> str:
+    where = f"; {misfit.where}" if misfit.where else ""
+    measured = f"misfit {misfit.value:.2f}, gate {gate:g} ({_figures(misfit)})"
+    return f"the structures do not correspond: {measured}{where}"
+
+
+def _figures(misfit: Misfit) -> str:
+    return (
+        f"{100 * misfit.overlap:.0f} % of the space is common, the surfaces gape by "
+        f"{100 * misfit.gape:.1f} % of the diagonal, stretched unevenly {np.exp(misfit.stretch):.2f} : 1"
+    )
+
+
+def _refusal(score: float, gate: float, gamma: float, leaf: float) -> str:
+    return (
+        f"the clouds do not fit: mean squared nearest-neighbour distance {score:.3g} m^2, "
+        f"gate {gate:.3g} m^2 (gamma {gamma:g} times the squared spacing of {leaf:.3g} m)"
+    )

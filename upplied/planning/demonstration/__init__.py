@@ -1,0 +1,1 @@
+"""What the expert flew and inspected: denoised flight, viewpoints, repetitions."""

@@ -1,0 +1,110 @@
+"""What the expert looked at, and the viewpoints of the flight (paper, Alg. 2, lines 1 to 13)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.config import Settings
+from upplied.planning.correspondence.pair import Memo, Pair, content_key, no_memo, remembering
+from upplied.planning.demonstration.denoise import Smoothed, smoothed
+from upplied.planning.demonstration.viewpoints import find_viewpoints
+from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
+from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
+
+_STATIONS = 160  # of a smoothed flight, at most: where the camera's directions are decided
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Inspection(Record):
+    """A demonstration as the planner sees it."""
+
+    flight: Trajectory  # M poses
+    camera: Camera
+    visibility: Visibility  # (M, N) of the cloud that the preset plans on
+    viewpoints: Viewpoints
+    by_frustum: Views  # of the voxel cloud: what the paper's coverage counts
+    truly: Views  # of the surface samples
+
+
+def inspect_demonstration(
+    demonstration: Demonstration, pair: Pair, settings: Settings, memo: Memo = no_memo
+) -> Inspection:
+    """Visibility along the flight, and its viewpoints, remembered by content."""
+    memo = remembering(memo, demonstration.sha256, pair.source.sha256)
+    flight, breaks = prepared(demonstration, settings, memo)
+    camera = demonstration.camera
+    fit = pair.fit_for(settings)
+    facts = (demonstration.sha256, pair.source.sha256, settings.clouds)
+    key = content_key(
+        "visibility", *facts, settings.visibility, settings.viewpoints.most_poses, settings.refine.method
+    )
+    seen = memo(
+        "visibility",
+        Visibility,
+        key,
+        lambda: visible(
+            flight.positions, flight.quat_xyzw, fit.source, camera, settings.visibility, pair.source_scene
+        ),
+    )
+    whole = demonstration.trajectory
+    return Inspection(
+        flight=flight,
+        camera=camera,
+        visibility=seen,
+        viewpoints=memo(
+            "viewpoints",
+            Viewpoints,
+            content_key("viewpoints", key, settings.viewpoints),
+            lambda: find_viewpoints(flight, seen, settings.viewpoints, breaks),
+        ),
+        by_frustum=memo(
+            "views",
+            Views,
+            content_key("frustum", *facts),
+            lambda: views(whole, pair.voxels.source, camera, BY_FRUSTUM),
+        ),
+        truly=memo(
+            "views",
+            Views,
+            content_key("truly", *facts),
+            lambda: views(whole, pair.surface.source, camera, TRULY, pair.source_scene),
+        ),
+    )
+
+
+def prepared(
+    demonstration: Demonstration, settings: Settings, memo: Memo = no_memo
+) -> tuple[Trajectory, Ints]:
+    """The flight to plan on, and the poses that start a new part after a gap.
+
+    The paper assumes a demonstration free of noise, so its preset takes the poses as they are; a
+    flight of more than `most_poses` is thinned evenly. `recommended` plans on the flight as the
+    pilot meant it, without the jitter of hand and sensors.
+    """
+    flight = demonstration.trajectory
+    if settings.refine.method == "view":
+        key = content_key("flight", demonstration.sha256, _STATIONS)
+        steady = memo("flight", Smoothed, key, lambda: smoothed(flight, _STATIONS, demonstration.breaks))
+        return steady.flight, steady.breaks
+    keep = np.arange(len(flight))
+    if len(flight) > settings.viewpoints.most_poses:
+        keep = np.unique(np.linspace(0, len(flight) - 1, settings.viewpoints.most_poses).astype(np.int64))
+    starts = np.unique(np.searchsorted(keep, demonstration.breaks))
+    thinned = Trajectory(flight.t_s[keep], flight.positions[keep], flight.quat_xyzw[keep])
+    return thinned, starts[(starts > 0) & (starts < len(keep))]
+
+
+def nothing_shown(inspection: Inspection, pair: Pair, settings: Settings) -> str:
+    """Why there is nothing to plan for, in words; empty where the demonstration shows something."""
+    found, seen = pair.fit_for(settings).correspondences, inspection.visibility.total
+    if not seen.any():
+        return (
+            f"the demonstration shows nothing of {pair.source.structure_id}: no pose has any of its surface "
+            "in view; check where the structure stands in the log's frame, and how the camera is mounted"
+        )
+    if not (seen & (found.target_index >= 0)).any():
+        return f"nothing of what the demonstration shows has a counterpart on {pair.target.structure_id}"
+    return ""

@@ -1,0 +1,117 @@
+"""One demonstration flown again on each matching part, or mirrored to the other side, in one plan.
+
+That is what inspectors do: who showed one engine wants to see all four.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from upplied.config import Settings
+from upplied.errors import SettingsError
+from upplied.planning.correspondence.landmarks import choices_for, side_of
+from upplied.planning.correspondence.pair import Memo, Pair, no_memo, study_pair
+from upplied.planning.demonstration.inspection import Inspection, inspect_demonstration
+from upplied.planning.surface.parts import labels_of, parts_of
+from upplied.poses import from_yaw_pitch, yaw_pitch
+from upplied.records import Demonstration, Floats, Record, Structure, Trajectory
+
+_TRANSIT_S = 10.0  # of the demonstration's time between two takes; the way itself is timed anew
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Take(Record):
+    """One flying of a demonstration: what was looked at, and what answers to it on the target."""
+
+    inspection: Inspection
+    pair: Pair
+
+
+def takes_of(
+    demonstration: Demonstration, pair: Pair, settings: Settings, memo: Memo = no_memo
+) -> list[Take]:
+    """The demonstration as flown, and its repetitions as the settings ask for them.
+
+    Raises
+    ------
+    SettingsError
+        If a repetition is asked for with a preset that knows no parts.
+    """
+    first = Take(inspect_demonstration(demonstration, pair, settings, memo), pair)
+    if not settings.correspondence.repeat:
+        return [first]
+    if settings.correspondence.method != "parts":
+        raise SettingsError(
+            "correspondence.repeat", f"asked for with preset {settings.preset!r}", "preset 'recommended' only"
+        )
+    other = mirrored(demonstration, pair.source)
+    across = Take(inspect_demonstration(other, pair, settings, memo), pair)
+    if settings.correspondence.repeat == "mirror":
+        return [first, across]
+    takes = []
+    for flown, take in ((demonstration, first), (other, across)):
+        part = demonstrated_part(take)
+        for choice in _on_this_side(part, take.pair):
+            pairs = (*settings.correspondence.counterparts, (f"part_{part}", f"part_{choice}"))
+            chosen = replace(settings, correspondence=replace(settings.correspondence, counterparts=pairs))
+            studied = study_pair(pair.source, pair.target, chosen, memo)
+            takes.append(Take(inspect_demonstration(flown, studied, chosen, memo), studied))
+    return takes or [first]
+
+
+def mirrored(demonstration: Demonstration, source: Structure) -> Demonstration:
+    """The same flight on the other side of the structure's middle plane, left for right, without roll."""
+    middle = (source.vertices[:, 1].min() + source.vertices[:, 1].max()) / 2
+    yaw, pitch = yaw_pitch(demonstration.quat_xyzw)
+    return replace(
+        demonstration,
+        positions=demonstration.positions * [1, -1, 1] + [0, 2 * middle, 0],
+        quat_xyzw=from_yaw_pitch(-yaw, pitch),
+        sha256=demonstration.sha256 and f"{demonstration.sha256}-mirrored",
+    )
+
+
+def demonstrated_part(take: Take) -> int:
+    """The part of the source that the demonstration is about.
+
+    What fills most of the pictures may be the fuselage behind the engine; of the part that is meant,
+    most is seen. So the share of the pictures counts times the squared share of the part that was seen.
+    """
+    cloud, visibility = take.pair.surface.source, take.inspection.visibility
+    rays = take.inspection.flight.positions[:, None] - cloud.points
+    squared = np.maximum(np.einsum("mnj,mnj->mn", rays, rays), 1e-6)
+    area = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    label = labels_of(cloud)
+    filled = np.bincount(label, weights=(visibility.seen * area / squared).sum(axis=0))
+    seen = np.bincount(label, weights=area * visibility.total) / np.bincount(label, weights=area)
+    return int((filled * seen**2).argmax())
+
+
+def joined(flights: Sequence[Trajectory]) -> Trajectory:
+    """Several flights one after another, as one."""
+    begin, times = 0.0, []
+    for flight in flights:
+        times.append(flight.t_s - flight.t_s[0] + begin)
+        begin = float(times[-1][-1]) + _TRANSIT_S
+    return Trajectory(
+        np.concatenate(times),
+        np.concatenate([flight.positions for flight in flights]),
+        np.concatenate([flight.quat_xyzw for flight in flights]),
+    )
+
+
+def begins_of(takes: Sequence[Take], flight: Trajectory) -> Floats:
+    """When each take begins in the joined flight, s."""
+    lengths = [len(take.inspection.flight) for take in takes]
+    return flight.t_s[np.cumsum([0, *lengths[:-1]])]
+
+
+def _on_this_side(part: int, pair: Pair) -> list[int]:
+    """Target parts like a source part, on its side or in the middle."""
+    source, target = parts_of(pair.surface.source), parts_of(pair.surface.target)
+    side = side_of(source, part)
+    choices = choices_for(source, part, target)
+    return [int(choice) for choice in choices if side_of(target, int(choice)) in (0, side)]

@@ -1,0 +1,1 @@
+"""Curves and boxes: Frechet distance, ICP, bounding boxes. Knows records alone."""

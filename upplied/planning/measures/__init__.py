@@ -1,0 +1,1 @@
+"""How good a plan is: the same measures for every preset."""

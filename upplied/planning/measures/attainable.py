@@ -1,0 +1,139 @@
+"""Which samples of a surface could be seen at all (algorithm.md, section 8: coverage_attainable_pct).
+
+For each sample many camera positions are tried: along its normal and around it up to the limit of
+the incidence, from near to far. The first that may be flown and sees the sample settles it. What is
+left then tries the positions that served its neighbours, which finds the narrow places. So a `True`
+is proven by a position; a `False` means that none of some seven hundred does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.config import VisibilitySettings
+from upplied.planning.airspace.rules import Airspace
+from upplied.records import Bools, Camera, Cloud, Floats, Ints
+
+_TILTS = (0.0, 0.3, 0.55, 0.75, 0.88, 0.98)  # of the largest incidence
+_TURNS = 16
+_DISTANCES = 8
+_NEIGHBOURS = 24
+_ROUNDS = 6  # of asking neighbours
+_BATCH = 6000  # rays at a time: one more position is tried for samples just served than need be
+
+
+def attainable(cloud: Cloud, airspace: Airspace, camera: Camera, settings: VisibilitySettings) -> Bools:
+    """Which samples some allowed camera position sees, the camera turned as it likes.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        N surface samples with normals.
+    airspace : Airspace
+        Safety distance, ground and other limits, and the scene that may hide the sample.
+    camera : Camera
+        Its range counts, its field of view does not.
+    settings : VisibilitySettings
+        Its limit on the incidence.
+
+    Returns
+    -------
+    array of bool, shape (N,)
+    """
+    tilt, turn, distance = _candidates(camera, airspace.clearance_m, settings.max_incidence_deg)
+    frames = _frames(cloud)
+    served = np.full((len(cloud), 3), np.nan)  # from where each sample was seen
+    tried = 0
+    while tried < len(tilt) and np.isnan(served[:, 0]).any():
+        left = np.flatnonzero(np.isnan(served[:, 0]))
+        # As many again as were tried, since most samples are served soon.
+        batch = slice(tried, tried + max(1, min(tried, _BATCH // len(left))))
+        positions = cloud.points[left][:, None] + _from_sample(
+            frames[left], tilt[batch], turn[batch], distance[batch]
+        )
+        _serve(served, positions, left, cloud, airspace)
+        tried = batch.stop
+    _ask_neighbours(served, cloud, airspace, camera, settings.max_incidence_deg)
+    return np.isfinite(served[:, 0])
+
+
+def _serve(served: Floats, positions: Floats, left: Ints, cloud: Cloud, airspace: Airspace) -> None:
+    """Note for each sample of `left` the first of its positions (left, tried, 3) that sees it."""
+    sample = np.repeat(left, positions.shape[1])
+    seen = _seen(positions.reshape(-1, 3), sample, cloud, airspace).reshape(positions.shape[:2])
+    success = seen.any(axis=1)
+    served[left[success]] = positions[success, seen[success].argmax(axis=1)]
+
+
+def _ask_neighbours(
+    served: Floats, cloud: Cloud, airspace: Airspace, camera: Camera, max_incidence_deg: float
+) -> None:
+    """Try for each sample left the positions that served its nearest neighbours, again where one helped."""
+    assert cloud.normals is not None
+    left = np.flatnonzero(np.isnan(served[:, 0]))
+    near = cKDTree(cloud.points).query(cloud.points[left], k=min(_NEIGHBOURS + 1, len(cloud)))[1]
+    limit = np.cos(np.radians(max_incidence_deg))
+    for _ in range(_ROUNDS):
+        open_ = np.isnan(served[left, 0])
+        if not open_.any():
+            return
+        before = int(open_.sum())
+        positions = served[near[open_]]
+        ray = positions - cloud.points[left[open_]][:, None]
+        length = np.linalg.norm(ray, axis=2)
+        facing = np.einsum("nki,ni->nk", ray, cloud.normals[left[open_]])
+        fits = (facing >= limit * length) & (length >= camera.min_range_m) & (length <= camera.max_range_m)
+        positions[~fits] = np.inf  # in no airspace
+        _serve(served, positions, left[open_], cloud, airspace)
+        if np.isnan(served[left, 0]).sum() == before:
+            return
+
+
+def _candidates(
+    camera: Camera, clearance_m: float, max_incidence_deg: float
+) -> tuple[Floats, Floats, Floats]:
+    """Tilt from the normal, turn around it (rad), and distance (m) of what is tried, likely ones first."""
+    nearest = max(camera.min_range_m, clearance_m) * 1.001
+    farthest = camera.max_range_m * 0.999
+    if nearest >= farthest:
+        return np.empty(0), np.empty(0), np.empty(0)
+    ladder = np.roll(np.geomspace(max(nearest, 1e-3), farthest, _DISTANCES), -2)
+    limit = np.radians(min(max_incidence_deg, 89.9))
+    rows = [(0.0, 0.0, length) for length in ladder]
+    for share in _TILTS[1:]:
+        turns = np.arange(_TURNS) * 2 * np.pi / _TURNS
+        rows += [(share * limit, turn, length) for length in ladder for turn in turns]
+    tilt, turn, distance = np.array(rows).T
+    return tilt, turn, distance
+
+
+def _frames(cloud: Cloud) -> Floats:
+    """The normal of each sample and two directions across it, as rows (N, 3, 3)."""
+    normal = cloud.normals
+    assert normal is not None
+    aside = np.where(np.abs(normal[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
+    first = np.cross(normal, aside)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([normal, first, np.cross(normal, first)], axis=1)
+
+
+def _from_sample(frames: Floats, tilt: Floats, turn: Floats, distance: Floats) -> Floats:
+    """Camera positions from their sample (samples, candidates, 3), m."""
+    normal, first, second = (frames[:, None, row] for row in range(3))
+    around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
+    direction = np.cos(tilt)[:, None] * normal + np.sin(tilt)[:, None] * around
+    return distance[:, None] * direction
+
+
+def _seen(positions: Floats, sample: Ints, cloud: Cloud, airspace: Airspace) -> Bools:
+    """Which positions are allowed and have a free line of sight to their sample; cheap questions first."""
+    scene, points = airspace.scene, cloud.points[sample]
+    seen = np.isfinite(positions[:, 0])
+    seen[seen] = airspace.in_bounds(positions[seen])
+    if scene.grain_m:
+        ray = points[seen] - positions[seen]
+        points[seen] -= ray * (scene.grain_m / np.linalg.norm(ray, axis=1))[:, None]
+    seen[seen] = ~scene.occluded(positions[seen], points[seen])
+    seen[seen] = scene.distance(positions[seen]) >= airspace.clearance_m
+    return seen

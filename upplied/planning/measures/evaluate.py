@@ -1,0 +1,144 @@
+"""The measures of one plan, asked of the demonstration and the plan in the same manner."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from upplied.config import Settings
+from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.carry.affine import registered_map
+from upplied.planning.carry.reference import demonstrated_on_target
+from upplied.planning.carry.sought import Sought, sought, together
+from upplied.planning.carry.standoff import NEAR, expected_standoff, median_distance, picture_share
+from upplied.planning.correspondence.pair import Fit, Memo, Pair, content_key, no_memo, remembering
+from upplied.planning.demonstration.repetition import Take, begins_of, joined
+from upplied.planning.measures.attainable import attainable
+from upplied.planning.measures.measure import measure, surface_states
+from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
+from upplied.poses import yaw_pitch
+from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
+
+_ASKED = 200  # viewpoints, at most, whose stand-off is asked for
+_ALMOST_DEG = 2.0  # beyond a limit, that a hand's trembling explains
+
+
+def judge(
+    trajectory: Trajectory,
+    answers_s: Floats | None,
+    takes: Sequence[Take],
+    settings: Settings,
+    memo: Memo = no_memo,
+) -> tuple[Measures, SurfaceStates | None, tuple[str, ...]]:
+    """All measures of a planned trajectory, what becomes of the target's surface, and warnings in words.
+
+    What a repeated demonstration should see is what all its takes should see together. `answers_s` are
+    the times of the joined flights that the poses answer to; without them (of a flown path) it is
+    not asked how many viewpoints keep their stand-off.
+    """
+    pair, camera = takes[0].pair, takes[0].inspection.camera
+    carried = np.concatenate([demonstrated_on_target(take) for take in takes])
+    paper = (
+        together([_sought(take, take.pair.voxels, take.inspection.by_frustum) for take in takes]),
+        views(trajectory, pair.voxels.target, camera, BY_FRUSTUM),
+    )
+    if not pair.surface.registration.accepted:
+        warning = f"what is really seen was not measured: {pair.surface.registration.reason}"
+        return measure(trajectory, carried, pair.target_scene, paper), None, (warning,)
+    true = (
+        together([_sought(take, take.pair.surface, take.inspection.truly) for take in takes]),
+        views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene),
+    )
+    possible = attainable_samples(pair, camera, settings, memo)
+    states = surface_states(true[0], true[1].total, possible)
+    found = measure(trajectory, carried, pair.target_scene, paper, true, possible)
+    if answers_s is not None:
+        found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, answers_s, takes, settings))
+    said = _warnings(found, true[0].without_pct, settings) + _beyond_the_gimbal(takes, settings)
+    return found, states, said
+
+
+def _standoff_kept(
+    trajectory: Trajectory, answers_s: Floats, takes: Sequence[Take], settings: Settings
+) -> float:
+    """Share, in percent, of the viewpoints from which the plan sees what they saw as far off as wanted."""
+    begins = begins_of(takes, joined([take.inspection.flight for take in takes]))
+    ratios = []
+    for take, begin in zip(takes, begins, strict=True):
+        first = take.inspection.flight.t_s[0]
+        seen_at = take.inspection.viewpoints.t_s
+        seen_at = seen_at[np.unique(np.linspace(0, len(seen_at) - 1, min(_ASKED, len(seen_at))).astype(int))]
+        places = np.column_stack(
+            [np.interp(seen_at - first + begin, answers_s, axis) for axis in trajectory.positions.T]
+        )
+        ratios.append(_standoff_ratios(take, seen_at, places, settings))
+    off = np.abs(np.concatenate(ratios) - 1)
+    return 100 * float(np.mean(off <= NEAR)) if len(off) else float("nan")
+
+
+def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Settings) -> Floats:
+    """Stand-off at places (V, 3) over that of the demonstration at times (V,), where it saw something."""
+    fit, shown = take.pair.surface, take.inspection.truly
+    index = np.clip(np.searchsorted(shown.stations.t_s, seen_at), 0, len(shown.stations) - 1)
+    known = np.flatnonzero(fit.correspondences.target_index >= 0)
+    here, positions = fit.source.points[known], shown.stations.positions[index]
+    weight = shown.seen[index][:, known] * picture_share(positions, fit.source, known, shown.total)
+    carrier = registered_map(fit.registration)
+    camera, nearest_m = take.inspection.camera, settings.route.clearance_m
+    wanted = expected_standoff(positions, weight, here, carrier, settings.transfer, camera, nearest_m)
+    there = fit.correspondences.target_points[known]
+    ratio = median_distance(places, there, weight) / wanted
+    return ratio[np.isfinite(ratio)]
+
+
+def _sought(take: Take, fit: Fit, demonstrated: Views) -> Sought:
+    carry = registered_map(take.pair.surface.registration).matrix
+    return sought(fit.source, fit.target, fit.correspondences, demonstrated, carry=carry)
+
+
+def _warnings(found: Measures, without_pct: float, settings: Settings) -> tuple[str, ...]:
+    """What a person should know before this plan is flown, in words."""
+    said = []
+    if without_pct >= 1:
+        said.append(f"{without_pct:.0f} % of what the demonstration saw has no counterpart on the target")
+    short = found.coverage_attainable_pct - found.coverage_seen_pct
+    if short > 5:
+        said.append(f"{short:.0f} % of what could be seen is missed")
+    if found.min_clearance_m < settings.route.clearance_m:
+        said.append(
+            f"comes within {found.min_clearance_m:.2f} m of the structure; "
+            f"{settings.route.clearance_m:g} m are asked for"
+        )
+    return tuple(said)
+
+
+def _beyond_the_gimbal(takes: Sequence[Take], settings: Settings) -> tuple[str, ...]:
+    """That the expert's camera looked further up or down than the planned one may."""
+    limits = settings.retime
+    if not limits.limits:
+        return ()
+    pitch = np.degrees(yaw_pitch(takes[0].inspection.flight.quat_xyzw)[1])
+    low, high = np.percentile(pitch, [5, 95])
+    if high <= limits.max_gimbal_pitch_deg + _ALMOST_DEG and low >= limits.min_gimbal_pitch_deg - _ALMOST_DEG:
+        return ()
+    return (
+        f"the demonstration looks from {low:.0f} to {high:.0f} deg of pitch, the plan only from "
+        f"{limits.min_gimbal_pitch_deg:g} to {limits.max_gimbal_pitch_deg:g} "
+        "(retime.min_gimbal_pitch_deg and max_gimbal_pitch_deg)",
+    )
+
+
+def attainable_samples(pair: Pair, camera: Camera, settings: Settings, memo: Memo = no_memo) -> Bools:
+    """Which surface samples of the target some allowed pose could see, (N,), remembered by content."""
+    memo = remembering(memo, pair.target.sha256)
+    airspace = airspace_of(pair, settings)
+    facts = (pair.target.sha256, settings.clouds, camera, settings.route)
+    found = memo(
+        "attainable",
+        Visibility,
+        content_key("attainable", *facts),
+        lambda: Visibility(attainable(pair.surface.target, airspace, camera, TRULY)[None]),
+    )
+    return found.total

@@ -1,0 +1,138 @@
+"""What a plan is judged by: the same code for every preset and the baseline (algorithm.md, section 8).
+
+Two questions come first. `carry.sought`: which points of the target answer for what the demonstration saw?
+`visibility.path_views`: which points does a planned path see? `measure` compares them, and the paths.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.carry.sought import Sought, coverage
+from upplied.planning.geometry.frechet import frechet, frechet_z
+from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.view_quality import nearest_views
+from upplied.records import (
+    Bools,
+    Floats,
+    Measures,
+    SurfaceStates,
+    Trajectory,
+)
+from upplied.scene import Scene
+
+
+def measure(
+    planned: Trajectory,
+    carried: Floats,
+    scene: Scene,
+    paper: tuple[Sought, Views],
+    true: tuple[Sought, Views] | None = None,
+    attainable: Bools | None = None,
+) -> Measures:
+    """Every measure of one planned path.
+
+    Parameters
+    ----------
+    planned : Trajectory
+        M poses, target frame.
+    carried : array, shape (K, 3), m, target frame
+        The demonstrated positions after the box transform, turned as the structures are to each
+        other: what the path's shape is compared with.
+    scene : Scene
+        Of the target.
+    paper : (Sought, Views)
+        On the voxel clouds with the paper's correspondences, views by `BY_FRUSTUM`.
+    true : (Sought, Views), optional
+        On surface samples, views by `TRULY`.
+    attainable : array of bool, shape (N,), optional
+        Which of those samples some free pose could see.
+
+    Returns
+    -------
+    Measures
+        `standoff_ratio_p50` compares, sample by sample, the nearest view with the demonstration's;
+        `incidence_p95_deg` takes for each sample its most frontal view.
+    """
+    speed, acceleration = peaks(planned)
+    found: dict[str, float] = {}
+    if true is not None:
+        ratio, incidence = _view_quality(*true)
+        found = {
+            "coverage_seen_pct": coverage(true[0], true[1].total),
+            "standoff_ratio_p50": ratio,
+            "incidence_p95_deg": incidence,
+        }
+        if attainable is not None:
+            found["coverage_attainable_pct"] = coverage(true[0], attainable)
+    return Measures(
+        coverage_paper_pct=coverage(paper[0], paper[1].total),
+        frechet_z=frechet_z(carried, planned.positions),
+        frechet_m=frechet(carried, planned.positions),
+        min_clearance_m=path_clearance(scene, planned.positions).distance_m,
+        path_length_m=path_length(planned.positions),
+        duration_s=float(planned.t_s[-1] - planned.t_s[0]),
+        peak_speed_mps=speed,
+        peak_acceleration_mps2=acceleration,
+        **found,
+    )
+
+
+def path_length(positions: Floats) -> float:
+    """Length of a polyline, m."""
+    return float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
+
+
+def peaks(trajectory: Trajectory) -> tuple[float, float]:
+    """Largest speed (m/s) and acceleration (m/s^2), Euclidean, by differences of the poses.
+
+    The velocity is that of each leg, the acceleration its change from the middle of one leg to the
+    middle of the next: a path flown through a corner without slowing down shows it.
+    """
+    if len(trajectory) < 2:
+        return 0.0, 0.0
+    step = np.diff(trajectory.t_s)
+    velocity = np.diff(trajectory.positions, axis=0) / step[:, None]
+    speed = float(np.linalg.norm(velocity, axis=1).max())
+    if len(step) < 2:
+        return speed, 0.0
+    change = np.diff(velocity, axis=0) / ((step[1:] + step[:-1]) / 2)[:, None]
+    return speed, float(np.linalg.norm(change, axis=1).max())
+
+
+def surface_states(sought: Sought, seen: Bools, attainable: Bools | None = None) -> SurfaceStates:
+    """What became of each sample of the target: other, seen, missed or unattainable."""
+    state = np.zeros(len(sought.need), np.int64)
+    wanted = sought.need > 0
+    state[wanted] = 2
+    if attainable is not None:
+        state[wanted & ~attainable] = 3
+    state[wanted & seen] = 1
+    return SurfaceStates(sought.cloud.points, state, sought.cloud.normals)
+
+
+def _view_quality(sought: Sought, views: Views) -> tuple[float, float]:
+    """Median of nearest view over the demonstration's, and 95th percentile of the least incidence."""
+    normals = sought.cloud.normals
+    near, cosine = nearest_views(
+        np.ascontiguousarray(views.stations.positions),
+        np.ascontiguousarray(sought.cloud.points),
+        np.zeros((len(sought.need), 3)) if normals is None else np.ascontiguousarray(normals),
+        views.seen,
+    )
+    used = (sought.need > 0) & np.isfinite(near)
+    if not used.any():
+        return float("nan"), float("nan")
+    ratio = float(_weighted_percentile(near[used] / sought.standoff_m[used], sought.need[used], 50))
+    if normals is None:
+        return ratio, float("nan")
+    angle = np.degrees(np.arccos(np.clip(cosine[used], -1, 1)))
+    return ratio, float(_weighted_percentile(angle, sought.need[used], 95))
+
+
+def _weighted_percentile(values: Floats, weights: Floats, percent: float) -> float:
+    order = np.argsort(values, kind="stable")
+    share = np.cumsum(weights[order]) / weights.sum()
+    rank = int(np.searchsorted(share, percent / 100))
+    return float(values[order][min(rank, len(values) - 1)])

@@ -1,0 +1,1 @@
+"""What a structure looks like from outside: voxel clouds, samples with normals, parts."""

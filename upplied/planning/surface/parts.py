@@ -1,0 +1,232 @@
+"""Parts of a structure: engines, blades, decks, from the pieces that its mesh is made of.
+
+Real meshes come in a hundred pieces and more, cut where it suited the modeller. Small pieces join
+their neighbours and pieces of one compact body (the front and the rear of a nacelle) each other.
+What pieces there are then is only a proposal: `correspondence.part_assignment` believes a part where
+the other structure has one like it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from upplied.planning.geometry.boxes import spacing
+from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
+
+_SMALLEST = 0.003  # share of the surface below which a piece joins its neighbour
+_MANY = 40  # pieces; a mesh of fewer keeps small ones too, down to this many samples
+_SAMPLES = 6
+_COMPACT = 0.2  # longest edge over the structure's diagonal: engines, not wings
+_NEAR = 0.015  # of the diagonal: pieces this close touch
+_SLENDER, _BLADE, _EQUAL = 4.0, 0.02, 0.2  # length over width, share of the surface, |log| of lengths
+_TWIN, _MIRRORED = 0.02, 0.8  # of the diagonal: how near an image must lie, and for what share of the samples
+_MIDDLE = 0.05  # of the structure's half width: no side this near the middle
+_ALIKE_FACES, _GOING_ON = 0.7, 0.3  # cosine of normals; share of the near pairs by which a skin goes on
+_ALL_WAYS = 0.4  # length of the mean normal below which a part is no patch of a skin
+_TOUCHING = 0.15  # least share of the smaller piece that touches the other, to be one body with it
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Parts(Record):
+    """The parts of one structure, row by row."""
+
+    low: Floats  # (K, 3) m, corner of the bounding box of its samples
+    high: Floats  # (K, 3) m
+    area: Floats  # (K,) share of the whole surface
+    touching: Bools  # (K, K) whose samples come near each other
+    extent: Floats  # (K, 3) m, along its own principal axes, longest first
+    body: Bools  # (K,) stands on its neighbours; others continue their skin, as a belly fairing does
+    side: Floats  # (K, 2) where it lies from front to rear and from left to right, see `sides`
+
+    def __len__(self) -> int:
+        return len(self.low)
+
+    @property
+    def middle(self) -> Floats:
+        """(K, 3) m, centre of each box."""
+        return (self.low + self.high) / 2
+
+    @property
+    def blade(self) -> Bools:
+        """(K,) long parts of which there are several, that may point anywhere."""
+        length, width = self.extent[:, 0], self.extent[:, 1]
+        blade = (length > _SLENDER * width) & (self.area > _BLADE) & (np.arange(len(self)) > 0)
+        log = np.log(np.maximum(length, 1e-9))
+        alike = np.abs(log[:, None] - log[None, :]) < _EQUAL
+        return np.asarray(blade & ((alike & blade[None, :]).sum(axis=1) > 1), bool)
+
+
+def sides(low: Floats, high: Floats, whole_low: Floats, whole_high: Floats) -> Floats:
+    """Where boxes lie in a whole, (K, 2), front to rear and left to right.
+
+    0 for what is balanced about the middle, about 1 to 2 for what lies on one side of it.
+    """
+    middle, half = (whole_low + whole_high)[:2] / 2, (whole_high - whole_low)[:2] / 2
+    low, high = low[:, :2] - middle, high[:, :2] - middle
+    reach = np.maximum(np.abs(low), np.abs(high)) + _MIDDLE * half
+    return np.asarray((low + high) / np.maximum(reach, 1e-9))
+
+
+def mesh_pieces(structure: Structure) -> Ints:
+    """The connected piece of each triangle (T,), vertices welded at 1e-5 of the diagonal."""
+    grid = np.round(structure.vertices / (1e-5 * max(structure.diagonal_m, 1e-9)))
+    welded = np.unique(grid, axis=0, return_inverse=True)[1].reshape(-1)
+    corners = welded[structure.triangles]
+    edges = np.concatenate([corners[:, :2], corners[:, 1:]])
+    size = int(welded.max()) + 1
+    graph = coo_matrix((np.ones(len(edges), bool), (edges[:, 0], edges[:, 1])), shape=(size, size))
+    return np.asarray(connected_components(graph, directed=False)[1][corners[:, 0]], np.int64)
+
+
+def part_labels(points: Floats, area: Floats, piece: Ints) -> Ints:
+    """The part (N,) of each sample, from the mesh's piece it lies on; 0 has the largest area.
+
+    Parameters
+    ----------
+    points : array, shape (N, 3), m
+    area : array, shape (N,), m^2
+    piece : array, shape (N,)
+    """
+    label = np.unique(piece, return_inverse=True)[1].reshape(-1)
+    label = _joined_small(points, area, label)
+    label = _joined_bodies(points, label)
+    size = np.bincount(label, weights=area)
+    rank = np.empty(len(size), np.int64)
+    rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
+    return rank[label]
+
+
+def parts_of(cloud: Cloud) -> Parts:
+    """Boxes, areas and contacts of the labelled parts of a cloud; one part where it has no labels.
+
+    They are kept as long as the record of the cloud lives.
+    """
+    if cloud not in _PARTS:
+        _PARTS[cloud] = _measured(cloud)
+    return _PARTS[cloud]
+
+
+_PARTS: WeakKeyDictionary[Cloud, Parts] = WeakKeyDictionary()
+
+
+def _measured(cloud: Cloud) -> Parts:
+    points = cloud.points
+    label = labels_of(cloud)
+    area = np.ones(len(points)) if cloud.area_m2 is None else cloud.area_m2
+    number = int(label.max()) + 1
+    order = np.argsort(label, kind="stable")
+    first = np.searchsorted(label[order], np.arange(number))
+    low, high = (of.reduceat(points[order], first, axis=0) for of in (np.minimum, np.maximum))
+    side = sides(low, high, points.min(axis=0), points.max(axis=0))
+    pairs = _near_others(points, label)
+    return Parts(
+        low=low,
+        high=high,
+        area=np.bincount(label, weights=area) / area.sum(),
+        touching=_contacts(pairs, label)[0] > 0,
+        body=_bodies(cloud, label, pairs),
+        extent=np.array([_extent(points[label == part]) for part in range(number)]),
+        side=np.where(_mirrored(cloud, label, area), side, np.nan),
+    )
+
+
+def blades_of(cloud: Cloud) -> Bools:
+    """Which samples (N,) lie on blades."""
+    return np.asarray(parts_of(cloud).blade[labels_of(cloud)], bool)
+
+
+def labels_of(cloud: Cloud) -> Ints:
+    """The part of each sample, all 0 where the cloud has none."""
+    return np.zeros(len(cloud), np.int64) if cloud.part is None else cloud.part
+
+
+def _extent(points: Floats) -> Floats:
+    offset = points - points.mean(axis=0)
+    return np.ptp(offset @ np.linalg.eigh(offset.T @ offset)[1], axis=0)[::-1]
+
+
+def _mirrored(cloud: Cloud, label: Ints, area: Floats) -> Bools:
+    """Which parts (K, 2) have a mirror image on a structure that is mostly its own mirror image."""
+    points, tree = cloud.points, cKDTree(cloud.points)
+    low, high = points.min(axis=0), points.max(axis=0)
+    reach = max(_TWIN * float(np.linalg.norm(high - low)), spacing(cloud))
+    found = np.empty((int(label.max()) + 1, 2), bool)
+    for axis in (0, 1):
+        image = points.copy()
+        image[:, axis] = low[axis] + high[axis] - image[:, axis]
+        near = tree.query(image, distance_upper_bound=reach)[0] < reach
+        whole = area[near].sum() > _MIRRORED * area.sum()
+        found[:, axis] = whole & (np.bincount(label, weights=near) > _MIRRORED * np.bincount(label))
+    return found
+
+
+def _joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
+    share = np.bincount(label, weights=area) / area.sum()
+    count = np.bincount(label)
+    keep = share >= _SMALLEST if len(share) > _MANY else count >= _SAMPLES
+    kept = keep[label]
+    if kept.all() or not kept.any():
+        return label
+    nearest = label[kept][cKDTree(points[kept]).query(points[~kept])[1]]
+    joined = label.copy()
+    for piece in np.flatnonzero(~keep):
+        mine = label[~kept] == piece
+        if mine.any():
+            joined[label == piece] = np.bincount(nearest[mine]).argmax()
+    return np.unique(joined, return_inverse=True)[1].reshape(-1)
+
+
+def _joined_bodies(points: Floats, label: Ints) -> Ints:
+    number = int(label.max()) + 1
+    if number < 3:
+        return label
+    diagonal = np.linalg.norm(np.ptp(points, axis=0))
+    size = np.array([np.ptp(points[label == part], axis=0).max() for part in range(number)])
+    compact = size < _COMPACT * diagonal
+    near, count = _contacts(_near_others(points, label), label)
+    of_smaller = near / np.minimum(count[:, None], count[None, :])
+    # Both ways, so that the smaller one's share counts whichever of the two it is.
+    body = (np.maximum(of_smaller, of_smaller.T) > _TOUCHING) & compact[:, None] & compact[None, :]
+    return np.asarray(connected_components(body, directed=False)[1][label], np.int64)
+
+
+def _contacts(pairs: Ints, label: Ints) -> tuple[Ints, Ints]:
+    """How many samples of each part (row) come near each other part (column), and samples per part.
+
+    Parameters
+    ----------
+    pairs : array, shape (P, 2)
+        Of samples of different parts that come near each other.
+    label : array, shape (N,)
+    """
+    number = int(label.max()) + 1
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    sample_and_part = np.unique(both[:, 0] * number + label[both[:, 1]])
+    owner, other = label[sample_and_part // number], sample_and_part % number
+    near = np.bincount(owner * number + other, minlength=number * number).reshape(number, number)
+    return near, np.bincount(label, minlength=number)
+
+
+def _near_others(points: Floats, label: Ints) -> Ints:
+    reach = _NEAR * np.linalg.norm(np.ptp(points, axis=0))
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    return np.asarray(pairs[label[pairs[:, 0]] != label[pairs[:, 1]]], np.int64)
+
+
+def _bodies(cloud: Cloud, label: Ints, pairs: Ints) -> Bools:
+    """Which parts (K,) face all ways, or another way than their neighbours where they come near them."""
+    number = int(label.max()) + 1
+    if cloud.normals is None:
+        return np.ones(number, bool)
+    count = np.bincount(label)
+    facing = np.column_stack([np.bincount(label, weights=axis) for axis in cloud.normals.T])
+    one, other = cloud.normals[pairs[:, 0]], cloud.normals[pairs[:, 1]]
+    alike = pairs[np.einsum("ij,ij->i", one, other) > _ALIKE_FACES]
+    near, going_on = (np.bincount(label[ends].reshape(-1), minlength=number) for ends in (pairs, alike))
+    return (np.linalg.norm(facing, axis=1) < _ALL_WAYS * count) | (going_on <= _GOING_ON * near)

@@ -1,0 +1,183 @@
+"""Samples with normals on the outside surface of a structure (algorithm.md, section 1).
+
+Real meshes carry hidden interiors, duplicate faces and flipped patches, and few are watertight. So
+neither winding nor inside tests are believed: a side of a surface counts where rays from it escape.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.config import CloudSettings
+from upplied.planning.surface.floor import Floor, floor_of
+from upplied.planning.surface.parts import mesh_pieces, part_labels
+from upplied.planning.surface.poisson import shares, thin
+from upplied.records import Bools, Cloud, Floats, Ints, Structure
+from upplied.scene import Scene
+
+_DIRECTIONS = 64  # over the whole sphere: half of them for each side of a surface
+_FIRST = 16  # of those, cast for every candidate; the others only where the first leave doubt
+_ESCAPE = 0.06  # least share of a side's rays that escape: inlets reach 0.1, cabins behind a hole 0.03
+_SPARE = 2.5  # candidates on the outside per sample that is kept, so that thinning can space them
+
+
+def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
+    """About `settings.surface_samples` evenly spaced samples on what can be seen from outside.
+
+    A thin sheet has a sample on each side. An open bottom (hulls, houses) counts as closed by the
+    floor, so that their inside does not count.
+
+    Parameters
+    ----------
+    structure : Structure
+    scene : Scene
+        Of the same structure.
+    settings : CloudSettings
+
+    Returns
+    -------
+    Cloud
+        `points` (N, 3), m, structure frame; outward `normals` (N, 3); `area_m2` (N,), whose sum is
+        the outside area; `part` (N,), 0 the largest. Deterministic for a seed.
+    """
+    if not len(structure.triangles):
+        return _from_points(structure, scene, settings)
+    rng = np.random.default_rng(settings.seed)
+    wanted = int(_SPARE * settings.surface_samples)
+    floor = floor_of(structure)
+    drawn, points, normals, triangle = 0, np.empty((0, 3)), np.empty((0, 3)), np.empty(0, np.int64)
+    batch = wanted
+    for _ in range(3):
+        found = _outside(*_candidates(structure, batch, rng), structure, scene, floor)
+        drawn += batch
+        points, normals = np.concatenate([points, found[0]]), np.concatenate([normals, found[1]])
+        triangle = np.concatenate([triangle, found[2]])
+        missing = wanted - len(points)
+        if missing <= wanted / 10:
+            break
+        batch = int(min(missing * drawn / max(len(points), 1), 4 * wanted))
+    area = np.full(len(points), _total_area(structure) / drawn)
+    return _thinned(points, normals, area, mesh_pieces(structure)[triangle], settings)
+
+
+def _candidates(structure: Structure, number: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
+    """Area-uniform points, stratified along the cumulated area, and the triangle of each."""
+    corners = structure.vertices[structure.triangles]
+    cumulated = np.cumsum(np.linalg.norm(_crossed(corners), axis=1))
+    along = (np.arange(number) + rng.random(number)) / number * cumulated[-1]
+    triangle = np.minimum(np.searchsorted(cumulated, along, side="right"), len(corners) - 1)
+    chosen = corners[triangle]
+    root, second = np.sqrt(rng.random(number))[:, None], rng.random(number)[:, None]
+    points = chosen[:, 0] * (1 - root) + root * (chosen[:, 1] * (1 - second) + chosen[:, 2] * second)
+    return points, triangle
+
+
+def _outside(
+    points: Floats, triangle: Ints, structure: Structure, scene: Scene, floor: Floor
+) -> tuple[Floats, Floats, Ints]:
+    """The candidates' sides that count: points, outward normals and triangles."""
+    normals = _crossed(structure.vertices[structure.triangles[triangle]])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    gap = 1e-5 * structure.diagonal_m
+    owner, side = [], []
+    for sign in (1.0, -1.0):
+        # Copies of a face lie at one place: only the one that a ray from outside meets first counts.
+        hit = scene.cast(points + sign * gap * normals, -sign * normals)[1]
+        mine = np.flatnonzero(hit == triangle)
+        starts = _above_floor(points[mine] + sign * gap * normals[mine], scene, floor)
+        free = _lets_out(starts, sign * normals[mine], 2 * structure.diagonal_m, scene, floor)
+        owner.append(mine[free])
+        side.append(np.full(len(owner[-1]), sign))
+    index, sign_of = np.concatenate(owner), np.concatenate(side)
+    return points[index], sign_of[:, None] * normals[index], triangle[index]
+
+
+def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
+    """The same points, but those inside an open bottom are lifted to the height that closes it."""
+    under = np.flatnonzero(floor.beneath(origins))
+    lifted = origins[under].copy()
+    lifted[:, 2] = floor.z_m
+    inside = ~scene.occluded(origins[under], lifted)
+    starts = origins.copy()
+    starts[under[inside], 2] = np.nextafter(floor.z_m, np.inf)
+    return starts
+
+
+def _lets_out(origins: Floats, normals: Floats, reach: float, scene: Scene, floor: Floor) -> Bools:
+    """Whether the share that `_escapes` counts is large enough, (N,); casts only as many rays as it takes."""
+    directions = _sphere(_DIRECTIONS)
+    few = np.arange(_DIRECTIONS) % (_DIRECTIONS // _FIRST) == 0
+    cast, free = np.zeros(len(origins), np.int64), np.zeros(len(origins), np.int64)
+    for some in (*np.split(directions[few], 4), directions[~few]):
+        doubt = np.flatnonzero(free < 2)  # two of the first settle it
+        more_cast, more_free = _count(origins[doubt], normals[doubt], some, reach, scene, floor)
+        cast[doubt] += more_cast
+        free[doubt] += more_free
+    return np.asarray(free >= _ESCAPE * cast, bool) & (cast > 0)
+
+
+def _escapes(origins: Floats, normals: Floats, reach: float, scene: Scene, floor: Floor) -> Floats:
+    """Share of the rays from just above each side that leave the structure, (N,)."""
+    directions = _sphere(_DIRECTIONS)
+    few = np.arange(_DIRECTIONS) % (_DIRECTIONS // _FIRST) == 0
+    cast, free = _count(origins, normals, directions[few], reach, scene, floor)
+    doubt = np.flatnonzero(free < np.maximum(2, 2 * _ESCAPE * cast))
+    more_cast, more_free = _count(origins[doubt], normals[doubt], directions[~few], reach, scene, floor)
+    cast[doubt] += more_cast
+    free[doubt] += more_free
+    return free / np.maximum(cast, 1)
+
+
+def _count(
+    origins: Floats, normals: Floats, directions: Floats, reach: float, scene: Scene, floor: Floor
+) -> tuple[Ints, Ints]:
+    """How many rays were cast from each side, and how many escaped."""
+    owner, which = np.nonzero(normals @ directions.T > 0.1)
+    starts, rays = origins[owner], directions[which]
+    free = ~scene.occluded(starts, starts + reach * rays, slack=0.0)
+    free[free] = ~floor.crossed(starts[free], rays[free])
+    number = len(origins)
+    return np.bincount(owner, minlength=number), np.bincount(owner[free], minlength=number)
+
+
+def _thinned(points: Floats, normals: Floats, area: Floats, piece: Ints, settings: CloudSettings) -> Cloud:
+    kept = thin(points, normals, settings.surface_samples, float(area.sum()))
+    area = shares(points, normals, area, kept)
+    return Cloud(points[kept], normals[kept], area, part_labels(points[kept], area, piece[kept]))
+
+
+def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
+    """Samples of a structure given as a point cloud: its points, thinned."""
+    points = structure.vertices
+    distance, neighbours = cKDTree(points).query(points, k=min(9, len(points)))
+    area = np.pi * distance[:, -1] ** 2 / max(distance.shape[1] - 1, 1)
+    whole = np.zeros(len(points), np.int64)
+    if structure.normals is not None:
+        return _thinned(points, structure.normals, area, whole, settings)
+    patch = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
+    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", patch, patch))[1][:, :, 0]
+    gap = float(np.median(distance[:, 1]))
+    nowhere = Floor.none()
+    reach = 2 * structure.diagonal_m
+    ahead = _escapes(points + gap * normals, normals, reach, scene, nowhere)
+    behind = _escapes(points - gap * normals, -normals, reach, scene, nowhere)
+    outward = np.where((behind > ahead)[:, None], -normals, normals)
+    seen: Bools = np.maximum(ahead, behind) >= _ESCAPE
+    return _thinned(points[seen], outward[seen], area[seen], whole[seen], settings)
+
+
+def _sphere(number: int) -> Floats:
+    """Directions spread evenly over the sphere (golden spiral), in an order that spreads as well."""
+    turn = np.pi * (1 + np.sqrt(5)) * (np.arange(number) + 0.5)
+    height = 1 - (2 * np.arange(number) + 1) / number
+    ring = np.sqrt(1 - height**2)
+    return np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
+
+
+def _crossed(corners: Floats) -> Floats:
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _total_area(structure: Structure) -> float:
+    return float(np.linalg.norm(_crossed(structure.vertices[structure.triangles]), axis=1).sum() / 2)

@@ -1,0 +1,1 @@
+"""The carried flight made a trajectory: completed, safe, timed."""

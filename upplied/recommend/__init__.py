@@ -1,0 +1,1 @@
+"""Which demonstration fits a structure best, and why, without planning any."""

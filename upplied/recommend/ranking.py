@@ -1,0 +1,246 @@
+"""Which demonstration of the catalog fits a structure best, and why, without planning any.
+
+Shapes are compared by their cached features, thousands at once; the few structures most alike are
+registered for real, and what was inspected on them is foreseen on the target. Everything found is
+remembered by content in the catalog's cache, where plans find clouds and registrations again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import pandas as pd
+
+from upplied.catalog import Catalog
+from upplied.checks import check_id
+from upplied.config import Settings, settings_for
+from upplied.errors import InputError
+from upplied.planning.correspondence.pair import content_key
+from upplied.planning.correspondence.registration import fitted
+from upplied.recommend.features import unlikeness
+from upplied.recommend.foresee import (
+    FORESIGHT_VERSION,
+    Agreement,
+    Foreseen,
+    Inspected,
+    agreement,
+    diagonal_m,
+    foresee,
+)
+from upplied.recommend.shapes import Shapes, content_of
+from upplied.records import Camera, Floats, Registration
+
+R = TypeVar("R")
+
+# Misfit and unlikeness together, of at most about one each where structures correspond. Boxes made equal
+# let a cooling tower lie well on a ship: where only one of the two is small, somebody should look first.
+_SURE = 1.5
+# What another declared kind counts beside the unlikeness of shapes: as much as acceptance allows them.
+_OTHER_KIND = 1.0
+_SOURCES, _FLIGHTS = 6, 60  # structures registered for real, flights on them that are foreseen
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """One demonstration, and what is expected of carrying it to the structure asked for."""
+
+    rank: int
+    demonstration_id: str
+    source_id: str
+    kind: str  # as declared of the source
+    verdict: str  # "own", "fits", "doubtful" or "refused", as planning would refuse it
+    misfit: float  # of the structures, lower is better; the gate is `RegistrationSettings.acceptance`
+    predicted_seen_pct: float  # `coverage_seen_pct` that a plan should reach at least; NaN: nothing to see
+    without_pct: float  # of what was inspected, without a counterpart on the structure asked for
+    inspected_pct: float  # of the source's surface
+    unlikeness: float  # of the shapes, by which the candidates were chosen
+    why: str
+
+
+def recommend(
+    catalog: Catalog, structure_id: str, most: int = 10, by_kind: bool = True
+) -> list[Recommendation]:
+    """The demonstrations that would transfer best to a structure, best first.
+
+    Flights over the structure itself come first where there are any: they need no transfer. Then
+    come those that fit by shape, and then the others by likeness. That a flight's structure is
+    declared to be of another kind speaks against it, but shapes that fit well outweigh it.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    structure_id : str
+    most : int
+        How many are returned at most; more are never looked at than the flights over the few
+        structures most alike.
+    by_kind : bool
+        Whether declared kinds count; without them the shape alone decides.
+
+    Raises
+    ------
+    InputError
+        If the catalog does not hold the structure, or no demonstration whose structure it holds.
+    """
+    check_id(structure_id, "structure id")
+    structures = catalog.structures().set_index("structure_id")
+    if structure_id not in structures.index:
+        some = ", ".join(sorted(structures.index)[:10]) or "none"
+        raise InputError(f"structure {structure_id!r}", "is not in the catalog", f"known: {some}")
+    flights = catalog.demonstrations()
+    flights = flights[flights["structure_id"].isin(structures.index)]
+    if not len(flights):
+        raise InputError(
+            f"catalog {catalog.location}",
+            "holds no demonstration of any of its structures",
+            remedy="add logs first: upplied demonstrations add",
+        )
+    question = _Question(catalog, structure_id, structures, by_kind)
+    found = [question.judge(row, unlike) for row, unlike in question.candidates(flights)]
+    found.sort(key=_order)
+    return [_ranked(one, place) for place, one in enumerate(found[:most], 1)]
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """A flight and what was found out about it."""
+
+    row: pd.Series
+    kind: str
+    other_kind: float  # what it counts that this is another kind than that of the structure asked for
+    unlike: float
+    own: bool
+    registration: Registration
+    agreement: Agreement | None  # none where the structures do not fit: then nothing is foreseen
+    seen: Inspected
+    foreseen: Foreseen
+    size: float  # diagonal of the structure asked for over that of the source
+
+
+class _Question:
+    """One structure as the target of the others, and what is known of each pair, by content."""
+
+    def __init__(self, catalog: Catalog, target_id: str, structures: pd.DataFrame, by_kind: bool) -> None:
+        self.catalog, self.target_id = catalog, target_id
+        self.settings: Settings = settings_for("recommended")
+        self.shapes = Shapes(catalog)
+        self.content = content_of(structures, "mesh_sha256")
+        self.kinds = structures["kind"]
+        self.other_kind = (self.kinds != self.kinds[target_id]) * (_OTHER_KIND if by_kind else 0.0)
+        self.target = self.shapes.cloud(target_id, self.content[target_id])
+
+    def candidates(self, flights: pd.DataFrame) -> list[tuple[pd.Series, float]]:
+        """The flights over the structures most alike, with how unlike those are."""
+        sources = sorted(set(flights["structure_id"]))
+        library = self.shapes.library(self.content[sources].to_dict())
+        unlike: Floats = unlikeness(
+            self.shapes.features(self.target_id, self.content[self.target_id]), library
+        )
+        nearest = np.argsort(unlike + self.other_kind[sources].to_numpy(), kind="stable")[:_SOURCES]
+        flights = flights.assign(content=content_of(flights, "poses_sha256"))
+        flights = flights.sort_values("demonstration_id")
+        share = math.ceil(_FLIGHTS / len(nearest))
+        return [
+            (row, float(unlike[index]))
+            for index in nearest
+            for _, row in flights[flights["structure_id"] == sources[index]].head(share).iterrows()
+        ]
+
+    def judge(self, row: pd.Series, unlike: float) -> _Judged:
+        """One flight: registration, parts, what was inspected, and what is foreseen of it."""
+        source_id = str(row["structure_id"])
+        content = self.content[source_id]
+        source, clouds = self.shapes.cloud(source_id, content), self.settings.clouds
+        gate = self.settings.registration.acceptance
+        assert gate is not None
+
+        def known(stage: str, kind: type[R], compute: Callable[[], R], *of: str) -> R:
+            facts = (FORESIGHT_VERSION, content, self.content[self.target_id], clouds, gate, *of)
+            return self.catalog.cache(stage, kind, content_key(stage, "foreseen", *facts), compute)
+
+        registration = known("registration", Registration, lambda: fitted(source, self.target, gate))
+        seen = self.shapes.inspected(str(row["demonstration_id"]), row["content"], source_id, content)
+        agreed, foreseen = None, Foreseen(float("nan"), float("nan"))
+        if registration.accepted:
+            agreed = known("agreement", Agreement, lambda: agreement(source, self.target, registration))
+            pair = (source, self.target, registration, agreed)
+            foreseen = known("foreseen", Foreseen, lambda: foresee(*pair, seen, _camera(row)), row["content"])
+        return _Judged(
+            row=row,
+            kind=str(self.kinds[source_id]),
+            other_kind=float(self.other_kind[source_id]),
+            unlike=unlike,
+            own=source_id == self.target_id,
+            registration=registration,
+            agreement=agreed,
+            seen=seen,
+            foreseen=foreseen,
+            size=diagonal_m(self.target) / diagonal_m(source),
+        )
+
+
+def _camera(row: pd.Series) -> Camera:
+    return Camera(
+        float(row["hfov_deg"]), float(row["vfov_deg"]), float(row["min_range_m"]), float(row["max_range_m"])
+    )
+
+
+def _verdict(one: _Judged) -> str:
+    if one.own:
+        return "own"
+    if not one.registration.accepted:
+        return "refused"
+    return "fits" if one.registration.acceptance + one.unlike + one.other_kind < _SURE else "doubtful"
+
+
+def _order(one: _Judged) -> tuple[int, float, float, str]:
+    """What fits comes first, by what should be seen again and how surely; the rest by likeness."""
+    verdict = _verdict(one)
+    seen_pct, without_pct = np.nan_to_num([one.foreseen.coverage_seen_pct, one.foreseen.without_pct])
+    again = float(seen_pct * (100 - without_pct)) / 1e4
+    place = {"own": 0, "fits": 1}.get(verdict, 2)
+    unlike = one.unlike + one.other_kind
+    likely = -again * math.exp(-one.registration.acceptance - unlike) if place == 1 else unlike
+    return place, likely, -again, str(one.row["demonstration_id"])
+
+
+def _ranked(one: _Judged, place: int) -> Recommendation:
+    return Recommendation(
+        rank=place,
+        demonstration_id=str(one.row["demonstration_id"]),
+        source_id=str(one.row["structure_id"]),
+        kind=one.kind,
+        verdict=_verdict(one),
+        misfit=one.registration.acceptance,
+        predicted_seen_pct=one.foreseen.coverage_seen_pct,
+        without_pct=one.foreseen.without_pct,
+        inspected_pct=100 * one.seen.share,
+        unlikeness=one.unlike,
+        why=_why(one),
+    )
+
+
+def _why(one: _Judged) -> str:
+    if one.own:
+        return f"flown on this very structure; {one.seen.summary}"
+    parts = one.agreement
+    if parts is None:
+        return one.registration.reason + _of_another_kind(one)
+    said = [
+        f"the structures fit (misfit {one.registration.acceptance:.2f})",
+        f"{parts.parts_matched} of {parts.parts} parts match ({100 * parts.area_matched:.0f} % of it)",
+        f"{one.size:.2f} times its size",
+        one.seen.summary,
+    ]
+    if one.foreseen.without_pct > 0.5:
+        said.append(f"{one.foreseen.without_pct:.0f} % of that has no counterpart here")
+    if _verdict(one) == "doubtful":
+        said.append(f"but that is not sure (unlikeness {one.unlike:.2f}): look at both before flying")
+    return "; ".join(said) + _of_another_kind(one)
+
+
+def _of_another_kind(one: _Judged) -> str:
+    return f"; declared to be of another kind, {one.kind}" if one.other_kind else ""

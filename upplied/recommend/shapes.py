@@ -1,0 +1,150 @@
+"""What is known of the shapes in a catalog, and of what flights saw of them, remembered by content.
+
+It is found out when a file is taken in, so that a question about it is answered without its mesh;
+thousands of features lie in a few files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+import pandas as pd
+
+from upplied.catalog import Catalog
+from upplied.config import digest, settings_for
+from upplied.planning.correspondence.pair import content_key, surface_key
+from upplied.planning.surface.samples import surface_samples
+from upplied.planning.visibility.path_views import TRULY, Views, views
+from upplied.recommend.features import (
+    FEATURES_VERSION,
+    ShapeFeatures,
+    ShapeLibrary,
+    joined,
+    library_of,
+    shape_features,
+)
+from upplied.recommend.foresee import FORESIGHT_VERSION, Inspected, inspected
+from upplied.records import Cloud, Demonstration, Structure
+from upplied.scene import scene_of
+
+_BLOCKS = 64  # files of features: one structure more makes one of them anew, not all
+
+
+class Shapes:
+    """What is known of the shapes in a catalog.
+
+    Parameters
+    ----------
+    catalog : Catalog
+        Its cache keeps what is found; its meshes and logs are read only where that is missing.
+    """
+
+    def __init__(self, catalog: Catalog) -> None:
+        self.catalog, self.clouds = catalog, settings_for("recommended").clouds
+        self._known: dict[str, Cloud] = {}
+
+    def learn(self, structure: Structure) -> None:
+        """Find out what questions about a structure ask for, with its record at hand."""
+        if not structure.sha256:
+            return
+        self._known[structure.sha256] = self._cloud(structure.sha256, lambda: structure)
+        self.features(structure.structure_id, structure.sha256)
+
+    def learn_flight(self, flight: Demonstration, structure: Structure) -> None:
+        """Find out what a demonstration saw, with its record and its structure's at hand."""
+        self.learn(structure)
+        if flight.sha256 and structure.sha256:
+            self._inspected(flight.sha256, structure.sha256, lambda: (flight, structure))
+
+    def cloud(self, structure_id: str, sha256: str) -> Cloud:
+        """Surface samples of one structure, the same that plans are made on."""
+        if sha256 not in self._known:
+            self._known[sha256] = self._cloud(sha256, lambda: self.catalog.structure(structure_id))
+        return self._known[sha256]
+
+    def features(self, structure_id: str, sha256: str) -> ShapeFeatures:
+        """Features of one structure."""
+        return self.catalog.cache(
+            "features",
+            ShapeFeatures,
+            self._key(sha256),
+            lambda: shape_features(self.cloud(structure_id, sha256)),
+        )
+
+    def inspected(
+        self, flight_id: str, flight_sha256: str, structure_id: str, structure_sha256: str
+    ) -> Inspected:
+        """What a demonstration saw of its structure."""
+        self.cloud(structure_id, structure_sha256)
+        return self._inspected(
+            flight_sha256,
+            structure_sha256,
+            lambda: (self.catalog.demonstration(flight_id), self.catalog.structure(structure_id)),
+        )
+
+    def library(self, sha256: Mapping[str, str]) -> ShapeLibrary:
+        """Features of many structures, in the order of the mapping from id to hash."""
+        blocks = _blocks(sha256)
+        found = joined([self._block({name: sha256[name] for name in block}) for block in blocks])
+        place = {name: row for row, name in enumerate(name for block in blocks for name in block)}
+        order = [place[name] for name in sha256]
+        return ShapeLibrary(
+            found.extent_m[order], found.occupied[order], found.near[order], found.facing[order]
+        )
+
+    def gather(self, sha256: Mapping[str, str]) -> None:
+        """Make the files that `library` reads, those for which all features are known."""
+        for block in _blocks(sha256):
+            named = {name: sha256[name] for name in block}
+            cache = self.catalog.cache
+            if all(cache.path("features", self._key(content)).exists() for content in named.values()):
+                self._block(named)
+
+    def _block(self, sha256: Mapping[str, str]) -> ShapeLibrary:
+        key = content_key("library", FEATURES_VERSION, list(sha256.values()), self.clouds)
+        return self.catalog.cache(
+            "features",
+            ShapeLibrary,
+            key,
+            lambda: library_of([self.features(name, content) for name, content in sha256.items()]),
+        )
+
+    def _key(self, sha256: str) -> str:
+        return content_key("features", FEATURES_VERSION, sha256, self.clouds)
+
+    def _cloud(self, sha256: str, structure: Callable[[], Structure]) -> Cloud:
+        def sampled() -> Cloud:
+            found = structure()
+            return surface_samples(found, scene_of(found), self.clouds)
+
+        return self.catalog.cache("clouds", Cloud, surface_key(sha256, self.clouds), sampled)
+
+    def _inspected(
+        self, flight_sha256: str, structure_sha256: str, both: Callable[[], tuple[Demonstration, Structure]]
+    ) -> Inspected:
+        cloud, cache = self._known[structure_sha256], self.catalog.cache
+        facts = (flight_sha256, structure_sha256, self.clouds)
+
+        def seen() -> Views:
+            flight, structure = both()
+            return views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(structure))
+
+        return cache(
+            "inspected",
+            Inspected,
+            content_key("inspected", FORESIGHT_VERSION, *facts),
+            lambda: inspected(cloud, cache("views", Views, content_key("truly", *facts), seen)),
+        )
+
+
+def _blocks(names: Iterable[str]) -> list[list[str]]:
+    """Names of structures by the file that holds their features, whoever else is there."""
+    blocks: dict[int, list[str]] = {}
+    for name in sorted(names):
+        blocks.setdefault(int(digest(name)[:8], 16) % _BLOCKS, []).append(name)
+    return list(blocks.values())
+
+
+def content_of(table: pd.DataFrame, stored: str) -> pd.Series:
+    """The hash that rows are remembered by: of what was read, or where none is said, of what is stored."""
+    return table["sha256"].where(table["sha256"] != "", table[stored])
