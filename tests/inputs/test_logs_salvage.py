@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, IndexType
 
 from upplied.errors import InputError, UppliedError
 from upplied.inputs.logs import LogOptions, read_demonstration
-from upplied.inputs.mcap.records import MAGIC
+from upplied.inputs.mcap.recording import MAGIC
 from upplied.poses import angle_between
 
 POSE = "geometry_msgs/msg/PoseStamped"

@@ -20,10 +20,11 @@ from upplied.inputs.flight.choice import NOTHING, READERS, choose, nothing
 from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, timed
 from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame
 from upplied.inputs.flight.tracks import Track
+from upplied.inputs.mcap.messages import read_tables
 from upplied.inputs.mcap.recording import Channel, Recording, open_recording
-from upplied.inputs.mcap.tables import Table, read_tables
 from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions, inspection, placed
+from upplied.inputs.tables import Table
 from upplied.poses import normalised
 from upplied.records import Demonstration, Placement
 

@@ -10,9 +10,9 @@ import numpy as np
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
 from upplied.inputs.flight.tracks import Track, at_times
-from upplied.inputs.mcap.tables import Table, joined
 from upplied.inputs.schemas import foxglove, geodetic, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.tables import Table, joined
 from upplied.poses import angle_between
 
 Samples = Callable[[Table, Sequence[Table], LogOptions], Track]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from upplied.inputs.mcap.tables import Table
+from upplied.inputs.tables import Table
 from upplied.poses import normalised
 from upplied.records import Bools, Floats, Ints, Record
 

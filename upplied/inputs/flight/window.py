@@ -13,8 +13,8 @@ import numpy as np
 
 from upplied.errors import InputError
 from upplied.inputs.flight.tracks import Track, stamps
-from upplied.inputs.mcap.tables import Table
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.tables import Table
 from upplied.records import Bools
 
 _EVENT = "foxglove.Event"

@@ -2,28 +2,35 @@
 
 A sound log is read through its chunk index, so that chunks without a wanted channel are never
 touched. One whose index cannot be used is read from front to back (`upplied.inputs.mcap.salvage`).
-Whatever the file says of its own sizes is checked before memory is taken for it.
+Records are read by `mcap`; its `SeekingReader` is not used, since the first damaged chunk ends it, it
+unpacks a chunk that stands in the summary, and it sorts by time what is wanted as recorded.
 """
 
 from __future__ import annotations
 
-import os
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
+
+from mcap.records import Channel as ChannelRecord
+from mcap.records import Chunk, ChunkIndex, McapRecord, Message, Metadata, MetadataIndex, Schema, Statistics
 
 from upplied.errors import InputError
-from upplied.inputs.mcap import records as mcap
 from upplied.inputs.mcap.salvage import scan
+from upplied.inputs.mcap.stream import DAMAGE, Budget, DamagedError, Guard, records_in
 
 # Bounds on what a log may hold: so much, plus so much for each byte of the file.
 MAX_UNPACKED = (2**30, 200)  # bytes after decompression
 MAX_RECORDS = (5_000_000, 0.5)  # of all channels
 MAX_MESSAGES = (500_000, 0.125)  # of the wanted channels, and rows in their tables
+MAX_NAME = 500  # characters of a topic or schema
+MAX_RECORD_BYTES = 16 * 2**20  # of a schema, channel, metadata or index record
+MAGIC = b"\x89MCAP0\r\n"
+_FOOTER_BYTES = 9 + 20 + len(MAGIC)
 
 _OTHER_FORMATS = {
     b"#ROSBAG V": ("it is a ROS 1 bag", "convert it: mcap convert in.bag out.mcap"),
@@ -33,9 +40,19 @@ _OTHER_FORMATS = {
     b"version ht": ("it is a pointer of git LFS", "fetch the file itself: git lfs pull"),
 }
 
+Sink = list[tuple[int, int, bytes]]  # log time, publish time (ns) and payload of each message
 
-class _NoIndexError(mcap.DamagedError):
+
+class _NoIndexError(DamagedError):
     """The log was written without an index, as recorders may."""
+
+
+class Ref(NamedTuple):
+    """Where the record of a chunk, or of a message of this channel outside of chunks, lies."""
+
+    start: int
+    stop: int
+    channel_ids: frozenset[int] = frozenset()  # that it holds, where known
 
 
 @dataclass(frozen=True)
@@ -65,23 +82,27 @@ class Recording:
 
     path: Path
     size: int
-    schemas: dict[int, mcap.SchemaRecord] = field(default_factory=dict)
-    channels: dict[int, mcap.ChannelRecord] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, ChannelRecord] = field(default_factory=dict)
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
-    chunks: list[mcap.ChunkRef] = field(default_factory=list)
-    # Messages outside of chunks, each with the id of its channel.
-    loose: list[tuple[int, mcap.ChunkRef]] = field(default_factory=list)
-    # Messages by channel, as the statistics say.
-    counts: dict[int, int] = field(default_factory=dict)
+    chunks: list[Ref] = field(default_factory=list)
+    loose: list[Ref] = field(default_factory=list)  # messages outside of chunks
+    counts: Mapping[int, int] = field(default_factory=dict)  # messages by channel, as the statistics say
     losses: list[str] = field(default_factory=list)
+
+    def budget(self) -> Budget:
+        """How often a reader of all its records may read."""
+        return Budget(8 * self.limit(MAX_RECORDS))
 
     def channel(self, channel_id: int) -> Channel | None:
         """The channel of this id with its schema, or None where the log does not define it."""
         record = self.channels.get(channel_id)
         if record is None:
             return None
-        schema = self.schemas.get(record.schema_id, mcap.SchemaRecord(0, "", "", b""))
-        return Channel(channel_id, record.topic, record.encoding, schema.name, schema.encoding, schema.data)
+        schema = self.schemas.get(record.schema_id) or Schema(id=0, name="", encoding="", data=b"")
+        return Channel(
+            channel_id, record.topic, record.message_encoding, schema.name, schema.encoding, schema.data
+        )
 
     def listed(self, most: int = 12) -> str:
         """Topics and schemas in words."""
@@ -89,43 +110,50 @@ class Recording:
         shown = [f"{c.topic} ({c.schema_short or 'no schema'})" for c in channels if c]
         return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
 
-    def add(self, opcode: int, content: bytes) -> None:
-        """Keep a schema, channel or metadata record."""
-        if opcode == mcap.SCHEMA:
-            schema = mcap.read_schema(content)
-            self.schemas.setdefault(schema.schema_id, schema)
-        elif opcode == mcap.CHANNEL:
-            channel = mcap.read_channel(content)
-            self.channels.setdefault(channel.channel_id, channel)
-        elif opcode == mcap.METADATA:
-            self.metadata.append(mcap.read_metadata(content))
+    def add(self, record: McapRecord, start: int = 0, stop: int = 0) -> None:
+        """Keep a record of the file, or of a chunk; messages and chunks by where they lie."""
+        if isinstance(record, Schema | ChannelRecord):
+            names = (record.name, record.encoding) if isinstance(record, Schema) else (record.topic,)
+            if max(map(len, names)) > MAX_NAME:
+                raise DamagedError("a name of more than 500 characters")
+            kept: dict = self.schemas if isinstance(record, Schema) else self.channels
+            kept.setdefault(record.id, record)
+        elif isinstance(record, Metadata):
+            self.metadata.append((record.name, record.metadata))
+        elif isinstance(record, Chunk):
+            self.chunks.append(Ref(start, stop))
+        elif isinstance(record, Message):
+            self.loose.append(Ref(start, stop, frozenset([record.channel_id])))
 
-    def read(self, sink_of: Callable[[Channel], mcap.Sink | None]) -> Iterator[None]:
+    def read(self, sink_of: Callable[[Channel], Sink | None]) -> Iterator[None]:
         """Collect the messages of the channels that get a sink; yields after each chunk.
 
         Damaged chunks are skipped and named in `losses`.
         """
-        sinks, most = _Sinks(self, sink_of), self.limit(MAX_MESSAGES) + 1
-        lost, unpacked, records = Counter[str](), 0, 0
-        with self.path.open("rb", buffering=0) as stream:
-            for ref in self.chunks:
-                if ref.channel_ids is not None and all(sinks[i] is None for i in ref.channel_ids):
+        sinks, most, budget = _Sinks(self, sink_of), self.limit(MAX_MESSAGES), self.budget()
+        lost, unpacked = Counter[str](), 0
+        with self.path.open("rb") as stream:
+            for ref in [*self.chunks, *self.loose]:
+                if ref.channel_ids and all(sinks[channel_id] is None for channel_id in ref.channel_ids):
                     continue
                 try:
-                    chunk = mcap.unpack_chunk(_content(stream, ref))
-                    unpacked += len(chunk)
-                    self.check(unpacked, MAX_UNPACKED, "bytes after decompression")
-                    records += mcap.collect(chunk, sinks, self.add, most)
-                except mcap.DamagedError as error:
-                    lost[str(error)] += 1
-                self.check(records, MAX_RECORDS, "records")
+                    record = _record_at(stream, ref, self.size, budget)
+                    inside: Iterable[McapRecord] = (record,)
+                    if isinstance(record, Chunk):
+                        inside = records_in(record, budget)
+                        unpacked += record.uncompressed_size
+                        self.check(unpacked, MAX_UNPACKED, "bytes after decompression")
+                    for inner in inside:
+                        if not isinstance(inner, Message):
+                            self.add(inner)
+                        elif (sink := sinks[inner.channel_id]) is not None:
+                            sink.append((inner.log_time, inner.publish_time, inner.data))
+                            if len(sink) > most:
+                                break
+                except DAMAGE as error:
+                    lost[str(error) or type(error).__name__] += 1
+                self.check(self.limit(MAX_RECORDS) - budget.reads // 8, MAX_RECORDS, "records")
                 yield
-        with self.path.open("rb") as stream:
-            for channel_id, ref in self.loose:
-                if sinks[channel_id] is not None:
-                    head = ref.offset - 9
-                    mcap.collect(_content(stream, mcap.ChunkRef(head, ref.length + 9)), sinks, self.add, most)
-                    yield
         for reason, number in lost.items():
             self.losses.append(f"{number} of {len(self.chunks)} chunks lost: {reason}")
 
@@ -147,22 +175,20 @@ class Recording:
         InputError
         """
         if number > self.limit(bound):
+            found = f"holds more than {self.limit(bound)} {what}"
             raise InputError(
-                str(self.path),
-                f"holds more than {self.limit(bound)} {what}",
-                "what an honest log of its size can hold",
-                "check where it is from",
+                str(self.path), found, "what an honest log of its size can hold", "check where it is from"
             )
 
 
-class _Sinks(dict[int, "mcap.Sink | None"]):
+class _Sinks(dict[int, "Sink | None"]):
     """The sink of each channel id, asked for once."""
 
-    def __init__(self, recording: Recording, sink_of: Callable[[Channel], mcap.Sink | None]) -> None:
+    def __init__(self, recording: Recording, sink_of: Callable[[Channel], Sink | None]) -> None:
         super().__init__()
         self._recording, self._sink_of = recording, sink_of
 
-    def __missing__(self, channel_id: int) -> mcap.Sink | None:
+    def __missing__(self, channel_id: int) -> Sink | None:
         channel = self._recording.channel(channel_id)
         self[channel_id] = sink = None if channel is None else self._sink_of(channel)
         return sink
@@ -182,7 +208,7 @@ def open_recording(path: Path) -> Recording:
             raise InputError(str(path), "is no file", "an MCAP log")
         with path.open("rb") as stream:
             start = stream.read(10)
-            if not start.startswith(mcap.MAGIC):
+            if not start.startswith(MAGIC):
                 raise _not_mcap(path, start)
             recording = Recording(path, size)
             try:
@@ -190,9 +216,10 @@ def open_recording(path: Path) -> Recording:
             except _NoIndexError:
                 recording.metadata.clear()  # the scan meets them again
                 scan(stream, recording, "")
-            except mcap.DamagedError as error:
+            except DAMAGE as error:
                 recording = Recording(path, size)
-                scan(stream, recording, str(error))
+                why = str(error) if isinstance(error, DamagedError) else "the summary cannot be read"
+                scan(stream, recording, why)
             return recording
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None
@@ -210,44 +237,40 @@ def _not_mcap(path: Path, start: bytes) -> InputError:
 
 
 def _read_summary(stream: BinaryIO, recording: Recording) -> None:
-    footer_at = recording.size - 8 - 29
-    tail = _content(stream, mcap.ChunkRef(footer_at, 37)) if footer_at >= 8 else b""
-    if len(tail) < 37 or tail[29:] != mcap.MAGIC or tail[0] != mcap.FOOTER:
-        raise mcap.DamagedError("the log was not closed")
-    cursor = mcap.Cursor(tail[9:29])
-    start, _, crc = cursor.number(8), cursor.number(8), cursor.number(4)
+    footer_at = recording.size - _FOOTER_BYTES
+    stream.seek(max(footer_at, 0))
+    tail = stream.read(_FOOTER_BYTES)
+    if footer_at < len(MAGIC) or tail[-8:] != MAGIC or tail[0] != 2:
+        raise DamagedError("the log was not closed")
+    start, crc = int.from_bytes(tail[9:17], "little"), int.from_bytes(tail[25:29], "little")
     if start == 0:
         raise _NoIndexError
-    if not 8 <= start < footer_at or footer_at - start > 16 * mcap.MAX_RECORD_BYTES:
-        raise mcap.DamagedError("the summary is not where the log says")
-    summary = _content(stream, mcap.ChunkRef(start, footer_at - start))
-    if crc and zlib.crc32(tail[:25], zlib.crc32(summary)) != crc:
-        raise mcap.DamagedError("the summary fails its CRC")
-    _index(stream, summary, recording)
-
-
-def _index(stream: BinaryIO, summary: bytes, recording: Recording) -> None:
-    refs = {}
-    for opcode, start, stop in mcap.spans(summary):
-        content = summary[start:stop]
-        if opcode == mcap.CHUNK_INDEX:
-            ref = mcap.read_chunk_index(content)
-            refs[ref.offset] = ref
-        elif opcode == mcap.STATISTICS:
-            recording.counts = mcap.read_counts(content)
-        elif opcode == mcap.METADATA_INDEX:
-            recording.add(mcap.METADATA, _content(stream, mcap.read_metadata_index(content)))
-        else:
-            recording.add(opcode, content)
+    if not len(MAGIC) <= start < footer_at or footer_at - start > 16 * MAX_RECORD_BYTES:
+        raise DamagedError("the summary is not where the log says")
+    stream.seek(start)
+    if crc and zlib.crc32(tail[:25], zlib.crc32(stream.read(footer_at - start))) != crc:
+        raise DamagedError("the summary fails its CRC")
+    refs, metadata, budget = {}, list[Ref](), recording.budget()
+    for record in Guard(stream, start, footer_at, budget).records():
+        if isinstance(record, ChunkIndex):
+            first = record.chunk_start_offset
+            refs[first] = Ref(first, first + record.chunk_length, frozenset(record.message_index_offsets))
+        elif isinstance(record, Statistics):
+            recording.counts = record.channel_message_counts
+        elif isinstance(record, MetadataIndex):
+            metadata.append(Ref(record.offset, record.offset + record.length))
+        elif isinstance(record, Schema | ChannelRecord):
+            recording.add(record)
     if not refs or not recording.channels:
         raise _NoIndexError
-    recording.chunks = [refs[offset] for offset in sorted(refs)]
+    for ref in metadata:
+        recording.add(_record_at(stream, ref, recording.size, budget))
+    recording.chunks = [refs[start] for start in sorted(refs)]
 
 
-def _content(stream: BinaryIO, ref: mcap.ChunkRef) -> bytes:
-    if not 0 <= ref.length <= 2 * mcap.MAX_CHUNK_BYTES:
-        raise mcap.DamagedError(f"a record of {ref.length} bytes")
-    if ref.offset + ref.length > os.fstat(stream.fileno()).st_size:
-        raise mcap.DamagedError("a record reaches beyond the end of the log")
-    stream.seek(ref.offset)
-    return stream.read(ref.length)
+def _record_at(stream: BinaryIO, ref: Ref, size: int, budget: Budget) -> McapRecord:
+    if not 0 <= ref.start < ref.stop <= size:
+        raise DamagedError("a record reaches beyond the end of the log")
+    for record in Guard(stream, ref.start, ref.stop, budget).records():
+        return record
+    raise DamagedError("no record is where the index says")

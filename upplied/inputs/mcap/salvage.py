@@ -1,20 +1,22 @@
 """What is left of a log whose index cannot be used: unfinished, truncated or damaged.
 
-The file is walked record by record from the front. Where the walk loses its footing it looks for
-the next chunk, so that damage costs the chunks it hit and no more.
+The library's stream reader goes from the front, record by record. Where it loses its footing the
+next chunk is looked for, so that damage costs the chunks it hit and no more.
 """
 
 from __future__ import annotations
 
-import zlib
 from typing import TYPE_CHECKING, BinaryIO
 
-from upplied.inputs.mcap import records as mcap
+from mcap.records import DataEnd
+from mcap.stream_reader import CRCValidationError
+
+from upplied.inputs.mcap.stream import DAMAGE, Guard
 
 if TYPE_CHECKING:
     from upplied.inputs.mcap.recording import Recording
 
-_KNOWN = range(mcap.HEADER, mcap.DATA_END + 1)
+_CHUNK, _MAGIC_BYTES = 6, 8
 _ANCHORS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")  # the name of the compression in a chunk
 _ANCHOR_AT = 9 + 28  # from the start of the chunk's record
 _WINDOW = 2**20
@@ -31,77 +33,38 @@ def scan(stream: BinaryIO, recording: Recording, why: str) -> None:
     why : str
         Why the index could not be used; empty where the log has none, which is no fault.
     """
-    at = len(mcap.MAGIC)
-    while at + 9 <= recording.size:
-        stream.seek(at)
-        head = stream.read(9)
-        opcode, length = head[0], int.from_bytes(head[1:], "little")
-        if opcode == mcap.DATA_END and length <= 64:
-            if recording.loose and not _sound(stream, at, length):
-                recording.losses.append("the data fails its CRC")
-            if why:
-                recording.losses.append(f"{why}, though its data is whole")
-            return
-        if (
-            opcode in _KNOWN
-            and at + 9 + length <= recording.size
-            and _keep(stream, opcode, length, recording)
-        ):
-            at += 9 + length
-            continue
-        found = _next_chunk(stream, at + 1, recording.size)
-        if found is None:
-            break
-        recording.losses.append(f"{found - at} bytes lost at byte {at}")
-        at = found
-    recording.losses.append(f"{why or 'the data is cut off'}; read up to byte {at} of {recording.size}")
-
-
-def _keep(stream: BinaryIO, opcode: int, length: int, recording: Recording) -> bool:
-    start = stream.tell()
-    if opcode == mcap.CHUNK:
-        if length < 40:
-            return False
-        recording.chunks.append(mcap.ChunkRef(start, length))
-    elif opcode == mcap.MESSAGE:
-        if length < 22:
-            return False
-        channel_id = int.from_bytes(stream.read(2), "little")
-        recording.loose.append((channel_id, mcap.ChunkRef(start, length)))
-    elif opcode in (mcap.SCHEMA, mcap.CHANNEL, mcap.METADATA):
-        if length > mcap.MAX_RECORD_BYTES:
-            return False
+    at, budget = _MAGIC_BYTES, recording.budget()
+    found: int | None = 0
+    while found is not None:
+        guard = Guard(stream, found, recording.size, budget)
         try:
-            recording.add(opcode, stream.read(length))
-        except mcap.DamagedError:
-            return False
-    return True
-
-
-def _sound(stream: BinaryIO, end: int, length: int) -> bool:
-    """Whether the bytes before the end of the data fit their CRC, where there is one."""
-    told = int.from_bytes(stream.read(min(length, 4)), "little")
-    stream.seek(0)
-    crc, left = 0, end if told else 0
-    while left > 0:
-        piece = stream.read(min(left, _WINDOW))
-        crc, left = zlib.crc32(piece, crc), left - len(piece)
-        if not piece:
-            break
-    return crc == told
+            for record in guard.records(whole=found == 0):
+                if isinstance(record, DataEnd):
+                    recording.losses += [f"{why}, though its data is whole"] if why else []
+                    return
+                recording.add(record, guard.record_at, guard.at)
+                at = guard.at
+        except CRCValidationError:
+            recording.losses += ["the data fails its CRC", *([why] if why else [])]
+            return
+        except DAMAGE:
+            pass
+        found = _next_chunk(stream, max(at, found + 1), recording.size)
+        if found is not None:
+            recording.losses.append(f"{found - at} bytes lost at byte {at}")
+            at = found
+    recording.losses.append(f"{why or 'the data is cut off'}; read up to byte {at} of {recording.size}")
 
 
 def _next_chunk(stream: BinaryIO, start: int, size: int) -> int | None:
     """Where the next whole compressed chunk begins, or None."""
-    overlap = _ANCHOR_AT + 16
     while start < size:
         stream.seek(start)
-        window = stream.read(_WINDOW + overlap)
-        hits = sorted(hit for anchor in _ANCHORS for hit in _hits(window, anchor))
-        for hit in hits:
+        window = stream.read(_WINDOW + _ANCHOR_AT + 16)
+        for hit in sorted(hit for anchor in _ANCHORS for hit in _hits(window, anchor)):
             begin = hit - _ANCHOR_AT
             length = int.from_bytes(window[begin + 1 : begin + 9], "little")
-            if begin >= 0 and window[begin] == mcap.CHUNK and start + begin + 9 + length <= size:
+            if begin >= 0 and window[begin] == _CHUNK and start + begin + 9 + length <= size:
                 return start + begin
         start += _WINDOW
     return None

@@ -11,8 +11,8 @@ import numpy as np
 
 from upplied.errors import InputError
 from upplied.inputs.flight.tracks import names
-from upplied.inputs.mcap.tables import Table
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.tables import Table
 from upplied.records import Camera
 
 FIELDS = {

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from upplied.inputs.flight.tracks import Track, pose_paths, pose_track
-from upplied.inputs.mcap.tables import Table
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.tables import Table
 
 _STAMP = ("timestamp.sec", "timestamp.nanosec", "frame_id")
 _POSE = pose_paths("pose.position", "pose.orientation")

@@ -18,9 +18,9 @@ from scipy.spatial.transform import Rotation
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
 from upplied.inputs.flight.tracks import Track, are_unit, at_times, source_times, stamps
-from upplied.inputs.mcap.tables import Table
 from upplied.inputs.schemas import gimbal, px4
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.tables import Table
 from upplied.poses import from_yaw_pitch
 from upplied.records import Bools, Floats, Ints
 

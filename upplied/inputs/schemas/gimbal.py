@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from upplied.inputs.flight.clean import clean
 from upplied.inputs.flight.tracks import Track, at_times, source_times, stamps
-from upplied.inputs.mcap.tables import Table
 from upplied.inputs.schemas import px4
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.tables import Table
 from upplied.poses import yaw_pitch
 from upplied.records import Bools, Floats
 

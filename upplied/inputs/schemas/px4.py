@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
 from upplied.inputs.flight.tracks import Track, are_unit, at_times, source_times
-from upplied.inputs.mcap.tables import Table
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
 
 _STAMPS = ("timestamp", "timestamp_sample")

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from upplied.inputs.flight.tracks import Track, pose_paths, pose_track
-from upplied.inputs.mcap.tables import Table
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.tables import Table
 
 _HEADER = ("header.stamp.sec", "header.stamp.nanosec", "header.frame_id")
 _PLACES = {  # schema -> position, rotation, path of the child frame's name

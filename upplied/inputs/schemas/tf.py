@@ -25,8 +25,8 @@ from upplied.inputs.flight.tracks import (
     source_times,
     stamps,
 )
-from upplied.inputs.mcap.tables import Table
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
 
 _ROS = (
