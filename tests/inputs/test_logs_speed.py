@@ -10,7 +10,7 @@ import pytest
 
 
 @pytest.mark.slow
-def test_all_readers_agree_and_ours_is_the_fastest() -> None:
+def test_all_readers_agree_and_ours_costs_no_more_than_twice_the_best() -> None:
     script = Path(__file__).parents[2] / "bench" / "logs.py"
     command = [sys.executable, str(script), "--megabytes", "60"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
@@ -19,4 +19,4 @@ def test_all_readers_agree_and_ours_is_the_fastest() -> None:
     for line in done.stdout.splitlines()[2:]:
         *title, seconds, _, _, _, _ = line.split()
         cpu[" ".join(title)] = float(seconds)
-    assert cpu["ours: poses"] < min(cpu["mcap, mcap-ros2-support"], cpu["rosbags"])
+    assert cpu["ours: poses"] < 2 * min(cpu["mcap, mcap-ros2-support"], cpu["rosbags"])
