@@ -27,7 +27,7 @@ ALLOWED = {
     "simulate": FOUNDATION | {"planning"},
     "inputs": FOUNDATION | {"inputs"},
     "catalog": FOUNDATION | {"catalog"},
-    "outputs": FOUNDATION | {"outputs", "inputs", "samples", "catalog"},
+    "outputs": FOUNDATION | {"outputs", "inputs", "samples", "catalog", "planning"},
     "recommend": FOUNDATION | {"planning", "catalog", "recommend"},
     "fleet": FOUNDATION | {"planning", "simulate", "recommend", "inputs", "catalog", "outputs", "fleet"},
     "cli": FOUNDATION
@@ -115,6 +115,17 @@ def test_rooms_of_planning_use_those_before_them(path: Path):
         return
     used = {name.split(".")[2] for name in imports(path) if name.startswith("upplied.planning.")}
     assert used <= set(ROOMS[: ROOMS.index(room) + 1]), f"{room} may use the rooms before it alone"
+
+
+def test_outputs_know_the_rules_of_the_air_and_no_other_room_of_planning():
+    """Missions are flown by the rules that plans are made by; nothing else of planning is needed."""
+    used = {
+        ".".join(name.split(".")[:3])
+        for path in (ROOT / "upplied" / "outputs").rglob("*.py")
+        for name in imports(path)
+        if name.startswith("upplied.planning")
+    }
+    assert used <= {"upplied.planning.airspace", "upplied.planning.surface"}
 
 
 def test_no_module_circle_in_any_room():

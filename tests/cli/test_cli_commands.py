@@ -123,9 +123,12 @@ def test_pictures(what, planned, tmp_path):
 def test_missions(format, planned, tmp_path, capsys):
     output = tmp_path / f"mission{FORMATS[format]}"
     arguments = ["export", planned, "--to", format, "--output", str(output), "--drone", "m30t"]
+    assert main(arguments) == 1 and not output.exists()
+    assert "preset: the plan is of preset baseline" in capsys.readouterr().err
+    arguments += ["--force", "preset"]
     assert main(arguments) == 0
     assert output.stat().st_size > 100
-    assert "note: " in capsys.readouterr().out
+    assert "note: OVERRULED preset" in capsys.readouterr().out
     assert main([*arguments, "--reserve-pct", "200"]) == 2
 
 

@@ -38,11 +38,15 @@ class Flags:
     home_m : tuple of float
         Take-off, x y z in the structure's frame, m; none: on the ground beside the structure.
     clearance_m : float
-        That the legs to and from the inspection keep, m.
+        That every leg keeps from take-off to landing, m.
+    max_height_m : float
+        No leg is higher above ground, m; none: 120, and higher only where the plan itself is.
     tolerance_m : float
         Waypoints are left out where the path strays less than this, m.
     tolerance_deg : float
         And where the camera turns less than this.
+    corner_m : float
+        How far a vehicle that passes a waypoint without a stop may stray from it, m.
     photos : str
         Where photos are taken.
     photo_distance_m : float
@@ -63,13 +67,19 @@ class Flags:
         DJI's model, for instance m30t.
     payload : int
         DJI's payload number where the model has none of its own.
+    least_seen_pct : float
+        Of what the plan sees, that the mission must see as it is flown.
+    force : tuple of str
+        A rule of the gate that is overruled, by name; the mission says so. May be given several times.
     """
 
     altitude: Literal["relative", "amsl", "ellipsoid"] = "relative"
     home_m: tuple[float, float, float] | None = None
     clearance_m: float = 2.0
+    max_height_m: float | None = None
     tolerance_m: float = 0.1
     tolerance_deg: float = 3.0
+    corner_m: float = 0.5
     photos: Literal["viewpoints", "distance", "none"] = "viewpoints"
     photo_distance_m: float = 2.0
     endurance_s: float | None = None
@@ -80,6 +90,8 @@ class Flags:
     gimbal: Literal["v2", "mount"] = "v2"
     drone: str = ""
     payload: int | None = None
+    least_seen_pct: float = 95.0
+    force: tuple[str, ...] = ()
 
 
 @app.default

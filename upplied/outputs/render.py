@@ -11,6 +11,7 @@ from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED
 from upplied.outputs.draw.views import View
 from upplied.outputs.missions import Exported, MissionOptions, export
+from upplied.outputs.missions.gate import Breach
 from upplied.outputs.reports import Source, plan_of
 
 
@@ -58,11 +59,22 @@ def render_comparison(
 def export_transfer(
     source: Source, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
 ) -> Exported:
-    """One transfer as mission files; see `upplied.outputs.missions.export`."""
+    """One transfer as mission files, through the gate; see `upplied.outputs.missions.export`."""
     row = _row(source, transfer_id)
     camera = source.demonstration(str(row["demonstration_id"])).camera
     structure = source.structure(str(row["target_id"]))
-    return export(plan_of(source, row), structure, format, path, options, camera)
+    return export(plan_of(source, row), structure, format, path, options, camera, _superseded(source, row))
+
+
+def _superseded(source: Source, row: Any) -> list[Breach]:
+    """That a newer plan of the same pair and preset is in the catalog."""
+    current = source.transfers()
+    same = ["demonstration_id", "target_id", "preset"]
+    newer = current[(current[same] == [row[name] for name in same]).all(axis=1)]
+    names = [str(name) for name in newer["transfer_id"] if name != row["transfer_id"]]
+    if not names or row["transfer_id"] in set(newer["transfer_id"]):
+        return []
+    return [Breach("superseded", f"{names[0]} took its place")]
 
 
 def _row(source: Source, transfer_id: str) -> Any:

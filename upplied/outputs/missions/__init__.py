@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from upplied.errors import SettingsError
 from upplied.outputs.files import replace_file
-from upplied.outputs.missions import dji_wpml, litchi, mavlink
+from upplied.outputs.missions import dji_wpml, gate, litchi, mavlink
 from upplied.outputs.missions.csv import csv_text
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.geojson import geojson_text
@@ -17,6 +17,7 @@ from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.missions.mission import ANYTHING, Mission, missions_of
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.qgc_plan import qgc_plan_text
+from upplied.outputs.missions.read_back import read_mcap, read_mission
 from upplied.records import Camera, Plan, Structure, Trajectory
 
 __all__ = ["FORMATS", "Exported", "Mission", "MissionOptions", "export", "missions_of"]
@@ -51,6 +52,7 @@ def export(
     path: str | Path,
     options: MissionOptions | None = None,
     camera: Camera | None = None,
+    found: Sequence[gate.Breach] = (),
 ) -> Exported:
     """Write a plan as a mission file, or as one for each sortie.
 
@@ -66,31 +68,47 @@ def export(
     options : MissionOptions, optional
     camera : Camera, optional
         Of the demonstration, to check that thinning loses no view.
+    found : sequence of Breach, optional
+        Rules that the plan is known to break already, for instance that it is superseded.
 
     Raises
     ------
     RefusedError
-        If the plan is not ok, the place is unknown, or no safe mission follows from it.
+        If the plan is not ok, the place is unknown, no safe mission follows from it, or the bytes that
+        would be written break a rule of the gate that is not overruled.
     SettingsError
         If the format or an option is not known.
     """
     options = options or MissionOptions()
     goal = Path(path)
+    limits = gate.limits_of(options)
+    named = [*gate.plan_breaches(plan), *found]
     if format == "mcap":
-        written = replace_file(goal, mcap_bytes(plan, structure, camera))
-        return Exported((written,), (), ("in the structure frame, metres",))
+        content = mcap_bytes(plan, structure, camera)
+        named += gate.breaches(read_mcap(content), structure, limits)
+        overruled = gate.pass_or_refuse(structure.structure_id, named, options.force)
+        written = replace_file(goal, content)
+        return Exported((written,), (), ("in the structure frame, metres", *overruled))
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
     _, flying, write = _WRITERS[format]
     if format in ("qgc-plan", "mavlink"):
         flying = replace(flying, note=mavlink.NOTES[options.firmware])
-    missions = missions_of(plan, structure, options, flying, camera)
-    contents = [write(mission, options) for mission in missions]  # all of them, before the first is written
+    missions = missions_of(plan, structure, options, flying, camera, tuple(named))
+    contents = [encoded(write(mission, options)) for mission in missions]  # all, before the first is written
+    for mission, content in zip(missions, contents, strict=True):
+        reading = read_mission(format, content, mission)
+        gate.pass_or_refuse(mission.name, gate.breaches(reading, structure, limits), options.force)
     paths = [
         replace_file(_numbered(goal, mission), content)
         for mission, content in zip(missions, contents, strict=True)
     ]
     return Exported(tuple(paths), tuple(missions), missions[0].notes)
+
+
+def encoded(content: bytes | str) -> bytes:
+    """What is written to the file."""
+    return content if isinstance(content, bytes) else content.encode("utf-8")
 
 
 def _numbered(goal: Path, mission: Mission) -> Path:

@@ -19,8 +19,8 @@ from upplied.outputs.missions.mission import Mission
 from upplied.outputs.missions.options import MissionOptions
 
 MAX_WAYPOINTS = 200  # what importers are known to take; the format itself counts to 65535
-#: It stops at each waypoint, turns the gimbal, takes the photo, and starts again.
-FLYING = Flying(MAX_WAYPOINTS, stop_s=3.0, turning="on arrival")
+#: It passes waypoints where it may; at a stop it brakes, turns the gimbal, takes the photo, and starts again.
+FLYING = Flying(MAX_WAYPOINTS, stop_s=3.0, turning="evenly", passes=True)
 #: Model -> drone type, sub type, and the payload that is built in (None: say which one hangs below).
 DRONES: dict[str, tuple[int, int, int | None]] = {
     "m300": (60, 0, None),
@@ -32,6 +32,11 @@ DRONES: dict[str, tuple[int, int, int | None]] = {
     "m3m": (77, 2, 68),
     "m3d": (91, 0, 80),
     "m3td": (91, 1, 81),
+    "m4e": (99, 0, 88),
+    "m4t": (99, 1, 89),
+    "m4d": (100, 0, 98),
+    "m4td": (100, 1, 99),
+    "m400": (103, 0, None),
 }
 _SAFE_HEIGHT_M = (2.0, 1500.0)
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
@@ -39,7 +44,8 @@ _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <Document>
 """
 _TAIL = "</Document>\n</kml>\n"
-_TURN = "toPointAndStopWithDiscontinuityCurvature"  # straight legs: the ones whose clearance was checked
+# Straight legs, the ones that were checked; passing rounds the corner within a distance that was checked too.
+_STOPS, _PASSES = "toPointAndStopWithDiscontinuityCurvature", "toPointAndPassWithContinuityCurvature"
 
 
 def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
@@ -69,7 +75,8 @@ def _mission_config(mission: Mission, options: MissionOptions) -> str:
     if payload is None:
         rule = "DJI's payload number, for instance 42 (H20), 43 (H20T), 61 (H20N), 82 (H30), 83 (H30T)"
         raise SettingsError("mission option payload", f"the {options.drone} has none built in", rule)
-    height = float(np.clip(mission.height_m[0], *_SAFE_HEIGHT_M))
+    climb = float(np.clip(mission.height_m[0], *_SAFE_HEIGHT_M))
+    back = float(np.clip(mission.return_height_m, *_SAFE_HEIGHT_M))
     drone = _tags({"droneEnumValue": kind, "droneSubEnumValue": sub_kind})
     gimbal = _tags({"payloadEnumValue": payload, "payloadSubEnumValue": 0, "payloadPositionIndex": 0})
     return _group(
@@ -80,9 +87,9 @@ def _mission_config(mission: Mission, options: MissionOptions) -> str:
                 "finishAction": "goHome",
                 "exitOnRCLost": "executeLostAction",
                 "executeRCLostAction": "goBack",
-                "takeOffSecurityHeight": f"{height:.1f}",
+                "takeOffSecurityHeight": f"{climb:.1f}",
                 "globalTransitionalSpeed": f"{options.transit_mps:.2f}",
-                "globalRTHHeight": f"{height:.1f}",
+                "globalRTHHeight": f"{back:.1f}",
             }
         )
         + _group("droneInfo", drone)
@@ -100,7 +107,7 @@ def _template(mission: Mission) -> str:
     head += _tags({"autoFlightSpeed": f"{_cruise(mission):.2f}", "gimbalPitchMode": "usePointSetting"})
     head += _tags({"globalHeight": f"{top:.2f}"})
     head += _group("globalWaypointHeadingParam", _tags(heading))
-    head += _tags({"globalWaypointTurnMode": _TURN, "globalUseStraightLine": 1})
+    head += _tags({"globalWaypointTurnMode": _STOPS, "globalUseStraightLine": 1})
     payload = _group("payloadParam", _tags({"payloadPositionIndex": 0, "imageFormat": "wide"}))
     marks = "".join(_placemark(mission, at, template=True) for at in range(len(mission.stops)))
     return f"<Folder>\n{head}{marks}{payload}</Folder>\n"
@@ -142,14 +149,16 @@ def _placemark(mission: Mission, number: int, template: bool) -> str:
     else:
         body += _tags({"executeHeight": height})
     body += _tags({"waypointSpeed": f"{after:.2f}"}) + _group("waypointHeadingParam", _tags(heading))
-    turn = _tags({"waypointTurnMode": _TURN, "waypointTurnDampingDist": 0})
+    passing = mission.passing_m[at] if len(stop) == 1 else 0.0
+    mode = _PASSES if passing > 0 else _STOPS
+    turn = _tags({"waypointTurnMode": mode, "waypointTurnDampingDist": f"{passing:.2f}"})
     body += _group("waypointTurnParam", turn) + _tags({"useStraightLine": 1})
     return f"<Placemark>\n{body}{_actions(mission, number)}</Placemark>\n"
 
 
 def _actions(mission: Mission, number: int) -> str:
-    """Turn the gimbal on arrival, then take the photo, and again for each turn on the spot; between photos by
-    distance, one group for the leg.
+    """Photos at the waypoint, and turns on the spot; on the leg behind it the gimbal turns evenly to what the
+    next one wants, and photos by distance are taken.
     """
     stop = mission.stops[number]
     actions: list[tuple[str, dict[str, object]]] = []
@@ -159,14 +168,24 @@ def _actions(mission: Mission, number: int) -> str:
             turn: dict[str, object] = {"aircraftHeading": _signed(mission.heading_deg[at])}
             turn["aircraftPathMode"] = "clockwise" if right else "counterClockwise"
             actions.append(("rotateYaw", turn))
-        actions.append(("gimbalRotate", _gimbal(mission.pitch_deg[at])))
+        if at > stop[0] or number == 0:
+            actions.append(("gimbalRotate", _gimbal(mission.pitch_deg[at])))
         if mission.photo[at]:
             actions.append(("takePhoto", _photo(at)))
-    groups = _action_group(2 * number, number, number, {"actionTriggerType": "reachPoint"}, actions)
+    groups = ""
+    if actions:
+        groups += _action_group(3 * number, number, number, {"actionTriggerType": "reachPoint"}, actions)
+    if stop[-1] + 1 < len(mission):
+        pitch = {
+            "gimbalPitchRotateAngle": f"{mission.pitch_deg[stop[-1] + 1]:.1f}",
+            "payloadPositionIndex": 0,
+        }
+        between = {"actionTriggerType": "betweenAdjacentPoints"}
+        groups += _action_group(3 * number + 1, number, number + 1, between, [("gimbalEvenlyRotate", pitch)])
     inside = mission.photo_distance_m and stop[-1] + 1 < len(mission)
     if inside and mission.inspect[stop[-1] : stop[-1] + 2].all():
         every = {"actionTriggerType": "multipleDistance", "actionTriggerParam": mission.photo_distance_m}
-        groups += _action_group(2 * number + 1, number, number + 1, every, [("takePhoto", _photo(stop[-1]))])
+        groups += _action_group(3 * number + 2, number, number + 1, every, [("takePhoto", _photo(stop[-1]))])
     return groups
 
 

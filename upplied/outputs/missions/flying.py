@@ -20,7 +20,8 @@ class Flying:
     """What flies the missions of a format; the defaults allow for nothing."""
 
     max_waypoints: int | None = None  # of one file; None: as many as there are
-    stop_s: float = 0.0  # that each waypoint of the inspection costs besides the way
+    stop_s: float = 0.0  # that each stop at a waypoint of the inspection costs besides the way
+    passes: bool = False  # waypoints where nothing else asks for a stop are passed, see `corners`
     turning: Turning = "evenly"
     note: str = ""  # what the person who flies must set, as the file cannot say it
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from upplied.errors import RefusedError
-from upplied.outputs.missions import geodesy
+from upplied.outputs.missions import gate, geodesy
+from upplied.outputs.missions.corners import passing_m
 from upplied.outputs.missions.flying import Flying
-from upplied.outputs.missions.legs import Airspace, airspace_of, default_home
 from upplied.outputs.missions.options import MissionOptions
-from upplied.outputs.missions.sorties import Cutter, Sortie
+from upplied.outputs.missions.reading import planned
+from upplied.outputs.missions.sorties import SLOWEST_MPS, Cutter, Sortie
 from upplied.outputs.missions.thinning import thinned
+from upplied.outputs.missions.ways import USUAL_CEILING_M, Transits, default_home, ground_z_m
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import Airspace
 from upplied.records import (
     Bools,
     Camera,
@@ -25,10 +29,13 @@ from upplied.records import (
     SurfaceStates,
     Trajectory,
 )
+from upplied.scene import scene_of
 
 ANYTHING = Flying()
 _SAME_PLACE_M = 0.05
 _CROWDED_M = 0.25  # mean step between viewpoints
+_HOVER_S = 0.3  # shorter than this nobody hovers
+_EXACT_M = 0.02  # within which a clearance is known
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,6 +52,7 @@ class Mission(Record):
     altitude: str  # what is written: "relative" to take-off, "amsl" or "ellipsoid"
     home: Floats  # (3,) latitude and longitude, deg, altitude, m
     home_local: Floats  # (3,) m, structure frame
+    return_height_m: float  # above take-off, at which an automatic return passes over everything
     geodetic: Floats  # (N, 3) latitude and longitude, deg, altitude in the placement's datum, m
     local: Floats  # (N, 3) m, structure frame
     quat_xyzw: Floats  # (N, 4) camera to structure
@@ -52,6 +60,7 @@ class Mission(Record):
     pitch_deg: Floats  # (N,) of the gimbal, negative down
     speed_mps: Floats  # (N,) of the leg that ends at the waypoint
     hold_s: Floats  # (N,) to hover on arrival, while the camera turns or as the expert did
+    passing_m: Floats  # (N,) how far before and behind it the vehicle may turn; 0: it stops there
     photo: Bools  # (N,) take one here
     inspect: Bools  # (N,)
     photo_distance_m: float  # between photos during the inspection, 0: at `photo` alone
@@ -87,6 +96,7 @@ def missions_of(
     options: MissionOptions,
     flying: Flying = ANYTHING,
     camera: Camera | None = None,
+    found: tuple[gate.Breach, ...] = (),
 ) -> list[Mission]:
     """The sorties of a plan, each within the endurance and the number of waypoints that are allowed.
 
@@ -94,24 +104,21 @@ def missions_of(
     ------
     RefusedError
         If the plan is not ok, the structure's place is unknown, the altitude reference does not fit
-        its datum, or no safe way leads to the inspection and back.
+        its datum, no safe way leads to the inspection and back, or the plan breaks a rule of the gate
+        that is not overruled.
     """
     path, is_viewpoint, surface, name = _inspection(plan, structure)
     placement = geodesy.placement_of(structure)
     check_altitude(options.altitude, placement, structure.structure_id)
-    airspace = airspace_of(structure, path.positions, options.clearance_m)
-    broken = airspace.forbidden(path.positions) if len(path) > 1 else ""
-    if broken:
-        raise RefusedError(
-            name, f"the plan cannot be flown: {broken}", "", "plan again with these surroundings"
-        )
-    notes = []
+    limits = gate.limits_of(options)
+    broken = [*found, *gate.breaches(planned(path.positions, path.t_s), structure, limits)]
+    notes = list(gate.pass_or_refuse(name, broken, options.force))
+    airspace = airspace_of(structure, path.positions, options)
     if options.home_m is None:
         home, note = default_home(structure, path.positions[0], options.clearance_m)
         notes.append(note)
     else:
         home = np.array(options.home_m, float)
-    _check_home(airspace, home, options.clearance_m, structure.structure_id)
     if is_viewpoint is not None and _crowded(path.positions[is_viewpoint]):
         notes.append(
             f"the viewpoints are a recording's poses: photos every {options.photo_distance_m:g} m instead"
@@ -119,19 +126,23 @@ def missions_of(
         is_viewpoint = None
     fixed = np.zeros(len(path), bool) if is_viewpoint is None else is_viewpoint
     tolerances = (options.tolerance_m, options.tolerance_deg)
-    view = (surface, camera or Camera())
-    kept, note = thinned(path, fixed, tolerances, airspace.scene, view, options.clearance_m, flying.turning)
-    notes.append(note)
+    kept, note, share = thinned(
+        path, fixed, tolerances, airspace, (surface, camera or Camera()), flying.turning
+    )
+    notes += [note, *gate.pass_or_refuse(name, gate.coverage_breaches(share, limits), options.force)]
     short = Trajectory(path.t_s[kept], path.positions[kept], path.quat_xyzw[kept])
+    transits = Transits(structure, airspace, short.positions, home)
+    transits.check_home()
+    passing = _passing(short, airspace, options, flying)
     most = min(options.max_waypoints or 10**9, flying.max_waypoints or 10**9)
-    cutter = Cutter(short, airspace, home, options, most, flying.stop_s)
+    cutter = Cutter(short, transits, options, most, np.where(passing > 0, 0.0, flying.stop_s))
     sorties = cutter.sorties()
-    notes += _told(sorties, options, flying, airspace.transit_z_m - float(home[2]))
+    notes += _told(sorties, options, flying, transits, int((passing == 0).sum()))
     by_distance = options.photos == "distance" or (options.photos == "viewpoints" and is_viewpoint is None)
     photo = fixed[kept] if options.photos == "viewpoints" else np.zeros(len(kept), bool)
     made = []
     for at, sortie in enumerate(sorties):
-        body = _waypoints(cutter, photo, sortie)
+        body = _waypoints(cutter, photo, passing, sortie)
         heading, pitch = geodesy.heading_and_pitch(body.quat_xyzw, placement.heading_deg)
         made.append(
             Mission(
@@ -142,6 +153,7 @@ def missions_of(
                 altitude=options.altitude,
                 home=geodesy.to_geodetic(home[None], placement)[0],
                 home_local=home,
+                return_height_m=transits.return_z_m - float(home[2]),
                 geodetic=geodesy.to_geodetic(body.local, placement),
                 local=body.local,
                 quat_xyzw=body.quat_xyzw,
@@ -149,6 +161,7 @@ def missions_of(
                 pitch_deg=pitch,
                 speed_mps=body.speed_mps,
                 hold_s=body.hold_s,
+                passing_m=body.passing_m,
                 photo=body.photo,
                 inspect=body.inspect,
                 photo_distance_m=options.photo_distance_m if by_distance else 0.0,
@@ -159,8 +172,42 @@ def missions_of(
     return made
 
 
-def _told(sorties: list[Sortie], options: MissionOptions, flying: Flying, transit_m: float) -> list[str]:
+def airspace_of(structure: Structure, path: Floats, options: MissionOptions) -> Airspace:
+    """The rules for every leg of a mission round a path (N, 3), m, structure frame.
+
+    The clearance is the one asked for, or that of the plan where it is less: whether such a plan may
+    leave is for the gate. The ceiling is the structure's, and the usual one unless the plan is higher.
+    """
+    scene = scene_of(structure)
+    planned = path_clearance(scene, path).certain_m
+    usual = USUAL_CEILING_M if options.max_height_m is None else options.max_height_m
+    ceiling = max(ground_z_m(structure) + usual, float(path[:, 2].max()))
+    around = structure.surroundings
+    if around.ceiling_z_m is not None:
+        ceiling = min(ceiling, around.ceiling_z_m)
+    around = replace(around, ceiling_z_m=ceiling)
+    return Airspace(scene, min(options.clearance_m, planned) - _EXACT_M, around)
+
+
+def _passing(path: Trajectory, airspace: Airspace, options: MissionOptions, flying: Flying) -> Floats:
+    """How far round each waypoint the vehicle may turn off its legs, (N,), m; 0: it stops there."""
+    stops = np.ones(len(path), bool)
+    if flying.passes:
+        legs = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
+        hovers = np.diff(path.t_s) - legs / np.clip(legs / np.diff(path.t_s), SLOWEST_MPS, None) > _HOVER_S
+        stops = np.zeros(len(path), bool)
+        stops[:-1] |= hovers | (legs < _SAME_PLACE_M)
+        stops[1:] |= hovers | (legs < _SAME_PLACE_M)
+    return passing_m(path.positions, stops, airspace, options.corner_m)
+
+
+def _told(
+    sorties: list[Sortie], options: MissionOptions, flying: Flying, transits: Transits, stops: int
+) -> list[str]:
     """What the person who flies must know of heights, return and sorties."""
+    ways = [way for sortie in sorties for way in (sortie.way_in, sortie.way_out) if len(way)]
+    highest = max((float(way[:, 2].max()) for way in ways), default=float(transits.home[2]))
+    over_ground = max(highest, float(transits.inspection[:, 2].max())) - ground_z_m(transits.structure)
     heights = {
         "relative": "heights are metres above the place of take-off: start there, or say where (home_m)",
         "amsl": "altitudes are metres above mean sea level",
@@ -168,8 +215,12 @@ def _told(sorties: list[Sortie], options: MissionOptions, flying: Flying, transi
     }
     told = [
         heights[options.altitude],
-        f"the way there and back is {transit_m:.1f} m above take-off: let an automatic return climb no less",
+        f"the ways there and back reach {highest - transits.home[2]:.1f} m above take-off; an automatic "
+        f"return passes over everything at {transits.return_z_m - transits.home[2]:.1f} m: let "
+        "it climb no less",
     ]
+    if over_ground > USUAL_CEILING_M:
+        told.append(f"the mission reaches {over_ground:.0f} m above ground: more than {USUAL_CEILING_M:g} m")
     times = ", ".join(f"{sortie.duration_s:.0f}" for sortie in sorties)
     if len(sorties) > 1:
         told.append(
@@ -180,7 +231,8 @@ def _told(sorties: list[Sortie], options: MissionOptions, flying: Flying, transi
     else:
         told.append(f"about {times} s in the air, of {options.endurance_s:g} s that a battery lasts")
     if flying.stop_s:
-        told.append(f"{flying.stop_s:g} s are counted for the stop at each waypoint")
+        where = f"each of the {stops} stops" if flying.passes else "the stop at each waypoint"
+        told.append(f"{flying.stop_s:g} s are counted for {where}")
     return [*told, flying.note] if flying.note else told
 
 
@@ -201,6 +253,7 @@ class _Body:
     quat_xyzw: Floats
     speed_mps: Floats
     hold_s: Floats
+    passing_m: Floats
     photo: Bools
     inspect: Bools
 
@@ -228,19 +281,7 @@ def _crowded(viewpoints: Floats) -> bool:
     return len(steps) > 0 and float(steps.mean()) < _CROWDED_M
 
 
-def _check_home(airspace: Airspace, home: Floats, clearance_m: float, name: str) -> None:
-    column = np.array([home, [home[0], home[1], airspace.transit_z_m]])
-    if not airspace.free(column, clearance_m):
-        why = airspace.forbidden(column) or f"it comes nearer than {clearance_m:g} m to the structure"
-        raise RefusedError(
-            name,
-            f"the climb from {home.round(1).tolist()} m to {airspace.transit_z_m:.1f} m is not free: {why}",
-            "",
-            "choose another home (home_m)",
-        )
-
-
-def _waypoints(cutter: Cutter, photo: Bools, sortie: Sortie) -> _Body:
+def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> _Body:
     """The way in, the inspection and the way back as one list; on the ways the camera keeps its direction."""
     path, inside = cutter.path, slice(sortie.first, sortie.last + 1)
     ways = ((sortie.first, sortie.way_in), (sortie.last, sortie.way_out))
@@ -249,13 +290,15 @@ def _waypoints(cutter: Cutter, photo: Bools, sortie: Sortie) -> _Body:
     holds = [before * 0, [0.0], cutter.holds_s[sortie.first : sortie.last], after * 0]
     speeds = [before, [cutter.options.transit_mps], cutter.speeds[sortie.first : sortie.last], after]
     inspect = np.concatenate([before * 0, np.ones(sortie.last - sortie.first + 1), after * 0]) > 0
-    photos = np.zeros(len(inspect), bool)
-    photos[inspect] = photo[inside]
+    photos, passed = np.zeros(len(inspect), bool), np.zeros(len(inspect))
+    photos[inspect], passed[inspect] = photo[inside], passing[inside]
+    passed[np.flatnonzero(inspect)[[0, -1]]] = 0.0
     return _Body(
         np.concatenate([sortie.way_in, path.positions[inside], sortie.way_out]),
         np.concatenate([turned[0], path.quat_xyzw[inside], turned[1]]),
         np.concatenate(speeds),
         np.concatenate(holds),
+        passed,
         photos,
         inspect,
     )

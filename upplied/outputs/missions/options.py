@@ -20,9 +20,13 @@ class MissionOptions:
     home_m: tuple[float, float, float] | None = (
         None  # take-off, structure frame; None: on the ground, outside the box
     )
-    clearance_m: float = 2.0  # that the legs to and from the inspection keep
+    clearance_m: float = 2.0  # that every leg keeps, from take-off to landing
+    max_height_m: float | None = (
+        None  # above ground, no leg higher; None: 120 m, and higher only where the plan is
+    )
     tolerance_m: float = 0.1  # waypoints are left out where the path strays less than this
     tolerance_deg: float = 3.0  # and the camera turns less than this
+    corner_m: float = 0.5  # how far a vehicle that passes a waypoint without a stop may stray from it
     photos: Literal["viewpoints", "distance", "none"] = "viewpoints"
     photo_distance_m: float = 2.0  # between photos by distance
     endurance_s: float | None = None  # of one battery; None: the mission is not split for it
@@ -33,9 +37,11 @@ class MissionOptions:
     gimbal: Literal["v2", "mount"] = "v2"  # MAVLink's gimbal protocol, or the older mount command
     drone: str = ""  # DJI's model, for instance "m30t"; see `dji_wpml.DRONES`
     payload: int | None = None  # DJI's payload number where the model has none of its own
+    least_seen_pct: float = 95.0  # of what the plan sees, that the mission must see as it is flown
+    force: tuple[str, ...] = ()  # rules of the gate that are overruled, by name
 
     def __post_init__(self) -> None:
-        positive = ("clearance_m", "photo_distance_m", "transit_mps")
+        positive = ("clearance_m", "corner_m", "photo_distance_m", "transit_mps")
         for name in positive:
             if not getattr(self, name) > 0:
                 raise SettingsError(f"mission option {name}", f"is {getattr(self, name)}", "above 0")
@@ -43,6 +49,10 @@ class MissionOptions:
             raise SettingsError("mission option reserve_pct", f"is {self.reserve_pct}", "0 to below 100")
         if min(self.tolerance_m, self.tolerance_deg) < 0:
             raise SettingsError("mission tolerances", "are negative", "0 or more")
+        if self.max_height_m is not None and not self.max_height_m > 0:
+            raise SettingsError("mission option max_height_m", f"is {self.max_height_m}", "above 0")
+        if not 0 <= self.least_seen_pct <= 100:
+            raise SettingsError("mission option least_seen_pct", f"is {self.least_seen_pct}", "0 to 100")
         if self.max_waypoints is not None and self.max_waypoints < 8:
             raise SettingsError("mission option max_waypoints", f"is {self.max_waypoints}", "8 or more")
         if self.endurance_s is not None and not self.endurance_s > 0:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from upplied.errors import RefusedError
-from upplied.outputs.missions.legs import Airspace, length
 from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.missions.ways import Transits, length
 from upplied.records import Floats, Trajectory
 
 _GROUND_S = 20.0  # for starting and landing
-_SLOWEST_MPS, _FASTEST_MPS = 0.2, 15.0
+SLOWEST_MPS, _FASTEST_MPS = 0.2, 15.0
 
 
 @dataclass(frozen=True)
@@ -31,19 +31,18 @@ class Cutter:
     """Cuts one inspection under given options."""
 
     path: Trajectory
-    airspace: Airspace
-    home: Floats
+    transits: Transits
     options: MissionOptions
     most: int  # waypoints of one sortie
-    stop_s: float = 0.0  # that each waypoint costs besides the way
+    stop_s: Floats  # (N,) that each waypoint costs besides the way
     ways: dict[int, Floats | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         legs, planned = np.linalg.norm(np.diff(self.path.positions, axis=0), axis=1), np.diff(self.path.t_s)
-        self.speeds = np.clip(legs / np.maximum(planned, 1e-6), _SLOWEST_MPS, _FASTEST_MPS)
+        self.speeds = np.clip(legs / np.maximum(planned, 1e-6), SLOWEST_MPS, _FASTEST_MPS)
         flown = legs / self.speeds
         self.holds_s = np.maximum(planned - flown, 0.0)  # turning on the spot, or hovering
-        self.elapsed_s = np.concatenate([[0.0], np.cumsum(flown + self.holds_s + self.stop_s)])
+        self.elapsed_s = np.concatenate([[0.0], np.cumsum(flown + self.holds_s + self.stop_s[1:])])
         given = self.options.endurance_s
         self.budget_s = np.inf if given is None else given * (1 - self.options.reserve_pct / 100)
 
@@ -77,18 +76,16 @@ class Cutter:
 
     def _way(self, at: int) -> Floats | None:
         if at not in self.ways:
-            self.ways[at] = self.airspace.way_out(
-                self.path.positions[at], self.home, self.options.clearance_m
-            )
+            self.ways[at] = self.transits.way_out(at)
         return self.ways[at]
 
     def _transit_s(self, way: Floats) -> float:
-        return length(np.concatenate([way, self.home[None]])) / self.options.transit_mps + _GROUND_S
+        return length(np.concatenate([way, self.transits.home[None]])) / self.options.transit_mps + _GROUND_S
 
     def _no_way(self, at: int) -> RefusedError:
         place = self.path.positions[at].round(1).tolist()
         return RefusedError(
-            self.airspace.structure.structure_id,
+            self.transits.structure.structure_id,
             f"no free way leads to the waypoint at {place} m, {self.path.t_s[at]:.0f} s into the plan",
             "the legs there and back keep the clearance, the ceiling, keep-out boxes and geofence",
             "choose another home, a smaller clearance, or a plan that starts in the open",

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from upplied.outputs.missions.flying import Turning, as_flown
-from upplied.outputs.missions.legs import min_distance
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import Airspace
 from upplied.poses import interpolate, matrices
 from upplied.records import Bools, Camera, Floats, Ints, SurfaceStates, Trajectory
 from upplied.scene import Scene
@@ -21,12 +22,11 @@ def thinned(
     path: Trajectory,
     fixed: Bools,
     tolerances: tuple[float, float],
-    scene: Scene,
+    airspace: Airspace,
     seen: tuple[SurfaceStates | None, Camera],
-    clearance_m: float,
     turning: Turning = "evenly",
-) -> tuple[Ints, str]:
-    """Which waypoints to keep, and what was checked, in words.
+) -> tuple[Ints, str, float]:
+    """Which waypoints to keep, what was checked, in words, and the share of the plan's view that stays.
 
     Parameters
     ----------
@@ -35,33 +35,35 @@ def thinned(
         Waypoints that stay: viewpoints.
     tolerances : (m, deg)
         How far the path may stray, and the camera turn, from what was planned. Halved until the
-        thinned path keeps the clearance of the plan or the wanted one, whichever is less, and
-        sees 99 % of what the plan sees.
-    scene : Scene
-        Of the structure.
+        thinned path breaks no rule and sees 99 % of what the plan sees.
+    airspace : Airspace
+        The rules that every leg keeps.
     seen : (SurfaceStates or None, Camera)
         What the plan sees, where that is known.
-    clearance_m : float
-        Wanted of the mission.
     turning : Turning
         How the vehicle turns the camera between the waypoints that are left.
     """
-    planned = min_distance(scene, path.positions) if len(path) > 1 else np.inf
-    needed = min(clearance_m, planned)
+    scene = airspace.scene
+    planned = path_clearance(scene, path.positions).distance_m
     metres, degrees = tolerances
     for _ in range(6):
         kept = np.flatnonzero(_kept(path, fixed, metres, degrees))
         coarse = Trajectory(path.t_s[kept], path.positions[kept], path.quat_xyzw[kept])
-        clear = min_distance(scene, coarse.positions) if len(kept) > 1 else planned
         share = still_seen(path, coarse, scene, *seen, turning)
-        if clear >= needed - 0.02 and (np.isnan(share) or share >= _LEAST_SEEN):
+        if not airspace.broken(coarse.positions).any() and (np.isnan(share) or share >= _LEAST_SEEN):
+            clear = path_clearance(scene, coarse.positions).distance_m
             view = "" if np.isnan(share) else f", {100 * share:.1f} % of what the plan sees stays in view"
-            return kept, (
-                f"{len(kept)} of {len(path)} waypoints kept within {metres:g} m and {degrees:g} deg: "
-                f"clearance {clear:.2f} m (planned {planned:.2f} m){view}"
+            return (
+                kept,
+                (
+                    f"{len(kept)} of {len(path)} waypoints kept within {metres:g} m and {degrees:g} deg: "
+                    f"clearance {clear:.2f} m (planned {planned:.2f} m){view}"
+                ),
+                share,
             )
         metres, degrees = metres / 2, degrees / 2
-    return np.arange(len(path)), f"all {len(path)} waypoints kept: fewer would lose clearance or view"
+    share = still_seen(path, path, scene, *seen, turning)
+    return np.arange(len(path)), f"all {len(path)} waypoints kept: fewer would lose clearance or view", share
 
 
 def still_seen(

@@ -1,0 +1,203 @@
+"""The gate: nothing leaves that breaks a rule, unless a person overrules that rule by its name.
+
+What is judged is the path that is read again from the bytes that leave, with every leg from take-off to
+landing. A rule that is overruled stays in the notes of the mission, and so in its file where the format
+has room for words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.errors import RefusedError, SettingsError
+from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.missions.reading import Reading
+from upplied.outputs.missions.ways import ground_z_m
+from upplied.planning.airspace.clearance import legs_below, path_clearance
+from upplied.planning.airspace.rules import Airspace, crosses_box
+from upplied.records import Floats, Plan, Structure, Surroundings, Trajectory
+from upplied.scene import scene_of
+
+_EXACT_M = 0.02  # within which a clearance is known, and a file states a place
+_ROUNDING = 1.02  # of speeds: files round them
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Something that every mission keeps."""
+
+    name: str
+    why: str
+    remedy: str
+
+
+RULES = {
+    rule.name: rule
+    for rule in (
+        Rule("preset", "only `recommended` is made to be flown; others are for comparison", "plan with it"),
+        Rule("superseded", "a newer plan of this pair and preset exists", "export the newer one"),
+        Rule("finite", "every waypoint is a finite place at a rising time", "plan again"),
+        Rule("clearance", "every leg keeps its distance from the structure", "plan with more --clearance"),
+        Rule("keep-out", "no leg enters a keep-out box", "plan again with these surroundings"),
+        Rule("geofence", "no leg leaves the fence", "plan again with these surroundings"),
+        Rule("ceiling", "no leg rises above the ceiling", "plan again with these surroundings"),
+        Rule("ground", "no leg but take-off and landing goes below the ground", "plan again"),
+        Rule("height", "no leg is higher above ground than allowed", "raise --max-height-m where you may"),
+        Rule("speed", "no leg is faster than the vehicle flies", "plan with the limits of the vehicle"),
+        Rule("acceleration", "no turn asks for more than the vehicle can do", "plan with its limits"),
+        Rule("coverage", "as it is flown, the mission sees what the plan sees", "export with less tolerance"),
+    )
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a mission is judged by; from the plan's settings, the structure and the options."""
+
+    clearance_m: float = 2.0
+    max_speed_mps: float = 15.0  # multirotors that inspect
+    max_acceleration_mps2: float = 4.0  # 22 degrees of tilt, twice what `recommended` plans with
+    max_height_m: float | None = None
+    least_seen_pct: float = 95.0
+
+
+@dataclass(frozen=True)
+class Breach:
+    """A rule that is broken: what was found, what is allowed, and where."""
+
+    rule: str
+    found: str
+    allowed: str = ""
+    place_m: tuple[float, ...] = ()
+
+    def __str__(self) -> str:
+        where = f" at {[round(float(value), 1) for value in self.place_m]} m" if self.place_m else ""
+        return ", ".join(filter(None, [f"{self.rule}: {self.found}{where}", self.allowed]))
+
+
+def limits_of(options: MissionOptions) -> Limits:
+    """The limits that the person who exports asks for."""
+    return Limits(
+        clearance_m=options.clearance_m,
+        max_height_m=options.max_height_m,
+        least_seen_pct=options.least_seen_pct,
+    )
+
+
+def breaches(reading: Reading, structure: Structure, limits: Limits) -> list[Breach]:
+    """Every rule that a path breaks at the structure it is flown at.
+
+    Parameters
+    ----------
+    reading : Reading
+        The whole path, m, structure frame.
+    structure : Structure
+        With its surroundings.
+    limits : Limits
+    """
+    if not np.isfinite(reading.positions).all() or (
+        len(reading.t_s) and not (np.diff(reading.t_s) > 0).all()
+    ):
+        return [Breach("finite", "a waypoint is not finite, or time does not rise")]
+    return [*_around(reading, structure, limits), *_moving(reading, limits)]
+
+
+def plan_breaches(plan: Plan | Trajectory) -> list[Breach]:
+    """Rules that a plan breaks by what it is."""
+    if isinstance(plan, Trajectory) or plan.preset == "recommended":
+        return []
+    return [Breach("preset", f"the plan is of preset {plan.preset}")]
+
+
+def coverage_breaches(share: float, limits: Limits) -> list[Breach]:
+    """Whether what is flown sees enough of what the plan sees; `share` is NaN where that is not known."""
+    if not 100 * share < limits.least_seen_pct:
+        return []
+    allowed = f"{limits.least_seen_pct:g} % are asked for (least_seen_pct)"
+    return [Breach("coverage", f"{100 * share:.1f} % of what the plan sees stays in view", allowed)]
+
+
+def pass_or_refuse(what: str, found: Iterable[Breach], force: tuple[str, ...]) -> tuple[str, ...]:
+    """The breaches that were overruled, in words; refuses where others are left.
+
+    Raises
+    ------
+    RefusedError
+        Naming the first rule that is broken, the place and the remedy, and the others by name.
+    SettingsError
+        If a rule to be overruled is not known.
+    """
+    unknown = sorted(set(force) - set(RULES))
+    if unknown:
+        raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RULES)}")
+    found = list(found)
+    left = [breach for breach in found if breach.rule not in force]
+    if left:
+        others = sorted({breach.rule for breach in left[1:]} - {left[0].rule})
+        more = f"; also broken: {', '.join(others)}" if others else ""
+        remedy = f"{RULES[left[0].rule].remedy}, or overrule it: --force {left[0].rule}"
+        raise RefusedError(what, f"{left[0]}{more}", RULES[left[0].rule].why, remedy)
+    return tuple(f"OVERRULED {breach}" for breach in found)
+
+
+def _around(reading: Reading, structure: Structure, limits: Limits) -> Iterator[Breach]:
+    path, around = reading.positions, structure.surroundings
+    scene = scene_of(structure)
+    wanted = limits.clearance_m - _EXACT_M
+    nearest = path_clearance(scene, path)
+    if nearest.distance_m < wanted:
+        asked = f"{limits.clearance_m:g} m are asked for"
+        yield Breach("clearance", f"{nearest.distance_m:.2f} m", asked, tuple(nearest.position))
+    elif legs_below(scene, reading.fan_start, reading.fan_end, wanted - _EXACT_M).any():
+        yield Breach("clearance", "too near in a turn that is flown without a stop")
+    start = np.concatenate([path[:-1], reading.fan_start])
+    end = np.concatenate([path[1:], reading.fan_end])
+    for low, high in around.keep_out_m:
+        inside = crosses_box(start, end, low + _EXACT_M, high - _EXACT_M)
+        if inside.any():
+            box = f"the box from {low.tolist()} to {high.tolist()} m"
+            yield Breach("keep-out", "it enters", box, tuple(start[inside.argmax()]))
+    fence = Airspace(scene, 0.0, Surroundings(geofence_m=around.geofence_m))
+    outside = fence.broken_legs(start, end)
+    if outside.any():
+        yield Breach("geofence", "it leaves the fence", "", tuple(start[outside.argmax()]))
+    highest = path[path[:, 2].argmax()]
+    if around.ceiling_z_m is not None and highest[2] > around.ceiling_z_m + _EXACT_M:
+        yield Breach("ceiling", f"z {highest[2]:.2f} m", f"{around.ceiling_z_m:g} m at most", tuple(highest))
+    # Take-off and landing stand where the person says; what is flown in between stays above the ground.
+    flown = path if len(reading.t_s) else path[1:-1]
+    lowest = flown[flown[:, 2].argmin()]
+    if around.ground_z_m is not None and lowest[2] < around.ground_z_m - _EXACT_M:
+        ground = f"the ground is at {around.ground_z_m:g} m"
+        yield Breach("ground", f"z {lowest[2]:.2f} m", ground, tuple(lowest))
+    if limits.max_height_m is not None:
+        over = highest[2] - ground_z_m(structure)
+        if over > limits.max_height_m + _EXACT_M:
+            asked = f"{limits.max_height_m:g} m are allowed (max_height_m)"
+            yield Breach("height", f"{over:.1f} m above ground", asked, tuple(highest))
+
+
+def _moving(reading: Reading, limits: Limits) -> Iterator[Breach]:
+    speed = np.nan_to_num(reading.speed_mps, nan=0.0)
+    fastest = int(speed.argmax())
+    if speed[fastest] > limits.max_speed_mps * _ROUNDING:
+        allowed = f"{limits.max_speed_mps:g} m/s at most"
+        yield Breach("speed", f"{speed[fastest]:.1f} m/s", allowed, tuple(reading.positions[fastest]))
+    if len(reading.t_s) > 2:
+        asked = _accelerations(reading.positions, reading.t_s)
+        most = int(asked.argmax())
+        if asked[most] > limits.max_acceleration_mps2 * _ROUNDING:
+            allowed = f"{limits.max_acceleration_mps2:g} m/s2 at most"
+            yield Breach(
+                "acceleration", f"{asked[most]:.1f} m/s2", allowed, tuple(reading.positions[most + 1])
+            )
+
+
+def _accelerations(positions: Floats, t_s: Floats) -> Floats:
+    """Change of velocity from leg to leg over the time between their middles, (N - 2,), m/s^2."""
+    step = np.diff(t_s)
+    velocity = np.diff(positions, axis=0) / step[:, None]
+    return np.linalg.norm(np.diff(velocity, axis=0), axis=1) / ((step[1:] + step[:-1]) / 2)

@@ -1,0 +1,161 @@
+"""The legs of a mission outside of its inspection: short, low, and by the same rules as the plan.
+
+From home the vehicle climbs straight up, flies to the inspection the shortest way that breaks no rule,
+and comes back alike. Where the straight leg is not free, the way leads round the structure along the
+roadmap that plans are made safe with (`planning.airspace.roadmap`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from upplied.config import CloudSettings
+from upplied.errors import RefusedError
+from upplied.planning.airspace.roadmap import Roadmap, roadmap, way
+from upplied.planning.airspace.rules import Airspace
+from upplied.planning.surface.samples import surface_samples
+from upplied.records import Floats, Structure
+
+#: Above ground: the limit of the open category (Regulation (EU) 2019/947, UAS.OPEN.010).
+USUAL_CEILING_M = 120.0
+_CLIMB_M = 3.0  # straight up before the first leg, at least
+_SAMPLES = CloudSettings(surface_samples=3000)  # of the structure, for the roadmap
+_PATH_STEP_M = 2.0  # between the places of the inspection that are in the roadmap too
+
+
+@dataclass(frozen=True, eq=False)
+class Transits:
+    """Where the legs to and from one inspection may lead, and where they start.
+
+    Attributes
+    ----------
+    structure : Structure
+    airspace : Airspace
+        The rules that every leg of the mission keeps.
+    inspection : array, shape (N, 3), m, structure frame
+    home : array, shape (3,), m, structure frame
+    """
+
+    structure: Structure
+    airspace: Airspace
+    inspection: Floats
+    home: Floats
+
+    @property
+    def low_z_m(self) -> float:
+        """Where the climb from home may end at the earliest, m."""
+        floor = self.airspace.floor_m
+        return max(float(self.home[2]) + _CLIMB_M, floor if np.isfinite(floor) else -np.inf)
+
+    @property
+    def return_z_m(self) -> float:
+        """Height, m, at which an automatic return passes over everything that is known."""
+        boxes = [float(high[2]) for _, high in self.airspace.surroundings.keep_out_m]
+        tops = [self.structure.vertices[:, 2].max(), self.inspection[:, 2].max(), *boxes]
+        return float(max(tops)) + self.airspace.clearance_m + 1.0
+
+    def check_home(self) -> None:
+        """Refuse a home from which the vehicle cannot climb.
+
+        Raises
+        ------
+        RefusedError
+        """
+        above = self._above(self.low_z_m)
+        if not self._climb_is_free(above):
+            why = self._climbing.why(self.home) or self._climbing.why(above) or "something stands in the way"
+            raise RefusedError(
+                self.structure.structure_id,
+                f"the climb from {self.home.round(1).tolist()} m to {self.low_z_m:.1f} m is not free: {why}",
+                "",
+                "choose another home (home_m)",
+            )
+
+    def way_out(self, at: int) -> Floats | None:
+        """The shortest free way (K, 3), m, from a place of the inspection to straight above home; or None.
+
+        It ends at one of three heights above home: low, at the height of the place, or half-way.
+        """
+        place = self.inspection[at]
+        high_m = max(self.low_z_m, float(place[2]))
+        found = []
+        for height_m in sorted({self.low_z_m, (self.low_z_m + high_m) / 2, high_m}):
+            above = self._above(height_m)
+            if not self._climb_is_free(above):
+                continue
+            leg = np.stack([place, above])
+            line = leg if not self.airspace.broken(leg)[0] else way(self._roads, place, above)
+            if line is not None:
+                found.append(line)
+        shortest = min(found, key=lambda line: length(np.vstack([line, self.home])), default=None)
+        return None if shortest is None else _distinct(shortest)
+
+    @cached_property
+    def _roads(self) -> Roadmap:
+        surface = surface_samples(self.structure, self.airspace.scene, _SAMPLES)
+        return roadmap(self.airspace, surface, _spaced(self.inspection, _PATH_STEP_M))
+
+    @cached_property
+    def _climbing(self) -> Airspace:
+        """The rules on the way up: the ground under home is no obstacle."""
+        return replace(self.airspace, ground_clearance_m=-np.inf)
+
+    def _climb_is_free(self, above: Floats) -> bool:
+        return not bool(self._climbing.broken(np.stack([self.home, above]))[0])
+
+    def _above(self, height_m: float) -> Floats:
+        return np.array([self.home[0], self.home[1], height_m])
+
+
+def default_home(structure: Structure, first: Floats, clearance_m: float) -> tuple[Floats, str]:
+    """A take-off on the ground near the first waypoint, outside the structure's box; and why there."""
+    low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
+    outward = first - (low + high) / 2
+    outward[2] = 0.0
+    reach = np.linalg.norm(outward)
+    outward = outward / reach if reach > 1e-6 else np.array([1.0, 0.0, 0.0])
+    place = first + _until_outside(first, outward, low, high, clearance_m + 3.0) * outward
+    ground = structure.surroundings.ground_z_m
+    place[2] = low[2] if ground is None else ground
+    source = "the lowest point of the structure" if ground is None else "the declared ground"
+    return (
+        place,
+        f"take-off assumed at {place.round(1).tolist()} m in the structure frame, at the height of {source}",
+    )
+
+
+def ground_z_m(structure: Structure) -> float:
+    """Height of the ground, m: as declared, else where the structure ends."""
+    ground = structure.surroundings.ground_z_m
+    return float(structure.vertices[:, 2].min()) if ground is None else float(ground)
+
+
+def length(points: Floats) -> float:
+    """Length of a polyline (N, 3), m."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def _until_outside(point: Floats, direction: Floats, low: Floats, high: Floats, margin: float) -> float:
+    """How far to go from a point along a level direction to leave a box grown by a margin, m."""
+    inside = (point[:2] > low[:2] - margin) & (point[:2] < high[:2] + margin)
+    if not inside.all():
+        return 0.0
+    with np.errstate(divide="ignore"):
+        reach = np.where(direction[:2] > 0, high[:2] + margin - point[:2], low[:2] - margin - point[:2])
+        steps = np.where(np.abs(direction[:2]) > 1e-9, reach / direction[:2], np.inf)
+    return float(steps.min())
+
+
+def _distinct(points: Floats) -> Floats:
+    """The polyline without points that repeat the one before: controllers refuse them."""
+    moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.01
+    return points[np.concatenate([[True], moved])]
+
+
+def _spaced(points: Floats, step_m: float) -> Floats:
+    """Some points of a polyline (N, 3), at least a step apart along it."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return points[np.unique(along // step_m, return_index=True)[1]]
