@@ -146,7 +146,7 @@ def test_a_folder_that_is_not_right_adds_nothing(folder, tmp_path, harm, words):
     with pytest.raises((CatalogError, InputError)) as told:
         import_dataset(other, folder)
     assert words in str(told.value)
-    assert sum(rows(other).values()) == 0
+    assert not (tmp_path / "to").exists() or sum(rows(other).values()) == 0
 
 
 @pytest.mark.parametrize("name", ["../outside.txt", "/etc/hostname", "meshes/../../outside.txt"])

@@ -36,6 +36,7 @@ def test_it_is_a_public_name():
 
 
 def test_an_empty_catalog_answers_with_declared_columns(catalog):
+    catalog.create()
     assert list(catalog.transfers().columns) == TABLES["transfers"].names
     assert catalog.structures().empty
     assert catalog.demonstrations().empty

@@ -42,7 +42,7 @@ class Stage:
         self.context = multiprocessing.get_context("forkserver")
         # Imported once and forked, so that a process that is killed is soon replaced.
         self.context.set_forkserver_preload(
-            [f"upplied.catalog.{name}" for name in ("database", "published", "maintenance")]
+            [f"upplied.catalog.{name}" for name in ("database", "verbs.published", "verbs.maintenance")]
         )
         self.seeds = iter(range(1_000_000))
         self.running: dict[tuple[str, int], multiprocessing.Process] = {}

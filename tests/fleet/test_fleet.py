@@ -176,7 +176,7 @@ def test_two_logs_of_one_name_do_not_hide_each_other(tmp_path):
     cube = member("cube-v1").structure
     for name, seed in (("first", 0), ("second", 1)):
         write_log(tmp_path / f"{name}.mcap", fly(cube, "sides", seed), cube)
-    catalog = open_catalog(tmp_path / "catalog")
+    catalog = open_catalog(tmp_path / "catalog").create()
     first, second = fleet.ingest_demonstrations(catalog, [tmp_path], 1)
     assert (first.status, second.status) == ("added", "failed")
     assert "first.mcap" in second.reason

@@ -252,7 +252,7 @@ def test_flight_over_the_structure_itself_comes_first(location):
 def test_unknown_ids_and_empty_catalogs_are_told(tmp_path, location, capsys):
     with pytest.raises(InputError, match="known: a320-v1"):
         recommend(open_catalog(location), "nothing")
-    empty = open_catalog(tmp_path / "empty")
+    empty = open_catalog(tmp_path / "empty").create()
     with pytest.raises(InputError, match="known: none"):
         recommend(empty, "a320-v1")
     empty.add_structures([random_member("box", 1).structure])

@@ -21,6 +21,7 @@ from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.current import Current
 from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.identity import Identity
 from upplied.catalog.store.meshes import MeshStore
 from upplied.catalog.verbs import adding, queries
 from upplied.catalog.verbs.adding import Planned
@@ -33,11 +34,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: What of a plan's row says which waypoints are its own.
-_OWNER = ("transfer_id", "commit_id", "n_waypoints", "status", "reason", "planned_at")
+_OWNER = ("transfer_id", "commit_id", "n_waypoints", "waypoints_sha256", "status", "reason", "planned_at")
 
 
 def open_catalog(location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> Catalog:
-    """Open a catalog; its tables are made when the first row is added.
+    """Open a catalog; a new one is made when the first row is added, and asking before is an error.
 
     Parameters
     ----------
@@ -66,7 +67,10 @@ class Catalog:
 
     def __init__(self, location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> None:
         self.location = _checked(os.fspath(location))
-        self.tables = {name: StoredTable(self.location, table) for name, table in TABLES.items()}
+        self.identity = Identity(self.location, list(TABLES))
+        self.tables = {
+            name: StoredTable(self.location, table, self.identity) for name, table in TABLES.items()
+        }
         self.meshes = MeshStore(self.location)
         self._current = {name: Current(self.tables[name]) for name in ("structures", "demonstrations")}
         self.cache = Cache(cache if cache is not None else _cache_folder(self.location))
@@ -217,6 +221,11 @@ class Catalog:
 
     # --- adding --------------------------------------------------------------------------------
 
+    def create(self) -> Catalog:
+        """Make the catalog where there is none yet; adding does so as well."""
+        self.identity.made()
+        return self
+
     def add_structures(self, structures: Sequence[Structure]) -> int:
         """Add structures in one commit; returns how many were new or changed.
 
@@ -261,10 +270,10 @@ class Catalog:
     # --- below ---------------------------------------------------------------------------------
 
     def _waypoints(self, row: Row) -> pa.Table:
-        return queries.steps(self.tables["waypoints"], "transfer_id", row, row["n_waypoints"])
+        return queries.steps(self.tables["waypoints"], row)
 
     def _poses(self, row: Row) -> pa.Table:
-        return queries.steps(self.tables["poses"], "demonstration_id", row, row["n_poses"])
+        return queries.steps(self.tables["poses"], row)
 
 
 def _checked(location: str) -> str:

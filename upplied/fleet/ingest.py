@@ -78,9 +78,9 @@ def ingest_structures(
     InputError
         If the manifest itself cannot be read.
     """
-    table = catalog.structures()
-    known = _hashes(table, "structure_id")
     entries = read_manifest(manifest)
+    table = catalog.create().structures()
+    known = _hashes(table, "structure_id")
     stored = _Stored(known, dict(zip(table["structure_id"], table[_SIZES].to_numpy(), strict=True)))
     read = partial(learnt_structure, *_place(catalog))
     reads = _each(read, entries, lambda entry: entry.structure_id, workers, stored.same)

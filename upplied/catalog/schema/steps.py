@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from upplied.catalog.schema.columns import Table
+from upplied.catalog.schema.tables import TABLES
 from upplied.records import Bools, Floats, Ints
 
 _POSITION = ("x_m", "y_m", "z_m")
@@ -54,3 +56,32 @@ def poses_sha256(t: Floats | Ints, positions: Floats, quat_xyzw: Floats, flags: 
         values = np.ascontiguousarray(part)
         hashed.update(values.astype(values.dtype.newbyteorder("<"), copy=False).tobytes())
     return hashed.hexdigest()
+
+
+def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) -> Iterator[tuple[str, str]]:
+    """Owners whose steps are not those that their rows say, each with what is wrong, in words.
+
+    Parameters
+    ----------
+    name : {"poses", "waypoints"}
+    steps : Table
+        Of one or more owners, ordered by owner and sequence; of each all that are stored.
+    sha256 : mapping
+        The hash that the row of each owner (id and commit) keeps.
+    """
+    key = TABLES[name].names[0]
+    times = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy()
+    flags = np.asarray(steps["is_viewpoint"]) if name == "waypoints" else None
+    numbers, (positions, quats) = steps["seq"].to_numpy(), pose_arrays(steps)
+    names = list(zip(steps[key].to_pylist(), steps["commit_id"].to_pylist(), strict=True))
+    starts = [at for at, owner in enumerate(names) if at == 0 or owner != names[at - 1]]
+    for start, stop in zip(starts, [*starts[1:], len(names)], strict=True):
+        own = slice(start, stop)
+        if not np.array_equal(numbers[own], np.arange(stop - start)):
+            yield names[start][0], "the steps are not numbered 0, 1, 2 ..."
+        elif np.any(np.diff(times[own]) <= 0):
+            yield names[start][0], "time does not increase"
+        else:
+            flagged = None if flags is None else flags[own]
+            if poses_sha256(times[own], positions[own], quats[own], flagged) != sha256[names[start]]:
+                yield names[start][0], "the steps do not answer to the hash in their row"

@@ -32,6 +32,7 @@ from deltalake.transaction import AddAction
 from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.tables import SCHEMA_VERSION
 from upplied.catalog.store.files import FileStore, sync_path
+from upplied.catalog.store.identity import Heads, Identity
 from upplied.errors import CatalogError
 
 log = logging.getLogger(__name__)
@@ -57,11 +58,15 @@ class StoredTable:
     root : str
         Folder or object-store URI of the catalog.
     declared : Table
+    identity : Identity, optional
+        Of the catalog: where a table is missing, it says whether there is a catalog at all.
     """
 
-    def __init__(self, root: str, declared: Table) -> None:
+    def __init__(self, root: str, declared: Table, identity: Identity | None = None) -> None:
         self.declared = declared
         self.uri = f"{root.rstrip('/')}/{declared.name}"
+        self._identity = identity or Identity(root, [declared.name])
+        self._heads = Heads(root, declared.name)
         self._files = FileStore(self.uri)
         self._lock = threading.Lock()
         self._delta: DeltaTable | None = None
@@ -135,7 +140,12 @@ class StoredTable:
         def once() -> T | None:
             with self._lock:
                 delta = self._refreshed()
-                return None if delta is None else act(delta)
+                if delta is None:
+                    return None
+                done = act(delta)
+                delta.update_incremental()
+                self._heads.note(delta.version())
+                return done
 
         return self._insist(once)
 
@@ -155,6 +165,7 @@ class StoredTable:
 
     def _ready(self) -> None:
         """Make the table where there is none, and add the columns that an older program lacked."""
+        self._identity.made()
         with self._lock:
             delta = self._refreshed() or self._created()
             known = {field.name for field in delta.schema().fields}
@@ -181,6 +192,7 @@ class StoredTable:
                 entry = Path(self.uri) / "_delta_log" / f"{delta.version():020}.json"
                 sync_path(entry)
                 sync_path(entry.parent)
+            self._heads.note(delta.version())
 
     def delta(self) -> DeltaTable | None:
         """The table itself, as of its newest commit, for maintenance; None where there is none."""
@@ -189,10 +201,22 @@ class StoredTable:
 
     def _refreshed(self) -> DeltaTable | None:
         if self._delta is None:
-            self._delta = told(self.uri, lambda: _opened(self.uri))
+            seen = self._heads.seen()  # before the log is read: it never runs ahead of it
+            delta = told(self.uri, lambda: _opened(self.uri))
+            self._check(-1 if delta is None else delta.version(), seen)
+            self._delta = delta
         else:
             told(self.uri, self._delta.update_incremental)
         return self._delta
+
+    def _check(self, version: int, seen: int) -> None:
+        """Whether the log reaches as far as it once did; a table that is not there was never made."""
+        if version < seen:
+            lost = f"its versions {version + 1} to {seen} are missing" if version >= 0 else "is missing"
+            remedy = f"take {self.uri} from a backup: what was in it would be lost, and planned again"
+            raise CatalogError(self.uri, lost, "nothing that was committed goes away", remedy)
+        if version < 0:
+            self._identity.required()
 
     def _created(self) -> DeltaTable:
         if self._files.local:

@@ -34,10 +34,27 @@ class FileStore:
             return Path(self.path(name)).exists()
         return bool(self.filesystem().get_file_info(name).type == pafs.FileType.File)
 
-    def write(self, name: str, content: bytes) -> None:
-        """Write a file that appears whole; on a disk it is there to stay when this returns."""
+    def has_folder(self, name: str) -> bool:
+        """Whether there is a folder of that name with anything in it."""
         if self.local:
-            replace_file(Path(self.path(name)), content)
+            path = Path(self.path(name))
+            return path.is_dir() and any(path.iterdir())
+        return bool(self.filesystem().get_file_info(name).type == pafs.FileType.Directory)
+
+    def names(self) -> list[str]:
+        """The names of the files at the root, sorted; none where there is no such folder."""
+        if self.local:
+            try:
+                return sorted(entry.name for entry in os.scandir(self.root))
+            except FileNotFoundError:
+                return []
+        found = self.filesystem().get_file_info(pafs.FileSelector("", allow_not_found=True))
+        return sorted(item.base_name for item in found)
+
+    def write(self, name: str, content: bytes, lasting: bool = True) -> None:
+        """Write a file that appears whole; on a disk it is there to stay when this returns, if `lasting`."""
+        if self.local:
+            replace_file(Path(self.path(name)), content, lasting)
             return
         with self.filesystem().open_output_stream(name) as stream:
             stream.write(content)
@@ -48,6 +65,33 @@ class FileStore:
             return Path(self.path(name)).read_bytes()
         with self.filesystem().open_input_file(name) as stream:
             return bytes(stream.read())
+
+    def create(self, name: str, content: bytes) -> None:
+        """Write a file unless it is there; of several who do so at once, on a disk one alone succeeds."""
+        if not self.local:
+            if not self.has(name):
+                self.write(name, content)
+            return
+        path = Path(self.path(name))
+        draft = path.with_name(f".{name}.{uuid.uuid4().hex[:8]}.draft")
+        replace_file(draft, content)
+        try:
+            os.link(draft, path)
+        except FileExistsError:
+            pass
+        except OSError:  # a disk without links
+            if not path.exists():
+                os.replace(draft, path)
+        finally:
+            draft.unlink(missing_ok=True)
+        sync_path(path.parent)
+
+    def remove(self, name: str) -> None:
+        """Remove a file; nothing where it is not there."""
+        if self.local:
+            Path(self.path(name)).unlink(missing_ok=True)
+        elif self.has(name):
+            self.filesystem().delete_file(name)
 
     def filesystem(self) -> pafs.FileSystem:
         """The root as pyarrow's own file system, in which names are paths."""

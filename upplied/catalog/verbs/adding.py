@@ -27,7 +27,7 @@ Planned = tuple[str, Plan, Mapping[str, Any]]  # key, plan, provenance
 
 def add_structures(catalog: Catalog, structures: Sequence[Structure]) -> int:
     """See `Catalog.add_structures`."""
-    current = _current(catalog, "structures")
+    current = _current(catalog.create(), "structures")
     new: dict[str, Row] = {}
     for structure in structures:
         check_id(structure.structure_id, "structure id")
@@ -40,7 +40,7 @@ def add_structures(catalog: Catalog, structures: Sequence[Structure]) -> int:
 
 def add_demonstrations(catalog: Catalog, demonstrations: Sequence[Demonstration]) -> int:
     """See `Catalog.add_demonstrations`."""
-    current = _current(catalog, "demonstrations")
+    current = _current(catalog.create(), "demonstrations")
     new: dict[str, tuple[Row, Demonstration]] = {}
     for item in demonstrations:
         check_id(item.demonstration_id, "demonstration id")
@@ -58,7 +58,7 @@ def add_plans(catalog: Catalog, plans: Sequence[Planned]) -> int:
     """See `Catalog.add_plans`."""
     for key, _, _ in plans:
         check_id(key, "key of a plan")
-    table = catalog.tables["transfers"]
+    table = catalog.create().tables["transfers"]
     stored = queries.rows_of_keys(table, [key for key, _, _ in plans])
     new = {
         key: (plan, provenance)

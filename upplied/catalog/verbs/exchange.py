@@ -19,13 +19,14 @@ import pyarrow.parquet as pq
 
 from upplied.catalog.schema import codec, plan_rows, rows
 from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.files import replace_file
 from upplied.catalog.store.meshes import file_name
 from upplied.catalog.verbs import adding
 from upplied.catalog.verbs.dataset_files import check_files, describe
-from upplied.catalog.verbs.published import owned_steps, write_tables
-from upplied.catalog.verbs.verification import answers, broken_values
+from upplied.catalog.verbs.published import checked_steps, write_tables
+from upplied.catalog.verbs.verification import broken_values
 from upplied.checks import check_id
 from upplied.errors import CatalogError, InputError
 from upplied.records import Structure
@@ -82,9 +83,9 @@ def export_dataset(
         {
             "structures": iter([_table("structures", structures)]),
             "demonstrations": iter([_table("demonstrations", demonstrations)]),
-            "poses": owned_steps(catalog, "poses", demonstrations),
+            "poses": checked_steps(catalog, "poses", demonstrations),
             "transfers": iter([_table("transfers", plans)]),
-            "waypoints": owned_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0]),
+            "waypoints": checked_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0]),
         },
         generation=name,
     )
@@ -139,7 +140,7 @@ def import_dataset(catalog: Catalog, folder: str | os.PathLike[str], replace: bo
             raise CatalogError(f"{place}: plan {row['transfer_id']}", "does not answer to its key")
         if row["n_waypoints"]:
             _steps(place, steps["waypoints"], "waypoints", row)
-    new_structures = _unknown(catalog, "structures", structures, replace)
+    new_structures = _unknown(catalog.create(), "structures", structures, replace)
     new_demonstrations = _unknown(catalog, "demonstrations", demonstrations, replace)
     return {
         "structures": catalog.add_structures(new_structures),
@@ -199,7 +200,8 @@ def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: 
     """The steps of a row, checked against it."""
     key = TABLES[name].names[0]
     steps = found.get((row[key], row["commit_id"]))
-    if steps is None or not answers(name, row, steps):
+    hashes = {(row[key], row["commit_id"]): row[f"{name}_sha256"]}
+    if steps is None or len(steps) != row[f"n_{name}"] or any(unlike(name, steps, hashes)):
         raise CatalogError(f"{place}: {name} of {row[key]}", "do not answer to their row")
     return steps
 

@@ -20,6 +20,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from upplied.catalog.schema.columns import Table
+from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES
 from upplied.errors import CatalogError
 
@@ -58,8 +59,8 @@ def export_tables(catalog: Catalog, folder: str | os.PathLike[str]) -> dict[str,
     }
     generation = max([str(frame["commit_id"].max()) for frame in frames.values() if len(frame)], default="")
     parts: dict[str, Iterator[pa.Table]] = {
-        "waypoints": owned_steps(catalog, "waypoints", transfers[transfers["n_waypoints"] > 0]),
-        "poses": owned_steps(catalog, "poses", demonstrations),
+        "waypoints": checked_steps(catalog, "waypoints", transfers[transfers["n_waypoints"] > 0]),
+        "poses": checked_steps(catalog, "poses", demonstrations),
     }
     for name, frame in frames.items():
         parts[name] = iter([pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)])
@@ -104,6 +105,19 @@ def _write(path: Path, declared: Table, tables: Iterator[pa.Table], generation: 
         file.flush()
         os.fsync(file.fileno())
     return count
+
+
+def checked_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
+    """The same, each trajectory compared with the hash in its row; one that differs is an error."""
+    key = TABLES[name].names[0]
+    hashes = dict(
+        zip(zip(owners[key], owners["commit_id"], strict=True), owners[f"{name}_sha256"], strict=True)
+    )
+    for steps in owned_steps(catalog, name, owners):
+        for row_id, wrong in unlike(name, steps, hashes):
+            remedy = "take the damaged files from a backup; nothing was written"
+            raise CatalogError(f"{name} of {row_id}", wrong, "", remedy)
+        yield steps
 
 
 def owned_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:

@@ -18,6 +18,7 @@ import pyarrow.dataset as ds
 
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
 from upplied.errors import CatalogError, SettingsError
@@ -79,24 +80,27 @@ def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
     return found[list(wanted)].reset_index(drop=True)
 
 
-def steps(table: StoredTable, name: str, row: Row, count: int) -> pa.Table:
+def steps(table: StoredTable, row: Row) -> pa.Table:
     """The waypoints or poses that one row owns, in order.
 
     Raises
     ------
     CatalogError
-        If they are not as many as the row says.
+        If they are not as many as the row says, or not those whose hash it keeps: one changed bit is
+        another flight.
     """
-    what = f"{name} {row[name]}"
+    declared = table.declared
+    name, count = declared.names[0], row[f"n_{declared.name}"]
     if not count:
-        return table.declared.schema.empty_table()
+        return declared.schema.empty_table()
     found = table.read((pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name]))
-    order = pc.sort_indices(found["seq"])
-    found = found.take(order)
-    if len(found) != count or not np.array_equal(found["seq"].to_numpy(), np.arange(count)):
-        raise CatalogError(
-            what, f"has {len(found)} steps, its row says {count}", "", "run: upplied catalog verify"
-        )
+    found = found.take(pc.sort_indices(found["seq"]))
+    what, remedy = f"{declared.name} of {row[name]}", "take the damaged files from a backup"
+    if len(found) != count:
+        raise CatalogError(what, f"{len(found)} steps are stored, the row says {count}", "", remedy)
+    hashes = {(row[name], row["commit_id"]): row[f"{declared.name}_sha256"]}
+    for _, wrong in unlike(declared.name, found, hashes):
+        raise CatalogError(what, wrong, "", remedy)
     return found
 
 

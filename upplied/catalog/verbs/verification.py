@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from upplied.catalog.schema.columns import Column
 from upplied.catalog.schema.plan_rows import settings_text
-from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.steps import pose_arrays, poses_sha256
+from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.verbs.published import owned_steps
 from upplied.catalog.verbs.recipes import settings_of
@@ -145,7 +143,8 @@ def _steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[Findin
     whole = owners.drop(wrong.index).sort_values(key)
     hashes = dict(zip(zip(whole[key], whole["commit_id"], strict=True), whole[f"{name}_sha256"], strict=True))
     for steps in owned_steps(catalog, name, whole):
-        yield from _hashes(name, steps, hashes)
+        for row_id, wrong_here in unlike(name, steps, hashes):
+            yield Finding(f"{name} of {row_id}", wrong_here)
 
 
 def _counts(catalog: Catalog, name: str) -> Counter[tuple[str, str]]:
@@ -158,34 +157,6 @@ def _counts(catalog: Catalog, name: str) -> Counter[tuple[str, str]]:
         for row in grouped.to_pylist():
             counts[row[key], row["commit_id"]] += row["count_all"]
     return counts
-
-
-def _hashes(name: str, steps: pa.Table, hashes: dict[tuple[str, str], str]) -> Iterator[Finding]:
-    key = TABLES[name].names[0]
-    starts = np.flatnonzero(steps["seq"].to_numpy() == 0)
-    for start, stop in zip(starts, [*starts[1:], len(steps)], strict=True):
-        one = steps.slice(start, stop - start)
-        owner = (one[key][0].as_py(), one["commit_id"][0].as_py())
-        if found := _wrong(name, one, hashes[owner]):
-            yield Finding(f"{name} of {owner[0]}", found)
-
-
-def answers(name: str, row: Row, steps: pa.Table) -> bool:
-    """Whether steps in order are those that a row says."""
-    return len(steps) == row[f"n_{name}"] and not _wrong(name, steps, row[f"{name}_sha256"])
-
-
-def _wrong(name: str, steps: pa.Table, sha256: str) -> str:
-    """What is wrong with the steps of one owner, in words."""
-    times = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy()
-    flags = np.array(steps["is_viewpoint"]) if name == "waypoints" else None
-    if not pc.all(pc.equal(steps["seq"], pa.array(np.arange(len(steps))))).as_py():
-        return "the steps are not numbered 0, 1, 2 ..."
-    if np.any(np.diff(times) <= 0):
-        return "time does not increase"
-    if poses_sha256(times, *pose_arrays(steps), flags) != sha256:
-        return "the steps do not answer to the hash in their row"
-    return ""
 
 
 def _some(names: pd.Series) -> str:

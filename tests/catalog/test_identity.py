@@ -1,0 +1,200 @@
+"""A place that is no catalog is told, and so is a catalog that lost what was committed last."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from catalog_records import demonstration, key_of, plan, structure
+
+from upplied.catalog import compact, diff, history, open_catalog, runs, vacuum, verify
+from upplied.catalog.database import Catalog
+from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.identity import Identity
+from upplied.cli import main
+from upplied.errors import CatalogError
+from upplied.fleet import decide, ingest_demonstrations
+from upplied.outputs.publish import publish
+
+
+@pytest.fixture
+def catalog(tmp_path) -> Catalog:
+    made = open_catalog(tmp_path / "catalog")
+    made.add_structures([structure("boxy"), structure("target", 1)])
+    made.add_demonstrations([demonstration()])
+    for seed in range(3):
+        made.add_plans([(key_of(seed), plan("target", seed), {})])
+    return made
+
+
+QUESTIONS = {
+    "structures": lambda c, _: c.structures(),
+    "demonstrations": lambda c, _: c.demonstrations(),
+    "transfers": lambda c, _: c.transfers(),
+    "one structure": lambda c, _: c.structure("boxy"),
+    "known": lambda c, _: c.known_transfers([key_of(0)]),
+    "as of": lambda c, _: c.transfers(as_of="2026-01-01"),
+    "retire": lambda c, _: c.retire_structures(["boxy"]),
+    "verify": lambda c, _: verify(c),
+    "compact": lambda c, _: compact(c),
+    "vacuum": lambda c, _: vacuum(c),
+    "history": lambda c, _: history(c),
+    "runs": lambda c, _: runs(c),
+    "diff": lambda c, _: diff(c, "2026-01-01"),
+    "decide": lambda c, _: decide(c),
+    "publish": lambda c, place: publish(c, place / "reports"),
+    "demonstrations add": lambda c, place: ingest_demonstrations(c, [place / "a.mcap"]),
+}
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+@pytest.mark.parametrize("place", ["missing", "empty", "other"])
+def test_what_is_no_catalog_is_an_error(tmp_path, question, place):
+    location = tmp_path / place
+    if place != "missing":
+        location.mkdir()
+    if place == "other":
+        (location / "photos").mkdir()
+        sqlite3.connect(location / "catalog.db").close()
+    (tmp_path / "a.mcap").touch()
+    before = sorted(location.rglob("*"))
+    with pytest.raises(CatalogError, match="is no catalog"):
+        QUESTIONS[question](open_catalog(location), tmp_path)
+    assert sorted(location.rglob("*")) == before
+
+
+def test_a_mistyped_catalog_is_an_error_of_the_command(tmp_path, capsys):
+    for command in (["catalog", "info"], ["catalog", "verify"], ["report", str(tmp_path / "out")], ["plan"]):
+        assert main([*command, "--catalog", str(tmp_path / "catlog")]) == 2
+        assert "is no catalog" in capsys.readouterr().err
+    assert not (tmp_path / "catlog").exists()
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_empty_catalog_was_made_on_purpose(tmp_path):
+    made = open_catalog(tmp_path / "new").create()
+    assert made.transfers().empty
+    assert verify(made) == []
+    name = made.identity.id
+    assert open_catalog(tmp_path / "new").create().identity.id == name
+    assert open_catalog(tmp_path / "other").create().identity.id != name
+
+
+def test_many_who_make_a_catalog_at_once_agree_on_its_name(tmp_path):
+    places = [Identity(str(tmp_path / "new"), list(TABLES)) for _ in range(16)]
+    with ThreadPoolExecutor(16) as threads:
+        assert len(set(threads.map(lambda place: place.made(), places))) == 1
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["catalog.json"]
+
+
+def test_a_catalog_of_an_earlier_version_gets_its_name_with_the_next_row(catalog):
+    Path(catalog.location, "catalog.json").unlink()
+    shutil.rmtree(Path(catalog.location, "heads"))
+    again = open_catalog(catalog.location)
+    assert len(again.transfers(every=True)) == 3
+    assert again.identity.id == ""
+    again.add_structures([structure("more", 2)])
+    assert open_catalog(catalog.location).identity.id
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", '{"format": "else", "id": "x"}', '{"format": "upplied catalog"}']
+)
+def test_an_identity_that_is_none_is_told(catalog, text):
+    Path(catalog.location, "catalog.json").write_text(text)
+    with pytest.raises(CatalogError, match=r"catalog\.json"):
+        open_catalog(catalog.location).create()
+
+
+@pytest.mark.parametrize("lost", [1, 2, 4])
+@pytest.mark.parametrize("table", ["transfers", "waypoints"])
+def test_missing_newest_log_entries_are_noticed(catalog, table, lost):
+    log = sorted(Path(catalog.location, table, "_delta_log").glob("*.json"))
+    for entry in log[-lost:]:
+        entry.unlink()
+    again = open_catalog(catalog.location)
+    for question in (
+        again.transfers,
+        lambda: verify(again),
+        lambda: again.add_plans([(key_of(9), plan(), {})]),
+    ):
+        if table == "waypoints" and question == again.transfers:
+            continue  # asks nothing of the points
+        with pytest.raises(CatalogError, match=r"missing.*backup"):
+            question()
+    assert sorted(Path(catalog.location, table, "_delta_log").glob("*.json")) == log[:-lost]
+
+
+def test_a_table_that_is_gone_is_not_taken_for_an_empty_one(catalog):
+    shutil.rmtree(Path(catalog.location, "transfers"))
+    with pytest.raises(CatalogError, match="transfers: is missing"):
+        open_catalog(catalog.location).transfers()
+
+
+def test_heads_follow_the_newest_commit_of_all(catalog):
+    other = open_catalog(catalog.location)
+    other.add_plans([(key_of(7), plan("target", 7), {})])
+    catalog.add_plans([(key_of(8), plan("target", 8), {})])
+    compact(other)
+    for name, table in catalog.tables.items():
+        held = [path.name for path in Path(catalog.location, "heads").glob(f"{name}-*")]
+        assert held == [f"{name}-{table.delta().version():020}"]
+
+
+def flip(path: Path, at: int) -> None:
+    content = bytearray(path.read_bytes())
+    content[at] ^= 1
+    path.write_bytes(bytes(content))
+
+
+def test_one_changed_bit_never_becomes_a_trajectory(catalog):
+    """Wherever the bit lies and however it is read, the path is the one that was planned, or an error."""
+    name, wanted = key_of(1)[:20], plan("target", 1).trajectory
+    file = next(
+        path
+        for path in Path(catalog.location, "waypoints").glob("*.parquet")
+        if name.encode() in path.read_bytes()
+    )
+    whole, told = file.read_bytes(), 0
+    for at in range(4, len(whole) - 8, 311):
+        flip(file, at)
+        for ask in ("trajectory", "plan", "waypoints"):
+            try:
+                found = getattr(open_catalog(catalog.location), ask)(name)
+            except CatalogError:
+                told += 1
+                continue
+            path = found.trajectory if ask == "plan" else found
+            t_s, x_m = (path.t_s, path.positions[:, 0]) if ask != "waypoints" else (path["t_s"], path["x_m"])
+            assert list(t_s) == list(wanted.t_s)
+            assert list(x_m) == list(wanted.positions[:, 0])
+        file.write_bytes(whole)
+    assert told > 5
+
+
+@pytest.mark.parametrize("table", ["waypoints", "poses"])
+def test_steps_of_another_hash_are_neither_read_nor_published(catalog, tmp_path, table):
+    from test_catalog_maintenance import rewrite
+
+    rewrite(
+        catalog, table, lambda rows: rows.assign(x_m=rows["x_m"].where(rows.index != 7, rows["x_m"] + 1e-9))
+    )
+    again = open_catalog(catalog.location)
+    with pytest.raises(CatalogError, match="answer to the hash"):
+        again.demonstration("flight") if table == "poses" else [
+            again.trajectory(key_of(at)[:20]) for at in range(3)
+        ]
+    if table == "poses":
+        with pytest.raises(CatalogError, match="answer to the hash"):
+            publish(again, tmp_path / "reports")
+        assert not list(tmp_path.glob("reports/*.parquet"))
+
+
+def test_the_identity_says_what_it_is(catalog):
+    said = json.loads(Path(catalog.location, "catalog.json").read_text())
+    assert said["format"] == "upplied catalog"
+    assert len(said["id"]) == 32

@@ -1,0 +1,132 @@
+"""What tells that a place is a catalog, which one, and how far its tables had come.
+
+``catalog.json`` beside the tables holds the name that was drawn when the catalog was made. ``heads/``
+holds an empty file ``<table>-<version>`` for the newest commit of each table that somebody saw:
+a log that ends before it has lost its newest entries.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import uuid
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+import pyarrow as pa
+
+from upplied.catalog.store.files import FileStore
+from upplied.errors import CatalogError
+
+_FILE = "catalog.json"
+_FORMAT = "upplied catalog"
+_TRIED = (OSError, pa.ArrowException)
+
+
+class Identity:
+    """Whether a catalog is at a place, and which one.
+
+    Parameters
+    ----------
+    root : str
+        Folder or object-store URI.
+    tables : sequence of str
+        Their names: catalogs of version 0.1.0 have no identity, and are known by a table.
+    """
+
+    def __init__(self, root: str, tables: Sequence[str]) -> None:
+        self.files = FileStore(root)
+        self._tables = tables
+        self._id: str | None = None
+
+    @property
+    def id(self) -> str | None:
+        """The name of the catalog; empty where an older program made it, None where there is none.
+
+        Raises
+        ------
+        CatalogError
+            If the place cannot be looked at, or its identity is not one.
+        """
+        if not self._id:
+            self._id = self._read()
+        return self._id
+
+    def required(self) -> str:
+        """The same; a place that is no catalog is an error."""
+        found = self.id
+        if found is None:
+            raise CatalogError(
+                self.files.root,
+                "is no catalog",
+                "a folder with catalog.json, or tables of an earlier version",
+                "check the path and whether its disk is mounted; `upplied structures add` makes a new one",
+            )
+        return found
+
+    def made(self) -> str:
+        """The name of the catalog, which is drawn now where there is none."""
+        if not self.id:
+            said = {"format": _FORMAT, "id": uuid.uuid4().hex, "made_at": datetime.now(UTC).isoformat()}
+            try:
+                self.files.create(_FILE, (json.dumps(said, indent=1) + "\n").encode())
+            except _TRIED as error:
+                remedy = "free space, or ask for the right to write there; nothing was changed"
+                raise CatalogError(self.files.root, f"cannot be written: {error}", "", remedy) from None
+            self._id = self._read()
+        return self._id or ""
+
+    def _read(self) -> str | None:
+        what = self.files.path(_FILE)
+        try:
+            if not self.files.has(_FILE):
+                return (
+                    "" if any(self.files.has_folder(f"{name}/_delta_log") for name in self._tables) else None
+                )
+            said = json.loads(self.files.read(_FILE))
+        except _TRIED as error:
+            raise CatalogError(what, f"cannot be read: {error}") from None
+        except ValueError as error:
+            raise CatalogError(what, f"is damaged: {error}", "", "take it from a backup") from None
+        if not isinstance(said, dict) or said.get("format") != _FORMAT or not isinstance(said.get("id"), str):
+            raise CatalogError(what, "is not the identity of a catalog", f'"format": "{_FORMAT}"')
+        return str(said["id"])
+
+
+class Heads:
+    """The newest version of one table that anybody saw.
+
+    Parameters
+    ----------
+    root : str
+        Folder or object-store URI of the catalog.
+    table : str
+    """
+
+    def __init__(self, root: str, table: str) -> None:
+        self._files = FileStore(f"{root.rstrip('/')}/heads")
+        self._prefix = f"{table}-"
+        self._noted = -1
+
+    def seen(self) -> int:
+        """The version; -1 where none was noted."""
+        return max(map(self._version, self._names()), default=-1)
+
+    def note(self, version: int) -> None:
+        """Note a version that is committed; where that is impossible, its loss would not be noticed."""
+        if version <= self._noted:
+            return
+        with contextlib.suppress(*_TRIED):
+            # One file per version: whoever comes later never takes the note back.
+            self._files.write(f"{self._prefix}{version:020}", b"", lasting=False)
+            self._noted = version
+            for name in self._names():
+                if self._version(name) < version:
+                    self._files.remove(name)
+
+    def _names(self) -> list[str]:
+        return [name for name in self._files.names() if self._version(name) >= 0]
+
+    def _version(self, name: str) -> int:
+        number = name.removeprefix(self._prefix)
+        return int(number) if name.startswith(self._prefix) and len(number) == 20 and number.isdigit() else -1
