@@ -124,6 +124,21 @@ class RetimeSettings:
 
 
 @dataclass(frozen=True)
+class InspectionSettings:
+    """When a plan shows a patch at least as well as the expert did: the same for every preset."""
+
+    least_resolution: float = 0.8  # of what the stand-off mode asks for that patch
+    max_incidence_deg: float = 75.0
+    max_motion_px: float = 1.0  # of the picture during one exposure, unless the expert's own was more
+    exposure_s: float = 1 / 500
+    width_px: int = 4000  # of the pictures that the motion is counted in
+
+    def sharp_radps(self, hfov_deg: float) -> float:
+        """How fast a point may move near the middle of a camera's picture and still be sharp, rad/s."""
+        return self.max_motion_px / (self.exposure_s * focal_px(self.width_px, hfov_deg))
+
+
+@dataclass(frozen=True)
 class Settings:
     """Everything that a plan depends on besides the demonstration and the two structures."""
 
@@ -137,11 +152,18 @@ class Settings:
     refine: RefineSettings = field(default_factory=RefineSettings)
     route: RouteSettings = field(default_factory=RouteSettings)
     retime: RetimeSettings = field(default_factory=RetimeSettings)
+    inspection: InspectionSettings = field(default_factory=InspectionSettings)
 
     @cached_property
     def sha256(self) -> str:
         """Hash of every setting; equal settings, equal hash."""
         return digest(self)
+
+
+def focal_px(width_px: int, hfov_deg: float) -> float:
+    """Pixels per radian in the middle of a picture; above 120 deg, of one whose angle grows evenly."""
+    angle = math.radians(hfov_deg)
+    return width_px / (2 * math.tan(angle / 2)) if hfov_deg <= 120 else width_px / angle
 
 
 def settings_for(preset: str, **changes: Any) -> Settings:
@@ -231,6 +253,11 @@ _RANGES = {
     "retime.least_stop_s": (0, 3600),
     "retime.min_gimbal_pitch_deg": (-90, 90),
     "retime.max_gimbal_pitch_deg": (-90, 90),
+    "inspection.least_resolution": (0, 1),
+    "inspection.max_incidence_deg": (1, 90),
+    "inspection.max_motion_px": (0.01, 1000),
+    "inspection.exposure_s": (1e-6, 1),
+    "inspection.width_px": (16, 100_000),
 }
 
 

@@ -240,6 +240,9 @@ class Waypoints(Record):
 class Measures(Record):
     """What a plan is judged by; NaN where a measure was not computed (algorithm.md, section 8)."""
 
+    coverage_inspected_pct: float = float("nan")
+    inspected_without_counterpart_pct: float = float("nan")
+    inspected_unattainable_pct: float = float("nan")
     coverage_paper_pct: float = float("nan")
     coverage_seen_pct: float = float("nan")
     coverage_attainable_pct: float = float("nan")

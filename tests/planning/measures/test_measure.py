@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from upplied.planning.carry.sought import Sought, coverage, sought
+from upplied.planning.carry.inspected_surface import InspectedSurface, coverage, inspected_surface
 from upplied.planning.measures.measure import measure, path_length, peaks, surface_states
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, stations, views
 from upplied.poses import interpolate, look_at
@@ -53,8 +53,8 @@ def judged(
     scene, cloud = cube()
     match = identity(600)
     voxels = Cloud(cloud.points)
-    paper = sought(voxels, voxels, match, views(demonstrated, voxels, Camera(), BY_FRUSTUM))
-    true = sought(cloud, cloud, match, views(demonstrated, cloud, Camera(), TRULY, scene), carry)
+    paper = inspected_surface(voxels, voxels, match, views(demonstrated, voxels, Camera(), BY_FRUSTUM))
+    true = inspected_surface(cloud, cloud, match, views(demonstrated, cloud, Camera(), TRULY, scene), carry)
     return measure(
         planned,
         demonstrated.positions,
@@ -97,7 +97,7 @@ def test_points_without_counterpart_are_reported_and_in_no_coverage() -> None:
     index = np.arange(600)
     index[cloud.points[:, 0] == 5.0] = -1
     match = replace(identity(600), target_index=index)
-    needed = sought(cloud, cloud, match, demonstrated)
+    needed = inspected_surface(cloud, cloud, match, demonstrated)
     assert needed.without_pct == pytest.approx(25.0)
     assert needed.need.sum() == 300
     assert coverage(needed, cloud.points[:, 0] != 5.0) == 100.0
@@ -109,7 +109,7 @@ def test_area_decides_the_weight() -> None:
         Trajectory(np.zeros(1), np.ones((1, 3)), np.array([[0.0, 0, 0, 1]])), np.array([[True, True, True]])
     )
     match = Correspondences(np.array([0, 1, 1]), np.zeros(3), np.zeros((3, 3)))
-    needed = sought(cloud, cloud, match, seen)
+    needed = inspected_surface(cloud, cloud, match, seen)
     assert needed.need.tolist() == [1.0, 7.0, 0.0]
     assert coverage(needed, np.array([False, True, True])) == pytest.approx(87.5)
 
@@ -152,6 +152,6 @@ def test_peaks_of_constant_acceleration() -> None:
 
 
 def test_states_of_the_surface() -> None:
-    needed = Sought(Cloud(np.zeros((4, 3))), np.array([0.0, 1, 1, 1]), np.ones(4), 0.0)
+    needed = InspectedSurface(Cloud(np.zeros((4, 3))), np.array([0.0, 1, 1, 1]), np.ones(4), 0.0)
     states = surface_states(needed, np.array([True, True, False, False]), np.array([True, True, True, False]))
     assert states.state.tolist() == [0, 1, 2, 3]

@@ -12,6 +12,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table
+from upplied.catalog.schema.measures import MEASURES
 from upplied.config import PRESETS
 
 SCHEMA_VERSION = 1
@@ -133,8 +134,16 @@ TRANSFERS = Table(
         Column("preset", TEXT, "", "which method", required=True, allowed=PRESETS),
         Column("status", TEXT, "", "what came of it", required=True, allowed=("ok", "refused", "failed")),
         Column("reason", TEXT, "", "why it is not ok, in words"),
+        *MEASURES,
         Column("coverage_paper_pct", REAL, "%", "the paper's measure: target points in any frustum", low=0),
-        Column("coverage_seen_pct", REAL, "%", "inspected surface that is really seen", low=0, high=100),
+        Column(
+            "coverage_seen_pct",
+            REAL,
+            "%",
+            "surface seen in the demonstration that is really seen",
+            low=0,
+            high=100,
+        ),
         Column(
             "coverage_attainable_pct", REAL, "%", "the most that any safe camera could see", low=0, high=100
         ),

@@ -8,8 +8,10 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.correspondence.pair import Memo, Pair, content_key, no_memo, remembering
+from upplied.planning.demonstration.attention import Attention, attention
 from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.viewpoints import find_viewpoints
+from upplied.planning.surface.skin import SkinParts, skin_parts
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
@@ -27,6 +29,7 @@ class Inspection(Record):
     viewpoints: Viewpoints
     by_frustum: Views  # of the voxel cloud: what the paper's coverage counts
     truly: Views  # of the surface samples
+    attention: Attention  # how much the flight was about each surface sample
 
 
 def inspect_demonstration(
@@ -50,6 +53,12 @@ def inspect_demonstration(
         ),
     )
     whole = demonstration.trajectory
+    truly = memo(
+        "views",
+        Views,
+        content_key("truly", *facts),
+        lambda: views(whole, pair.surface.source, camera, TRULY, pair.source_scene),
+    )
     return Inspection(
         flight=flight,
         camera=camera,
@@ -66,12 +75,35 @@ def inspect_demonstration(
             content_key("frustum", *facts),
             lambda: views(whole, pair.voxels.source, camera, BY_FRUSTUM),
         ),
-        truly=memo(
-            "views",
-            Views,
-            content_key("truly", *facts),
-            lambda: views(whole, pair.surface.source, camera, TRULY, pair.source_scene),
+        truly=truly,
+        attention=memo(
+            "attention",
+            Attention,
+            content_key("attention", *facts, settings.inspection),
+            lambda: _attended(demonstration, pair, truly, settings, memo),
         ),
+    )
+
+
+def _attended(
+    demonstration: Demonstration, pair: Pair, truly: Views, settings: Settings, memo: Memo
+) -> Attention:
+    """What the flight was about; the parts of the skin are remembered with the structure."""
+    cloud, source = pair.surface.source, pair.source
+    skin = memo(
+        "skin",
+        SkinParts,
+        content_key("skin", source.sha256, settings.clouds),
+        lambda: skin_parts(source, pair.source_scene, cloud, settings.clouds.seed),
+    )
+    return attention(
+        demonstration.trajectory,
+        demonstration.breaks,
+        demonstration.camera,
+        cloud,
+        truly,
+        skin.label,
+        settings.inspection,
     )
 
 

@@ -10,14 +10,21 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.carry.affine import registered_map
+from upplied.planning.carry.inspected_surface import (
+    InspectedSurface,
+    inspected_by,
+    inspected_surface,
+    together,
+)
 from upplied.planning.carry.reference import demonstrated_on_target
-from upplied.planning.carry.sought import Sought, sought, together
 from upplied.planning.carry.standoff import NEAR, expected_standoff, median_distance, picture_share
 from upplied.planning.correspondence.pair import Fit, Memo, Pair, content_key, no_memo, remembering
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
 from upplied.planning.measures.attainable import attainable
 from upplied.planning.measures.measure import measure, surface_states
+from upplied.planning.visibility.moments import rates
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
+from upplied.planning.visibility.view_quality import shown_well
 from upplied.poses import yaw_pitch
 from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
 
@@ -41,23 +48,57 @@ def judge(
     pair, camera = takes[0].pair, takes[0].inspection.camera
     carried = np.concatenate([demonstrated_on_target(take) for take in takes])
     paper = (
-        together([_sought(take, take.pair.voxels, take.inspection.by_frustum) for take in takes]),
+        together([_seen_surface(take, take.pair.voxels, take.inspection.by_frustum) for take in takes]),
         views(trajectory, pair.voxels.target, camera, BY_FRUSTUM),
     )
     if not pair.surface.registration.accepted:
         warning = f"what is really seen was not measured: {pair.surface.registration.reason}"
         return measure(trajectory, carried, pair.target_scene, paper), None, (warning,)
     true = (
-        together([_sought(take, take.pair.surface, take.inspection.truly) for take in takes]),
+        together([_seen_surface(take, take.pair.surface, take.inspection.truly) for take in takes]),
         views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene),
     )
     possible = attainable_samples(pair, camera, settings, memo)
-    states = surface_states(true[0], true[1].total, possible)
-    found = measure(trajectory, carried, pair.target_scene, paper, true, possible)
+    inspected = together([inspected_by(take, settings) for take in takes])
+    shown = shown_as_well(trajectory, true[1], inspected, takes, settings)
+    states = surface_states(inspected, shown, possible)
+    found = measure(trajectory, carried, pair.target_scene, paper, true, possible, (inspected, shown))
     if answers_s is not None:
         found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, answers_s, takes, settings))
     said = _warnings(found, true[0].without_pct, settings) + _beyond_the_gimbal(takes, settings)
     return found, states, said
+
+
+def shown_as_well(
+    trajectory: Trajectory,
+    shown: Views,
+    inspected: InspectedSurface,
+    takes: Sequence[Take],
+    settings: Settings,
+) -> Bools:
+    """Which samples of the target a plan shows at least as well as they are to be shown, (N,).
+
+    One look must do: near enough, frontal enough, and slow enough to be sharp.
+    """
+    rule, attended = settings.inspection, [take.inspection.attention for take in takes]
+    sharp = max(
+        rule.sharp_radps(takes[0].inspection.camera.hfov_deg), *(one.motion_radps for one in attended)
+    )
+    oblique = max(rule.max_incidence_deg, *(one.incidence_deg for one in attended))
+    velocity, turn = rates(shown.stations)
+    assert inspected.cloud.normals is not None
+    return np.asarray(
+        shown_well(
+            *(np.ascontiguousarray(of) for of in (shown.stations.positions, velocity, turn)),
+            np.ascontiguousarray(inspected.cloud.points),
+            np.ascontiguousarray(inspected.cloud.normals),
+            shown.seen,
+            inspected.standoff_m / rule.least_resolution,
+            float(np.cos(np.radians(oblique))),
+            sharp,
+        ),
+        bool,
+    )
 
 
 def _standoff_kept(
@@ -93,9 +134,9 @@ def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Sett
     return ratio[np.isfinite(ratio)]
 
 
-def _sought(take: Take, fit: Fit, demonstrated: Views) -> Sought:
+def _seen_surface(take: Take, fit: Fit, demonstrated: Views) -> InspectedSurface:
     carry = registered_map(take.pair.surface.registration).matrix
-    return sought(fit.source, fit.target, fit.correspondences, demonstrated, carry=carry)
+    return inspected_surface(fit.source, fit.target, fit.correspondences, demonstrated, carry=carry)
 
 
 def _warnings(found: Measures, without_pct: float, settings: Settings) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """What a plan is judged by: the same code for every preset and the baseline (algorithm.md, section 8).
 
-Two questions come first. `carry.sought`: which points of the target answer for what the demonstration saw?
+Two questions come first. `carry.inspected_surface`: which points of the target answer for what the
+demonstration saw, and for what it was about?
 `visibility.path_views`: which points does a planned path see? `measure` compares them, and the paths.
 """
 
@@ -9,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from upplied.planning.airspace.clearance import path_clearance
-from upplied.planning.carry.sought import Sought, coverage
+from upplied.planning.carry.inspected_surface import InspectedSurface, coverage
 from upplied.planning.geometry.frechet import frechet, frechet_z
 from upplied.planning.visibility.path_views import Views
 from upplied.planning.visibility.view_quality import nearest_views
@@ -27,9 +28,10 @@ def measure(
     planned: Trajectory,
     carried: Floats,
     scene: Scene,
-    paper: tuple[Sought, Views],
-    true: tuple[Sought, Views] | None = None,
+    paper: tuple[InspectedSurface, Views],
+    true: tuple[InspectedSurface, Views] | None = None,
     attainable: Bools | None = None,
+    inspected: tuple[InspectedSurface, Bools] | None = None,
 ) -> Measures:
     """Every measure of one planned path.
 
@@ -42,12 +44,14 @@ def measure(
         other: what the path's shape is compared with.
     scene : Scene
         Of the target.
-    paper : (Sought, Views)
+    paper : (InspectedSurface, Views)
         On the voxel clouds with the paper's correspondences, views by `BY_FRUSTUM`.
-    true : (Sought, Views), optional
+    true : (InspectedSurface, Views), optional
         On surface samples, views by `TRULY`.
     attainable : array of bool, shape (N,), optional
         Which of those samples some free pose could see.
+    inspected : (InspectedSurface, array of bool (N,)), optional
+        What the demonstration was about, and which samples the plan shows at least as well.
 
     Returns
     -------
@@ -66,6 +70,8 @@ def measure(
         }
         if attainable is not None:
             found["coverage_attainable_pct"] = coverage(true[0], attainable)
+    if inspected is not None:
+        found |= _of_inspected(*inspected, attainable)
     return Measures(
         coverage_paper_pct=coverage(paper[0], paper[1].total),
         frechet_z=frechet_z(carried, planned.positions),
@@ -77,6 +83,18 @@ def measure(
         peak_acceleration_mps2=acceleration,
         **found,
     )
+
+
+def _of_inspected(inspected: InspectedSurface, shown: Bools, attainable: Bools | None) -> dict[str, float]:
+    """What of the inspected surface is shown at least as well, and why the rest is not."""
+    found = {
+        "coverage_inspected_pct": coverage(inspected, shown, whole=True),
+        "inspected_without_counterpart_pct": inspected.without_pct,
+    }
+    if attainable is not None and inspected.whole > 0:
+        never = float(inspected.need[~attainable & ~shown].sum())
+        found["inspected_unattainable_pct"] = 100 * never / inspected.whole
+    return found
 
 
 def path_length(positions: Floats) -> float:
@@ -101,34 +119,36 @@ def peaks(trajectory: Trajectory) -> tuple[float, float]:
     return speed, float(np.linalg.norm(change, axis=1).max())
 
 
-def surface_states(sought: Sought, seen: Bools, attainable: Bools | None = None) -> SurfaceStates:
+def surface_states(
+    inspected: InspectedSurface, seen: Bools, attainable: Bools | None = None
+) -> SurfaceStates:
     """What became of each sample of the target: other, seen, missed or unattainable."""
-    state = np.zeros(len(sought.need), np.int64)
-    wanted = sought.need > 0
+    state = np.zeros(len(inspected.need), np.int64)
+    wanted = inspected.need > 0
     state[wanted] = 2
     if attainable is not None:
         state[wanted & ~attainable] = 3
     state[wanted & seen] = 1
-    return SurfaceStates(sought.cloud.points, state, sought.cloud.normals)
+    return SurfaceStates(inspected.cloud.points, state, inspected.cloud.normals)
 
 
-def _view_quality(sought: Sought, views: Views) -> tuple[float, float]:
+def _view_quality(inspected: InspectedSurface, views: Views) -> tuple[float, float]:
     """Median of nearest view over the demonstration's, and 95th percentile of the least incidence."""
-    normals = sought.cloud.normals
+    normals = inspected.cloud.normals
     near, cosine = nearest_views(
         np.ascontiguousarray(views.stations.positions),
-        np.ascontiguousarray(sought.cloud.points),
-        np.zeros((len(sought.need), 3)) if normals is None else np.ascontiguousarray(normals),
+        np.ascontiguousarray(inspected.cloud.points),
+        np.zeros((len(inspected.need), 3)) if normals is None else np.ascontiguousarray(normals),
         views.seen,
     )
-    used = (sought.need > 0) & np.isfinite(near)
+    used = (inspected.need > 0) & np.isfinite(near)
     if not used.any():
         return float("nan"), float("nan")
-    ratio = float(_weighted_percentile(near[used] / sought.standoff_m[used], sought.need[used], 50))
+    ratio = float(_weighted_percentile(near[used] / inspected.standoff_m[used], inspected.need[used], 50))
     if normals is None:
         return ratio, float("nan")
     angle = np.degrees(np.arccos(np.clip(cosine[used], -1, 1)))
-    return ratio, float(_weighted_percentile(angle, sought.need[used], 95))
+    return ratio, float(_weighted_percentile(angle, inspected.need[used], 95))
 
 
 def _weighted_percentile(values: Floats, weights: Floats, percent: float) -> float:

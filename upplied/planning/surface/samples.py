@@ -49,7 +49,7 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
     drawn, points, normals, triangle = 0, np.empty((0, 3)), np.empty((0, 3)), np.empty(0, np.int64)
     batch = wanted
     for _ in range(3):
-        found = _outside(*_candidates(structure, batch, rng), structure, scene, floor)
+        found = _outside(*points_on_triangles(structure, batch, rng), structure, scene, floor)
         drawn += batch
         points, normals = np.concatenate([points, found[0]]), np.concatenate([normals, found[1]])
         triangle = np.concatenate([triangle, found[2]])
@@ -61,7 +61,7 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
     return _thinned(points, normals, area, mesh_pieces(structure)[triangle], settings)
 
 
-def _candidates(structure: Structure, number: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
+def points_on_triangles(structure: Structure, number: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
     """Area-uniform points, stratified along the cumulated area, and the triangle of each."""
     corners = structure.vertices[structure.triangles]
     cumulated = np.cumsum(np.linalg.norm(_crossed(corners), axis=1))
@@ -86,7 +86,7 @@ def _outside(
         hit = scene.cast(points + sign * gap * normals, -sign * normals)[1]
         mine = np.flatnonzero(hit == triangle)
         starts = _above_floor(points[mine] + sign * gap * normals[mine], scene, floor)
-        free = _lets_out(starts, sign * normals[mine], 2 * structure.diagonal_m, scene, floor)
+        free = lets_out(starts, sign * normals[mine], 2 * structure.diagonal_m, scene, floor)
         owner.append(mine[free])
         side.append(np.full(len(owner[-1]), sign))
     index, sign_of = np.concatenate(owner), np.concatenate(side)
@@ -104,12 +104,18 @@ def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
     return starts
 
 
-def _lets_out(origins: Floats, normals: Floats, reach: float, scene: Scene, floor: Floor) -> Bools:
-    """Whether the share that `_escapes` counts is large enough, (N,); casts only as many rays as it takes."""
+def lets_out(
+    origins: Floats, normals: Floats, reach: float, scene: Scene, floor: Floor, few: bool = False
+) -> Bools:
+    """Whether enough rays from just above each side escape, (N,); casts only as many rays as it takes.
+
+    With `few`, what the first rays leave in doubt counts as inside: for samples whose neighbours were
+    asked thoroughly.
+    """
     directions = _sphere(_DIRECTIONS)
-    few = np.arange(_DIRECTIONS) % (_DIRECTIONS // _FIRST) == 0
+    first = np.arange(_DIRECTIONS) % (_DIRECTIONS // _FIRST) == 0
     cast, free = np.zeros(len(origins), np.int64), np.zeros(len(origins), np.int64)
-    for some in (*np.split(directions[few], 4), directions[~few]):
+    for some in (*np.split(directions[first], 4), *([] if few else [directions[~first]])):
         doubt = np.flatnonzero(free < 2)  # two of the first settle it
         more_cast, more_free = _count(origins[doubt], normals[doubt], some, reach, scene, floor)
         cast[doubt] += more_cast

@@ -14,9 +14,9 @@ from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.airspace.detours import Ways, route, safe_positions
 from upplied.planning.carry.affine import aimed, box_map, registered_map, zscore_map
 from upplied.planning.carry.gauss_newton import gauss_newton
+from upplied.planning.carry.inspected_surface import inspected_surface
 from upplied.planning.carry.planar import at_height, in_plane, plane_height
 from upplied.planning.carry.reference import demonstrated_on_target
-from upplied.planning.carry.sought import sought
 from upplied.planning.carry.standoff import standoff_of
 from upplied.planning.carry.to_counterparts import Followed, follow_counterparts
 from upplied.planning.correspondence.pair import Pair
@@ -117,7 +117,7 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
         raise SettingsError("refine.method 'view'", "with visibility.occlusion false", "what is truly seen")
     flight, fit, camera = inspection.flight, pair.surface, inspection.camera
     carried = _carried(inspection, pair, settings)
-    wanted = sought(fit.source, fit.target, fit.correspondences, inspection.truly)
+    wanted = inspected_surface(fit.source, fit.target, fit.correspondences, inspection.truly)
     view = View(fit.target, wanted.need, camera, settings.visibility, settings.retime, pair.target_scene)
     is_viewpoint = np.zeros(len(flight), bool)
     is_viewpoint[inspection.viewpoints.middle] = True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from upplied.planning.visibility.moments import motion_of
 from upplied.records import Bools, Floats
 
 
@@ -39,3 +40,48 @@ def nearest_views(positions: Floats, points: Floats, normals: Floats, seen: Bool
                 facing = x * normals[index, 0] + y * normals[index, 1] + z * normals[index, 2]
                 frontal[index] = max(frontal[index], facing / max(distance, 1e-12))
     return near, frontal
+
+
+@njit(cache=True)
+def shown_well(
+    positions: Floats,
+    velocity: Floats,
+    turn: Floats,
+    points: Floats,
+    normals: Floats,
+    seen: Bools,
+    farthest_m: Floats,
+    least_cosine: float,
+    sharp_radps: float,
+) -> Bools:
+    """Which points (N,) some pose sees from near enough, frontally enough and slowly enough, all at once.
+
+    Parameters
+    ----------
+    positions, velocity, turn : array, shape (P, 3)
+        m, m/s, rad/s.
+    points, normals : array, shape (N, 3)
+    seen : array of bool, shape (P, N)
+    farthest_m : array, shape (N,)
+        NaN: not asked for.
+    least_cosine : float
+        Of the incidence.
+    sharp_radps : float
+        Of the point's motion in the picture.
+    """
+    shown = np.zeros(len(points), np.bool_)
+    ray = np.empty(3)
+    for pose in range(len(positions)):
+        for index in range(len(points)):
+            if shown[index] or not seen[pose, index]:
+                continue
+            squared, facing = 0.0, 0.0
+            for axis in range(3):
+                ray[axis] = points[index, axis] - positions[pose, axis]
+                squared += ray[axis] * ray[axis]
+                facing -= ray[axis] * normals[index, axis]
+            distance = max(np.sqrt(squared), 1e-12)
+            if not distance <= farthest_m[index] or facing < least_cosine * distance:
+                continue
+            shown[index] = motion_of(ray, distance, velocity[pose], turn[pose]) <= sharp_radps
+    return shown

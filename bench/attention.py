@@ -1,0 +1,395 @@
+"""What surface a flight was about: weight on the intended part, and how much of that part is found.
+
+    python bench/attention.py [--random N] [--real] [--changes] [--only WORD]
+
+Rows are the simulated pilot's flights round the sample fleet, with ``--random`` round so many structures
+of each kind that nobody built, with ``--real`` round the real ones (bench/real_data.py). `weight` is the
+share of the weight on what the flight was meant for, with what is attached to it (fin, stabilisers and
+fairings of a fuselage, nacelles of a wing, the pylon of an engine); `strict` without; `area` is what area
+alone would say; `recall` is the share of intended samples shown for a second within 60 deg at half the
+best resolution that weigh more than 0.5. ``--changes`` prints by how many points weight and recall change
+with the camera's reach, the log's rate, noise, hovering, transits, unwelded meshes and the sampling's seed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from real_data import real_folder, real_structure
+
+from upplied.config import CloudSettings, InspectionSettings
+from upplied.errors import UppliedError
+from upplied.planning.demonstration.attention import attention, stations_at
+from upplied.planning.surface.samples import surface_samples
+from upplied.planning.surface.skin import skin_parts
+from upplied.planning.visibility.moments import moments
+from upplied.planning.visibility.path_views import TRULY, views
+from upplied.records import Bools, Cloud, Demonstration, Floats, Structure
+from upplied.samples.airframe import airframe, left_nacelle
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+from upplied.samples.plan_view import tower_of
+from upplied.samples.surfaces import Member
+from upplied.scene import scene_of
+
+#: Names of the sample fleet's parts: strictly meant, and what is attached to them.
+INTENDED = {
+    "engine_left": (("engine_left", "nacelle_left"), ("pylon_left",)),
+    "fuselage": (("fuselage", "fairing"), ("fin", "stabiliser", "endplate")),
+    "wings": (("wing_", "winglet_"), ("engine_", "nacelle_", "pylon_", "fairing")),
+    "tower": (("tower",), ()),
+    "hull": (("hull",), ("deck_1", "boat", "lifeboat")),
+    "sides": (("side", "left", "right", "front", "rear", "back"), ()),
+    "piers": (("pier", "cap"), ()),
+}
+FLIGHTS = {
+    "airliner": ("fuselage", "wings", "engine_left"),
+    "wind_turbine": ("tower",),
+    "ship": ("hull",),
+    "box": ("sides",),
+    "bridge": ("piers",),
+}
+SAMPLES = (
+    ("a320-v1", "fuselage"),
+    ("a320-v1", "wings"),
+    ("a320-v1", "engine_left"),
+    ("turbine-1-v1", "tower"),
+    ("cruise-v1", "hull"),
+    ("cube-v1", "sides"),
+    ("bridge-1-v1", "piers"),
+)
+REAL = (
+    ("airplane/a320_fr24", ("fuselage", "wings", "engine_left")),
+    ("airplane/b744_fr24", ("fuselage", "wings", "engine_left")),
+    ("airplane/b738_fr24", ("fuselage", "wings", "engine_left")),
+    ("airplane/e190_fr24", ("wings", "engine_left")),
+    ("airplane/md11_fgstatic", ("wings", "engine_left")),
+    ("wind_turbine/enercon_e82_98m", ("tower",)),
+    ("wind_turbine/vestas_v90_105m", ("tower",)),
+    ("ship/cruise_ship_219m", ("hull",)),
+    ("ship/ferry_88m", ("hull",)),
+    ("building/office_30x47_fg", ("sides",)),
+    ("building/hotel_generic_fg", ("sides",)),
+    ("bridge/larics_bridge", ("piers",)),
+)
+STEP_S = 0.5
+
+Truth = Callable[[Cloud], tuple[Bools, Bools]]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A flight, and which samples it was meant for: strictly, and with what is attached."""
+
+    title: str
+    inspection: str
+    structure: Structure
+    flight: Demonstration
+    truth: Truth
+
+
+@dataclass(frozen=True)
+class Found:
+    """What attention says of a flight, in percent."""
+
+    strict: float
+    weight: float
+    recall: float
+    area: float
+    subject_m: float
+    seconds: float
+
+
+def rows(random: int, real: bool) -> Iterator[Row]:
+    """The flights that are judged; those that a structure has no room for are left out."""
+    for name, inspection in SAMPLES:
+        made = member(name)
+        yield _row(name, inspection, made.structure, _by_name(made, inspection))
+    for kind, flights in FLIGHTS.items():
+        for seed in range(100, 100 + random):
+            made = random_member(kind, seed)
+            for inspection in flights:
+                try:
+                    yield _row(f"{kind} {seed}", inspection, made.structure, _by_name(made, inspection))
+                except UppliedError as error:
+                    print(f"left out: {kind} {seed} {inspection}: {error}")
+    folder = real_folder()
+    for place, flights in REAL if real and folder is not None else ():
+        assert folder is not None
+        structure = real_structure(folder, place)
+        for inspection in flights:
+            try:
+                yield _row(place.split("/")[1], inspection, structure, _by_place(structure, inspection))
+            except UppliedError as error:
+                print(f"left out: {place} {inspection}: {error}")
+
+
+def _row(title: str, inspection: str, structure: Structure, truth: Truth) -> Row:
+    return Row(f"{title} {inspection}", inspection, structure, fly(structure, inspection, seed=5), truth)
+
+
+def _by_name(made: Member, inspection: str) -> Truth:
+    strict, attached = INTENDED[inspection]
+
+    def truth(cloud: Cloud) -> tuple[Bools, Bools]:
+        triangle = scene_of(made.structure).closest(cloud.points)[1]
+        names = np.array(made.part_names)[made.part_of_triangle[triangle]]
+        mine, also = (
+            np.array([name.startswith(some) if some else False for name in names], bool)
+            for some in (strict, strict + attached)
+        )
+        return mine, also
+
+    return truth
+
+
+def _by_place(structure: Structure, inspection: str) -> Truth:
+    """Where the part lies that the pilot recognises on a mesh without names."""
+    scene = scene_of(structure)
+
+    def truth(cloud: Cloud) -> tuple[Bools, Bools]:
+        x, y, z = cloud.points.T
+        low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
+        assert cloud.normals is not None
+        if inspection in ("engine_left", "fuselage", "wings"):
+            frame = airframe(structure, scene)
+            middle = (low[1] + high[1]) / 2
+            beside = np.abs(y - middle) > 1.15 * frame.half_width
+            out = np.clip(np.abs(y - middle), frame.wing_y[0], frame.wing_y[-1])
+            edges = [np.interp(out, frame.wing_y, edge) for edge in (frame.leading_x, frame.trailing_x)]
+            over = beside & (x < edges[0] + 1.5) & (x > edges[1] - 1.5)
+            if inspection == "wings":
+                around = beside & (x < edges[0] + 6) & (x > edges[1] - 4)
+                return over, around | (np.abs(z - frame.axis_z) < frame.half_height) & over
+            if inspection == "fuselage":
+                body = (np.abs(y - middle) < 1.1 * frame.half_width) & (
+                    z < frame.axis_z + 1.15 * frame.half_height
+                )
+                tail = x < frame.tail_x + 0.2 * (frame.nose_x - frame.tail_x)
+                return body, body | (tail & (np.abs(y - middle) < 0.6 * frame.semi_span)) | (
+                    np.abs(y - middle) < 1.2 * frame.half_width
+                )
+            engine = left_nacelle(structure, frame, scene)
+            off = cloud.points - engine.centre
+            near = np.hypot(off[:, 1], off[:, 2]) < 1.25 * engine.radius_m
+            strict = near & (np.abs(off[:, 0]) < 0.5 * engine.length_m + 0.4 * engine.radius_m)
+            around = (np.abs(off[:, 1]) < 1.3 * engine.radius_m) & (off[:, 2] < 2.2 * engine.radius_m)
+            return strict, strict | (around & (np.abs(off[:, 0]) < 0.9 * engine.length_m))
+        if inspection == "tower":
+            tower = tower_of(structure)
+            near = np.hypot(x - tower.axis_xy[0], y - tower.axis_xy[1]) < 1.3 * tower.radius_m
+            mine = near & (z < tower.top_z + 0.5)
+            return mine, mine
+        if inspection == "hull":
+            mine = z < low[2] + 0.42 * (high[2] - low[2])
+            return mine & (np.abs(cloud.normals[:, 2]) < 0.8), mine
+        if inspection == "sides":
+            mine = np.abs(cloud.normals[:, 2]) < 0.8
+            return mine, mine
+        mine = (z < low[2] + 0.7 * (high[2] - low[2])) & (np.abs(cloud.normals[:, 2]) < 0.8)
+        return mine, mine
+
+    return truth
+
+
+@cache
+def _surface(structure: Structure, seed: int) -> tuple[Cloud, np.ndarray, float]:
+    """Samples, parts of the skin, and the CPU seconds of the parts; both seeds change."""
+    scene = scene_of(structure)
+    cloud = surface_samples(structure, scene, CloudSettings(seed=seed))
+    began = time.process_time()
+    label = skin_parts(structure, scene, cloud, seed=seed).label
+    return cloud, label, time.process_time() - began
+
+
+def judged(row: Row, seed: int = 0, view: Demonstration | None = None) -> Found:
+    """What attention says of a row; recall is asked of `view`'s pictures, the flight's own if not given."""
+    cloud, label, seconds = _surface(row.structure, seed)
+    flight = row.flight
+    shown = views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(row.structure))
+    began = time.process_time()
+    found = attention(
+        flight.trajectory, flight.breaks, flight.camera, cloud, shown, label, InspectionSettings()
+    )
+    seconds += time.process_time() - began
+    strict, attached = row.truth(cloud)
+    weight = found.weight * cloud.area_m2
+    good = _well_shown(row.flight if view is None else view, row.structure, cloud, strict)
+    whole = max(float(weight.sum()), 1e-12)
+    return Found(
+        100 * float(weight[strict].sum()) / whole,
+        100 * float(weight[attached].sum()) / whole,
+        100 * float(np.mean(found.weight[good] > 0.5)) if good.any() else float("nan"),
+        100 * float(cloud.area_m2[attached & shown.total].sum() / cloud.area_m2[shown.total].sum()),
+        found.subject_m,
+        seconds,
+    )
+
+
+def _well_shown(flight: Demonstration, structure: Structure, cloud: Cloud, mine: Bools) -> Bools:
+    """Intended samples that are shown for a second within 60 deg at half the best resolution."""
+    shown = views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(structure))
+    steps = moments(flight.trajectory, flight.breaks)
+    seen = shown.seen[stations_at(shown, steps)] & mine
+    near, held = np.full(len(cloud), np.inf), np.zeros(len(cloud))
+    for at, row, step in zip(steps.poses.positions, seen, steps.step_s, strict=True):
+        ray = at - cloud.points[row]
+        distance = np.linalg.norm(ray, axis=1)
+        frontal = (ray * cloud.normals[row]).sum(axis=1) >= 0.5 * distance
+        index = np.flatnonzero(row)[frontal]
+        near[index] = np.minimum(near[index], distance[frontal])
+        held[index] += step
+    known = np.isfinite(near)
+    if not known.any():
+        return known
+    return known & (1 / near >= 0.5 * np.quantile(1 / near[known], 0.9)) & (held >= 1.0)
+
+
+# --- changes that should not matter ----------------------------------------------------------------
+
+
+def changed(row: Row) -> Iterator[tuple[str, Row, int, Demonstration | None]]:
+    """The same flight with something changed: name, row, sampling seed, and pictures that recall asks of."""
+    flight = row.flight
+    for reach in (30.0, 100.0):
+        camera = replace(flight.camera, max_range_m=reach)
+        yield f"reach {reach:.0f} m", replace(row, flight=replace(flight, camera=camera)), 0, flight
+    yield "half rate", replace(row, flight=_part(flight, slice(None, None, 2))), 0, flight
+    yield "double rate", replace(row, flight=_doubled(flight)), 0, flight
+    rng = np.random.default_rng(zlib.crc32(row.title.encode()))
+    noisy = flight.positions + rng.normal(0, 0.05, flight.positions.shape)
+    yield "5 cm noise", replace(row, flight=replace(flight, positions=noisy)), 0, flight
+    for share, seconds in ((0.3, 120.0), (0.7, 60.0)):
+        yield (
+            f"hover {seconds:.0f} s",
+            replace(row, flight=_hovering(flight, share, seconds)),
+            0,
+            flight,
+        )
+    yield "transits", replace(row, flight=_with_transits(flight, row.structure)), 0, flight
+    yield "unwelded", replace(row, structure=_unwelded(row.structure)), 0, None
+    for seed in (1, 2):
+        yield f"seed {seed}", row, seed, None
+
+
+def _part(flight: Demonstration, part: slice) -> Demonstration:
+    return replace(
+        flight,
+        t_ns=flight.t_ns[part],
+        positions=flight.positions[part],
+        quat_xyzw=flight.quat_xyzw[part],
+        breaks=np.empty(0, np.int64),
+    )
+
+
+def _doubled(flight: Demonstration) -> Demonstration:
+    from upplied.poses import interpolate
+
+    path = flight.trajectory
+    times = np.sort(np.concatenate([path.t_s, (path.t_s[1:] + path.t_s[:-1]) / 2]))
+    return _of(flight, times, interpolate(path, times).positions, interpolate(path, times).quat_xyzw)
+
+
+def _of(flight: Demonstration, times: Floats, positions: Floats, quats: Floats) -> Demonstration:
+    return replace(flight, t_ns=np.round(times * 1e9).astype(np.int64), positions=positions, quat_xyzw=quats)
+
+
+def _hovering(flight: Demonstration, share: float, seconds: float) -> Demonstration:
+    at = int(share * len(flight))
+    path, count = flight.trajectory, int(10 * seconds)
+    pause = path.t_s[at] + np.arange(1, count + 1) / 10
+    return _of(
+        flight,
+        np.concatenate([path.t_s[: at + 1], pause, path.t_s[at + 1 :] + seconds]),
+        np.concatenate(
+            [path.positions[: at + 1], np.tile(path.positions[at], (count, 1)), path.positions[at + 1 :]]
+        ),
+        np.concatenate(
+            [path.quat_xyzw[: at + 1], np.tile(path.quat_xyzw[at], (count, 1)), path.quat_xyzw[at + 1 :]]
+        ),
+    )
+
+
+def _with_transits(flight: Demonstration, structure: Structure) -> Demonstration:
+    """30 s of way there and back at 3 m/s from outside, the camera looking ahead along the first picture."""
+    path, seconds = flight.trajectory, 30.0
+    middle = (structure.vertices.min(axis=0) + structure.vertices.max(axis=0)) / 2
+    count = int(10 * seconds)
+
+    def away(at: Floats) -> Floats:
+        out = at - middle
+        out[2] = max(out[2], 0.3 * np.linalg.norm(out[:2]))
+        return out / np.linalg.norm(out)
+
+    going = (np.arange(count) / 10)[:, None]
+    there = path.positions[0] + (seconds - going) * 3.0 * away(path.positions[0])
+    back = path.positions[-1] + (going + 0.1) * 3.0 * away(path.positions[-1])
+    return _of(
+        flight,
+        np.concatenate([going[:, 0], path.t_s + seconds, path.t_s[-1] + seconds + 0.1 + going[:, 0]]),
+        np.concatenate([there, path.positions, back]),
+        np.concatenate(
+            [
+                np.tile(path.quat_xyzw[0], (count, 1)),
+                path.quat_xyzw,
+                np.tile(path.quat_xyzw[-1], (count, 1)),
+            ]
+        ),
+    )
+
+
+@cache
+def _unwelded(structure: Structure) -> Structure:
+    """Every triangle with corners of its own, moved by a tenth of a millimetre: no two of them meet."""
+    corners = structure.vertices[structure.triangles.reshape(-1)]
+    rng = np.random.default_rng(0)
+    moved = corners + rng.uniform(-1e-4, 1e-4, corners.shape) * structure.diagonal_m
+    return replace(structure, vertices=moved, triangles=np.arange(len(corners)).reshape(-1, 3))
+
+
+def main() -> None:
+    """Print the rows, the worst, and what the changes do."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--random", type=int, default=0)
+    parser.add_argument("--real", action="store_true")
+    parser.add_argument("--changes", action="store_true")
+    parser.add_argument("--only", default="")
+    options = parser.parse_args()
+    print(f"{'flight':36}{'strict':>8}{'weight':>8}{'recall':>8}{'area':>8}{'subject m':>11}{'CPU s':>7}")
+    found: list[tuple[str, Found]] = []
+    largest: dict[str, list[tuple[float, float, str]]] = {}
+    for row in rows(options.random, options.real):
+        if options.only not in row.title:
+            continue
+        one = judged(row)
+        found.append((row.title, one))
+        print(
+            f"{row.title:36}{one.strict:8.1f}{one.weight:8.1f}{one.recall:8.1f}{one.area:8.1f}"
+            f"{one.subject_m:11.1f}{one.seconds:7.2f}", flush=True,
+        )  # fmt: skip
+        for name, other, seed, view in changed(row) if options.changes else ():
+            new = judged(other, seed, view)
+            change = (abs(new.weight - one.weight), abs(new.recall - one.recall), row.title)
+            largest.setdefault(name, []).append(change)
+            if max(change[:2]) > 3:
+                print(f"    {name:14} weight {new.weight:6.1f} recall {new.recall:6.1f}", flush=True)
+    weight, recall = (np.array([getattr(one, of) for _, one in found]) for of in ("weight", "recall"))
+    print(f"mean weight {np.nanmean(weight):.1f}, recall {np.nanmean(recall):.1f}")
+    for name, values, least in (("weight", weight, 85), ("recall", recall, 90)):
+        below = [f"{found[k][0]} {values[k]:.1f}" for k in np.argsort(values) if values[k] < least]
+        print(f"{name} below {least}: {'; '.join(below) or 'none'}")
+    for name, changes in largest.items():
+        far = sum(max(change[:2]) > 3 for change in changes)
+        worst = max(changes, key=lambda change: max(change[:2]))
+        print(f"{name:14} largest change {worst[0]:.1f} weight, {worst[1]:.1f} recall: {worst[2]}; "
+              f"{far} of {len(changes)} rows above 3")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""Which points of the target answer for what the demonstration was about, and how near to show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from upplied.config import Settings, focal_px
+from upplied.planning.carry.affine import registered_map
+from upplied.planning.demonstration.repetition import Take
+from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.view_quality import nearest
+from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Record
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class InspectedSurface(Record):
+    """What a target path should show, since the demonstration was about its counterpart."""
+
+    cloud: Cloud  # N points of the target
+    need: Floats  # (N,) how much demonstrated surface each answers for: weighted m^2, or points; 0: none
+    standoff_m: Floats  # (N,) from how near it is to be shown, m: the best look; NaN where need is 0
+    without: float  # how much of that surface has no counterpart, in the unit of `need`
+
+    @property
+    def whole(self) -> float:
+        """How much surface the demonstration was about, with or without a counterpart."""
+        return float(self.need.sum()) + self.without
+
+    @property
+    def without_pct(self) -> float:
+        """Share of what the demonstration was about that has no counterpart; NaN if it was about nothing."""
+        return 100 * self.without / self.whole if self.whole > 0 else float("nan")
+
+
+def inspected_surface(
+    source: Cloud,
+    target: Cloud,
+    correspondences: Correspondences,
+    demonstrated: Views,
+    carry: Floats | None = None,
+    weight: Floats | None = None,
+) -> InspectedSurface:
+    """Which target points answer for what the demonstration was about, and for how much of it.
+
+    Parameters
+    ----------
+    source, target : Cloud
+        Both of one sort: the paper's voxel clouds, where every point counts 1, or surface samples,
+        which count by the demonstrated area.
+    correspondences : Correspondences
+        From `source` to `target`; what has no counterpart is counted apart.
+    demonstrated : Views
+        Of `source`.
+    carry : array, shape (3, 3), optional
+        How a line of sight is carried to the target where stand-offs scale with the structure.
+    weight : array, shape (N,), optional
+        How much the demonstration was about each source point, 0 to 1 (`demonstration.attention`);
+        everything that it saw, where not given.
+    """
+    share = np.ones(len(source)) if source.area_m2 is None else source.area_m2
+    share = share * demonstrated.total if weight is None else share * weight * demonstrated.total
+    meant = share > 0
+    paired = meant & (correspondences.target_index >= 0)
+    index, number = correspondences.target_index[paired], len(target)
+    need: Floats = np.bincount(index, weights=share[paired], minlength=number).astype(float)
+    jacobian = np.eye(3) if carry is None else carry
+    near = nearest(
+        np.ascontiguousarray(demonstrated.stations.positions @ jacobian.T),
+        np.ascontiguousarray((source.points @ jacobian.T).T),
+        demonstrated.seen,
+    )
+    with np.errstate(invalid="ignore"):
+        standoff = np.bincount(index, weights=(share * near)[paired], minlength=number) / need
+    return InspectedSurface(target, need, standoff, float(share[meant & ~paired].sum()))
+
+
+def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
+    """What a take of a demonstration was about, on its target, to be shown as near as the settings ask.
+
+    `scaled` carries the demonstrated distances with the structure, `kept` leaves them, and a ground
+    sampling distance sets them all; the vehicle's safety distance and the camera's range limit them.
+    """
+    pair, camera, transfer = take.pair, take.inspection.camera, settings.transfer
+    fit = pair.surface
+    scaled = transfer.standoff == "scaled"
+    found = inspected_surface(
+        fit.source,
+        fit.target,
+        fit.correspondences,
+        take.inspection.truly,
+        carry=registered_map(fit.registration).matrix if scaled else None,
+        weight=take.inspection.attention.weight,
+    )
+    wanted = found.standoff_m
+    if transfer.gsd_m is not None and camera.width_px:
+        wanted = np.where(found.need > 0, transfer.gsd_m * focal_px(camera.width_px, camera.hfov_deg), np.nan)
+    return replace(found, standoff_m=np.clip(wanted, *_limits(camera, settings)))
+
+
+def _limits(camera: Camera, settings: Settings) -> tuple[float, float]:
+    lowest = max(settings.route.clearance_m, camera.min_range_m)
+    return lowest, max(camera.max_range_m, lowest)
+
+
+def together(parts: Sequence[InspectedSurface]) -> InspectedSurface:
+    """What several flights over one target should show, each adding its need."""
+    if len(parts) == 1:
+        return parts[0]
+    needs = np.array([part.need for part in parts])
+    need = needs.sum(axis=0)
+    distances = np.where(needs > 0, [part.standoff_m for part in parts], 0.0)
+    with np.errstate(invalid="ignore"):
+        standoff = (distances * needs).sum(axis=0) / need
+    return InspectedSurface(parts[0].cloud, need, standoff, sum(part.without for part in parts))
+
+
+def coverage(inspected: InspectedSurface, seen: Bools, whole: bool = False) -> float:
+    """Share, in percent, of the demonstrated surface whose counterpart is in `seen` (N,); NaN for none.
+
+    With `whole`, surface without a counterpart counts as not seen; else it does not count.
+    """
+    total = float(inspected.need.sum())
+    missed = float(inspected.need[~seen].sum())  # exactly 0, and so exactly 100 %, where nothing is missed
+    if whole:
+        total, missed = total + inspected.without, missed + inspected.without
+    return 100 * (1 - missed / total) if total > 0 else float("nan")

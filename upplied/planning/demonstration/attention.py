@@ -1,0 +1,267 @@
+"""What surface a demonstration inspected: a weight from 0 to 1 for every sample of it.
+
+Most of what a flight sees it does not mean: behind an engine stand wing and fuselage, near enough to be
+sharp. What tells a subject from its background is how completely its part of the skin was gazed at.
+
+1. Parts: where the skin goes on (`surface.skin`).
+2. Depth of the subject, pose by pose: where the middle of the picture rests.
+3. Gaze: the time for which the middle of the picture rested on a sample at the subject's depth, sharply.
+4. Completeness of a part: the mean gaze of all its outside samples, over the flight's own.
+5. Weight: whether the sample was shown, times how complete its part is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from upplied.config import InspectionSettings
+from upplied.planning.visibility.moments import Moments, moments, motion_of
+from upplied.planning.visibility.path_views import Views
+from upplied.poses import matrices
+from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
+
+FOVEA = 0.2  # tangent, 11 deg: deviation of the gaze about the middle of the picture
+_NEAREST = 0.3  # quantile of the depth in the gaze, that is the subject's
+_DEPTH = 1.3  # of the subject's depth, up to which a sample belongs to it: the front of a round body
+_APPROACH = 1.5  # of the flight's depth, beyond which a pose is on its way
+_CREEP_MPS = 0.1  # that a hovering pose counts as: hovering shows nothing new
+_GAZE_S, _SHOWN_S = 4.0, 1.0  # of gaze, of being shown, after which the weight is 63 %
+_COMPLETE = (0.4, 0.6)  # completeness over the flight's own: below is background, above is subject
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Attention(Record):
+    """How much the expert's inspection was about each surface sample."""
+
+    weight: Floats  # (N,) 0 to 1
+    part: Ints  # (N,) of the skin
+    completeness: Floats  # (K,) of each part, over the flight's own
+    subject_m: float  # depth at which the flight saw its subject; NaN where it saw nothing
+    motion_radps: float = 0.0  # 95th percentile of the motion of its pictures there: the expert's own blur
+    incidence_deg: float = 0.0  # 95th percentile of the incidence of its looks
+
+
+def attention(
+    flight: Trajectory,
+    breaks: Ints,
+    camera: Camera,
+    cloud: Cloud,
+    shown: Views,
+    part: Ints,
+    settings: InspectionSettings,
+) -> Attention:
+    """Weight each surface sample by how much the flight was about it.
+
+    Parameters
+    ----------
+    flight : Trajectory
+        As logged, source frame.
+    breaks : array of int
+        First pose after each gap in the log.
+    camera : Camera
+    cloud : Cloud
+        N surface samples of the source with normals and areas.
+    shown : Views
+        What the flight truly sees of them, in the same time.
+    part : array of int, shape (N,)
+        The part of the skin that each lies on (`surface.skin`).
+    settings : InspectionSettings
+        When a picture is sharp.
+    """
+    steps = moments(flight, breaks)
+    number, parts = len(cloud), int(part.max(initial=0)) + 1
+    area = np.ones(number) if cloud.area_m2 is None else cloud.area_m2
+    rows = shown.seen[stations_at(shown, steps)]
+    arguments = _facts(steps, camera, cloud, rows)
+    depth = _depths(*arguments)
+    known = np.isfinite(depth)
+    if not known.any():
+        return Attention(np.zeros(number), part, np.zeros(parts), float("nan"))
+    subject = _subject(steps, depth, known)
+    limit = np.where(known & (depth <= _APPROACH * subject), _DEPTH * depth, 0.0)
+    gaze, time = _gazed(
+        *arguments, limit, steps.step_s, *_motion(steps), settings.sharp_radps(camera.hfov_deg)
+    )
+    gazed, seen = 1 - np.exp(-gaze / _GAZE_S), 1 - np.exp(-time / _SHOWN_S)
+    complete = np.bincount(part, area * gazed, parts) / np.maximum(np.bincount(part, area, parts), 1e-300)
+    whole = float((area * gazed).sum())
+    if whole <= 0:
+        return Attention(np.zeros(number), part, np.zeros(parts), subject)
+    complete /= float((area * gazed) @ complete[part]) / whole
+    share = np.clip((complete - _COMPLETE[0]) / (_COMPLETE[1] - _COMPLETE[0]), 0, 1)
+    weight = (share**2 * (3 - 2 * share))[part] * seen
+    looks = _looks(*arguments, step_s=steps.step_s, moving=_motion(steps), weight=weight, area=area)
+    return Attention(weight, part, complete, subject, *looks)
+
+
+def _looks(
+    positions: Floats,
+    axes: Floats,
+    points: Floats,
+    areas: Floats,
+    seen: Bools,
+    *,
+    step_s: Floats,
+    moving: tuple[Floats, Floats],
+    weight: Floats,
+    area: Floats,
+) -> tuple[float, float]:
+    """95th percentiles of motion (rad/s) and incidence (deg) over the looks at what was inspected."""
+    motion, incidence = _histograms(
+        positions, points, areas / area[:, None], seen, step_s, *moving, weight * area
+    )
+    if motion.sum() <= 0:
+        return 0.0, 0.0
+    at = [float(np.searchsorted(np.cumsum(of), _USUAL * of.sum())) for of in (motion, incidence)]
+    return float(_LEAST_MOTION * np.exp((at[0] + 1) * _MOTION_STEP)), (at[1] + 1) * 0.5
+
+
+_USUAL = 0.95
+_LEAST_MOTION, _MOTION_STEP, _MOTION_BINS = 1e-4, 0.02, 600  # rad/s, of its logarithm: up to 16 rad/s
+
+
+@njit(cache=True)
+def _histograms(
+    positions: Floats,
+    points: Floats,
+    normals: Floats,
+    seen: Bools,
+    step_s: Floats,
+    velocity: Floats,
+    turn: Floats,
+    weight: Floats,
+) -> tuple[Floats, Floats]:
+    motion, incidence = np.zeros(_MOTION_BINS), np.zeros(180)
+    ray = np.empty(3)
+    for pose in range(len(positions)):
+        for index in range(len(points)):
+            if not seen[pose, index] or weight[index] <= 0:
+                continue
+            squared, facing = 0.0, 0.0
+            for axis in range(3):
+                ray[axis] = points[index, axis] - positions[pose, axis]
+                squared += ray[axis] * ray[axis]
+                facing -= ray[axis] * normals[index, axis]
+            distance = max(np.sqrt(squared), 1e-9)
+            moved = motion_of(ray, distance, velocity[pose], turn[pose])
+            place = int(np.log(max(moved, 1e-12) / _LEAST_MOTION) / _MOTION_STEP)
+            motion[min(max(place, 0), _MOTION_BINS - 1)] += weight[index] * step_s[pose]
+            angle = np.degrees(np.arccos(min(max(facing / distance, 0.0), 1.0)))
+            incidence[min(int(2 * angle), 179)] += weight[index] * step_s[pose]
+    return motion, incidence
+
+
+def stations_at(shown: Views, steps: Moments) -> Ints:
+    """The station (K,) of some views that is nearest in time to each moment."""
+    times = shown.stations.t_s
+    after = np.clip(np.searchsorted(times, steps.poses.t_s), 1, max(len(times) - 1, 1))
+    if len(times) == 1:
+        return np.zeros(len(steps), np.int64)
+    earlier = steps.poses.t_s - times[after - 1] <= times[after] - steps.poses.t_s
+    return np.asarray(after - earlier, np.int64)
+
+
+def _facts(
+    steps: Moments, camera: Camera, cloud: Cloud, rows: Bools
+) -> tuple[Floats, Floats, Floats, Floats, Bools]:
+    assert cloud.normals is not None
+    return (
+        np.ascontiguousarray(steps.poses.positions),
+        np.ascontiguousarray(matrices(steps.poses.quat_xyzw)),
+        np.ascontiguousarray(cloud.points),
+        np.ascontiguousarray(cloud.normals * (1.0 if cloud.area_m2 is None else cloud.area_m2[:, None])),
+        np.ascontiguousarray(rows),
+    )
+
+
+def _motion(steps: Moments) -> tuple[Floats, Floats]:
+    return np.ascontiguousarray(steps.velocity), np.ascontiguousarray(steps.turn)
+
+
+def _subject(steps: Moments, depth: Floats, known: Bools) -> float:
+    """Depth of the flight's subject, m: the median over the way flown, in pictures' widths."""
+    way = np.linalg.norm(steps.velocity, axis=1) * steps.step_s + _CREEP_MPS * steps.step_s
+    values, weights = depth[known], (way / np.where(known, depth, 1.0) ** 2)[known]
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, total[-1] / 2)])
+
+
+@njit(cache=True)
+def _depths(positions: Floats, axes: Floats, points: Floats, areas: Floats, seen: Bools) -> Floats:
+    """Depth of the subject in each picture (K,), m; inf where the picture shows nothing."""
+    depths = np.full(len(positions), np.inf)
+    place, weight = np.empty(len(points)), np.empty(len(points))
+    for pose in range(len(positions)):
+        count, whole = 0, 0.0
+        for index in range(len(points)):
+            if not seen[pose, index]:
+                continue
+            x, y, z, across, up, squared = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            facing = 0.0
+            for axis in range(3):
+                ray = points[index, axis] - positions[pose, axis]
+                x += axes[pose, axis, 0] * ray
+                across += axes[pose, axis, 1] * ray
+                up += axes[pose, axis, 2] * ray
+                squared += ray * ray
+                facing -= areas[index, axis] * ray
+            y, z = across / max(x, 1e-9), up / max(x, 1e-9)
+            distance = np.sqrt(squared)
+            if x <= 0 or facing <= 0:
+                continue
+            place[count] = x
+            weight[count] = np.exp(-(y * y + z * z) / (2 * FOVEA * FOVEA)) * facing / (squared * distance)
+            whole += weight[count]
+            count += 1
+        if whole <= 0:
+            continue
+        share = 0.0
+        for index in np.argsort(place[:count]):
+            share += weight[index]
+            if share >= _NEAREST * whole:
+                depths[pose] = place[index]
+                break
+    return depths
+
+
+@njit(cache=True)
+def _gazed(
+    positions: Floats,
+    axes: Floats,
+    points: Floats,
+    areas: Floats,
+    seen: Bools,
+    limit: Floats,
+    step_s: Floats,
+    velocity: Floats,
+    turn: Floats,
+    sharp: float,
+) -> tuple[Floats, Floats]:
+    """Seconds for which each sample (N,) was gazed at, and shown, sharply and at the subject's depth."""
+    gaze, time = np.zeros(len(points)), np.zeros(len(points))
+    ray = np.empty(3)
+    for pose in range(len(positions)):
+        if limit[pose] <= 0:
+            continue
+        for index in range(len(points)):
+            if not seen[pose, index]:
+                continue
+            x, across, up, squared = 0.0, 0.0, 0.0, 0.0
+            for axis in range(3):
+                ray[axis] = points[index, axis] - positions[pose, axis]
+                x += axes[pose, axis, 0] * ray[axis]
+                across += axes[pose, axis, 1] * ray[axis]
+                up += axes[pose, axis, 2] * ray[axis]
+                squared += ray[axis] * ray[axis]
+            if x <= 0 or x > limit[pose]:
+                continue
+            moved = motion_of(ray, np.sqrt(squared), velocity[pose], turn[pose])
+            held = step_s[pose] * min(1.0, sharp / max(moved, 1e-12))
+            y, z = across / x, up / x
+            gaze[index] += held * np.exp(-(y * y + z * z) / (2 * FOVEA * FOVEA))
+            time[index] += held
+    return gaze, time

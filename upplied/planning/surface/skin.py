@@ -1,0 +1,207 @@
+"""Parts of a structure's skin: where a surface goes on without a crease inwards, a step or a border.
+
+The parts that `surface.parts` makes of a mesh's pieces are what the modeller cut. What a pilot looks at
+is a stretch of skin: a nacelle, a wing, the walls of a hull, whether it was modelled in one piece,
+in forty, or welded to its neighbour. So many samples are joined over short distances, but not where
+one stands out of the tangent plane of the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from upplied.planning.surface.floor import floor_of
+from upplied.planning.surface.parts import mesh_pieces
+from upplied.planning.surface.samples import lets_out, points_on_triangles
+from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
+from upplied.scene import Scene
+
+_FINE = 40_000  # samples that are joined
+_DRAWN = 1.6  # candidates for each of them
+_REACH = 3.0  # sample spacings: samples this near are neighbours
+_RISE = 0.25  # sine of the angle at which a neighbour stands out of the tangent plane: 14.5 deg
+_FLUSH = 0.2  # sine by which a border of two pieces may leave the arc that joins them
+_NECK = 0.5  # of the narrower part's half width: what is joined by less is two parts
+_SMALL = 0.002  # share of the samples below which what is joined is a crumb
+_FEW = 6  # samples, at least, of a part
+_NORMAL = 2.0  # sample spacings that opposite normals count when crumbs look for their part
+_CRUMBS = 0.002  # share of the area below which a mesh piece says nothing about borders
+_ALIKE = 0.5  # cosine between a candidate's normal and an outside sample's near it
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SkinParts(Record):
+    """Which part of the skin each surface sample of a structure lies on."""
+
+    label: Ints  # (N,) 0 .. K - 1
+
+
+def skin_parts(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) -> SkinParts:
+    """The part of the skin of each sample of a structure's surface.
+
+    Parameters
+    ----------
+    structure : Structure
+    scene : Scene
+        Of the same structure.
+    cloud : Cloud
+        Its N surface samples with normals (`surface.samples`), which say what is outside.
+    seed : int
+        Of the finer samples that are joined.
+
+    Returns
+    -------
+    SkinParts
+    """
+    points, normals, piece = _fine_samples(structure, scene, cloud, seed)
+    if len(points) < 2 * _FEW:
+        return SkinParts(np.zeros(len(cloud), np.int64))
+    area = float(np.sum(cloud.area_m2)) if cloud.area_m2 is not None else len(cloud) * 1.0
+    spacing = float(np.sqrt(area / len(points)))
+    label = _joined(points, normals, piece, spacing)
+    assert cloud.normals is not None
+    place = cKDTree(_placed(points, normals, spacing))
+    nearest = place.query(_placed(cloud.points, cloud.normals, spacing))[1]
+    return SkinParts(np.unique(label[nearest], return_inverse=True)[1].reshape(-1).astype(np.int64))
+
+
+def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud, seed: int) -> tuple[Floats, Floats, Ints]:
+    """Points and outward normals (F, 3) on the outside, and the mesh piece (F,) of each, -1 unknown."""
+    assert cloud.normals is not None
+    rng = np.random.default_rng(seed)
+    if not len(structure.triangles):
+        return _fine_points(structure, cloud, rng)
+    points, triangle = points_on_triangles(structure, int(_DRAWN * _FINE), rng)
+    corners = structure.vertices[structure.triangles[triangle]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    near = cKDTree(cloud.points).query(points, k=min(6, len(cloud)))[1].reshape(len(points), -1)
+    agrees = np.einsum("nkj,nj->nk", cloud.normals[near], normals)
+    index, sign = _sides(agrees)
+    outward = sign[:, None] * normals[index]
+    gap = 1e-5 * structure.diagonal_m
+    free = lets_out(
+        points[index] + gap * outward, outward, 2 * structure.diagonal_m, scene, floor_of(structure), few=True
+    )
+    kept = np.sort(rng.permutation(np.flatnonzero(free))[:_FINE])
+    index, outward = index[kept], outward[kept]
+    return points[index], outward, _known_pieces(structure)[triangle[index]]
+
+
+def _sides(agrees: Floats) -> tuple[Ints, Floats]:
+    """Which sides of candidates face as an outside sample near them does: index, and +1 or -1."""
+    ahead, behind = (agrees > _ALIKE).any(axis=1), (agrees < -_ALIKE).any(axis=1)
+    both = np.stack([ahead, behind], axis=1)
+    index, side = np.nonzero(both)
+    return index, np.where(side == 0, 1.0, -1.0)
+
+
+def _fine_points(structure: Structure, cloud: Cloud, rng: np.random.Generator) -> tuple[Floats, Floats, Ints]:
+    """The same of a structure given as points: normals from neighbours, turned as the samples' are."""
+    points = structure.vertices
+    chosen = np.sort(rng.permutation(len(points))[:_FINE])
+    assert cloud.normals is not None
+    like = cloud.normals[cKDTree(cloud.points).query(points[chosen])[1]]
+    if structure.normals is not None:
+        return points[chosen], structure.normals[chosen], np.full(len(chosen), -1)
+    neighbours = cKDTree(points).query(points[chosen], k=min(13, len(points)))[1]
+    patch = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
+    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", patch, patch))[1][:, :, 0]
+    turned = np.where((normals * like).sum(axis=1, keepdims=True) < 0, -normals, normals)
+    return points[chosen], turned, np.full(len(chosen), -1)
+
+
+def _known_pieces(structure: Structure) -> Ints:
+    """The mesh piece of each triangle, -1 where it is a crumb: triangle soup has no borders to believe."""
+    piece = mesh_pieces(structure)
+    corners = structure.vertices[structure.triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    share = np.bincount(piece, weights=area) / max(float(area.sum()), 1e-300)
+    return np.where(share[piece] >= _CRUMBS, piece, -1)
+
+
+def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Ints:
+    """The part (F,) of each fine sample."""
+    number = len(points)
+    one, other = cKDTree(points).query_pairs(_REACH * spacing, output_type="ndarray").T
+    cut = _cuts(points, normals, piece, one, other)
+    rim: Bools = np.bincount(np.concatenate([one[cut], other[cut]]), minlength=number) > 0
+    one, other = one[~cut], other[~cut]
+    label = _basins(one, other, _from_rim(points, one, other, rim))
+    body = (np.bincount(label)[label] >= max(_FEW, _SMALL * number)) & ~rim
+    if not body.any():
+        return np.zeros(number, np.int64)
+    place = _placed(points, normals, spacing)
+    label[~body] = label[body][cKDTree(place[body]).query(place[~body])[1]]
+    return label
+
+
+def _from_rim(points: Floats, one: Ints, other: Ints, rim: Bools) -> Floats:
+    """Distance (F,) of each sample from the nearest rim along the skin, m; inf where there is none."""
+    if not rim.any():
+        return np.full(len(points), np.inf)
+    length = np.maximum(np.linalg.norm(points[one] - points[other], axis=1), 1e-9)
+    graph = coo_matrix((length, (one, other)), (len(points),) * 2).tocsr()
+    return np.asarray(dijkstra(graph, directed=False, indices=np.flatnonzero(rim), min_only=True))
+
+
+def _basins(one: Ints, other: Ints, depth: Floats) -> Ints:
+    """Parts (F,) by watershed: two meet where the way between them is wide, as wide as they are.
+
+    Parameters
+    ----------
+    one, other : array of int, shape (E,)
+        Neighbours between which the skin goes on.
+    depth : array, shape (F,)
+        Distance from the nearest rim; what lies on it (0) joins nothing.
+    """
+    saddle = np.minimum(depth[one], depth[other])
+    order = np.argsort(-saddle, kind="stable")
+    order = order[saddle[order] > 0]
+    return np.asarray(_flooded(one[order], other[order], saddle[order], depth), np.int64)
+
+
+@njit(cache=True)
+def _flooded(one: Ints, other: Ints, saddle: Floats, depth: Floats) -> Ints:
+    root, peak = np.arange(len(depth)), depth.copy()
+    for edge in range(len(one)):
+        a, b = one[edge], other[edge]
+        while root[a] != a:
+            root[a] = root[root[a]]
+            a = root[a]
+        while root[b] != b:
+            root[b] = root[root[b]]
+            b = root[b]
+        if a == b or saddle[edge] < _NECK * min(peak[a], peak[b]):
+            continue
+        if peak[b] > peak[a]:
+            a, b = b, a
+        root[b] = a
+    for index in range(len(root)):
+        top = index
+        while root[top] != top:
+            top = root[top]
+        root[index] = top
+    return root
+
+
+def _cuts(points: Floats, normals: Floats, piece: Ints, one: Ints, other: Ints) -> Bools:
+    """Between which neighbours the skin does not go on."""
+    way = points[other] - points[one]
+    way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
+    rises = np.einsum("ij,ij->i", way, normals[one])
+    falls = -np.einsum("ij,ij->i", way, normals[other])
+    concave = np.maximum(rises, falls) > _RISE
+    border = (piece[one] != piece[other]) & (piece[one] >= 0) & (piece[other] >= 0)
+    return np.asarray(concave | (border & (np.maximum(np.abs(rises), np.abs(falls)) > _FLUSH)), bool)
+
+
+def _placed(points: Floats, normals: Floats, spacing: float) -> Floats:
+    """Places in which what is near and faces alike is near."""
+    return np.concatenate([points, _NORMAL * spacing * normals], axis=1)
