@@ -132,6 +132,14 @@ def test_missions(format, planned, tmp_path, capsys):
     assert main([*arguments, "--reserve-pct", "200"]) == 2
 
 
+def test_the_page_for_the_pilot_passes_the_same_gate(planned, tmp_path, capsys):
+    output = tmp_path / "brief.html"
+    assert main(["brief", planned, "--output", str(output)]) == 1 and not output.exists()
+    assert "--force preset" in capsys.readouterr().err
+    assert main(["brief", planned, "--output", str(output), "--force", "preset"]) == 0
+    assert "OVERRULED preset" in output.read_text()
+
+
 def test_a_refused_mission_is_code_1_and_says_why(planned, tmp_path, capsys):
     output = str(tmp_path / "mission.kmz")
     wrong = ["--drone", "m30t", "--altitude", "ellipsoid"]

@@ -16,6 +16,7 @@ from rich.markup import escape
 
 import upplied
 from upplied.cli import (
+    brief,
     demonstrations,
     doctor,
     export,
@@ -52,6 +53,7 @@ for command in (
     transfer.plan,
     fly.app,
     export.app,
+    brief.app,
     recommend.app,
     render.app,
     report.app,

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from upplied.errors import CatalogError
 from upplied.outputs import figures
+from upplied.outputs.brief import brief_html
 from upplied.outputs.colours import DEMONSTRATED
 from upplied.outputs.draw.views import View
-from upplied.outputs.missions import Exported, MissionOptions, export
+from upplied.outputs.files import replace_file
+from upplied.outputs.missions import Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import Breach
 from upplied.outputs.reports import Source, plan_of
 
@@ -64,6 +67,21 @@ def export_transfer(
     camera = source.demonstration(str(row["demonstration_id"])).camera
     structure = source.structure(str(row["target_id"]))
     return export(plan_of(source, row), structure, format, path, options, camera, _superseded(source, row))
+
+
+def brief_transfer(
+    source: Source, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
+) -> Path:
+    """The page for the pilot of one transfer, HTML, as it is flown in a format."""
+    options = options or MissionOptions()
+    row = _row(source, transfer_id)
+    camera = source.demonstration(str(row["demonstration_id"])).camera
+    structure = source.structure(str(row["target_id"]))
+    missions = missions_for(
+        format, plan_of(source, row), structure, options, camera, _superseded(source, row)
+    )
+    warnings = json.loads(row.get("warnings") or "[]")
+    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings))
 
 
 def _superseded(source: Source, row: Any) -> list[Breach]:

@@ -91,10 +91,8 @@ def export(
         return Exported((written,), (), ("in the structure frame, metres", *overruled))
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
-    _, flying, write = _WRITERS[format]
-    if format in ("qgc-plan", "mavlink"):
-        flying = replace(flying, note=mavlink.NOTES[options.firmware])
-    missions = missions_of(plan, structure, options, flying, camera, tuple(named))
+    write = _WRITERS[format][2]
+    missions = missions_for(format, plan, structure, options, camera, found)
     contents = [encoded(write(mission, options)) for mission in missions]  # all, before the first is written
     for mission, content in zip(missions, contents, strict=True):
         reading = read_mission(format, content, mission)
@@ -104,6 +102,21 @@ def export(
         for mission, content in zip(missions, contents, strict=True)
     ]
     return Exported(tuple(paths), tuple(missions), missions[0].notes)
+
+
+def missions_for(
+    format: str,
+    plan: Plan | Trajectory,
+    structure: Structure,
+    options: MissionOptions,
+    camera: Camera | None = None,
+    found: Sequence[gate.Breach] = (),
+) -> list[Mission]:
+    """The sorties of a plan as the software behind a format flies them; parameters as of `export`."""
+    flying = ANYTHING if format == "mcap" else _WRITERS[format][1]
+    if format in ("qgc-plan", "mavlink"):
+        flying = replace(flying, note=mavlink.NOTES[options.firmware])
+    return missions_of(plan, structure, options, flying, camera, (*gate.plan_breaches(plan), *found))
 
 
 def encoded(content: bytes | str) -> bytes:

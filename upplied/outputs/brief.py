@@ -1,0 +1,185 @@
+"""The page that a pilot takes along: map, heights, sorties, times, rules, verdict and what was assumed."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from upplied.outputs.draw.sketch import Line, map_png, side_png
+from upplied.outputs.missions.mission import Mission
+from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.missions.ways import ground_z_m
+from upplied.records import Floats, Structure
+
+_PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<title>{title}</title>
+<style>
+{style}</style>
+</head>
+<body>
+{body}
+</body>
+</html>
+"""
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+def brief_html(
+    row: Mapping[str, Any],
+    missions: Sequence[Mission],
+    structure: Structure,
+    options: MissionOptions,
+    warnings: Sequence[str],
+) -> str:
+    """One page, A4 when printed, that needs nothing from elsewhere.
+
+    Parameters
+    ----------
+    row : mapping
+        The plan, as `transfers` holds it.
+    missions : sequence of Mission
+        Its sorties; they have passed the gate, or their notes say what was overruled.
+    structure : Structure
+    options : MissionOptions
+        What the missions were made with.
+    warnings : sequence of str
+        What the plan says that a pilot should know.
+    """
+    lines = [_line(mission) for mission in missions]
+    notes = list(missions[0].notes)
+    overruled = [note for note in notes if note.startswith("OVERRULED")]
+    title = f"{row['demonstration_id']} on {row['target_id']}"
+    body = [
+        f"<h1>{_said(title)}</h1>",
+        f"<p>Plan {_said(row['transfer_id'])}, preset {_said(row['preset'])}, "
+        f"method {_said(row['method_version'])}, planned {_said(row['planned_at'])[:16]} UTC</p>",
+        _verdict(overruled),
+        _maps(structure, missions, lines),
+        '<div class="columns"><div>',
+        _heights(missions, structure, options),
+        "</div><div>",
+        _measures(row),
+        "</div></div>",
+        _sorties(missions),
+        _listed("Warnings of the plan", warnings),
+        _listed("Assumed and checked", [note for note in notes if note not in overruled]),
+    ]
+    style = resources.files("upplied.outputs").joinpath("static/brief.css").read_text("utf-8")
+    return _PAGE.format(policy=_POLICY, style=style, title=_said(title), body="\n".join(body))
+
+
+def _verdict(overruled: Sequence[str]) -> str:
+    if not overruled:
+        return '<p class="verdict go">Passed every rule of the gate, from take-off to landing.</p>'
+    listed = "".join(f"<li>{_said(note)}</li>" for note in overruled)
+    return f'<div class="verdict stop">Rules were overruled:<ul>{listed}</ul></div>'
+
+
+def _maps(structure: Structure, missions: Sequence[Mission], lines: Sequence[Line]) -> str:
+    north = missions[0].placement.heading_deg
+    pictures = (
+        (
+            map_png(structure, lines, north),
+            "Map, north up. H: take-off; grey: ways there and back; red: limits.",
+        ),
+        (side_png(structure, lines), "From the side; z in the frame of the structure."),
+    )
+    figures = "".join(
+        f'<figure><img alt="{_said(text)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+        f"<figcaption>{_said(text)}</figcaption></figure>"
+        for png, text in pictures
+    )
+    return f'<div class="maps">{figures}</div>'
+
+
+def _heights(missions: Sequence[Mission], structure: Structure, options: MissionOptions) -> str:
+    first = missions[0]
+    home, ground = float(first.home_local[2]), ground_z_m(structure)
+    every = np.concatenate([mission.local[:, 2] for mission in missions])
+    ways = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
+    ceiling = structure.surroundings.ceiling_z_m
+    lat, lon, _ = first.home
+    rows = [
+        ("take-off", f"{lat:.6f}, {lon:.6f}"),
+        ("take-off over ground", f"{home - ground:.1f} m"),
+        ("highest, over take-off", f"{every.max() - home:.1f} m"),
+        ("highest, over ground", f"{every.max() - ground:.1f} m"),
+        ("lowest while flying, over ground", f"{every.min() - ground:.1f} m"),
+        ("ways there and back, over take-off", f"{(ways.max() if len(ways) else every.max()) - home:.1f} m"),
+        ("abort: automatic return, over take-off", f"at least {first.return_height_m:.1f} m"),
+        ("ceiling", "none declared" if ceiling is None else f"{ceiling - home:.1f} m over take-off"),
+        ("clearance asked of every leg", f"{options.clearance_m:g} m"),
+    ]
+    return _table("Heights", rows)
+
+
+def _measures(row: Mapping[str, Any]) -> str:
+    shown = (
+        ("coverage_inspected_pct", "inspected surface shown as well", "{:.1f} %"),
+        ("coverage_seen_pct", "surface really seen", "{:.1f} %"),
+        ("min_clearance_m", "least clearance of the plan", "{:.2f} m"),
+        ("path_length_m", "inspection path", "{:.0f} m"),
+        ("duration_s", "inspection time", "{:.0f} s"),
+        ("peak_speed_mps", "peak speed", "{:.1f} m/s"),
+        ("standoff_ratio_p50", "stand-off beside the wanted", "{:.2f}"),
+    )
+    rows = []
+    for name, text, form in shown:
+        value = row.get(name)
+        if value is not None and value == value:
+            rows.append((text, form.format(float(value))))
+    return _table("Plan", rows)
+
+
+def _sorties(missions: Sequence[Mission]) -> str:
+    head = ("sortie", "waypoints", "photos", "way, m", "in the air, s", "first waypoint (lat, lon, height m)")
+    cells = []
+    for mission in missions:
+        inside = mission.local[mission.inspect]
+        length = float(np.linalg.norm(np.diff(mission.local, axis=0), axis=1).sum())
+        every = mission.photo_distance_m
+        photos = f"every {every:g} m" if every else str(int(mission.photo.sum()))
+        lat, lon, _ = mission.geodetic[0]
+        first = f"{lat:.6f}, {lon:.6f}, {mission.height_m[0]:.1f}"
+        name, seconds = f"{mission.number} of {mission.count}", f"{mission.duration_s:.0f}"
+        cells.append((name, len(inside), photos, f"{length:.0f}", seconds, first))
+    headed = "".join(f"<th>{_said(each)}</th>" for each in head)
+    body = "".join("<tr>" + "".join(f"<td>{_said(each)}</td>" for each in row) + "</tr>" for row in cells)
+    return f"<h2>Sorties</h2><table><tr>{headed}</tr>{body}</table>"
+
+
+def _line(mission: Mission) -> Line:
+    inside = np.flatnonzero(mission.inspect)
+    home = mission.home_local
+    above = [np.array([[home[0], home[1], z]]) for z in (mission.local[0, 2], mission.local[-1, 2])]
+    local: Floats = mission.local
+    return Line(
+        np.concatenate([home[None], above[0], local[: inside[0] + 1]]),
+        local[inside],
+        np.concatenate([local[inside[-1] :], above[1], home[None]]),
+    )
+
+
+def _table(title: str, rows: Sequence[tuple[str, str]]) -> str:
+    body = "".join(f"<tr><td>{_said(name)}</td><td>{_said(value)}</td></tr>" for name, value in rows)
+    return f"<h2>{_said(title)}</h2><table>{body}</table>"
+
+
+def _listed(title: str, texts: Sequence[str]) -> str:
+    if not texts:
+        return ""
+    return f"<h2>{_said(title)}</h2><ul>{''.join(f'<li>{_said(text)}</li>' for text in texts)}</ul>"
+
+
+def _said(value: object) -> str:
+    return html.escape(str(value))
