@@ -5,14 +5,15 @@ from __future__ import annotations
 import io
 import json
 import struct
+import tempfile
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
-from upplied.inputs.formats.raw import RawMesh
 from upplied.inputs.formats.reader import read_raw
+from upplied.inputs.raw import RawMesh
 from upplied.records import Floats, Ints
 
 
@@ -26,8 +27,9 @@ def shape() -> tuple[Floats, Ints]:
 
 def write(vertices: Floats, triangles: Ints, suffix: str) -> bytes:
     """The bytes of a file: a suffix, or `stl_ascii`, `ply_ascii`, `pcd_ascii`, `gltf` for a variant."""
-    if suffix in ("pcd", "pcd_ascii", "las"):
-        return {"pcd": pcd, "pcd_ascii": pcd_ascii, "las": las}[suffix](vertices)
+    clouds = {"pcd": pcd, "pcd_ascii": pcd_ascii, "las": las, "laz": laz, "e57": e57}
+    if suffix in clouds:
+        return clouds[suffix](vertices)
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
     if suffix == "dae":
         return trimesh.exchange.dae.export_collada(mesh)
@@ -94,7 +96,26 @@ def pcd_header(count: int, mode: str) -> bytes:
     ).encode()
 
 
-def las(points: Floats, scale: float = 1e-4) -> bytes:
+def e57(points: Floats) -> bytes:
+    """Two scans by pye57: all points about the first, which its pose puts back, and the first three again."""
+    import pye57
+
+    near = np.asarray(points, float) - points[0]
+    with tempfile.TemporaryDirectory() as folder:
+        path = f"{folder}/a.e57"
+        with pye57.E57(path, mode="w") as file:
+            for count in (len(near), 3):
+                columns = {f"cartesian{axis}": near[:count, i].copy() for i, axis in enumerate("XYZ")}
+                file.write_scan_raw(columns, rotation=np.array([1.0, 0, 0, 0]), translation=points[0])
+        return Path(path).read_bytes()
+
+
+def laz(points: Floats) -> bytes:
+    """LAS 1.2 packed by lazrs."""
+    return las(points, packed=True)
+
+
+def las(points: Floats, scale: float = 1e-4, packed: bool = False) -> bytes:
     """LAS 1.2 by laspy, with an offset at the first point."""
     import laspy
 
@@ -103,7 +124,7 @@ def las(points: Floats, scale: float = 1e-4) -> bytes:
     cloud = laspy.LasData(header)
     cloud.x, cloud.y, cloud.z = np.asarray(points).T
     file = io.BytesIO()
-    cloud.write(file)
+    cloud.write(file, do_compress=packed)
     return file.getvalue()
 
 

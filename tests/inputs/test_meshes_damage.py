@@ -20,7 +20,7 @@ from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import normalise
 
 MESHES = ["ply", "ply_ascii", "stl", "stl_ascii", "obj", "off", "glb", "gltf", "dae", "3mf"]
-CLOUDS = ["pcd", "pcd_ascii", "las"]
+CLOUDS = ["pcd", "pcd_ascii", "las", "laz", "e57"]
 
 
 @pytest.mark.parametrize("suffix", [*MESHES, *CLOUDS])

@@ -8,6 +8,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 
 from cyclopts import App
 
@@ -59,6 +60,9 @@ def _python() -> str:
 
 def _packages() -> str:
     """Prefect breaks silently with newer ones of these; a locked install never has them."""
+    if find_spec("prefect") is None:
+        flows = 'no flows (pip install "upplied[fleet]")'
+        return f"upplied {version('upplied')}, open3d {_open3d_version()}, {flows}"
     wrong = [
         f"{name} {version(name)} (needs {text})"
         for name, bound, text in (("sqlalchemy", (2, 1), "< 2.1"), ("fastapi", (0, 151), "< 0.151"))

@@ -29,14 +29,16 @@ def check_entry(manifest: Path, id: str, png: Path | None) -> int:
 
 def _told(what: StructureEntry | Path, file: Path, png: Path) -> int:
     from upplied.errors import InputError
+    from upplied.fleet.workers import JobKilled, Workers
     from upplied.inputs.health import health_report
     from upplied.outputs.figures import save, structure_png
 
     if not file.is_file():
         raise InputError(str(file), "is no file", remedy="check the path")
     try:
-        report = health_report(what)
-    except InputError as error:
+        with Workers(1) as pool:  # whatever a file does to a reader, within its time and memory
+            report = pool.run(health_report, what)
+    except (InputError, JobKilled) as error:
         errors.print(f"refused: {error}", markup=False, soft_wrap=True)
         return 1
     console.print(report.text, markup=False, soft_wrap=True)

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 
-from upplied.inputs.formats.raw import RawMesh
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import Outlier
+from upplied.inputs.raw import RawMesh
 from upplied.records import Floats
 
 NOMINAL_TOLERANCE = 0.07  # passes nearly every good model of a type and flags toys and wrong units

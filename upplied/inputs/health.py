@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from upplied.inputs.findings import Findings
-from upplied.inputs.formats.raw import RawMesh
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifest_keys import UNITS
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import normalise
+from upplied.inputs.raw import RawMesh
 from upplied.records import Record, Structure
 
 _FORWARD = {"x": "y", "y": "z", "z": "x"}  # for each up axis; glTF has Y up and +Z forward

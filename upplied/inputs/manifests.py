@@ -19,6 +19,7 @@ import numpy as np
 
 from upplied.errors import InputError
 from upplied.inputs import manifest_keys as keys
+from upplied.inputs.files import read_regular
 from upplied.records import Floats, Placement, Surroundings
 
 MAX_BYTES = 16 << 20  # a row is some 200 bytes: 80 000 structures
@@ -83,15 +84,7 @@ def read_manifest(path: Path | str, allow_outside: bool = False) -> list[Structu
 def _text(path: Path) -> str:
     if path.suffix.lower() not in (".toml", ".csv"):
         raise InputError(str(path), f"has the suffix {path.suffix!r}", "a manifest is a .toml or a .csv file")
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(
-            str(path), f"cannot be read: {error.strerror or error}", "", "check the path"
-        ) from None
-    if len(data) > MAX_BYTES:
-        raise InputError(str(path), f"is larger than {MAX_BYTES >> 20} MB", "smaller manifests", "split it")
+    data = read_regular(path, MAX_BYTES, remedy="split it")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -11,13 +11,14 @@ from upplied.checks import check_finite, check_id
 from upplied.config import digest
 from upplied.errors import InputError
 from upplied.inputs.concerns import concerns, nominal_problems
+from upplied.inputs.files import open_regular
 from upplied.inputs.findings import Findings
-from upplied.inputs.formats.raw import RawMesh
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import find_outliers
 from upplied.inputs.outside import look
 from upplied.inputs.points import outward_normals
+from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import Repairs, clean, clip_below, compact, used_vertices
 from upplied.inputs.topology import topology_of
 from upplied.records import Bools, Floats, Ints, Structure
@@ -64,7 +65,7 @@ def fingerprint(entry: StructureEntry) -> str:
     OSError
         If the file cannot be read.
     """
-    with entry.path.open("rb") as stream:
+    with open_regular(entry.path) as stream:
         return _sha256(hashlib.file_digest(stream, "sha256").hexdigest(), entry)
 
 

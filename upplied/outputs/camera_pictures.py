@@ -5,11 +5,14 @@ from __future__ import annotations
 import io
 
 import numpy as np
-from PIL import Image
 
+from upplied.extras import extra
 from upplied.poses import matrices
 from upplied.records import Camera, Floats, Structure, Trajectory
 from upplied.scene import Scene, scene_of
+
+with extra("export"):
+    from PIL import Image
 
 _SIDE_PX = 192
 _SKY, _GROUND, _PAINT = np.array([188, 214, 240]), np.array([168, 184, 150]), np.array([226, 228, 232])

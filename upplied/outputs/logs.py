@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import SettingsError
 from upplied.outputs import ros2_schemas
-from upplied.outputs.camera_pictures import camera_picture
 from upplied.outputs.files import replace_file
 from upplied.poses import interpolate, moved
 from upplied.records import Camera, Demonstration, Floats, Structure, Trajectory
@@ -274,6 +273,8 @@ def _stamps(demonstration: Demonstration, every_s: float) -> list[int]:
 def _pictures(
     demonstration: Demonstration, structure: Structure | None, every_s: float = 2.0
 ) -> list[_Message]:
+    from upplied.outputs.camera_pictures import camera_picture
+
     stamps = _stamps(demonstration, every_s)
     t_s = (np.array(stamps) - demonstration.t_ns[0]) * 1e-9
     seen = interpolate(demonstration.trajectory, t_s)

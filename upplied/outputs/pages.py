@@ -16,6 +16,8 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
+from upplied.extras import extra
+
 #: Files of the package's own that every report folder holds once, under ``assets/``.
 SCRIPTS = ("plotly.min.js", "core.js", "fleet.js", "scene.js", "transfer.js", "start.js")
 #: Those that the fleet's own page needs: it draws nothing, and opens without the drawing library.
@@ -129,7 +131,8 @@ def _finite(value: Any) -> Any:
 @cache
 def _asset(name: str) -> str:
     if name == "plotly.min.js":
-        from plotly.offline import get_plotlyjs
+        with extra("export"):
+            from plotly.offline import get_plotlyjs
 
         return str(get_plotlyjs())
     return resources.files("upplied.outputs").joinpath("static", name).read_text("utf-8")

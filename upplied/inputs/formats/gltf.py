@@ -1,19 +1,22 @@
-"""glTF 2.0: a scene of nodes and meshes in JSON, its numbers in binary buffers (GLB or beside it)."""
+"""glTF 2.0 by trimesh, which is given a document whose every reference was checked, and its buffers.
+
+Checked or put right here, since trimesh lets it pass in silence: triangle fans are left out, integers
+that stand for fractions are not scaled, a child of a camera loses its place, and a node that is named
+twice is placed once.
+"""
 
 from __future__ import annotations
 
 import base64
+import io
 import json
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from upplied.inputs.formats.raw import Assembly, RawMesh, Source
-from upplied.inputs.formats.tree import flatten
-from upplied.records import Floats, Ints
+from upplied.inputs.raw import Assembly, RawMesh, Source, counted
 
-_COMPONENT = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_BITS = {5120: 7, 5121: 8, 5122: 15, 5123: 16, 5125: 32, 5126: 32}  # of each component; without its sign
 _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 # Required extensions that do not touch the geometry, by prefix.
@@ -22,13 +25,36 @@ _HARMLESS = ("KHR_materials", "KHR_texture", "EXT_texture", "KHR_lights", "KHR_m
 
 def read_gltf(source: Source) -> RawMesh:
     """The triangles of the default scene, each primitive a part; metres and Y up by specification."""
-    document, binary = _chunks(source) if source.data[:4] == b"glTF" else (source.data, b"")
+    from trimesh.exchange.gltf import load_gltf
+
+    text, binary = _chunks(source) if source.data[:4] == b"glTF" else (source.data, b"")
     try:
-        scene = json.loads(document)
+        document = json.loads(text)
     except (ValueError, RecursionError):
         raise source.error("its JSON cannot be understood", "a complete glTF 2.0 file") from None
-    _check_version(source, scene)
-    return _Reader(source, scene, binary).read()
+    _check_version(source, document)
+    buffers = _buffers(source, document, binary)
+    _check_accessors(source, document, buffers)
+    skinned = _plain_tree(source, document)
+    scales, skipped = _primitives(source, document)
+    document["buffers"] = [{"uri": str(index)} for index in range(len(buffers))]
+    resolver = {str(index): data for index, data in enumerate(buffers)}
+    loaded = load_gltf(io.BytesIO(json.dumps(document).encode()), resolver, skip_materials=True)
+    scale = dict(zip(loaded["geometry"], scales, strict=True))
+    assembly, placed = Assembly(source), {"world": np.eye(4)}
+    for edge in loaded["graph"]:
+        matrix = placed[edge["frame_from"]] @ edge["matrix"]
+        placed.setdefault(edge["frame_to"], matrix)
+        if "geometry" in edge:
+            name = edge["geometry"]
+            piece = loaded["geometry"][name]
+            vertices = np.asarray(piece["vertices"], float) / scale[name]
+            assembly.add(vertices, np.asarray(piece["faces"], np.int64), matrix, name)
+    remarks = counted(
+        (skipped, "primitives of lines and points left aside"),
+        (skinned, "skinned meshes taken in their pose of rest"),
+    )
+    return assembly.mesh(unit_m=1.0, up="y", remarks=remarks)
 
 
 def _chunks(source: Source) -> tuple[bytes, bytes]:
@@ -38,9 +64,8 @@ def _chunks(source: Source) -> tuple[bytes, bytes]:
     if version == 1:
         raise _too_old(source)
     if version != 2 or length > len(data) or length < 20:
-        raise source.error(
-            f"says it is version {version} and {length} bytes long, it has {len(data)}", "a complete GLB 2"
-        )
+        said = f"says it is version {version} and {length} bytes long, it has {len(data)}"
+        raise source.error(said, "a complete GLB 2")
     found: dict[bytes, bytes] = {}
     at = 12
     while at + 8 <= length:
@@ -52,158 +77,127 @@ def _chunks(source: Source) -> tuple[bytes, bytes]:
     return found.get(b"JSON", b""), found.get(b"BIN\0", b"")
 
 
-def _check_version(source: Source, scene: Any) -> None:
-    if not isinstance(scene, dict) or not isinstance(scene.get("asset"), dict):
+def _check_version(source: Source, document: Any) -> None:
+    if not isinstance(document, dict) or not isinstance(document.get("asset"), dict):
         raise source.error("has no 'asset'", "a glTF 2.0 file")
-    if not str(scene["asset"].get("version", "")).startswith("2"):
+    if not str(document["asset"].get("version", "")).startswith("2"):
         raise _too_old(source)
-    for name in map(str, scene.get("extensionsRequired", [])):
+    for name in map(str, document.get("extensionsRequired", [])):
         if not name.startswith(_HARMLESS):
-            raise source.error(
-                f"requires the extension {name[:60]}",
-                "plain glTF 2.0",
-                "export it without compression or extensions",
-            )
+            remedy = "export it without compression or extensions"
+            raise source.error(f"requires the extension {name[:60]}", "plain glTF 2.0", remedy)
 
 
 def _too_old(source: Source) -> Exception:
-    return source.error(
-        "is glTF 1.0",
-        "glTF 2.0",
-        "convert it, e.g. `npx gltf-pipeline -i old.glb -o new.glb`, or export it again",
-    )
+    remedy = "convert it, e.g. `npx gltf-pipeline -i old.glb -o new.glb`, or export it again"
+    return source.error("is glTF 1.0", "glTF 2.0", remedy)
 
 
-class _Reader:
-    def __init__(self, source: Source, scene: dict[str, Any], binary: bytes) -> None:
-        self._source, self._scene, self._binary = source, scene, binary
-        self._buffers: dict[int, bytes] = {}
-        self._matrices: dict[int, Floats] = {}
-        self._skipped = 0
-        self._skinned = 0
-
-    def read(self) -> RawMesh:
-        assembly = Assembly(self._source)
-        for node, matrix in flatten(self._source, self._roots(), self._children):
-            if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
-                raise self._source.error(
-                    "uses EXT_mesh_gpu_instancing", "plain glTF 2.0", "export it flattened"
-                )
-            if "mesh" not in node:
-                continue
-            self._skinned += "skin" in node
-            mesh = self._item("meshes", node["mesh"])
-            for primitive in mesh["primitives"]:
-                piece = self._primitive(primitive)
-                if piece is not None:
-                    assembly.add(*piece, matrix, str(node.get("name", mesh.get("name", "")))[:80])
-        remarks = [
-            f"{count} {what}"
-            for count, what in (
-                (self._skipped, "primitives of lines and points left aside"),
-                (self._skinned, "skinned meshes taken in their pose of rest"),
-            )
-            if count
-        ]
-        return assembly.mesh(unit_m=1.0, up="y", remarks=tuple(remarks))
-
-    def _roots(self) -> list[tuple[dict, Floats]]:
-        nodes = self._scene.get("nodes", [])
-        if "scenes" in self._scene:
-            roots = self._item("scenes", self._scene.get("scene", 0)).get("nodes", [])
+def _buffers(source: Source, document: dict, binary: bytes) -> list[bytes]:
+    found = []
+    for uri in (buffer.get("uri") for buffer in document.get("buffers", [])):
+        if uri is None:
+            found.append(binary)
+        elif uri.startswith("data:"):
+            found.append(base64.b64decode(uri.partition(",")[2], validate=True))
         else:
-            inner = {child for node in nodes for child in node.get("children", [])}
-            roots = [index for index in range(len(nodes)) if index not in inner]
-        if not nodes:
-            return [({"mesh": index}, np.eye(4)) for index in range(len(self._scene.get("meshes", [])))]
-        return [self._node(index) for index in roots]
+            found.append(source.sibling(uri))
+    return found
 
-    def _children(self, node: dict) -> list[tuple[dict, Floats]]:
-        return [self._node(index) for index in node.get("children", [])]
 
-    def _node(self, index: int) -> tuple[dict, Floats]:
-        node = self._item("nodes", index)
-        if index not in self._matrices:
-            self._matrices[index] = _matrix(node)
-        return node, self._matrices[index]
-
-    def _primitive(self, primitive: dict) -> tuple[Floats, Ints] | None:
-        mode = primitive.get("mode", _TRIANGLES)
-        if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
-            raise self._source.error(
-                "is compressed with Draco", "plain glTF 2.0", "export it without compression"
-            )
-        if mode not in (_TRIANGLES, _STRIP, _FAN):
-            self._skipped += 1
-            return None
-        vertices = self._accessor(primitive["attributes"]["POSITION"]).astype(float)
-        if vertices.shape[1] != 3:
-            raise ValueError("positions are no triples")
-        if "indices" in primitive:
-            indices = self._accessor(primitive["indices"]).reshape(-1).astype(np.int64)
-        else:
-            indices = np.arange(len(vertices))
-        return vertices, _triangles(indices, mode)
-
-    def _accessor(self, index: int) -> np.ndarray:
-        """The values (count, width) of an accessor, scaled where they are normalised integers."""
-        accessor = self._item("accessors", index)
-        if "sparse" in accessor or "bufferView" not in accessor:
-            raise self._source.error(
-                "uses sparse accessors", "plain accessors", "export it again without sparse"
-            )
-        kind, width = np.dtype(_COMPONENT[accessor["componentType"]]), _WIDTH[accessor["type"]]
-        count, offset = accessor["count"], accessor.get("byteOffset", 0)
-        view = self._item("bufferViews", accessor["bufferView"])
+def _check_accessors(source: Source, document: dict, buffers: list[bytes]) -> None:
+    """That every accessor lies in its view and every view in its buffer, and that none counts too few."""
+    views = document.get("bufferViews", [])
+    used: dict[int, tuple[int, int]] = {}  # of each view: where its last accessor ends, and its step
+    for view in views:
         start, length = view.get("byteOffset", 0), view["byteLength"]
-        buffer = self._buffer(view["buffer"])
-        step = view.get("byteStride") or kind.itemsize * width
-        needed = offset + (count - 1) * step + kind.itemsize * width
-        if min(count, offset, start, length, step) < 0 or needed > length or start + length > len(buffer):
-            raise self._source.error("an accessor reaches beyond its buffer", "a complete file")
-        values = np.ndarray((count, width), kind, buffer, start + offset, (step, kind.itemsize))
-        return values / np.iinfo(kind).max if accessor.get("normalized") and kind.kind != "f" else values
-
-    def _buffer(self, index: int) -> bytes:
-        if index not in self._buffers:
-            uri = self._item("buffers", index).get("uri")
-            if uri is None:
-                data = self._binary
-            elif uri.startswith("data:"):
-                data = base64.b64decode(uri.partition(",")[2], validate=True)
-            else:
-                data = self._source.sibling(uri)
-            self._buffers[index] = data
-        return self._buffers[index]
-
-    def _item(self, kind: str, index: Any) -> dict:
-        items = self._scene.get(kind, [])
-        if not isinstance(index, int) or not 0 <= index < len(items):
-            raise self._source.error(
-                f"refers to {kind} {str(index)[:20]}, of {len(items)}", "a complete file"
-            )
-        return items[index]
+        if min(start, length, view["buffer"]) < 0 or start + length > len(buffers[view["buffer"]]):
+            raise source.error("a view reaches beyond its buffer", "a complete file")
+    for accessor in document.get("accessors", []):
+        if "bufferView" not in accessor:
+            continue
+        index, count, start = accessor["bufferView"], accessor["count"], accessor.get("byteOffset", 0)
+        row = (_BITS[accessor["componentType"]] + 7) // 8 * _WIDTH[accessor["type"]]
+        step = views[index].get("byteStride") or row
+        end = start + (count - 1) * step + row
+        if min(index, count, start, step) < 0 or end > views[index]["byteLength"]:
+            raise source.error("an accessor reaches beyond its buffer", "a complete file")
+        used[index] = max(used.get(index, (0, 0)), (end, step))
+    for index, (end, step) in used.items():
+        left = views[index]["byteLength"] - end
+        if left >= max(step, 16):
+            found = f"its accessors leave {left} of {left + end} bytes of a view unused"
+            raise source.error(found, "counts that cover all data")
 
 
-def _matrix(node: dict) -> Floats:
-    """The transform (4, 4) of a node to its parent."""
-    if "matrix" in node:
-        return np.array(node["matrix"], float).reshape(4, 4).T
-    matrix = np.eye(4)
-    turn = Rotation.from_quat(node.get("rotation", (0.0, 0.0, 0.0, 1.0))).as_matrix()
-    matrix[:3, :3] = turn * np.array(node.get("scale", (1.0, 1.0, 1.0)), float).reshape(3)
-    matrix[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
-    return matrix
+def _plain_tree(source: Source, document: dict) -> int:
+    """Make the scene a tree of plain nodes; how many meshes are skinned."""
+    nodes = document.setdefault("nodes", [])
+    if not nodes:
+        nodes += [{"mesh": index} for index in range(len(document.get("meshes", [])))]
+        document.pop("scenes", None)
+    inner = [child for node in nodes for child in node.get("children", [])]
+    if "scenes" not in document:
+        named = set(inner)
+        document["scenes"] = [{"nodes": [index for index in range(len(nodes)) if index not in named]}]
+        document.pop("scene", None)
+    roots = document["scenes"][document.get("scene", 0)].get("nodes", [])
+    if len(set(inner)) < len(inner) or not set(inner).isdisjoint(roots) or len(set(roots)) < len(roots):
+        found = "its scene refers to itself, or to a node twice"
+        raise source.error(found, "a tree of nodes", "export it flattened")
+    for index in (*inner, *roots):
+        if not 0 <= index < len(nodes):
+            raise source.error(f"refers to nodes {str(index)[:20]}, of {len(nodes)}", "a complete file")
+    for number, node in enumerate(nodes):
+        if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
+            raise source.error("uses EXT_mesh_gpu_instancing", "plain glTF 2.0", "export it flattened")
+        node.pop("camera", None)
+        node["name"] = f"{node.get('name', 'node')} {number}"
+        if "mesh" in node and not 0 <= node["mesh"] < len(document.get("meshes", [])):
+            raise source.error(f"refers to meshes {str(node['mesh'])[:20]}", "a complete file")
+    return sum("skin" in node for node in nodes)
 
 
-def _triangles(indices: Ints, mode: int) -> Ints:
-    if mode == _TRIANGLES:
-        if len(indices) % 3:
-            raise ValueError("triangles of less than three corners")
-        return indices.reshape(-1, 3)
-    count = max(len(indices) - 2, 0)
-    step = np.arange(count)
-    if mode == _FAN:
-        return np.stack([np.broadcast_to(indices[:1], count), indices[step + 1], indices[step + 2]], axis=1)
-    odd = step % 2
-    return np.stack([indices[step], indices[step + 1 + odd], indices[step + 2 - odd]], axis=1)
+def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
+    """Leave triangles only; what the positions of each are divided by, and how many were left out."""
+    scales, skipped, total, accessors = [], 0, 0, document.get("accessors", [])
+    used: set[int] = set()
+    placements = np.bincount([node["mesh"] for node in document["nodes"] if "mesh" in node], minlength=1)
+    for index, mesh in enumerate(document.get("meshes", [])):
+        kept = [p for p in mesh["primitives"] if p.get("mode", _TRIANGLES) in (_TRIANGLES, _STRIP)]
+        skipped += len(mesh["primitives"]) - len(kept)
+        for primitive in mesh["primitives"]:
+            if primitive.get("mode") == _FAN:
+                raise source.error("holds triangle fans", "triangles or strips", "export it as triangles")
+            if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
+                raise source.error(
+                    "is compressed with Draco", "plain glTF 2.0", "export it without compression"
+                )
+        for primitive in kept:
+            named = [
+                primitive["attributes"]["POSITION"],
+                *(primitive[key] for key in ("indices",) if key in primitive),
+            ]
+            if (
+                any(not 0 <= number < len(accessors) for number in named)
+                or accessors[named[0]]["type"] != "VEC3"
+            ):
+                raise source.error("a primitive has no positions", "a complete file")
+            if any("sparse" in accessors[n] or "bufferView" not in accessors[n] for n in named):
+                raise source.error(
+                    "uses sparse accessors", "plain accessors", "export it again without sparse"
+                )
+            used.update(named)
+            corners = sum(accessors[number]["count"] for number in named)
+            copies = int(placements[index]) if index < len(placements) else 0
+            total += corners * max(copies, 1)
+            source.most(total, "corners", 1.0, 3_000_000)
+            positions = accessors[named[0]]
+            scaled = positions.get("normalized") and positions["componentType"] != 5126
+            scales.append(2.0 ** _BITS[positions["componentType"]] - 1 if scaled else 1.0)
+            primitive["attributes"] = {"POSITION": named[0]}
+            primitive.pop("extensions", None)
+        mesh["primitives"] = kept
+    empty = {"componentType": 5121, "type": "SCALAR", "count": 0}
+    document["accessors"] = [accessors[n] if n in used else empty for n in range(len(accessors))]
+    return scales, skipped

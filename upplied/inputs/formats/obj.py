@@ -1,4 +1,8 @@
-"""Wavefront OBJ: vertices and faces in text. Its material library is never opened."""
+"""Wavefront OBJ: vertices and faces in text. Its material library is never opened.
+
+Ours, not trimesh's: that one counts a negative index from the end of the file instead of from its
+face, and cuts every polygon as a fan, which covers a concave one wrongly; both in silence.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,8 @@ import re
 
 import numpy as np
 
-from upplied.inputs.formats.polygons import triangulate
-from upplied.inputs.formats.raw import RawMesh, Source
 from upplied.inputs.formats.text import integers, numbers, widths
+from upplied.inputs.raw import RawMesh, Source, counted
 from upplied.records import Floats, Ints
 
 _REST = re.compile(rb"/[^\s]*")  # texture and normal indices
@@ -19,21 +22,23 @@ def read_obj(source: Source) -> RawMesh:
     """The faces of an OBJ file, triangulated; its groups and objects become parts."""
     lines = _Lines(source)
     at_vertices, at_faces, at_names = (lines.of(kind) for kind in ("v", "f", "og"))
-    vertices = _vertices(source, lines.text(at_vertices))
+    vertices = first_three(source, lines.text(at_vertices), "v x y z")
     corners, sizes = _faces(source, lines.text(at_faces))
     # A negative index counts back from the last vertex above its face.
     above = np.repeat(np.searchsorted(at_vertices, at_faces), sizes)
     corners = np.where(corners > 0, corners - 1, above + corners)
-    if len(corners) and not 0 <= corners.min() <= corners.max() < len(vertices):
-        raise source.error("its faces refer to vertices that do not exist", f"1 to {len(vertices)}")
-    triangles, polygon = triangulate(vertices, corners, sizes)
+    triangles, polygon = source.triangulated(vertices, corners, sizes, 1)
     names = lines.text(at_names).decode("utf-8", "replace").split("\n")[: len(at_names)]
     return RawMesh(
         vertices,
         triangles,
         part=np.searchsorted(at_names, at_faces[polygon]),
         part_names=("", *(name.strip()[:80] for name in names)),
-        remarks=_remarks(sizes, len(lines.of("lp"))),
+        remarks=counted(
+            (int((sizes > 3).sum()), "polygons triangulated"),
+            (len(lines.of("lp")), "lines and points left aside"),
+            (int((sizes < 3).sum()), "faces of less than three corners left aside"),
+        ),
     )
 
 
@@ -72,16 +77,15 @@ class _Lines:
         return self._bytes[np.repeat(wanted, self._lengths)].tobytes()
 
 
-def _vertices(source: Source, text: bytes) -> Floats:
-    """x y z of each row; weights and colours may follow."""
+def first_three(source: Source, text: bytes, rule: str) -> Floats:
+    """x y z of each line; weights, colours and normals may follow."""
     try:
         values, counts = numbers(text), widths(text)
     except ValueError:
-        raise source.error("holds a vertex that is no three numbers", "v x y z") from None
+        raise source.error("holds a vertex that is no three numbers", rule) from None
     if len(values) != counts.sum() or (counts < 3).any():
-        raise source.error("holds a vertex that is no three numbers", "v x y z")
-    first = np.cumsum(counts) - counts
-    return values[first[:, None] + np.arange(3)]
+        raise source.error("holds a vertex that is no three numbers", rule)
+    return values[(np.cumsum(counts) - counts)[:, None] + np.arange(3)]
 
 
 def _faces(source: Source, text: bytes) -> tuple[Ints, Ints]:
@@ -94,12 +98,3 @@ def _faces(source: Source, text: bytes) -> tuple[Ints, Ints]:
     if len(corners) != sizes.sum() or (corners == 0).any():
         raise source.error("holds a face with a vertex 0", "vertices count from 1, or from -1 backwards")
     return corners, sizes
-
-
-def _remarks(sizes: Ints, lines: int) -> tuple[str, ...]:
-    found = (
-        (int((sizes > 3).sum()), "polygons triangulated"),
-        (lines, "lines and points left aside"),
-        (int((sizes < 3).sum()), "faces of less than three corners left aside"),
-    )
-    return tuple(f"{count} {what}" for count, what in found if count)

@@ -1,55 +1,49 @@
-"""STL: triangles and nothing else, in binary or in text."""
+"""STL: triangles and nothing else, in binary or in text, by trimesh; here what it must be told or asked."""
 
 from __future__ import annotations
 
+import io
 import re
 
 import numpy as np
 
-from upplied.inputs.formats.raw import RawMesh, Source
-from upplied.inputs.formats.text import numbers
+from upplied.inputs.content import is_text_stl
+from upplied.inputs.raw import RawMesh, Source, counted
 
-_HEAD = 84
-_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_VERTEX = re.compile(rb"vertex[ \t]+([^\r\n]*)")
+_HEAD, _FACET = 84, 50
 
 
 def read_stl(source: Source) -> RawMesh:
     """The triangles of an STL file; its normals are left aside, the winding says the same."""
-    return _text(source) if is_text(source.data) else _binary(source)
+    from trimesh.exchange.stl import load_stl_binary
 
-
-def is_text(data: bytes) -> bool:
-    """Whether an STL is text: some binary ones start with `solid` as well."""
-    return data[:80].lstrip()[:5].lower() == b"solid" and b"\0" not in data[:512]
-
-
-def _binary(source: Source) -> RawMesh:
-    data = source.data
-    count = int.from_bytes(data[80:_HEAD], "little")
-    if len(data) < _HEAD + count * _FACET.itemsize:
-        held = max(len(data) - _HEAD, 0) // _FACET.itemsize
+    if is_text_stl(source.data):
+        return _soup(_text(source))
+    count, body = int.from_bytes(source.data[80:_HEAD], "little"), source.data[_HEAD:]
+    spare = body[count * _FACET :]
+    if len(body) < count * _FACET or (len(spare) >= _FACET and any(spare)):
+        held = len(body) // _FACET
         raise source.error(f"its header says {count} triangles, it holds {held}", "a complete file")
-    facets = np.frombuffer(data, _FACET, count, _HEAD)
-    spare = len(data) - _HEAD - count * _FACET.itemsize
-    remarks = (f"{spare} bytes after the last triangle left aside",) if spare else ()
-    return _soup(facets["corners"].astype(float).reshape(-1, 3), remarks)
+    loaded = load_stl_binary(io.BytesIO(source.data[: _HEAD + count * _FACET]))  # it takes no byte too many
+    return _soup([loaded] if count else [], counted((len(spare), "bytes after the last triangle left aside")))
 
 
-def _text(source: Source) -> RawMesh:
-    text = source.data.lower()
+def _text(source: Source) -> list[dict]:
+    """Each solid. What trimesh leaves out in silence, after a damaged number, is missed by its count."""
+    from trimesh.exchange.stl import load_stl_ascii
+
+    text = source.data.lower().replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"endsolid" not in text[text.rfind(b"endfacet") :]:
         raise source.error("ends before its last 'endsolid'", "a complete file")
-    rows = _VERTEX.findall(text)
-    facets = len(re.findall(rb"\bendfacet\b", text))
-    try:
-        corners = numbers(b"\n".join(rows))
-    except ValueError:
-        raise source.error("holds a vertex that is no three numbers", "vertex x y z") from None
-    if len(rows) != 3 * facets or len(corners) != 3 * len(rows):
-        raise source.error(f"has {len(rows)} vertices for {facets} facets", "three vertices per facet")
-    return _soup(corners.reshape(-1, 3))
+    facets, rows = len(re.findall(rb"\bendfacet\b", text)), len(re.findall(rb"\bvertex\b", text))
+    loaded = load_stl_ascii(io.BytesIO(text))
+    solids = list(loaded["geometry"].values()) if "geometry" in loaded else [loaded]
+    found = sum(len(solid["vertices"]) for solid in solids)
+    if not rows == found == 3 * facets:
+        raise source.error(f"has {found} good vertices for {facets} facets", "three vertices per facet")
+    return solids
 
 
-def _soup(corners: np.ndarray, remarks: tuple[str, ...] = ()) -> RawMesh:
+def _soup(solids: list[dict], remarks: tuple[str, ...] = ()) -> RawMesh:
+    corners = np.concatenate([np.empty((0, 3)), *(solid["vertices"] for solid in solids)])
     return RawMesh(corners, np.arange(len(corners)).reshape(-1, 3), remarks=remarks)

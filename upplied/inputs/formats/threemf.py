@@ -1,4 +1,9 @@
-"""3MF: a zip archive with the model in XML, read as a stream so that a bomb stays small."""
+"""3MF: a zip archive with the model in XML, read as a stream so that a bomb stays small.
+
+Ours, not trimesh's: of a model in several parts (production extension) that one adds every mesh of a
+part once for each reference to it, so a plate with two placed objects holds four; it unpacks the whole
+archive, whatever its size, and builds every path through components, however many there are.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +18,7 @@ from xml.sax.handler import ContentHandler
 import numpy as np
 from defusedxml import sax
 
-from upplied.inputs.formats.raw import Assembly, RawMesh, Source
-from upplied.inputs.formats.tree import flatten
+from upplied.inputs.raw import Assembly, RawMesh, Source, flatten
 from upplied.records import Floats
 
 _UNITS = {

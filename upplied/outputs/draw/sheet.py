@@ -9,10 +9,13 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
 
+from upplied.extras import extra
 from upplied.outputs.colours import BACKGROUND, FAINT, TEXT
 from upplied.outputs.draw.views import Frame
+
+with extra("export"):
+    from PIL import Image, ImageDraw, ImageFont
 
 _PAD = 18
 _HEAD = 46

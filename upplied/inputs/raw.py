@@ -1,21 +1,27 @@
-"""What a mesh file holds, before anything is converted or repaired, and how scenes are flattened."""
+"""What a mesh file holds before anything is converted or repaired, and the bytes it is read from."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import unquote
 
 import numpy as np
 
 from upplied.errors import InputError
+from upplied.inputs.files import read_regular
+from upplied.inputs.polygons import MAX_CORNERS, triangulate
 from upplied.records import Floats, Ints, Record
 
 MAX_BYTES = 2 << 30
+_MAX_DEPTH = 256
 _NO_POINTS = np.empty((0, 3))
 _NO_TRIANGLES = np.empty((0, 3), np.int64)
+
+Node = TypeVar("Node")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,7 +43,7 @@ class Source:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        self.data = _bytes(self.path, str(path))
+        self.data = read_regular(path, MAX_BYTES, remedy="decimate the mesh")
         self._hash = hashlib.sha256(self.data)
 
     @property
@@ -55,13 +61,28 @@ class Source:
                 "buffers in the file itself or in its folder",
                 "export it as one file (.glb)",
             )
-        data = _bytes(folder / name, f"{self.path}, its buffer {name[:120]!r}")
+        data = read_regular(folder / name, MAX_BYTES, f"{self.path}, its buffer {name[:120]!r}")
         self._hash.update(data)
         return data
 
     def error(self, found: str, rule: str = "", remedy: str = "export the file again") -> InputError:
         """An error about this file."""
         return InputError(str(self.path), found, rule, remedy)
+
+    def most(self, count: int, what: str, per_byte: float, least: int) -> None:
+        """Refuse a count that no file of this size holds in honesty: packed formats count on trust."""
+        if not 0 <= count <= max(least, per_byte * len(self.data)):
+            raise self.error(f"says it has {count} {what}, in {len(self.data)} bytes", "a complete file")
+
+    def triangulated(self, vertices: Floats, corners: Ints, sizes: Ints, first: int = 0) -> tuple[Ints, Ints]:
+        """Triangles of polygons and the polygon of each, once it is known that all corners exist."""
+        if len(corners) and not 0 <= corners.min() <= corners.max() < len(vertices):
+            rule = f"{first} to {len(vertices) - 1 + first}"
+            raise self.error("its faces refer to vertices that do not exist", rule)
+        if sizes.max(initial=0) > MAX_CORNERS:
+            found, rule = f"has a polygon of {sizes.max()} corners", f"at most {MAX_CORNERS}"
+            raise self.error(found, rule, "triangulate it on export")
+        return triangulate(vertices, corners, sizes)
 
 
 class Assembly:
@@ -74,8 +95,7 @@ class Assembly:
     def __init__(self, source: Source) -> None:
         self._source = source
         self._left = max(1_000_000, len(source.data) // 4)
-        self._vertices: list[Floats] = []
-        self._triangles: list[Ints] = []
+        self._pieces: list[tuple[Floats, Ints]] = []
         self._names: list[str] = []
         self._count = 0
 
@@ -89,35 +109,58 @@ class Assembly:
                 "export it flattened",
             )
         if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
-            raise self._source.error(
-                f"part {name[:60]!r}: triangles refer to vertices that do not exist",
-                f"indices from 0 to {len(vertices) - 1}",
-            )
+            found = f"part {name[:60]!r}: triangles refer to vertices that do not exist"
+            raise self._source.error(found, f"indices from 0 to {len(vertices) - 1}")
         if np.linalg.det(matrix[:3, :3]) < 0:
             triangles = triangles[:, ::-1]
-        self._vertices.append(vertices @ matrix[:3, :3].T + matrix[:3, 3])
-        self._triangles.append(np.asarray(triangles, np.int64) + self._count)
-        self._names.append(name)
+        placed = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        self._pieces.append((placed, np.asarray(triangles, np.int64) + self._count))
+        self._names.append(name[:80])
         self._count += len(vertices)
 
     def mesh(self, **declared: Any) -> RawMesh:
         """All pieces as one mesh, each a part of its own."""
-        sizes = [len(triangles) for triangles in self._triangles]
+        sizes = [len(triangles) for _, triangles in self._pieces]
         return RawMesh(
-            vertices=np.concatenate([_NO_POINTS, *self._vertices]),
-            triangles=np.concatenate([_NO_TRIANGLES, *self._triangles]),
+            vertices=np.concatenate([_NO_POINTS, *(vertices for vertices, _ in self._pieces)]),
+            triangles=np.concatenate([_NO_TRIANGLES, *(triangles for _, triangles in self._pieces)]),
             part=np.repeat(np.arange(len(sizes)), sizes),
             part_names=tuple(self._names),
             **declared,
         )
 
 
-def _bytes(path: Path, what: str) -> bytes:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(what, f"is larger than {MAX_BYTES >> 30} GB", "", "decimate the mesh")
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(what, f"cannot be read: {error.strerror or error}", "", "check the path") from None
-    except ValueError as error:
-        raise InputError(what, f"is no path: {error}") from None
+def flatten(
+    source: Source,
+    roots: list[tuple[Node, Floats]],
+    children: Callable[[Node], list[tuple[Node, Floats]]],
+) -> Iterator[tuple[Node, Floats]]:
+    """Every node of a tree with its transform (4, 4) to the scene, depth first, in order.
+
+    What refers to itself, or explodes, is refused.
+
+    Parameters
+    ----------
+    roots : list of (node, matrix)
+    children : callable
+        The children of a node, each with its transform to that node.
+    """
+    most = max(10_000, len(source.data) // 10)  # nodes, each placed as often as it is named
+    stack = [(node, matrix, 0) for node, matrix in reversed(roots)]
+    for _ in range(most + 1):
+        if not stack:
+            return
+        node, matrix, depth = stack.pop()
+        if depth > _MAX_DEPTH:
+            break
+        if not np.isfinite(matrix).all():
+            raise source.error("a node's transform is not finite", "finite numbers")
+        yield node, matrix
+        stack.extend((child, matrix @ local, depth + 1) for child, local in reversed(children(node)))
+    rule = f"at most {most} nodes, {_MAX_DEPTH} deep"
+    raise source.error("its scene refers to itself or has too many nodes", rule, "export it flattened")
+
+
+def counted(*found: tuple[int, str]) -> tuple[str, ...]:
+    """Remarks in words of what occurred."""
+    return tuple(f"{count} {what}" for count, what in found if count)

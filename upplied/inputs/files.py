@@ -1,0 +1,82 @@
+"""Files from outside, opened as what they are: a pipe, a device or a folder is refused, not waited for."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BufferedReader
+from pathlib import Path
+
+from upplied.errors import InputError
+
+
+def open_regular(path: Path | str) -> BufferedReader:
+    """A regular file, opened to be read.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be opened, or is a pipe, a device, a socket or a folder: reading those hangs
+        or has no end.
+    """
+    _check_regular(os.stat(path).st_mode, path)  # before it is opened: opening a device may do something
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    try:
+        _check_regular(os.fstat(handle).st_mode, path)  # and after: it may have been exchanged
+        return os.fdopen(handle, "rb")
+    except BaseException:
+        os.close(handle)
+        raise
+
+
+def _check_regular(mode: int, path: Path | str) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "is no regular file but a pipe, a device or a socket", str(path))
+
+
+def read_regular(path: Path | str, most: int, what: str = "", remedy: str = "check the path") -> bytes:
+    """The bytes of a regular file, as many as it has when it is opened.
+
+    Parameters
+    ----------
+    path : path
+    most : int
+        Bytes it may have.
+    what : str
+        What messages call it; its path where empty.
+
+    Raises
+    ------
+    InputError
+        Where it is larger, or cannot be read.
+    """
+    what = what or str(path)
+    try:
+        with open_regular(path) as stream:
+            size = os.fstat(stream.fileno()).st_size
+            if size > most:
+                raise InputError(what, f"is larger than {_size(most)}", "", remedy)
+            return stream.read(size)
+    except OSError as error:
+        raise InputError(what, f"cannot be read: {error.strerror or error}", "", "check the path") from None
+    except ValueError as error:
+        raise InputError(what, f"is no path: {error}") from None
+
+
+@contextmanager
+def file_of(data: bytes, suffix: str) -> Iterator[str]:
+    """The path of a file of these bytes alone in a folder, for libraries that read paths only."""
+    with tempfile.TemporaryDirectory(prefix="upplied-") as folder:
+        path = Path(folder) / f"file.{suffix}"
+        path.write_bytes(data)
+        yield str(path)
+
+
+def _size(count: int) -> str:
+    return f"{count >> 30} GB" if count >> 30 else f"{count >> 20} MB"

@@ -1,0 +1,143 @@
+"""Point clouds of surveyors: LAS and LAZ by laspy, E57 by pye57, PCD by Open3D; around them, counts."""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+from typing import Any
+
+import numpy as np
+from defusedxml import ElementTree
+
+from upplied.extras import extra
+from upplied.inputs.files import file_of
+from upplied.inputs.formats.text import numbers
+from upplied.inputs.raw import RawMesh, Source
+from upplied.records import Floats
+from upplied.scene import open3d
+
+_CHUNK = 1_000_000  # points
+_PACKED = (4.0, _CHUNK)  # points per byte, and at least, that a packed file may count: real ones stay below 1
+_PCD = re.compile(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", re.MULTILINE)
+
+
+def read_las(source: Source) -> RawMesh:
+    """The points of a LAS 1.0 to 1.4 or LAZ file; in projected coordinates exact in double precision."""
+    with extra("formats"):
+        import laspy
+        import lazrs  # noqa: F401 - laspy unpacks LAZ by it, and would say less well that it is missing
+
+    data = source.data
+    if len(data) < 227 or struct.unpack_from("<I", data, 100)[0] > len(data) // 54:
+        raise source.error("ends before its header and its records do", "a complete LAS or LAZ")
+    with laspy.open(io.BytesIO(data), read_evlrs=False) as reader:
+        header, found = reader.header, []
+        count, start, width = header.point_count, header.offset_to_point_data, header.point_format.size
+        if header.are_points_compressed:
+            source.most(count, "points", *_PACKED)
+        else:
+            end = header.start_of_first_evlr if header.number_of_evlrs else len(data)
+            held = max(end - start, 0) // width
+            if held != count and not (held > count and not any(data[start + count * width : end])):
+                raise source.error(f"says it has {count} points, it holds {held}", "a complete LAS")
+        for points in reader.chunk_iterator(_CHUNK):
+            found.append(np.column_stack([points.X, points.Y, points.Z]) * header.scales + header.offsets)
+    return _counted(source, np.concatenate([np.empty((0, 3)), *found]), count, up="z")
+
+
+def read_e57(source: Source) -> RawMesh:
+    """The points of all scans of an E57 file, each in the pose that the file says."""
+    with extra("formats"):
+        import pye57
+
+    count, scans = 0, 0
+    for points in _e57_xml(source).iter("points"):
+        count, scans = count + int(points.get("recordCount", "0")), scans + 1
+        source.most(int(points.get("recordCount", "0")), "points", *_PACKED)
+    source.most(count, "points", *_PACKED)
+    found = [np.empty((0, 3))]
+    with file_of(source.data, "e57") as path, pye57.E57(path) as file:
+        if file.scan_count != scans:
+            raise source.error(f"lists {scans} scans, it holds {file.scan_count}", "a complete E57")
+        for scan in range(scans):
+            read = file.read_scan(scan, ignore_missing_fields=True)
+            found.append(np.column_stack([read[f"cartesian{axis}"] for axis in "XYZ"]))
+    return RawMesh(
+        np.concatenate(found), unit_m=1.0, up="z"
+    )  # metres by specification; points marked bad are not there
+
+
+def _e57_xml(source: Source) -> ElementTree.Element:
+    """The XML of an E57, taken from its pages, without DTD and entities, its namespaces left aside."""
+    start, length, page = struct.unpack_from("<QQQ", source.data.ljust(48, b"\0"), 24)
+    if not 64 <= page <= 1 << 20 or start >= len(source.data) or length > len(source.data):
+        remedy = "export it again, or save it as PLY in double precision (e.g. with CloudCompare)"
+        raise source.error("its header points beyond its end", "a complete E57", remedy)
+    first, last = start // page, (start + length) // page + length // page + 2
+    pages = [
+        source.data[at * page : (at + 1) * page - 4] for at in range(first, last)
+    ]  # each ends with its CRC
+    text = b"".join(pages)[start % page :][:length]
+    root = ElementTree.fromstring(text, forbid_dtd=True)
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]
+    return root
+
+
+def read_pcd(source: Source) -> RawMesh:
+    """The points of a PCD file, double precision kept, and their normals where it has them."""
+    found = _PCD.search(source.data, 0, 1 << 16)
+    if found is None:
+        raise source.error("its header has no DATA line", "a complete PCD")
+    lines = [line.split() for line in source.data[: found.start()].decode("latin-1").splitlines()]
+    header = {words[0]: words[1:] for words in lines if words}
+    try:
+        names, kinds = header["FIELDS"], [kind.upper() for kind in header["TYPE"]]
+        sizes = [int(word) for word in header["SIZE"]]
+        counts = [int(word) for word in header.get("COUNT", ["1"] * len(names))]
+        shape = header["POINTS"][:1] if "POINTS" in header else [header["WIDTH"][0], header["HEIGHT"][0]]
+        number = int(np.prod([int(word) for word in shape], dtype=object))
+        fits = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
+        if not len(names) == len(kinds) == len(sizes) == len(counts) or min(*counts, number + 1) < 1:
+            raise ValueError(names)
+        if not {"x", "y", "z"} <= set(names) or not set(zip(kinds, sizes, strict=True)) <= fits:
+            raise ValueError(kinds)
+    except (KeyError, ValueError, IndexError):
+        rule = "FIELDS with x y z, SIZE, TYPE, POINTS, DATA"
+        raise source.error("its header cannot be understood", rule) from None
+    body, mode = source.data[found.end() :], found[1].decode()
+    width = int(np.dot(sizes, counts))
+    if mode == "ascii":
+        held = len(numbers(body)) / sum(counts)
+    elif mode == "binary":
+        held = len(body) / width if any(body[number * width :]) else number
+    elif mode == "binary_compressed":
+        packed, size = (int.from_bytes(body[at : at + 4], "little") for at in (0, 4))
+        # LZF packs at most 264 bytes into three.
+        held = size / width if 8 + packed <= len(body) and size <= 88 * max(packed, 1) else 0
+    else:
+        raise source.error(f"its DATA is {mode[:40]!r}", "ascii, binary or binary_compressed")
+    if held < number or held >= number + 1:
+        raise source.error(f"says it has {number} points, it holds {int(held)}", "a complete file")
+    # Open3D is given the header that was understood here.
+    rows: dict[str, list] = {
+        "VERSION": ["0.7"],
+        "FIELDS": names,
+        "SIZE": sizes,
+        "TYPE": kinds,
+        "COUNT": counts,
+    }
+    rows |= {"WIDTH": [number], "HEIGHT": [1], "POINTS": [number], "DATA": [mode]}
+    text = "".join(f"{key} {' '.join(str(word) for word in words)}\n" for key, words in rows.items())
+    with file_of(text.encode() + body, "pcd") as path:
+        cloud = open3d().t.io.read_point_cloud(path).point  # its older call takes doubles for 0
+    normals = cloud["normals"].numpy().astype(float) if "normals" in cloud else None
+    points = cloud["positions"].numpy().astype(float) if "positions" in cloud else np.empty((0, 3))
+    return _counted(source, points, number, normals=normals)
+
+
+def _counted(source: Source, points: Floats, count: int, **more: Any) -> RawMesh:
+    if len(points) != count:
+        raise source.error(f"its {count} points are damaged: {len(points)} could be read", "a complete file")
+    return RawMesh(points, **more)
