@@ -1,0 +1,109 @@
+"""Rules that what comes in keeps, a verdict on each that is broken, and how a person overrules one by name.
+
+The same for structures and for flights. A rule is data; the code that measures gives a `Verdict` for
+each rule that is broken, with the figure. `decided` says what follows from them, `refuse` refuses.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
+
+from upplied.errors import InputError, SettingsError
+
+Severity = Literal["refuse", "warn"]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Something that every file that is taken in keeps."""
+
+    name: str  # by which it is overruled
+    severity: Severity  # what cannot be right is refused, what is odd is warned of
+    reason: str  # why there is this rule
+    remedy: str  # what to do where it is broken
+    limit: str = ""  # the setting that holds its threshold, where there is one
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A rule that is broken: what was found, and what is allowed."""
+
+    rule: str
+    severity: Severity
+    found: str
+    allowed: str = ""
+    remedy: str = ""
+    overruled: bool = False
+
+    def __str__(self) -> str:
+        allowed = f" ({self.allowed})" if self.allowed else ""
+        return f"{self.rule}: {self.found}{allowed}" + (" [overruled]" if self.overruled else "")
+
+
+def broken(rule: Rule, found: str, allowed: str = "", remedy: str = "") -> Verdict:
+    """The verdict that a rule is broken; its own remedy where no better one is known."""
+    return Verdict(rule.name, rule.severity, found, allowed, remedy or rule.remedy)
+
+
+def check_allowed(names: Iterable[str], rules: Mapping[str, Rule]) -> tuple[str, ...]:
+    """The names of rules to overrule, each once.
+
+    Raises
+    ------
+    SettingsError
+        If there is no rule of that name.
+    """
+    wanted = tuple(sorted(set(names)))
+    for name in wanted:
+        if name not in rules:
+            raise SettingsError(f"--allow {name}", "is no rule", f"one of {', '.join(sorted(rules))}")
+    return wanted
+
+
+def decided(
+    verdicts: Iterable[Verdict], allow: Iterable[str] = (), strict: bool = False
+) -> tuple[Verdict, ...]:
+    """Verdicts as they count: those overruled by name are marked, and `strict` makes warnings refusals."""
+    names = set(allow)
+    return tuple(
+        replace(
+            verdict,
+            severity="refuse" if strict else verdict.severity,
+            overruled=verdict.overruled or verdict.rule in names,
+        )
+        for verdict in verdicts
+    )
+
+
+def refusals(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
+    """Those for which a file is refused."""
+    return tuple(verdict for verdict in verdicts if verdict.severity == "refuse" and not verdict.overruled)
+
+
+def refuse(what: str, verdicts: Iterable[Verdict]) -> None:
+    """Raise what a file is refused for, if anything.
+
+    Raises
+    ------
+    InputError
+        Naming each rule, what was found, what is allowed, the remedy, and how it is overruled.
+    """
+    found = refusals(verdicts)
+    if found:
+        remedy = "; ".join(dict.fromkeys(filter(None, (verdict.remedy for verdict in found))))
+        names = " ".join(dict.fromkeys(f"--allow {verdict.rule}" for verdict in found))
+        how = f"{remedy}; or, if it is right as it is, {names}" if remedy else f"if it is right, {names}"
+        raise InputError(what, "; ".join(map(str, found)), remedy=how)
+
+
+def to_json(verdicts: Iterable[Verdict]) -> str:
+    """Verdicts as they are stored."""
+    return json.dumps([asdict(verdict) for verdict in verdicts], separators=(",", ":"), ensure_ascii=False)
+
+
+def from_json(text: str | None) -> tuple[Verdict, ...]:
+    """The verdicts that were stored; none where nothing was."""
+    return tuple(Verdict(**item) for item in json.loads(text or "[]"))
