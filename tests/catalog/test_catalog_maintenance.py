@@ -138,8 +138,8 @@ def test_vacuum_removes_what_stopped_writers_left_and_nothing_young(catalog, mon
     with monkeypatch.context() as patched:
         patched.setattr(adding, "_add", lambda *_: 1 / 0)
         old = f"{datetime.now(UTC) - timedelta(days=40):%Y%m%d-%H%M%S-%f}-deadbeef"
-        for commit in (old, adding.new_commit_id()):
-            patched.setattr(adding, "new_commit_id", lambda commit=commit: commit)
+        for commit in (old, adding.new_commit_id(catalog)):
+            patched.setattr(adding, "new_commit_id", lambda _, commit=commit: commit)
             with pytest.raises(ZeroDivisionError):
                 catalog.add_plans([(key_of("lost", commit), plan("t0"), {})])
     root = Path(catalog.location)
@@ -211,7 +211,7 @@ def test_published_files_say_units_and_version(catalog, tmp_path):
     export_tables(catalog, tmp_path)
     schema = pa.parquet.read_schema(tmp_path / "waypoints.parquet")
     assert schema.field("t_s").metadata[b"unit"] == b"s"
-    assert schema.metadata[b"schema_version"] == b"1"
+    assert schema.metadata[b"schema_version"] == b"2"
     generations = {
         pa.parquet.read_schema(tmp_path / f"{name}.parquet").metadata[b"generation"] for name in TABLES
     }

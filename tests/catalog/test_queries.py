@@ -43,7 +43,7 @@ def every(catalog) -> pd.DataFrame:
 def newest(rows: pd.DataFrame) -> dict:
     """The newest plan of each pair and preset, by a loop."""
     found: dict = {}
-    for row in rows.sort_values("planned_at").itertuples():
+    for row in rows.sort_values(["commit_version", "planned_at"]).itertuples():
         found[row.demonstration_id, row.target_id, row.preset] = row.key
     return found
 
@@ -85,10 +85,10 @@ def test_a_site_is_that_of_the_target(catalog, every):
 
 @pytest.mark.parametrize("night", [0, 3, 11])
 def test_as_of_a_moment(catalog, every, night):
-    until = START + timedelta(days=night, hours=12)
-    wanted = sorted(newest(every[every["planned_at"] <= until]).values())
+    until = every[every["run_id"] == f"night-{night}"]["added_at"].max()
+    wanted = sorted(newest(every[every["added_at"] <= until]).values())
     assert keys(catalog.transfers(as_of=until)) == wanted
-    assert keys(catalog.transfers(as_of=until.strftime("%Y-%m-%d %H:%M"))) == wanted
+    assert keys(catalog.transfers(as_of=until.strftime("%Y-%m-%d %H:%M:%S.%f"))) == wanted
     assert keys(catalog.transfers(as_of=until.astimezone(tz=None))) == wanted
 
 

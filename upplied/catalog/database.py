@@ -19,6 +19,7 @@ from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.cache import Cache
+from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.current import Current
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.identity import Identity
@@ -67,6 +68,7 @@ class Catalog:
 
     def __init__(self, location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> None:
         self.location = _checked(os.fspath(location))
+        self.clock = Clock(self.location)
         self.identity = Identity(self.location, list(TABLES))
         self.tables = {
             name: StoredTable(self.location, table, self.identity) for name, table in TABLES.items()
@@ -197,7 +199,7 @@ class Catalog:
     def transfer(self, transfer_id: str, columns: Sequence[str] | None = None) -> Row:
         """The row of one plan; only the columns that are named."""
         check_id(transfer_id, "transfer id")
-        wanted = None if columns is None else list(columns)
+        wanted = None if columns is None else list(dict.fromkeys([*columns, *queries.STANDING]))
         found = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id, wanted)
         if not len(found):
             raise CatalogError(

@@ -70,13 +70,11 @@ def pairs_of(current: pd.DataFrame, history: pd.DataFrame) -> list[Pair]:
     current : DataFrame
         One row for each demonstration, target and preset.
     history : DataFrame
-        Older plans as well; the last before the current one tells what changed.
+        Older plans as well, of each pair in the order they were added; the last tells what changed.
     """
     if not len(current):
         return []
-    older = history[~history["transfer_id"].isin(current["transfer_id"])].sort_values(
-        "planned_at", kind="stable"
-    )
+    older = history[~history["transfer_id"].isin(current["transfer_id"])]
     before = {_key(row): _row(row) for row in older.to_dict("records")}
     pairs: dict[tuple[str, str], Pair] = {}
     for raw in current.sort_values(_KEY, kind="stable").to_dict("records"):

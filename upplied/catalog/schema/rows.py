@@ -22,7 +22,12 @@ from upplied.records import (
 
 Row = dict[str, Any]
 
-ADDED = ("version", "added_at", "commit_id")  # of a row: when and by which commit it was added
+ADDED = (
+    "version",
+    "added_at",
+    "commit_id",
+    "commit_version",
+)  # of a row: when and by which commit it was added
 
 # --- structures --------------------------------------------------------------------------------
 

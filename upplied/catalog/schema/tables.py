@@ -3,8 +3,8 @@
 The stored tables, the published Parquet, the checks of `verify` and the data dictionary
 ``catalog/README.md`` all follow from here. ``python -m upplied.catalog.schema.tables`` writes the dictionary.
 
-Columns may be added (older catalogs then read as missing values); none is renamed or removed
-without raising `SCHEMA_VERSION`, which older programs refuse to read.
+Columns may be added, and older catalogs then read as missing values; how older programs fare, and when the
+schema version is raised, is told in `upplied.catalog.schema.migrations`.
 """
 
 from __future__ import annotations
@@ -13,25 +13,35 @@ from pathlib import Path
 
 from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table
 from upplied.catalog.schema.measures import MEASURES
+from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.config import PRESETS
-
-SCHEMA_VERSION = 1
 
 
 def _id(name: str, meaning: str) -> Column:
     return Column(name, TEXT, "", meaning, required=True)
 
 
-_COMMIT = _id("commit_id", "the commit that wrote the row, in the order of time")
+_COMMIT = _id("commit_id", "name of the commit that wrote the row")
+_COMMIT_VERSION = Column(
+    "commit_version",
+    WHOLE,
+    "1",
+    "number of that commit: of two rows the one with the larger number is the newer, whatever clocks say; "
+    "-1 in rows of schema version 1",
+    required=True,
+    low=-1,
+)
+_ADDED = "by the clock of the place, never before what was added earlier"
 
 
 def _version_of(whole: str) -> tuple[Column, ...]:
     """How a version of a structure or demonstration came, and whether it went."""
     return (
         Column("retired", TRUTH, "", f"taken out of {whole} with this version; history stays"),
-        Column("version", WHOLE, "1", "1, 2, ... per id in the order of time, counted when read", low=1),
-        Column("added_at", MOMENT, "UTC", "when this version was added", required=True),
+        Column("version", WHOLE, "1", "1, 2, ... per id in the order of commits, counted when read", low=1),
+        Column("added_at", MOMENT, "UTC", f"when this version was added, {_ADDED}", required=True),
         _COMMIT,
+        _COMMIT_VERSION,
     )
 
 
@@ -178,7 +188,7 @@ TRANSFERS = Table(
         Column("runner_up_gap", REAL, "1", "relative gap to the next best orientation"),
         Column("counterpart_summary", TEXT, "", "parts matched, and parts without a counterpart"),
         Column("warnings", TEXT, "", "JSON list of what a pilot should know"),
-        Column("planned_at", MOMENT, "UTC", "when it was planned", required=True),
+        Column("planned_at", MOMENT, "UTC", "when it was planned, by the planner's clock", required=True),
         Column("run_id", TEXT, "", "the run that planned it"),
         Column("code_version", TEXT, "", "version of the program"),
         Column("method_version", TEXT, "", "version of the method, raised when results may change"),
@@ -192,6 +202,8 @@ TRANSFERS = Table(
         Column("waypoints_sha256", TEXT, "", "hash of the waypoints; empty where there are none"),
         _id("key", "hash of everything the plan depends on"),
         _COMMIT,
+        Column("added_at", MOMENT, "UTC", f"when it was added, {_ADDED}", required=True),
+        _COMMIT_VERSION,
     ),
     ("transfer_id", "planned_at"),
 )

@@ -24,13 +24,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
-from deltalake import CommitProperties, DeltaTable
+from deltalake import CommitProperties, DeltaTable, Transaction
 from deltalake import Schema as DeltaSchema
 from deltalake.exceptions import CommitFailedError, DeltaError, SchemaMismatchError, TableNotFoundError
 from deltalake.transaction import AddAction
 
 from upplied.catalog.schema.columns import Table
-from upplied.catalog.schema.tables import SCHEMA_VERSION
+from upplied.catalog.schema.migrations import SCHEMA_VERSION, needed, upgraded
+from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.files import FileStore, sync_path
 from upplied.catalog.store.identity import Heads, Identity
 from upplied.errors import CatalogError
@@ -45,6 +46,7 @@ _PROPERTIES = {
     "delta.logRetentionDuration": "interval 365 days",
     "delta.deletedFileRetentionDuration": "interval 30 days",
 }
+_ORDER = "upplied.rows"  # the transaction that numbers rows advance
 _PATIENCE_S = 60.0  # of conflicts, before a writer gives up
 _ROW_GROUP = 16_384
 _LONGEST_STATISTIC = 64
@@ -67,6 +69,7 @@ class StoredTable:
         self.uri = f"{root.rstrip('/')}/{declared.name}"
         self._identity = identity or Identity(root, [declared.name])
         self._heads = Heads(root, declared.name)
+        self._clock = Clock(root)
         self._files = FileStore(self.uri)
         self._lock = threading.Lock()
         self._delta: DeltaTable | None = None
@@ -100,28 +103,31 @@ class StoredTable:
     ) -> pa.Table:
         """The rows that fit, in the declared columns and types; those an older program lacked are null."""
         schema = self.declared.schema
-        wanted = schema if columns is None else pa.schema([schema.field(name) for name in columns])
+        asked = self.declared.names if columns is None else columns
+        wanted = pa.schema([schema.field(name) for name in needed(self.declared, asked)])
         dataset = self.dataset(version)
         if dataset is None:
-            return wanted.empty_table()
+            return wanted.empty_table().select(asked)
         present = [name for name in wanted.names if name in dataset.schema.names]
-        return self.in_schema(
-            told(self.uri, partial(dataset.to_table, columns=present, filter=where)), wanted
-        )
+        found = told(self.uri, partial(dataset.to_table, columns=present, filter=where))
+        return upgraded(self.declared, in_schema(found, wanted)).select(asked)
 
-    def in_schema(self, found: pa.Table, wanted: pa.Schema | None = None) -> pa.Table:
-        """Rows in the declared columns and types; those that an older program lacked are null."""
-        schema = wanted or self.declared.schema
-        columns = [
-            found[field.name].cast(field.type)
-            if field.name in found.schema.names
-            else pa.nulls(len(found), field.type)
-            for field in schema
-        ]
-        return pa.table(columns, schema=schema)
+    def whole(self, where: ds.Expression) -> pa.Table:
+        """The rows that fit, with the columns that only a newer program knows as well."""
+        dataset = self.dataset()
+        if dataset is None:
+            return self.declared.schema.empty_table()
+        found = told(self.uri, partial(dataset.to_table, filter=where))
+        unknown = [field for field in found.schema if field.name not in self.declared.names]
+        known = upgraded(self.declared, in_schema(found, self.declared.schema))
+        for field in unknown:
+            known = known.append_column(field, found[field.name])
+        return known
 
     def append(self, rows: pa.Table) -> None:
         """Commit rows, all or none; returns when they are there to stay.
+
+        Where the table has the columns, they get the number of their commit and its time.
 
         Raises
         ------
@@ -131,8 +137,17 @@ class StoredTable:
         # The file is written here and not by delta-rs: on the disk before a commit names it, and an
         # error of the disk comes back as an error (delta-rs 1.6 prints a panic besides).
         self._insist(self._ready)
+        if "commit_version" in self.declared.names:
+            self._insist(lambda: self._append_next(rows))
+            return
         added = told(self.uri, lambda: self.new_file(rows))
-        self._insist(lambda: self._commit(added, rows))
+        self._insist(lambda: self._append(added, rows))
+
+    def _append(self, added: AddAction, rows: pa.Table) -> None:
+        with self._lock:
+            delta = self._refreshed()
+            assert delta is not None
+            self._commit(delta, added, rows, [])
 
     def change(self, act: Callable[[DeltaTable], T]) -> T | None:
         """Do maintenance on the newest version, again where a writer was faster; None without a table."""
@@ -172,6 +187,9 @@ class StoredTable:
             new = [field for field in self.declared.schema if field.name not in known]
             if new:
                 delta.alter.add_columns(list(DeltaSchema.from_arrow(pa.schema(new)).fields))
+            if int(delta.metadata().configuration[_VERSION_KEY]) < SCHEMA_VERSION:
+                raised = {_VERSION_KEY: str(SCHEMA_VERSION)}
+                delta.alter.set_table_properties(raised, raise_if_not_exists=False)
 
     def new_file(self, rows: pa.Table) -> AddAction:
         """Write a data file that no commit names yet."""
@@ -181,18 +199,40 @@ class StoredTable:
         self._files.write(name, sink.getvalue())
         return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, _statistics(rows))
 
-    def _commit(self, added: AddAction, rows: pa.Table) -> None:
+    def _append_next(self, rows: pa.Table) -> None:
+        """Commit rows as the next in order; where another writer was faster, they are numbered anew.
+
+        All who number rows advance one transaction of the table, its time in microseconds, so that of
+        two who took the same number one fails.
+        """
         with self._lock:
             delta = self._refreshed()
             assert delta is not None
-            said = CommitProperties({"rows": str(len(rows))}, max_commit_retries=30)
-            delta.create_write_transaction([added], "append", rows.schema, commit_properties=said)
-            delta.update_incremental()
-            if self._files.local:
-                entry = Path(self.uri) / "_delta_log" / f"{delta.version():020}.json"
-                sync_path(entry)
-                sync_path(entry.parent)
-            self._heads.note(delta.version())
+            last = delta.transaction_version(_ORDER)
+            now = max(int(self._clock.now().timestamp() * 1e6), -1 if last is None else last + 1)
+            numbered = rows
+            for name, value in (("commit_version", delta.version() + 1), ("added_at", now)):
+                field = self.declared.schema.field(name)
+                stamp = pa.array([value], pa.int64()).cast(field.type)[0]
+                numbered = numbered.set_column(
+                    numbered.schema.get_field_index(name), field, pa.repeat(stamp, len(rows))
+                )
+            added = self.new_file(numbered)
+            try:
+                self._commit(delta, added, numbered, [Transaction(_ORDER, now)])
+            except CommitFailedError:
+                self._files.remove(added.path)
+                raise
+
+    def _commit(self, delta: DeltaTable, added: AddAction, rows: pa.Table, order: list[Transaction]) -> None:
+        said = CommitProperties({"rows": str(len(rows))}, max_commit_retries=30, app_transactions=order)
+        delta.create_write_transaction([added], "append", rows.schema, commit_properties=said)
+        delta.update_incremental()
+        if self._files.local:
+            entry = Path(self.uri) / "_delta_log" / f"{delta.version():020}.json"
+            sync_path(entry)
+            sync_path(entry.parent)
+        self._heads.note(delta.version())
 
     def delta(self) -> DeltaTable | None:
         """The table itself, as of its newest commit, for maintenance; None where there is none."""
@@ -207,6 +247,7 @@ class StoredTable:
             self._delta = delta
         else:
             told(self.uri, self._delta.update_incremental)
+            check_version(self._delta, self.uri)  # a newer program may have come meanwhile
         return self._delta
 
     def _check(self, version: int, seen: int) -> None:
@@ -241,6 +282,17 @@ class StoredTable:
         return told(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))
 
 
+def in_schema(found: pa.Table, schema: pa.Schema) -> pa.Table:
+    """Rows in these columns and types; those that an older program lacked are null."""
+    columns = [
+        found[field.name].cast(field.type)
+        if field.name in found.schema.names
+        else pa.nulls(len(found), field.type)
+        for field in schema
+    ]
+    return pa.table(columns, schema=schema)
+
+
 def _opened(uri: str) -> DeltaTable | None:
     try:
         delta = DeltaTable(uri)
@@ -248,6 +300,12 @@ def _opened(uri: str) -> DeltaTable | None:
         if not _has_commits(uri):
             return None
         delta = DeltaTable(uri)  # another writer made the table since we looked
+    check_version(delta, uri)
+    return delta
+
+
+def check_version(delta: DeltaTable, uri: str) -> None:
+    """Refuse a table that a newer program changed so that this one would misread it."""
     version = delta.metadata().configuration.get(_VERSION_KEY, "")
     if not version.isdigit() or int(version) > SCHEMA_VERSION:
         raise CatalogError(
@@ -256,7 +314,6 @@ def _opened(uri: str) -> DeltaTable | None:
             f"at most {SCHEMA_VERSION}",
             "use a newer version of upplied",
         )
-    return delta
 
 
 def _has_commits(uri: str) -> bool:
@@ -276,6 +333,8 @@ def _statistics(rows: pa.Table) -> str:
     """
     low, high = {}, {}
     for name in rows.column_names:
+        if pa.types.is_nested(rows.schema.field(name).type):
+            continue  # of a newer program; we have none
         ends = pc.min_max(rows[name]).as_py()
         least, most = ends["min"], ends["max"]
         if most is None or len(str(most)) > _LONGEST_STATISTIC or most != most:

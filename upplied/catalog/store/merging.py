@@ -60,7 +60,7 @@ def _oldest_small(delta: DeltaTable, size_bytes: int) -> dict[str, int]:
 
 
 def _rows_of(table: StoredTable, delta: DeltaTable, names: set[str]) -> pa.Table:
-    """All rows of some data files, in the declared schema."""
+    """All rows of some data files, in the table's own schema: a newer program's columns are kept."""
     dataset = table.rows_of(delta)
     parts = [part for part in dataset.get_fragments() if part.path.rsplit("/", 1)[-1] in names]
-    return table.in_schema(pa.concat_tables([part.to_table(schema=dataset.schema) for part in parts]))
+    return pa.concat_tables([part.to_table(schema=dataset.schema) for part in parts])

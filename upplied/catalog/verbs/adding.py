@@ -5,14 +5,15 @@ from __future__ import annotations
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs import queries
 from upplied.checks import check_id
 from upplied.records import Demonstration, Plan, Structure
@@ -75,8 +76,7 @@ def add_plans(catalog: Catalog, plans: Sequence[Planned]) -> int:
         lambda commit: [plan_rows.waypoint_table(name, flown[name], commit) for name in sorted(flown)],
     )
     made = [{**row, "commit_id": commit} for row in _transfer_rows(catalog, new)]
-    now = datetime.now(UTC)
-    added = _add(catalog, "transfers", [*made, *({**row, "planned_at": now} for row in again)])
+    added = _add(catalog, "transfers", made, _repeated(table, again, {"planned_at": catalog.clock.now()}))
     for name, plan in flown.items():
         if plan.surface is not None:
             catalog.cache.put(SURFACE, name, plan.surface)
@@ -113,10 +113,23 @@ def adopt_plans(catalog: Catalog, plans: Sequence[Row], waypoints: Mapping[tuple
 
 def retire(catalog: Catalog, name: str, ids: Sequence[str]) -> int:
     """Add a version of structures or demonstrations that says they are out of use."""
-    now = datetime.now(UTC)
     found = [catalog.newest(name, item) for item in dict.fromkeys(ids)]
-    gone = [{**row, "retired": True, "added_at": now} for row in found if not row["retired"]]
-    return _add(catalog, name, gone)
+    gone = [row for row in found if not row["retired"]]
+    return _add(catalog, name, [], _repeated(catalog.tables[name], gone, {"retired": True}))
+
+
+def _repeated(table: StoredTable, stored: Sequence[Row], changes: Mapping[str, Any]) -> pa.Table:
+    """Stored rows again, with some columns changed; what a newer program wrote into them stays."""
+    if not stored:
+        return table.declared.schema.empty_table()
+    key = table.declared.names[0]
+    wanted = {(row[key], row["commit_id"], row["commit_version"]) for row in stored}
+    found: dict[Any, Row] = {}
+    whole = table.whole(pc.field(key).isin([row[key] for row in stored]))
+    for row in rows.rows_of(whole):
+        if (name := (row[key], row["commit_id"], row["commit_version"])) in wanted:
+            found[name] = {**row, **changes}
+    return pa.Table.from_pylist(list(found.values()), whole.schema)
 
 
 def _transfer_rows(catalog: Catalog, new: Mapping[str, tuple[Plan, Mapping[str, Any]]]) -> list[Row]:
@@ -152,23 +165,25 @@ def _known(name: str, stored: Row | None, given: Row) -> bool:
     return stored is not None and rows.says_same(TABLES[name], stored, given)
 
 
-def _add(catalog: Catalog, name: str, made: list[Row]) -> int:
+def _add(catalog: Catalog, name: str, made: list[Row], more: pa.Table | None = None) -> int:
     """Commit rows; those that own steps carry the commit that brought these already."""
-    if made:
-        added = {"commit_id": new_commit_id(), "added_at": datetime.now(UTC)}
-        catalog.tables[name].append(rows.table_of(TABLES[name], [{**added, **row} for row in made]))
-    return len(made)
+    commit = {"commit_id": new_commit_id(catalog)}
+    new = rows.table_of(TABLES[name], [{**commit, **row} for row in made])
+    new = new if more is None else pa.concat_tables([new, more], promote_options="default")
+    if len(new):
+        catalog.tables[name].append(new)
+    return len(new)
 
 
 def _add_steps(catalog: Catalog, name: str, build: Callable[[str], list[pa.Table]]) -> str:
     """Commit steps, where there are any; returns the commit that the rows owning them must carry."""
-    commit = new_commit_id()
+    commit = new_commit_id(catalog)
     steps = build(commit)
     if steps:
         catalog.tables[name].append(pa.concat_tables(steps))
     return commit
 
 
-def new_commit_id() -> str:
-    """A name that sorts by time and is never given twice."""
-    return f"{datetime.now(UTC):%Y%m%d-%H%M%S-%f}-{secrets.token_hex(4)}"
+def new_commit_id(catalog: Catalog) -> str:
+    """A name that tells the time and is never given twice."""
+    return f"{catalog.clock.now():%Y%m%d-%H%M%S-%f}-{secrets.token_hex(4)}"

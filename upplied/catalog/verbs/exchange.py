@@ -18,9 +18,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from upplied.catalog.schema import codec, plan_rows, rows
+from upplied.catalog.schema.migrations import missing, upgraded
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.delta import in_schema
 from upplied.catalog.store.files import replace_file
 from upplied.catalog.store.meshes import file_name
 from upplied.catalog.verbs import adding
@@ -172,16 +174,20 @@ def _table(name: str, frame: pd.DataFrame) -> pa.Table:
 
 
 def _read(place: Path, name: str) -> pa.Table:
-    schema = TABLES[name].schema
+    """Rows of a table, exported by this or an earlier program."""
+    what = str(place / f"{name}.parquet")
     try:
-        found = pq.read_table(place / f"{name}.parquet")
-        return found.select(schema.names).cast(schema)
-    except (KeyError, OSError, pa.ArrowException) as error:
-        raise CatalogError(str(place / f"{name}.parquet"), f"has not the declared columns: {error}") from None
+        found = pq.read_table(what)
+        lacking = missing(TABLES[name], found.schema.names)
+        if lacking:
+            raise CatalogError(what, f"has not the declared columns: no {', '.join(lacking)}")
+        return upgraded(TABLES[name], in_schema(found, TABLES[name].schema))
+    except (OSError, pa.ArrowException) as error:
+        raise CatalogError(what, f"has not the declared columns: {error}") from None
 
 
 def _newest(table: pa.Table) -> list[Row]:
-    return sorted(rows.rows_of(table), key=lambda row: row["added_at"])
+    return sorted(rows.rows_of(table), key=lambda row: (row["commit_version"], row["added_at"]))
 
 
 def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:

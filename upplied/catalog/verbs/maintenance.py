@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,7 +65,7 @@ def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
             "keep_days", f"is {keep_days:g}", f"at least {SHORTEST_KEEP_HOURS / 24:.3f} (an hour)"
         )
     kept = Kept()
-    before = datetime.now(UTC) - timedelta(hours=hours)
+    before = catalog.clock.now() - timedelta(hours=hours)
     for steps, owner in _OWNERS.items():
         kept.orphan_commits[steps] = _drop_orphans(catalog.tables[steps], catalog.tables[owner], before)
     for name, table in catalog.tables.items():

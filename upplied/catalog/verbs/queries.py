@@ -1,7 +1,8 @@
 """Questions to the catalog, answered with pandas.
 
 Rows are only ever appended. What is current, and how the catalog stood at an earlier moment, are
-therefore questions over the rows themselves: the newest per name, among those added until then.
+therefore questions over the rows themselves: the newest per name, among those added until then. Newest
+is what the latest commit brought; the clocks of those who wrote are not asked.
 """
 
 from __future__ import annotations
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
 When = datetime | str
 
 PAIR = ["demonstration_id", "target_id", "preset"]  # of these, the newest plan is current
+_NEWEST = ["commit_version", "planned_at"]  # what orders plans; the time counts within a commit
+
+
+STANDING = ("status", *_NEWEST, "commit_id")  # what tells which row stands for a plan
 
 
 class PlannedTrajectory(Trajectory):
@@ -67,9 +72,11 @@ def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
     """Rows of `transfers`, ordered by demonstration, target, preset and time."""
     declared = TABLES["transfers"]
     wanted = declared.names if which.columns is None else _known_columns(declared.names, which.columns)
-    sorting = [*PAIR, "planned_at", "transfer_id", "status"]
-    columns = [name for name in declared.names if name in {*wanted, *sorting}]
+    sorting = [*PAIR, *_NEWEST, "transfer_id", "status"]
+    columns = [name for name in declared.names if name in {*wanted, *sorting, "added_at"}]
     table = tables["transfers"].read(_pair_filter(tables, which), columns, which.version)
+    if which.as_of is not None:
+        table = table.filter(_until("added_at", which.as_of))
     found = frame(_in_order(table, newest=not which.every))
     if not which.every:
         found = _in_use(tables, found, which)
@@ -141,7 +148,7 @@ def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
         return []
     where = pc.field("demonstration_id").isin(list({row["demonstration_id"] for row in plans}))
     where &= pc.field("target_id").isin(list({row["target_id"] for row in plans}))
-    columns = ["transfer_id", *PAIR, "status", "planned_at"]
+    columns = ["transfer_id", *PAIR, "status", *_NEWEST]
     newest = _in_order(table.read(where, columns), newest=True)
     current = set(newest["transfer_id"].to_pylist())
     return [row for row in plans if row["transfer_id"] not in current]
@@ -157,7 +164,10 @@ def settled_keys(table: StoredTable, keys: Iterable[str]) -> set[str]:
 
 def standing(same_plan: list[Row]) -> Row:
     """The row that stands for a plan: one that is not a failure, and of those the newest."""
-    return max(same_plan, key=lambda row: (row["status"] != "failed", row["planned_at"], row["commit_id"]))
+    return max(
+        same_plan,
+        key=lambda row: (row["status"] != "failed", *(row[name] for name in _NEWEST), row["commit_id"]),
+    )
 
 
 def frame(table: pa.Table) -> pd.DataFrame:
@@ -185,10 +195,10 @@ def moment(when: When) -> pd.Timestamp:
 def versions(
     table: StoredTable, equal: Mapping[str, str | None], every: bool, as_of: When | None
 ) -> pd.DataFrame:
-    """Versions of each id counted in the order of time, then narrowed to what was asked."""
+    """Versions of each id counted in the order of commits, then narrowed to what was asked."""
     name = table.declared.names[0]
     found = frame(table.read(_until("added_at", as_of))).sort_values(
-        [name, "added_at", "commit_id"], kind="stable"
+        [name, "commit_version", "added_at", "commit_id"], kind="stable"
     )
     found = found[~_repeated(found)]  # two writers may add the same version at once
     found["version"] = found.groupby(name).cumcount() + 1
@@ -220,8 +230,6 @@ def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expressi
         )
         if value is not None
     ]
-    if which.as_of is not None:
-        parts.append(_until("planned_at", which.as_of))
     if which.site is not None:
         there = versions(tables["structures"], {"site": which.site}, False, which.as_of)
         parts.append(pc.field("target_id").isin(list(there["structure_id"])))
@@ -232,13 +240,15 @@ def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expressi
 
 
 def _in_order(table: pa.Table, newest: bool) -> pa.Table:
-    """One row per plan, ordered by pair and time; with `newest`, the last of each pair alone.
+    """One row per plan, ordered by pair and commit; with `newest`, the last of each pair alone.
 
     There may be more rows of a plan: a failure may be followed, racing writers may add it twice, and
     one that is asked for again becomes current again. Its newest row counts.
     """
     pairs = _pairs(table)
-    when = table["planned_at"].cast(pa.int64()).to_numpy()
+    commit, planned = (table[name].cast(pa.int64()).to_numpy() for name in _NEWEST)
+    when = np.empty(len(table), np.int64)
+    when[np.lexsort((planned, commit))] = np.arange(len(table))
     chosen = _standing(table, when)
     order = chosen[np.lexsort((when[chosen], pairs[chosen]))]
     if newest:
@@ -268,8 +278,11 @@ def _pairs(table: pa.Table) -> Ints:
 
 
 def _in_use(tables: Mapping[str, StoredTable], found: pd.DataFrame, which: Which) -> pd.DataFrame:
-    """Without the plans of retired demonstrations and targets."""
-    as_of = found["planned_at"].max() if which.version is not None and len(found) else which.as_of
+    """Without the plans of demonstrations and targets that are retired, or were then."""
+    as_of = which.as_of
+    if which.version is not None:
+        added = tables["transfers"].read(None, ["added_at"], which.version)["added_at"]
+        as_of = pc.max(added).as_py() if len(added) else None
     for name, column in (("structures", "target_id"), ("demonstrations", "demonstration_id")):
         where = _until("added_at", as_of)
         gone = [row for row in newest_rows(tables[name], where) if row["retired"]]
@@ -290,4 +303,4 @@ def _known_columns(names: list[str], asked: Iterable[str]) -> list[str]:
 
 
 def _order(row: Row) -> tuple[Any, ...]:
-    return row["added_at"], row["commit_id"]
+    return row["commit_version"], row["added_at"], row["commit_id"]

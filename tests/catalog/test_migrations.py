@@ -1,0 +1,178 @@
+"""Catalogs of every schema that there was, and programs older than a catalog."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from catalog_records import demonstration, differences, key_of, plan, structure
+
+from upplied.catalog import compact, export_dataset, export_tables, import_dataset, open_catalog, verify
+from upplied.catalog.database import Catalog
+from upplied.catalog.schema import migrations, tables
+from upplied.catalog.schema.columns import REAL, TEXT, Column, Table
+from upplied.catalog.store import delta
+from upplied.errors import CatalogError
+from upplied.records import Trajectory
+
+RELEASED = sorted(path.name for path in (Path(__file__).parent / "released").iterdir())
+
+
+@pytest.fixture(params=RELEASED)
+def older(request, tmp_path) -> Path:
+    """A catalog and an export as that version wrote them, from the records of these tests."""
+    return Path(shutil.copytree(Path(__file__).parent / "released" / request.param, tmp_path / "older"))
+
+
+def content(place: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(place)): path.read_bytes() for path in place.rglob("*") if path.is_file()}
+
+
+def check_older(catalog: Catalog) -> None:
+    """Everything that was put into the released catalogs comes back equal."""
+    assert differences(structure("boxy"), catalog.structure("boxy")) == []
+    assert differences(structure("target", 1, notes="repainted"), catalog.structure("target")) == []
+    versions = catalog.structures(every=True).query("structure_id in ('boxy', 'target')")
+    assert list(versions["version"])[:3] == [1, 1, 2]
+    assert differences(demonstration(), catalog.demonstration("flight")) == []
+    assert set(catalog.transfers()["key"]) >= {key_of("second"), key_of("refused")}
+    assert key_of("first") not in set(catalog.transfers()["key"])
+    for name, seed in (("first", 1), ("second", 2)):
+        check_path(catalog.plan(key_of(name)[:20]).trajectory, seed)
+    assert verify(catalog) == []
+
+
+def check_path(path: Trajectory, seed: int) -> None:
+    """The random records of the tests draw one number more since `standoff_kept_pct` came."""
+    assert len(path) == 60
+    given = plan("target", seed).trajectory
+    assert (path.t_s[0] == given.t_s[0]) == (differences(given, path) == [])
+
+
+def test_an_older_catalog_is_read_as_it_is_and_not_changed(older):
+    before = content(older / "catalog")
+    check_older(open_catalog(older / "catalog"))
+    assert content(older / "catalog") == before
+
+
+def test_an_older_catalog_takes_rows_and_keeps_all_it_had(older, tmp_path):
+    catalog = open_catalog(older / "catalog")
+    added_at = catalog.transfers(every=True)["added_at"]
+    assert list(added_at) == list(catalog.transfers(every=True)["planned_at"])
+    early = catalog.structures(every=True)["added_at"].max()
+    catalog.add_plans([(key_of("boxy"), plan("boxy", 4, preset="baseline"), {})])
+    catalog.add_structures([structure("third", 3)])
+    check_older(open_catalog(older / "catalog"))
+    compact(catalog)
+    check_older(open_catalog(older / "catalog"))
+    catalog.add_plans([(key_of("first"), plan("target", 1), {})])  # an older plan is current again
+    assert key_of("second") not in set(catalog.transfers()["key"])
+    catalog.retire_structures(["target"])
+    assert "target" not in set(catalog.structures()["structure_id"])
+    assert set(catalog.structures(as_of=early)["structure_id"]) == {"boxy", "target"}
+    assert verify(catalog) == []
+    export_tables(catalog, tmp_path / "reports")
+    export_dataset(catalog, tmp_path / "set", "boxes-v2", catalog.transfers(every=True), "CC0-1.0")
+    import_dataset(open_catalog(tmp_path / "to"), tmp_path / "set")
+
+
+def test_an_older_export_is_imported(older, tmp_path):
+    catalog = open_catalog(tmp_path / "to")
+    assert import_dataset(catalog, older / "export") == {"structures": 2, "demonstrations": 1, "transfers": 2}
+    check_path(catalog.plan(key_of("second")[:20]).trajectory, 2)
+    assert verify(catalog) == []
+    assert sum(import_dataset(catalog, older / "export").values()) == 0
+
+
+def test_every_schema_version_is_in_the_released_ones():
+    """Raising the version without keeping a catalog of the one before fails here."""
+    kept = {
+        json.loads((Path(__file__).parent / "released" / name / "export" / "dataset.json").read_text())[
+            "schema_version"
+        ]
+        for name in RELEASED
+    }
+    assert kept >= set(range(1, migrations.SCHEMA_VERSION))
+
+
+def test_an_older_program_refuses_a_newer_catalog_in_words(tmp_path, monkeypatch):
+    catalog = open_catalog(tmp_path)
+    catalog.add_structures([structure("boxy")])
+    monkeypatch.setattr(delta, "SCHEMA_VERSION", 1)
+    for again in (catalog, open_catalog(tmp_path)):
+        for ask in (again.structures, lambda again=again: again.add_structures([structure("other")])):
+            with pytest.raises(CatalogError, match=r"schema version 2.*at most 1.*newer version of upplied"):
+                ask()
+
+
+def newer(table: Table) -> Table:
+    more = (Column("battery_wh", REAL, "Wh", "of a newer program"), Column("passport", TEXT, "", "also"))
+    return replace(table, columns=(*table.columns, *more))
+
+
+@pytest.fixture
+def both(tmp_path) -> tuple[Catalog, Catalog]:
+    """A catalog as a newer program has it open, whose tables have more columns, and as this one has."""
+    ours, theirs = open_catalog(tmp_path), open_catalog(tmp_path)
+    for name in ("transfers", "structures"):
+        theirs.tables[name] = delta.StoredTable(theirs.location, newer(tables.TABLES[name]))
+    ours.add_structures([structure("boxy"), structure("target", 1)])
+    ours.add_demonstrations([demonstration()])
+    return ours, theirs
+
+
+def written(theirs: Catalog, name: str, rows: list[dict]) -> None:
+    """Rows of a newer program: ours, with its columns filled."""
+    table = theirs.tables[name]
+    stored = table.read()
+    for at, column in enumerate(stored.column_names):
+        if column in ("battery_wh", "passport"):
+            value = [77.0 if column == "battery_wh" else "p"] * len(stored)
+            stored = stored.set_column(at, stored.schema.field(column), [value])
+    table.append(stored)
+
+
+def test_what_a_newer_program_wrote_outlives_an_older_ones_compaction(both):
+    ours, theirs = both
+    for number in range(3):
+        ours.add_plans([(key_of(number), plan("target", number), {})])
+    written(theirs, "transfers", [])
+    ours.add_plans([(key_of(9), plan("boxy", 9), {})])  # the older program goes on writing
+    held = sorted(map(str, theirs.tables["transfers"].read(None, ["battery_wh"])["battery_wh"].to_pylist()))
+    assert held == ["77.0"] * 3 + ["None"] * 4
+    assert compact(ours)["transfers"] == 5
+    again = delta.StoredTable(theirs.location, newer(tables.TABLES["transfers"]))
+    assert sorted(map(str, again.read(None, ["battery_wh"])["battery_wh"].to_pylist())) == held
+    assert len(ours.transfers(every=True)) == 4
+    assert verify(ours) == []
+
+
+def test_what_a_newer_program_wrote_stays_in_a_row_that_an_older_one_repeats(both):
+    ours, theirs = both
+    for number in range(2):
+        ours.add_plans([(key_of(number), plan("target", number), {})])
+    written(theirs, "transfers", [])
+    written(theirs, "structures", [])
+    ours.add_plans([(key_of(0), plan("target", 0), {})])
+    assert list(ours.transfers()["key"]) == [key_of(0)]
+    ours.retire_structures(["boxy"])
+    for name in ("transfers", "structures"):
+        found = theirs.tables[name].read().to_pandas().sort_values("commit_version")
+        assert found.iloc[-1]["battery_wh"] == 77.0, name
+        assert found.iloc[-1]["passport"] == "p", name
+
+
+def test_an_export_that_lacks_a_column_that_was_always_there_is_refused(older, tmp_path):
+    import hashlib
+
+    path = older / "export" / "transfers.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["target_id"]), path)
+    about = json.loads((older / "export" / "dataset.json").read_text())
+    about["files"]["transfers.parquet"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    (older / "export" / "dataset.json").write_text(json.dumps(about))
+    with pytest.raises(CatalogError, match="target_id"):
+        import_dataset(open_catalog(tmp_path / "to"), older / "export")

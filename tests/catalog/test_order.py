@@ -1,0 +1,232 @@
+"""What is newest is what was added last, whatever the clocks of those who wrote said."""
+
+from __future__ import annotations
+
+import multiprocessing
+import random
+import time
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from catalog_records import demonstration, key_of, plan, structure
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from upplied.catalog import (
+    changed_structures,
+    compact,
+    export_dataset,
+    history,
+    import_dataset,
+    open_catalog,
+    vacuum,
+    verify,
+)
+from upplied.catalog.database import Catalog
+from upplied.catalog.schema import plan_rows
+from upplied.catalog.store import clock, identity
+from upplied.catalog.verbs import adding
+from upplied.catalog.verbs.maintenance import orphans
+
+MINUTE = 60.0
+SKEWS = (0.0, 10 * MINUTE, -10 * MINUTE, 400 * 86_400.0, -400 * 86_400.0)
+
+
+def skewed(monkeypatch):
+    """Sets the clock of this machine wrong, s; the disk keeps its own."""
+    off = [0.0]
+    real = time.time
+
+    class Wrong(datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return datetime.fromtimestamp(real() + off[0], tz)
+
+    for module in (plan_rows, clock, identity):
+        monkeypatch.setattr(module, "datetime", Wrong)
+    monkeypatch.setattr(time, "time", lambda: real() + off[0])
+
+    def to(seconds: float) -> None:
+        off[0] = seconds
+
+    return to
+
+
+@pytest.fixture
+def skew(monkeypatch):
+    return skewed(monkeypatch)
+
+
+def filled(place: Path) -> Catalog:
+    made = open_catalog(place)
+    made.add_structures([structure("boxy"), structure("target", 1)])
+    made.add_demonstrations([demonstration()])
+    return made
+
+
+@dataclass
+class Model:
+    """What a catalog should say, kept by somebody who has no clock."""
+
+    plans: list[str] = field(default_factory=list)  # keys, in the order they became current
+    notes: str = 'said "so" | <b>'
+    retired: bool = False
+    states: list[tuple[datetime, str, int, bool]] = field(default_factory=list)
+
+    def current(self) -> str:
+        return self.plans[-1] if self.plans else ""
+
+
+STEPS = st.lists(
+    st.tuples(st.sampled_from(["plan", "back", "failed", "notes", "retire"]), st.sampled_from(SKEWS)),
+    min_size=1,
+    max_size=8,
+)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@given(steps=STEPS, merged=st.booleans())
+def test_order_is_that_of_commits_under_any_clocks(tmp_path_factory, steps, merged):
+    place = tmp_path_factory.mktemp("skewed")
+    with pytest.MonkeyPatch.context() as patch:
+        set_clock = skewed(patch)
+        made, model = filled(place), Model()
+        for number, (what, off) in enumerate(steps):
+            set_clock(off)
+            writer = open_catalog(place)  # another machine each time
+            if what == "notes":
+                model.notes, model.retired = f"note {number}", False
+                assert writer.add_structures([structure("target", 1, notes=model.notes)]) == 1
+            elif what == "retire":
+                assert writer.retire_structures(["target"]) == int(not model.retired)
+                model.retired = True
+            elif what == "back" and model.plans:
+                key = model.plans[0]
+                failed = writer.transfer(key[:20])["status"] == "failed"
+                added = writer.add_plans([(key, plan("target", 0), {})])
+                assert added == int(failed or model.current() != key)
+                model.plans.append(key)
+            elif what == "failed":
+                assert writer.add_plans([(key_of(number), plan("target", status="failed"), {})]) == 1
+                model.plans.append(key_of(number))
+            else:
+                assert writer.add_plans([(key_of(number), plan("target", number), {})]) == 1
+                model.plans.append(key_of(number))
+            set_clock(0)
+            time.sleep(0.003)  # moments are told apart by microseconds, commits by more
+            model.states.append((datetime.now(UTC), model.current(), len(model.plans), model.retired))
+            check(open_catalog(place), model)
+        if merged:
+            compact(made)
+            check(open_catalog(place), model)
+        for moment, current, _, retired in model.states:
+            then = made.transfers(as_of=moment, columns=["key"])
+            assert list(then["key"]) == ([] if retired or not current else [current])
+        assert verify(made) == []
+
+
+def check(catalog: Catalog, model: Model) -> None:
+    found = catalog.structures(every=True)
+    row = found[found["structure_id"] == "target"].iloc[-1]
+    assert (row["notes"], bool(row["retired"])) == (model.notes, model.retired)
+    assert catalog.newest("structures", "target")["notes"] == model.notes
+    current = [] if model.retired or not model.plans else [model.current()]
+    assert list(catalog.transfers(columns=["key"])["key"]) == current
+
+
+def test_the_disk_tells_the_time_not_the_writer(tmp_path, skew):
+    made = filled(tmp_path)
+    for off in SKEWS:
+        skew(off)
+        open_catalog(tmp_path).add_plans([(key_of(off), plan("target", 1), {})])
+    skew(0)
+    rows = made.transfers(every=True)
+    assert rows["added_at"].is_monotonic_increasing
+    assert (rows["added_at"] - datetime.now(UTC)).abs().max() < timedelta(minutes=5)
+    assert rows["commit_version"].is_monotonic_increasing
+    assert (rows["planned_at"] - datetime.now(UTC)).abs().max() > timedelta(
+        days=300
+    )  # told as the writer had it
+
+
+def test_an_import_is_no_earlier_than_it_was(tmp_path):
+    made = filled(tmp_path / "from")
+    made.add_plans([(key_of(0), plan("target"), {})])
+    export_dataset(made, tmp_path / "set", "a-v1", made.transfers(), "CC0-1.0")
+    other = open_catalog(tmp_path / "to").create()
+    before = datetime.now(UTC)
+    time.sleep(0.01)
+    import_dataset(other, tmp_path / "set")
+    assert len(other.transfers()) == 1
+    for found in (other.transfers(as_of=before, every=True), other.structures(as_of=before)):
+        assert found.empty
+    assert list(other.transfers()["planned_at"]) == list(made.transfers()["planned_at"])
+
+
+def test_boundaries_of_moments(tmp_path):
+    """As of a moment means: with what was added at that very moment; changed since it means: after it."""
+    made = filled(tmp_path)
+    made.add_plans([(key_of(0), plan("target"), {})])
+    made.add_structures([structure("target", 5)])
+    row = made.transfers().iloc[0]
+    step = timedelta(microseconds=1)
+    assert len(made.transfers(as_of=row["added_at"])) == 1
+    assert len(made.transfers(as_of=row["added_at"] - step)) == 0
+    versions = made.structures(every=True)
+    last = versions["added_at"].max()
+    assert len(made.structures(as_of=last, every=True)) == len(versions)
+    assert len(made.structures(as_of=last - step, every=True)) == len(versions) - 1
+    assert changed_structures(made, last).empty
+    assert list(changed_structures(made, last - step)["structure_id"]) == ["target"]
+
+
+def test_a_version_knows_what_was_retired_then(tmp_path):
+    made = filled(tmp_path)
+    made.add_plans([(key_of(0), plan("target"), {})])
+    version = int(history(made).query("table == 'transfers'")["version"].max())
+    made.retire_structures(["target"])
+    assert len(made.transfers(version=version)) == 1
+    made.add_plans([(key_of(1), plan("boxy", 1), {})])
+    assert list(made.transfers(version=version + 1)["target_id"]) == ["boxy"]
+
+
+def numbered(place: str, seed: int, count: int) -> None:
+    catalog, rng = open_catalog(place), random.Random(seed)
+    for number in range(count):
+        catalog.add_structures([structure("target", seed, notes=f"{seed}-{number}-{rng.random()}")])
+
+
+def test_writers_at_once_get_numbers_of_their_own(tmp_path):
+    made = filled(tmp_path)
+    context = multiprocessing.get_context("spawn")
+    writers = [context.Process(target=numbered, args=(str(tmp_path), seed, 6)) for seed in range(3)]
+    for process in writers:
+        process.start()
+    for process in writers:
+        process.join(120)
+        assert process.exitcode == 0
+    rows = made.tables["structures"].read().to_pandas().query("structure_id == 'target'")
+    rows = rows.sort_values("commit_version")
+    assert rows["commit_version"].is_unique
+    assert rows["added_at"].is_monotonic_increasing
+    assert len(rows) == 1 + 3 * 6
+    files = {path.name for path in (tmp_path / "structures").glob("*.parquet")}
+    assert (
+        len(files) == made.tables["structures"].delta().get_add_actions().num_rows
+    )  # none left of those who lost
+
+
+def test_points_of_a_writer_at_work_are_not_taken_for_a_stopped_ones(tmp_path, skew):
+    """Its clock may be a year late: what counts is when the points came."""
+    made = filled(tmp_path)
+    skew(-400 * 86_400.0)
+    late = open_catalog(tmp_path)
+    adding._add_steps(
+        late, "waypoints", lambda commit: [plan_rows.waypoint_table(key_of(0)[:20], plan("target"), commit)]
+    )
+    skew(0)
+    before = datetime.now(UTC) - timedelta(hours=1)
+    assert orphans(made.tables["waypoints"], made.tables["transfers"], before) == []
+    assert vacuum(made, 1 / 24).orphan_commits["waypoints"] == 0
