@@ -16,7 +16,8 @@ from upplied.outputs.missions import MissionOptions, missions_of
 
 ROW = {
     "transfer_id": "abc", "demonstration_id": "demo", "target_id": "box", "preset": "recommended",
-    "method_version": "3", "planned_at": "2026-01-02 03:04:05+00:00", "coverage_seen_pct": 98.76, "min_clearance_m": 6.0,
+    "method_version": "3",
+    "planned_at": "2026-01-02 03:04:05+00:00", "coverage_seen_pct": 98.76, "min_clearance_m": 6.0,
     "path_length_m": float("nan"),
 }  # fmt: skip
 
