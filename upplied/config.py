@@ -139,6 +139,16 @@ class InspectionSettings:
 
 
 @dataclass(frozen=True)
+class VerdictSettings:
+    """What a plan must reach to be flown; `enforce` refuses what does not, others carry it as a verdict."""
+
+    enforce: bool = False
+    least_inspected_pct: float = 60.0  # shown at least as well: fewer are no repetition of the inspection
+    longest_path: float = 3.0  # times the demonstration's, carried to the target's size
+    longest_time: float = 4.0  # the same; the demonstrated speed is an upper bound, turns cost time
+
+
+@dataclass(frozen=True)
 class Settings:
     """Everything that a plan depends on besides the demonstration and the two structures."""
 
@@ -153,6 +163,7 @@ class Settings:
     route: RouteSettings = field(default_factory=RouteSettings)
     retime: RetimeSettings = field(default_factory=RetimeSettings)
     inspection: InspectionSettings = field(default_factory=InspectionSettings)
+    verdict: VerdictSettings = field(default_factory=VerdictSettings)
 
     @cached_property
     def sha256(self) -> str:
@@ -258,6 +269,9 @@ _RANGES = {
     "inspection.max_motion_px": (0.01, 1000),
     "inspection.exposure_s": (1e-6, 1),
     "inspection.width_px": (16, 100_000),
+    "verdict.least_inspected_pct": (0, 100),
+    "verdict.longest_path": (1, 1000),
+    "verdict.longest_time": (1, 1000),
 }
 
 
@@ -280,6 +294,7 @@ _PRESETS: dict[str, Settings] = {
         transfer=TransferSettings(method="counterparts"),
         refine=RefineSettings(method="view"),
         route=RouteSettings(enforce=True),
+        verdict=VerdictSettings(enforce=True),
         retime=RetimeSettings(limits=True),
     ),
     "baseline": replace(

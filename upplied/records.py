@@ -292,6 +292,8 @@ class Plan(Record):
     counterpart_summary: str = ""
     warnings: tuple[str, ...] = ()
     surface: SurfaceStates | None = None  # what the plan sees of the target, where it was computed
+    flyable: bool = False  # whether it may be flown as it is
+    not_flyable: str = ""  # why not, in words
 
     @property
     def n_viewpoints(self) -> int:

@@ -74,6 +74,12 @@ def test_what_was_overruled_stands_in_the_file_where_it_has_room(tmp_path, forma
     assert "OVERRULED clearance" in goal.read_text()
 
 
+def test_a_plan_that_falls_short_is_not_flown(tmp_path):
+    short = replace(made_plan(), not_flyable="shows 12.0 % of what was inspected")
+    with pytest.raises(RefusedError, match=r"verdict: shows 12\.0 %"):
+        export(short, placed_box(), "csv", tmp_path / "a.csv")
+
+
 @pytest.mark.parametrize("preset", ["paper", "baseline"])
 def test_plans_for_comparison_are_not_flown(tmp_path, preset):
     with pytest.raises(RefusedError, match=f"preset: the plan is of preset {preset}"):
@@ -117,7 +123,7 @@ def test_speed_acceleration_height_time_and_coverage_have_their_rules():
     ]
     assert [each.rule for each in coverage_breaches(0.9, Limits())] == ["coverage"]
     assert coverage_breaches(float("nan"), Limits()) == coverage_breaches(0.96, Limits()) == []
-    told = {"preset", "superseded", "clearance", "keep-out", "geofence", "ceiling", "ground"}
+    told = {"preset", "verdict", "superseded", "clearance", "keep-out", "geofence", "ceiling", "ground"}
     assert told | {"finite", "height", "speed", "acceleration", "coverage"} == set(RULES)
     assert "at [1.0, 2.0, 3.0] m" in str(Breach("ground", "z", "low", (1.0, 2.0, 3.0)))
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from upplied.outputs.along import profile, speeds
 from upplied.outputs.display import display_mesh, display_states, packed, structure_data
 from upplied.outputs.pages import inert_json
-from upplied.outputs.pairs import change, meaning, pairs_of
+from upplied.outputs.pairs import change, meaning, pairs_of, shown_status
 from upplied.outputs.reports import Reader
 from upplied.poses import look_at
 from upplied.records import Structure, SurfaceStates, Trajectory
@@ -207,3 +207,13 @@ def test_a_source_with_a_cache_simplifies_each_mesh_once():
     source._structures["cube"] = replace(source._structures["cube"], sha256="other")
     Reader(source).structure_data("cube")
     assert len({key for *_, key in source.calls}) == 2
+
+
+def test_a_comparison_that_must_not_be_flown_is_no_ok():
+    row = {"status": "ok", "flyable": False, "not_flyable": "comes within 0.00 m of the structure"}
+    assert shown_status(row) == "not flyable" and "do not fly" in meaning("not flyable", "")
+    assert shown_status(row | {"flyable": True, "not_flyable": ""}) == "ok"
+    assert (
+        shown_status({"status": "ok", "flyable": None, "not_flyable": None}) == "ok"
+    )  # planned before it was asked
+    assert shown_status(row | {"status": "refused"}) == "refused"

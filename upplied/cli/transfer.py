@@ -178,7 +178,7 @@ def current(catalog: Catalog, wish: Wish) -> list[dict[str, Any]]:
     wanted &= table["demonstration_id"].isin(wish.demonstrations)
     wanted &= table["target_id"].isin(wish.targets or catalog.structures()["structure_id"])
     newest = table.loc[wanted].drop_duplicates(["target_id", "preset"], keep="last")
-    rows = newest.sort_values(["target_id", "preset"])[["reason", *COLUMNS]]
+    rows = newest.sort_values(["target_id", "preset"])[["reason", "flyable", "not_flyable", *COLUMNS]]
     return rows.astype(object).where(rows.notna(), None).to_dict("records")
 
 
@@ -189,16 +189,28 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
         return
     show(
         f"transfers of {demonstration}",
-        [{title: row[name] for name, title in COLUMNS.items()} for row in rows],
+        [{title: _cell(row, name) for name, title in COLUMNS.items()} for row in rows],
         spare=("paper %", "Frechet", "time s"),
     )
     for row in rows:
-        if row["status"] != "ok":
+        status = shown_status(row)
+        if status != "ok":
             console.print(
-                f"{row['status']}: {row['target_id']} ({row['preset']}): {row['reason']}",
+                f"{status}: {row['target_id']} ({row['preset']}): {row['reason'] or row['not_flyable']}",
                 markup=False,
                 soft_wrap=True,
             )
+
+
+def _cell(row: dict[str, Any], name: str) -> Any:
+    return shown_status(row) if name == "status" else row[name]
+
+
+def shown_status(row: dict[str, Any]) -> str:
+    """The status of a plan as people read it."""
+    from upplied.outputs.pairs import shown_status as said
+
+    return said(row)
 
 
 def show_decision(decision: Decision, as_json: bool) -> None:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from upplied.outputs.along import Profile
 from upplied.outputs.display import packed
-from upplied.outputs.pairs import PRESETS, Pair, change, meaning, number, stamp
+from upplied.outputs.pairs import PRESETS, Pair, change, meaning, number, shown_status, stamp
 from upplied.records import Demonstration, Floats, Measures
 
 _PROVENANCE = (
@@ -85,12 +85,12 @@ def _ordered(pair: Pair) -> list[tuple[str, Mapping[str, Any]]]:
 
 
 def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
-    status = str(row["status"])
+    status = shown_status(row)
     return {
         "preset": preset,
         "status": status,
         "meaning": meaning(status, _text(row.get("reason"))),
-        "reason": _text(row.get("reason")),
+        "reason": _text(row.get("reason")) or _text(row.get("not_flyable")),
         "counterparts": _text(row.get("counterpart_summary")),
         "warnings": _warnings(row.get("warnings")),
         "safety_m": _safety_m(row.get("settings_json")),

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 PRESETS = ("recommended", "paper", "baseline")
-_ATTENTION = {"failed": 0, "refused": 1, "ok": 2}
+_ATTENTION = {"failed": 0, "refused": 1, "not flyable": 1.5, "ok": 2}
 
 _FAILED = (
     "Planning stopped with an error. Other targets are not affected; run it again once the cause is removed."
@@ -30,10 +30,22 @@ _REFUSALS = (  # words of a plan's reason, and what they mean for a reader
 )
 
 
+NOT_FLYABLE = "not flyable"
+
+
+def shown_status(row: Mapping[str, Any]) -> str:
+    """The status of a plan as people read it: a plan for comparison that must not be flown is no "ok"."""
+    status, flyable = str(row["status"]), row.get("flyable")
+    forbidden = status == "ok" and flyable is not None and flyable == flyable and not flyable
+    return NOT_FLYABLE if forbidden and row.get("not_flyable") else status
+
+
 def meaning(status: str, reason: str) -> str:
     """What a reader should make of a plan's status; its own reason stands beside it."""
     if status == "ok":
         return ""
+    if status == NOT_FLYABLE:
+        return "For comparison only: do not fly this plan."
     if status != "refused":
         return _FAILED
     told = [text for words, text in _REFUSALS if any(word in reason for word in words)]
@@ -105,7 +117,7 @@ def attention(pair: Pair) -> tuple[float, float, float, str]:
     seen = coverage(row)
     clearance = number(row, "min_clearance_m")
     return (
-        _ATTENTION.get(str(row["status"]), 0),
+        _ATTENTION.get(shown_status(row), 0),
         -1.0 if seen is None else seen,
         -1.0 if clearance is None else clearance,
         pair.name,
@@ -167,7 +179,7 @@ def _fleet_row(pair: Pair) -> list[Any]:
     values += [number(row, name) for name in ("min_clearance_m", "frechet_z", "path_length_m", "duration_s")]
     return [
         pair.name,
-        str(row["status"]),
+        shown_status(row),
         pair.demonstration_id,
         pair.source_id,
         pair.target_id,
@@ -175,7 +187,7 @@ def _fleet_row(pair: Pair) -> list[Any]:
         *(None if value is None else round(value, 3) for value in values),
         change(pair),
         stamp(row.get("planned_at")),
-        str(row.get("reason") or ""),
+        str(row.get("reason") or row.get("not_flyable") or ""),
     ]
 
 

@@ -10,6 +10,7 @@ from upplied.planning.correspondence.pair import METHOD_VERSION, Memo, no_memo, 
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.measures.evaluate import judge
+from upplied.planning.measures.verdict import shortfalls
 from upplied.planning.trajectory.propose import propose
 from upplied.records import Demonstration, Plan, Structure
 
@@ -66,8 +67,14 @@ def plan_transfer(
         return replace(plan, status="refused", reason=str(refusal))
     # How good is it? The same measures for every preset.
     measures, surface, warnings = judge(trajectory, answers_s, takes, settings, memo)
+    # May it be flown? What falls short is refused, or says so where it is for comparison.
+    short = "; ".join(shortfalls(trajectory, measures, takes, settings))
+    if short and settings.verdict.enforce:
+        return replace(plan, status="refused", reason=short, measures=measures, warnings=warnings)
     return replace(
         plan,
+        flyable=not short,
+        not_flyable=short,
         trajectory=trajectory,
         is_viewpoint=is_viewpoint,
         measures=measures,

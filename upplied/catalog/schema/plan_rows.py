@@ -80,6 +80,8 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
                 "preset",
                 "status",
                 "reason",
+                "flyable",
+                "not_flyable",
                 "counterpart_summary",
             )
         },
@@ -131,6 +133,8 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
         measures=Measures(**{name: nan if value is None else value for name, value in measures.items()}),
         counterpart_summary=row["counterpart_summary"],
         warnings=tuple(json.loads(row["warnings"] or "[]")),
+        flyable=bool(row["flyable"]),
+        not_flyable=row["not_flyable"] or "",
     )
 
 

@@ -144,6 +144,8 @@ TRANSFERS = Table(
         Column("preset", TEXT, "", "which method", required=True, allowed=PRESETS),
         Column("status", TEXT, "", "what came of it", required=True, allowed=("ok", "refused", "failed")),
         Column("reason", TEXT, "", "why it is not ok, in words"),
+        Column("flyable", TRUTH, "", "whether it may be flown as it is; plans for comparison often may not"),
+        Column("not_flyable", TEXT, "", "why it may not, in words"),
         *MEASURES,
         Column("coverage_paper_pct", REAL, "%", "the paper's measure: target points in any frustum", low=0),
         Column(

@@ -38,6 +38,7 @@ RULES = {
     rule.name: rule
     for rule in (
         Rule("preset", "only `recommended` is made to be flown; others are for comparison", "plan with it"),
+        Rule("verdict", "the plan reaches what it must to be flown", "plan it again, or another one"),
         Rule("superseded", "a newer plan of this pair and preset exists", "export the newer one"),
         Rule("finite", "every waypoint is a finite place at a rising time", "plan again"),
         Rule("clearance", "every leg keeps its distance from the structure", "plan with more --clearance"),
@@ -107,9 +108,12 @@ def breaches(reading: Reading, structure: Structure, limits: Limits) -> list[Bre
 
 def plan_breaches(plan: Plan | Trajectory) -> list[Breach]:
     """Rules that a plan breaks by what it is."""
-    if isinstance(plan, Trajectory) or plan.preset == "recommended":
+    if isinstance(plan, Trajectory):
         return []
-    return [Breach("preset", f"the plan is of preset {plan.preset}")]
+    found = [Breach("verdict", plan.not_flyable)] if plan.not_flyable else []
+    if plan.preset != "recommended":
+        found.insert(0, Breach("preset", f"the plan is of preset {plan.preset}"))
+    return found
 
 
 def coverage_breaches(share: float, limits: Limits) -> list[Breach]:

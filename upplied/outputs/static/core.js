@@ -10,7 +10,7 @@ upplied.STATES = [
   ["not inspected", "#c7cdd6"], ["seen", "#7db8e8"], ["missed", "#d55e00"],
   ["unattainable", "#f0e442"], ["no counterpart", "#8c7a99"],
 ];
-upplied.SIGNS = { ok: "✓", refused: "!", failed: "×" };
+upplied.SIGNS = { ok: "✓", refused: "!", failed: "×", "not flyable": "⊘" };
 
 // element("div", {class: "row", onclick: f}, "text", child, ...)
 upplied.element = function (tag, attributes, ...children) {
@@ -30,7 +30,7 @@ upplied.fill = function (parent, ...children) {
 
 upplied.badge = function (status) {
   const known = status in upplied.SIGNS ? status : "failed";
-  return upplied.element("span", { class: "badge " + known }, (upplied.SIGNS[status] || "?") + " " + status);
+  return upplied.element("span", { class: "badge " + known.replace(" ", "-") }, (upplied.SIGNS[status] || "?") + " " + status);
 };
 
 upplied.format = function (value, digits, unit) {

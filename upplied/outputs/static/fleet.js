@@ -60,7 +60,7 @@
       element("header", { class: "page" }, element("h1", {}, fleet.title), tiles(rows)),
       element("div", { class: "tools" },
         element("input", { type: "search", id: "search", placeholder: "Search ids, kinds, reasons", "aria-label": "Search", oninput: (event) => { state.search = event.target.value; refresh(); } }),
-        choice("status", "Any status", ["ok", "refused", "failed"].filter((status) => rows.some((row) => row.status === status))),
+        choice("status", "Any status", ["ok", "not flyable", "refused", "failed"].filter((status) => rows.some((row) => row.status === status))),
         choice("kind", "Any kind", [...new Set(rows.map((row) => row.kind))].sort()),
         element("label", { class: "check" }, element("input", { type: "checkbox", id: "filter-changed", onchange: (event) => { state.changed = event.target.checked; refresh(); } }), "changed only"),
         element("button", { type: "button", id: "worst-first", onclick: () => { state.sort = "order"; state.down = false; refresh(); } }, "Worst first"),
@@ -97,7 +97,7 @@
     const link = row.page ? element("a", { href: address(row.pair) }, row.target) : element("span", { title: "its page could not be made" }, row.target);
     return [
       text("status", badge(row.status)), text("demonstration", row.demonstration), text("target", link), text("kind", row.kind),
-      row.status === "ok"
+      row.status === "ok" || row.status === "not flyable"
         ? element("div", { class: "cell number coverage", role: "cell" }, bar, format(row.coverage, 1, " %"))
         : element("div", { class: "cell coverage reason", role: "cell", title: row.reason }, row.reason || "no reason given"),
       number("paper", format(row.paper, 1)), number("baseline", format(row.baseline, 1)),

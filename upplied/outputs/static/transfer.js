@@ -51,7 +51,7 @@
         element("a", { class: "back", href: back }, "All transfers"),
         element("h1", {}, demonstration.id, element("span", { class: "arrow" }, " → "), data.target, " ", badge(main.status)),
         element("p", { class: "sub" }, data.kind + ", demonstrated on " + data.source + (demonstration.operator ? " by " + demonstration.operator : "") + (demonstration.site ? ", " + demonstration.site : ""))),
-      data.plans.filter((plan) => plan.status !== "ok").map((plan) => element("section", { class: "refusal " + plan.status },
+      data.plans.filter((plan) => plan.status !== "ok").map((plan) => element("section", { class: "refusal " + plan.status.replace(" ", "-") },
         element("h2", {}, plan.preset + ": " + plan.status), element("p", {}, plan.meaning), element("p", { class: "why" }, plan.reason || "No reason was recorded."))),
       data.change ? element("p", { class: "note" }, "Since the plan before: " + data.change) : null,
       element("section", { class: "views" },

@@ -1,0 +1,114 @@
+"""Whether a plan may be flown: what it falls short of, with the figure; used by every preset.
+
+A plan of `recommended` that falls short is refused. Plans for comparison (`paper`, `baseline`) keep their
+measures and carry the verdict beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+
+import numpy as np
+
+from upplied.config import Settings
+from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.carry.reference import demonstrated_on_target
+from upplied.planning.demonstration.repetition import Take
+from upplied.records import Measures, Trajectory
+
+_TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)
+_TOLERANCE = 1.05  # of speeds and accelerations, which are read off differences of poses
+_TRANSIT_M, _TRANSIT_S = 50.0, 60.0  # that any plan may add for its ways
+
+
+def shortfalls(
+    trajectory: Trajectory, measures: Measures, takes: Sequence[Take], settings: Settings
+) -> tuple[str, ...]:
+    """Why a planned trajectory must not be flown, in words; none where it may.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Target frame.
+    measures : Measures
+        Of that trajectory.
+    takes : sequence of Take
+    settings : Settings
+        `verdict` sets the floors, `route` and `retime` the limits of the vehicle.
+    """
+    poses = (trajectory.t_s, trajectory.positions, trajectory.quat_xyzw)
+    if not all(np.isfinite(values).all() for values in poses):
+        return ("a waypoint is not finite",)
+    known = {item.name: getattr(measures, item.name) for item in fields(measures)}
+    if any(np.isinf(value) for value in known.values()):
+        return ("a measure is not finite",)
+    return (
+        *_shown(measures, settings),
+        *_near(trajectory, measures, takes, settings),
+        *_long(measures, takes, settings),
+        *_hard(measures, settings),
+    )
+
+
+def _shown(measures: Measures, settings: Settings) -> list[str]:
+    least, shown = settings.verdict.least_inspected_pct, measures.coverage_inspected_pct
+    if np.isnan(shown):
+        return ["what of the inspected surface it shows was not measured"] if least > 0 else []
+    if shown >= least:
+        return []
+    return [
+        f"shows {shown:.1f} % of what was inspected at least as well, {least:g} % are asked for "
+        "(verdict.least_inspected_pct)"
+    ]
+
+
+def _near(trajectory: Trajectory, measures: Measures, takes: Sequence[Take], settings: Settings) -> list[str]:
+    """Clearance, and every other rule of the airspace."""
+    asked = settings.route.clearance_m
+    if measures.min_clearance_m < asked - _TOLERANCE_M:
+        return [f"comes within {measures.min_clearance_m:.2f} m of the structure, {asked:g} m are asked for"]
+    airspace = airspace_of(takes[0].pair, settings)
+    outside = np.flatnonzero(~airspace.in_bounds(trajectory.positions))
+    if len(outside):
+        place = trajectory.positions[outside[0]]
+        return [f"{airspace.why(place)} at {place.round(1).tolist()} m"]
+    return []
+
+
+def _long(measures: Measures, takes: Sequence[Take], settings: Settings) -> list[str]:
+    """Path and time beside the demonstration's, carried to the target's size."""
+    length_m = time_s = 0.0
+    for take in takes:
+        flown = take.inspection.by_frustum.stations
+        before, carried = (
+            float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+            for path in (flown.positions, demonstrated_on_target(take))
+        )
+        length_m += max(before, carried)
+        time_s += float(flown.t_s[-1] - flown.t_s[0]) * max(1.0, carried / max(before, 1e-9))
+    found = []
+    floors = settings.verdict
+    if measures.path_length_m > floors.longest_path * length_m + _TRANSIT_M * len(takes):
+        found.append(
+            f"flies {measures.path_length_m:.0f} m where the demonstration is {length_m:.0f} m long "
+            f"at this size, {floors.longest_path:g} times as much is allowed (verdict.longest_path)"
+        )
+    if measures.duration_s > floors.longest_time * time_s + _TRANSIT_S * len(takes):
+        found.append(
+            f"takes {measures.duration_s:.0f} s where the demonstration takes {time_s:.0f} s at this size, "
+            f"{floors.longest_time:g} times as much is allowed (verdict.longest_time)"
+        )
+    return found
+
+
+def _hard(measures: Measures, settings: Settings) -> list[str]:
+    """Speed and acceleration beside what the vehicle can do."""
+    limits = settings.retime
+    found = []
+    if measures.peak_speed_mps > limits.max_speed_mps * _TOLERANCE:
+        found.append(f"flies {measures.peak_speed_mps:.1f} m/s, {limits.max_speed_mps:g} m/s are allowed")
+    most = limits.max_acceleration_mps2
+    if measures.peak_acceleration_mps2 > most * _TOLERANCE:
+        found.append(f"asks for {measures.peak_acceleration_mps2:.1f} m/s2, {most:g} m/s2 are allowed")
+    return found
