@@ -84,7 +84,7 @@ def _on_pool(
                 future.result()
             except Exception as error:  # failed, crashed with its machine, or cancelled
                 get_run_logger().warning("%s was lost: %s", fleet.shard_name(shard), error)
-    result, missing = fleet.kept(open_catalog(catalog), jobs)
+    result, missing = fleet.kept(open_catalog(catalog), jobs, run_id)
     if missing:
         result.include(here(catalog, missing, resources, run_id))
     return result
@@ -115,8 +115,7 @@ def _elsewhere(catalog: str, jobs: list[fleet.Job], resources: Resources, run_id
                 get_run_logger().warning("%s was lost: %s", fleet.shard_name(shard), error)
                 lost += shard
     if lost:
-        done = open_catalog(catalog).known_transfers(job.key for job in lost)
-        left = [job for job in lost if job.key not in done]
+        _, left = fleet.kept(open_catalog(catalog), lost, run_id)
         result.include(here(catalog, left, resources, run_id))
     return result
 

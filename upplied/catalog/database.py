@@ -217,9 +217,26 @@ class Catalog:
             raise CatalogError(what, "is not in the catalog", "", f"list them: {table}()")
         return found
 
+    def settled(
+        self, keys: Iterable[str], *, retry_failed: bool = False, run_id: str = ""
+    ) -> dict[str, tuple[str, str]]:
+        """Those of the keys that need no planning, each with status and reason of its plan.
+
+        A key is settled when the plan of that key is the current one of its demonstration, target and
+        preset: one that was followed by another, as by one of other settings, is not.
+
+        Parameters
+        ----------
+        keys : iterable of str
+        retry_failed : bool
+            Failures are not settled, but for those of the run `run_id`.
+        run_id : str
+        """
+        return queries.settled(self.tables["transfers"], keys, retry_failed, run_id)
+
     def known_transfers(self, keys: Iterable[str]) -> set[str]:
-        """Those of the keys that have a plan or an honest refusal; a failure may be tried again."""
-        return queries.settled_keys(self.tables["transfers"], keys)
+        """Those of the keys that are `settled` by a plan or an honest refusal."""
+        return set(self.settled(keys, retry_failed=True))
 
     # --- adding --------------------------------------------------------------------------------
 
@@ -247,10 +264,10 @@ class Catalog:
         ----------
         plans : sequence of (key, plan, provenance)
             The key is the hash of everything the plan depends on; one that is known adds nothing,
-            with two exceptions: a failure makes way for a later result, and a plan that had been
-            followed by another of its pair becomes current again. For the provenance see
-            `upplied.catalog.schema.plan_rows.transfer_row`; hashes it leaves out are those of the current
-            versions in the catalog.
+            with two exceptions: a failure makes way for a later result and for the failure of another
+            run, and a plan that had been followed by another of its pair becomes current again. For the
+            provenance see `upplied.catalog.schema.plan_rows.transfer_row`; hashes it leaves out are those of
+            the current versions in the catalog.
         """
         return adding.add_plans(self, plans)
 

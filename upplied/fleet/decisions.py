@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from upplied.config import Settings, settings_for
 from upplied.errors import InputError
 from upplied.planning.plan import METHOD_VERSION, transfer_key
 from upplied.records import Demonstration, Structure
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -88,34 +85,34 @@ def decide(catalog: Catalog, wish: Wish | None = None) -> Decision:
     demonstrations = _demonstrations(catalog)
     _check_known("demonstration", wish.demonstrations, demonstrations)
     _check_known("structure", wish.targets, structures)
-    past = _Past(catalog.transfers(), wish.retry_failed)
-    jobs, unchanged = [], 0
-    for settings in wish.settings():
-        for demonstration, source, target in _pairs(demonstrations, structures, wish):
-            key = transfer_key(demonstration, source, target, settings)
-            if key in past.done:
-                unchanged += 1
-                continue
-            why = past.why(demonstration, source, target, settings, key)
-            names = (demonstration.demonstration_id, source.structure_id, target.structure_id)
-            hashes = (demonstration.sha256, source.sha256, target.sha256)
-            jobs.append(Job(*names, target.kind, settings, key, why, hashes))
+    wanted = [
+        (settings, *pair, transfer_key(*pair, settings))
+        for settings in wish.settings()
+        for pair in _pairs(demonstrations, structures, wish)
+    ]
+    done = catalog.settled((key for *_, key in wanted), retry_failed=wish.retry_failed)
+    past, jobs = _Past(catalog), []
+    for settings, demonstration, source, target, key in wanted:
+        if key in done:
+            continue
+        why = past.why(demonstration, source, target, settings, key)
+        names = (demonstration.demonstration_id, source.structure_id, target.structure_id)
+        hashes = (demonstration.sha256, source.sha256, target.sha256)
+        jobs.append(Job(*names, target.kind, settings, key, why, hashes))
     jobs.sort(key=lambda job: (job.demonstration_id, job.target_id, job.settings.preset))
-    return Decision(jobs, unchanged)
+    return Decision(jobs, len(wanted) - len(jobs))
 
 
 class _Past:
     """What the catalog's plans were made from."""
 
-    def __init__(self, transfers: pd.DataFrame, retry_failed: bool) -> None:
-        counted = transfers[transfers["status"] != "failed"] if retry_failed else transfers
-        self.done = set(counted["key"])
-        self._transfers = transfers
+    def __init__(self, catalog: Catalog) -> None:
+        self._catalog = catalog
 
     @cached_property
     def _rows(self) -> dict[tuple[str, str, str], Any]:
         """The newest plan of each demonstration, target and preset; a quiet night never asks."""
-        rows = self._transfers[list(_COMPARED)].itertuples(index=False)
+        rows = self._catalog.transfers(columns=_COMPARED).itertuples(index=False)
         return {(row.demonstration_id, row.target_id, row.preset): row for row in rows}
 
     def why(

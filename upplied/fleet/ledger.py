@@ -118,14 +118,16 @@ class Result:
         return counted + (f", {self.superseded} superseded" if self.superseded else "")
 
 
-def kept(catalog: Catalog, jobs: Sequence[Job]) -> tuple[Result, list[Job]]:
-    """Counts of what the catalog holds of these jobs, whoever planned them, and the jobs it does not hold."""
-    table = catalog.transfers(every=True, columns=("key", "status", "reason", "planned_at"))
-    found = {row.key: row for row in table.sort_values("planned_at").itertuples()}
+def kept(catalog: Catalog, jobs: Sequence[Job], run_id: str = "") -> tuple[Result, list[Job]]:
+    """Counts of what the catalog holds of these jobs, whoever planned them, and the jobs it does not hold.
+
+    Of failures those of the run `run_id` alone count, where it is said: earlier ones were to be tried again.
+    """
+    found = catalog.settled((job.key for job in jobs), retry_failed=bool(run_id), run_id=run_id)
     result, missing = Result(), []
     for job in jobs:
         if job.key in found:
-            result.count(job, found[job.key].status, found[job.key].reason)
+            result.count(job, *found[job.key])
         else:
             missing.append(job)
     return result, missing

@@ -21,7 +21,7 @@ def plan_here(location: str, jobs: Sequence[Job], run_id: str) -> Result:
     catalog = open_catalog(location)
     ledger = Ledger(catalog, run_id)
     _prepared(location)
-    done = catalog.known_transfers(job.key for job in jobs)
+    done = catalog.settled((job.key for job in jobs), retry_failed=True, run_id=run_id)
     try:
         for job in jobs:
             if job.key not in done:

@@ -64,7 +64,7 @@ def add_plans(catalog: Catalog, plans: Sequence[Planned]) -> int:
     new = {
         key: (plan, provenance)
         for key, plan, provenance in plans
-        if key not in stored or (stored[key]["status"] == "failed" and plan.status != "failed")
+        if key not in stored or _makes_way(stored[key], plan.status, str(provenance.get("run_id", "")))
     }
     again = queries.superseded(table, [row for key, row in stored.items() if key not in new])
     flown = {
@@ -83,6 +83,12 @@ def add_plans(catalog: Catalog, plans: Sequence[Planned]) -> int:
     return added
 
 
+def _makes_way(stored: Row, status: str, run_id: str = "") -> bool:
+    """Whether a row of the same plan is added: after a failure a result, or another run's failure."""
+    failed_again = status == "failed" and run_id in ("", stored["run_id"])
+    return stored["status"] == "failed" and not failed_again
+
+
 def keep_surface(catalog: Catalog, key: str, plan: Plan) -> Plan:
     """See `Catalog.keep_surface`."""
     if plan.surface is None:
@@ -94,12 +100,7 @@ def keep_surface(catalog: Catalog, key: str, plan: Plan) -> Plan:
 def adopt_plans(catalog: Catalog, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:
     """Add plans of another catalog as they are, with the steps that they own there."""
     stored = queries.rows_of_keys(catalog.tables["transfers"], [row["key"] for row in plans])
-    new = [
-        row
-        for row in plans
-        if row["key"] not in stored
-        or (stored[row["key"]]["status"] == "failed" and row["status"] != "failed")
-    ]
+    new = [row for row in plans if row["key"] not in stored or _makes_way(stored[row["key"]], row["status"])]
     owned = [waypoints[row["transfer_id"], row["commit_id"]] for row in new if row["n_waypoints"]]
 
     def carrying(commit: str) -> list[pa.Table]:

@@ -34,6 +34,7 @@ PAIR = ["demonstration_id", "target_id", "preset"]  # of these, the newest plan 
 _NEWEST = ["commit_version", "planned_at"]  # what orders plans; the time counts within a commit
 
 
+_FEW_KEYS = 5000  # up to here their pairs are asked for alone
 STANDING = ("status", *_NEWEST, "commit_id")  # what tells which row stands for a plan
 
 
@@ -154,12 +155,30 @@ def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
     return [row for row in plans if row["transfer_id"] not in current]
 
 
-def settled_keys(table: StoredTable, keys: Iterable[str]) -> set[str]:
-    """Those of the keys that have a row which is not a failure."""
-    asked = set(keys)
-    where = pc.field("transfer_id").isin([plan_rows.transfer_id(key) for key in asked])
-    found = table.read(where & (pc.field("status") != "failed"), ["key"]) if asked else None
-    return asked & set(found["key"].to_pylist()) if found is not None else set()
+def settled(
+    table: StoredTable, keys: Iterable[str], retry_failed: bool, run_id: str
+) -> dict[str, tuple[str, str]]:
+    """See `Catalog.settled`."""
+    asked = pa.array(list(dict.fromkeys(keys)), pa.string())
+    if not len(asked):
+        return {}
+    where = None
+    if len(asked) <= _FEW_KEYS:  # those of their pairs are enough, where there are any
+        ids = pa.array([plan_rows.transfer_id(key) for key in asked.to_pylist()])
+        known = table.read(pc.field("transfer_id").isin(ids), PAIR[:2])
+        if not len(known):
+            return {}
+        where = pc.field(PAIR[0]).isin(known[PAIR[0]].unique())
+        where &= pc.field(PAIR[1]).isin(known[PAIR[1]].unique())
+    columns = ["transfer_id", *PAIR, *_NEWEST, "key", "status", "reason", "run_id"]
+    found = _in_order(table.read(where, columns), newest=True)
+    held = pc.is_in(found["key"], asked)
+    if retry_failed:
+        ours = pc.equal(found["run_id"], run_id) if run_id else False
+        held = pc.and_(held, pc.or_(pc.not_equal(found["status"], "failed"), ours))
+    found = found.filter(held)
+    outcomes = zip(found["status"].to_pylist(), found["reason"].to_pylist(), strict=True)
+    return dict(zip(found["key"].to_pylist(), outcomes, strict=True))
 
 
 def standing(same_plan: list[Row]) -> Row:

@@ -1,0 +1,111 @@
+"""There is one answer to the question what is done, and everybody who asks gets it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+from catalog_records import demonstration, plan, structure
+
+from upplied import fleet
+from upplied.catalog import open_catalog
+from upplied.catalog.database import Catalog
+from upplied.catalog.verbs import queries
+from upplied.fleet import crew, remote
+from upplied.fleet.crew import Outcome
+from upplied.fleet.decisions import Job
+
+A = fleet.Wish(("baseline",))
+B = fleet.Wish(("baseline",), {"viewpoints": {"shared": 0.4}})
+
+
+@pytest.fixture
+def catalog(tmp_path) -> Catalog:
+    made = open_catalog(tmp_path / "catalog")
+    made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(3))])
+    made.add_demonstrations([demonstration()])
+    return made
+
+
+@pytest.fixture
+def planned(monkeypatch) -> list[Job]:
+    """Jobs that were really planned; a planner that needs no time stands for the method."""
+    seen: list[Job] = []
+
+    def one(job: Job) -> Outcome:
+        seen.append(job)
+        status = "failed" if job.target_id in failing else "ok"
+        return Outcome(job, plan(job.target_id, len(seen), status=status, preset="baseline"), 0.1)
+
+    monkeypatch.setattr(crew, "plan_in_process", one)
+    monkeypatch.setattr(remote, "_prepared", lambda _: None)
+    failing.clear()
+    return seen
+
+
+failing: set[str] = set()
+
+
+def night(catalog: Catalog, wish: fleet.Wish, run_id: str) -> fleet.Result:
+    """A run whose shards are planned elsewhere, and one of them twice."""
+    jobs = fleet.decide(catalog, wish).jobs
+    fleet.plan_here(str(catalog.location), jobs, run_id)
+    fleet.plan_here(str(catalog.location), jobs[:1], run_id)
+    result, missing = fleet.kept(catalog, jobs, run_id)
+    assert missing == []
+    return result
+
+
+def current(catalog: Catalog) -> set[str]:
+    return set(catalog.transfers()["settings_sha256"])
+
+
+def test_earlier_settings_become_current_again(catalog, planned):
+    for number, wish in enumerate((A, B, A, B, B, A)):
+        result = night(catalog, wish, f"run-{number}")
+        assert current(catalog) == {wish.settings()[0].sha256}
+        assert (result.ok, result.failed) == ((3, 0) if number != 4 else (0, 0))
+        assert fleet.decide(catalog, wish).jobs == []
+    assert len(planned) == 5 * 3  # a shard that is started twice is planned once
+
+
+def test_an_old_failure_is_not_the_result_of_a_later_run(catalog, planned):
+    failing.add("t1")
+    assert night(catalog, A, "first").failed == 1
+    assert fleet.decide(catalog, A).jobs == []
+    again = fleet.Wish(A.presets, retry_failed=True)
+    jobs = fleet.decide(catalog, again).jobs
+    assert [job.target_id for job in jobs] == ["t1"]
+    assert fleet.kept(catalog, jobs, "second") == (fleet.Result(), jobs)  # its machine was lost
+    assert night(catalog, again, "second").failed == 1
+    assert len(planned) == 4
+    rows = catalog.transfers(structure="t1", every=True)
+    assert list(rows["run_id"]) == ["second"]
+    failing.clear()
+    assert night(catalog, again, "third").ok == 1
+
+
+@pytest.mark.parametrize("few", [0, 10_000])
+def test_everybody_asks_the_same(catalog, planned, monkeypatch, few):
+    monkeypatch.setattr(queries, "_FEW_KEYS", few)
+    night(catalog, A, "first")
+    failing.add("t2")
+    night(catalog, B, "second")
+    for wish in (A, B):
+        keys = [job.key for job in every(catalog, wish)]
+        for retry in (False, True):
+            asked = fleet.Wish(wish.presets, wish.changes, retry_failed=retry)
+            done = set(catalog.settled(keys, retry_failed=retry))
+            assert {job.key for job in fleet.decide(catalog, asked).jobs} == set(keys) - done
+            assert len(done) == (0 if wish is A else 3 - retry)
+            if retry:
+                assert catalog.known_transfers(keys) == done
+    assert catalog.settled([]) == {}
+
+
+def every(catalog: Catalog, wish: fleet.Wish) -> Iterable[Job]:
+    """What would be planned from nothing."""
+    empty = open_catalog(str(catalog.location) + "-empty")
+    empty.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(3))])
+    empty.add_demonstrations([demonstration()])
+    return fleet.decide(empty, wish).jobs
