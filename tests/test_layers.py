@@ -150,6 +150,16 @@ def test_planning_knows_no_files(path: Path):
     ]
 
 
+def test_the_public_names_are_what_they_say_and_no_others():
+    import upplied
+
+    assert set(upplied.__all__) == set(upplied._PUBLIC) | {"__version__"}
+    for name in upplied.__all__:
+        assert getattr(upplied, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'plan'"):
+        _ = upplied.plan
+
+
 def test_every_room_has_its_rule():
     assert {room_of(path) for path in modules()} - {"__init__"} <= set(ALLOWED)
 

@@ -128,9 +128,9 @@ class InspectionSettings:
     """When a plan shows a patch at least as well as the expert did: the same for every preset."""
 
     least_resolution: float = 0.8  # of what the stand-off mode asks for that patch
-    max_incidence_deg: float = 75.0
+    max_incidence_deg: float = 75.0  # from the normal, of the look that shows it
     max_motion_px: float = 1.0  # of the picture during one exposure, unless the expert's own was more
-    exposure_s: float = 1 / 500
+    exposure_s: float = 1 / 500  # of one picture
     width_px: int = 4000  # of the pictures that the motion is counted in
 
     def sharp_radps(self, hfov_deg: float) -> float:
@@ -142,7 +142,7 @@ class InspectionSettings:
 class VerdictSettings:
     """What a plan must reach to be flown; `enforce` refuses what does not, others carry it as a verdict."""
 
-    enforce: bool = False
+    enforce: bool = False  # whether what falls short is refused, or only says so
     least_inspected_pct: float = 60.0  # shown at least as well: fewer are no repetition of the inspection
     longest_path: float = 3.0  # times the demonstration's, carried to the target's size
     longest_time: float = 4.0  # the same; the demonstrated speed is an upper bound, turns cost time

@@ -10,11 +10,14 @@ import inspect
 import io
 import math
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+sys.path.insert(0, str(Path(__file__).parent))
+from house import house_page
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
@@ -98,6 +101,7 @@ def made_pages() -> dict[str, str]:
     pages["reference/settings.md"] = "\n".join(_settings())
     pages["reference/manifest.md"] = "\n".join(_keys())
     pages["reference/command.md"] = "\n".join(_commands())
+    pages["reference/house.md"] = house_page()
     pages["examples.md"] = "\n".join(_examples())
     return pages
 

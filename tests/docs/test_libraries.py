@@ -40,6 +40,7 @@ EXTRA_FILES = {
     "export": {
         "upplied/outputs/pages.py",
         "upplied/outputs/draw/sheet.py",
+        "upplied/outputs/draw/sketch.py",
         "upplied/outputs/camera_pictures.py",
     },
     "fleet": set(),

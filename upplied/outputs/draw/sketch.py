@@ -7,9 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
 
+from upplied.extras import extra
 from upplied.records import Floats, Ints, Structure
+
+with extra("export"):
+    from PIL import Image, ImageDraw, ImageFont
 
 _SIZE = (900, 620)
 _MARGIN = 46

@@ -1,0 +1,75 @@
+"""The tree of the library as a page: every module with its first line, and which room uses which.
+
+Read from the code itself, so that it stays true.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+#: Rooms in the order in which data walks through them.
+LIBRARY = ("inputs", "planning", "catalog", "recommend", "fleet", "outputs", "samples", "cli")
+PLANNING = (
+    "geometry", "surface", "visibility", "correspondence", "airspace", "demonstration", "carry", "trajectory",
+    "measures",
+)  # fmt: skip
+
+
+def house_page() -> str:
+    """Markdown: rooms, arrows between them, modules."""
+    return "\n".join(_page())
+
+
+def _page() -> Iterator[str]:
+    yield "# The tree\n\nWhat each part of the library is, in the order in which data walks through it. A room of"
+    yield "planning uses those before it; a test reads the imports. A demonstration becomes a plan from the"
+    yield "first room to the last, and `planning/plan.py` is the whole way on one page.\n"
+    yield "## Planning: the rooms of the method\n"
+    yield "| room | what it holds | uses |\n|---|---|---|"
+    used = _arrows(ROOT / "upplied" / "planning", "upplied.planning", PLANNING)
+    for room in PLANNING:
+        about = _first_line(ROOT / "upplied" / "planning" / room / "__init__.py")
+        yield f"| `{room}/` | {about} | {', '.join(used[room]) or 'records alone'} |"
+    yield "\n## Modules\n"
+    foundation = sorted((ROOT / "upplied").glob("*.py"))
+    yield from _modules("upplied/", [path for path in foundation if path.name != "__init__.py"])
+    for part in LIBRARY:
+        for folder in [ROOT / "upplied" / part, *_folders(ROOT / "upplied" / part)]:
+            modules = [path for path in sorted(folder.glob("*.py")) if path.name != "__init__.py"]
+            if modules:
+                yield from _modules(f"{folder.relative_to(ROOT)}/", modules)
+
+
+def _folders(folder: Path) -> list[Path]:
+    inner = [path.parent for path in folder.rglob("__init__.py") if path.parent != folder]
+    order = {name: at for at, name in enumerate(PLANNING)}
+    return sorted(inner, key=lambda path: (order.get(path.name, 99), str(path)))
+
+
+def _modules(title: str, modules: list[Path]) -> Iterator[str]:
+    yield f"### `{title}`\n\n| module | what it is |\n|---|---|"
+    for path in modules:
+        yield f"| `{path.name}` | {_first_line(path)} |"
+    yield ""
+
+
+def _first_line(path: Path) -> str:
+    """What a module says of itself in its first paragraph."""
+    text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return " ".join(text.split("\n\n")[0].split()).replace("|", "\\|")
+
+
+def _arrows(folder: Path, package: str, rooms: tuple[str, ...]) -> dict[str, list[str]]:
+    """Room to the other rooms that its modules import."""
+    found: dict[str, list[str]] = {}
+    for room in rooms:
+        names = set()
+        for path in (folder / room).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"{package}."):
+                    names.add(str(node.module).split(".")[2])
+        found[room] = [name for name in rooms if name in names - {room}]
+    return found
