@@ -28,6 +28,7 @@ def test_every_default_passes_its_own_check(preset):
         ("clouds", {"voxel_points": 700.5}, "a whole number"),
         ("transfer", {"standoff": "same"}, "'kept'"),
         ("correspondence", {"counterparts": ["engine"]}, "pairs"),
+        ("retime", {"min_gimbal_pitch_deg": 40.0}, "above retime.max_gimbal_pitch_deg, which is 30"),
     ],
 )
 def test_a_wrong_setting_is_named_with_what_is_allowed(stage, values, hint):

@@ -202,6 +202,7 @@ def settings_for(preset: str, **changes: Any) -> Settings:
         raise SettingsError(f"preset {preset!r}", "is unknown", f"one of {', '.join(PRESETS)}") from None
     for stage, values in changes.items():
         settings = replace(settings, **{stage: _changed(settings, stage, values)})
+    _check_together(settings)
     return settings
 
 
@@ -216,6 +217,17 @@ def _changed(settings: Settings, stage: str, values: Mapping[str, Any]) -> Any:
             raise SettingsError(f"setting {stage}.{name}", "is unknown", f"one of {', '.join(known)}")
         _check_value(f"{stage}.{name}", value, get_type_hints(type(before))[name])
     return replace(before, **values)
+
+
+def _check_together(settings: Settings) -> None:
+    """Whether values that bound each other leave something between them."""
+    low, high = settings.retime.min_gimbal_pitch_deg, settings.retime.max_gimbal_pitch_deg
+    if low > high:
+        raise SettingsError(
+            "setting retime.min_gimbal_pitch_deg",
+            f"got {low:g}, above retime.max_gimbal_pitch_deg, which is {high:g}",
+            "the least pitch of the gimbal is not above the largest",
+        )
 
 
 def _check_value(name: str, value: Any, wanted: Any) -> None:

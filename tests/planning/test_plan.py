@@ -199,3 +199,12 @@ def test_a_stand_off_in_metres_is_kept_round_a_structure_twice_as_large(fleet):
     assert plan.status == "ok", plan.reason
     assert plan.measures.standoff_kept_pct > 90  # 94 with this flight, 97 with another
     assert plan.measures.frechet_z < 0.75
+
+
+def test_what_comes_too_near_is_said_though_the_surfaces_do_not_correspond(fleet, around_cube):
+    """A baseline flight carried to another kind: no correspondence is measured, the distance is."""
+    asked = settings_for("baseline", route={"clearance_m": 10.0})
+    plan = plan_transfer(around_cube, fleet["cube-v1"], fleet["turbine-1-v1"], asked)
+    assert plan.measures.min_clearance_m < 10
+    unmeasured, too_near = plan.warnings
+    assert "was not measured" in unmeasured and "10 m are asked for" in too_near

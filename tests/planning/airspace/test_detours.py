@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from upplied.config import CloudSettings
 from upplied.errors import RefusedError
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.detours import Ways, route, safe_positions
+from upplied.planning.airspace.push import _kernel, pushed_out
+from upplied.planning.airspace.roadmap import way
 from upplied.planning.airspace.rules import Airspace, crosses_box, crosses_fence, inside_fence
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import look_at
@@ -183,6 +186,103 @@ def test_boxes_and_fences_agree_with_dense_sampling(seed: int) -> None:
     clean = both_in & ~leaves
     grazing = np.array([_gap_to_edges(polygon, path[:, :2]) < 0.01 for path in dense])
     assert not (crosses_fence(polygon, start, end) & clean & ~grazing).any()
+
+
+NOTCHED = np.array(
+    [(0, 0), (10, 0), (10, 10), (7, 10), (7, 5), (7, 2), (3, 2), (3, 5), (3, 10), (0, 10)], float
+)
+
+
+def test_a_leg_that_leaves_the_fence_through_vertices_is_told() -> None:
+    across = np.array([[1.0, 5, 3]]), np.array([[9.0, 5, 3]])  # 4 m outside, in and out at a vertex
+    assert inside_fence(NOTCHED, np.vstack(across)).all()
+    assert crosses_fence(NOTCHED, *across).all() and crosses_fence(NOTCHED, *across[::-1]).all()
+    along = np.array([[3.0, 1, 3]]), np.array([[3.0, 4, 3]])  # on an edge, outside of nothing, kept by none
+    assert crosses_fence(NOTCHED, *along).all()
+    clear = np.array([[2.9, 1, 3]]), np.array([[2.9, 9, 3]])  # beside it, and on the line of another edge
+    assert not crosses_fence(NOTCHED, *clear).any()
+    beyond = np.array([[4.0, 1, 3]]), np.array([[6.0, 1, 3]])
+    assert not crosses_fence(NOTCHED, *beyond).any()
+    collinear = np.array([[1.0, 2, 3]]), np.array([[2.5, 2, 3]])  # on the line of the notch's floor
+    assert not crosses_fence(NOTCHED, *collinear).any()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**31))
+def test_legs_of_a_grid_through_a_fence_on_the_grid_agree_with_fractions(seed: int) -> None:
+    """Whole coordinates hit vertices and edges all the time; the oracle counts in exact fractions."""
+    rng = np.random.default_rng(seed)
+    start, end = rng.integers(0, 11, (2, 30, 2))
+    wanted = [
+        _leaves(NOTCHED.astype(int).tolist(), *ends)
+        for ends in zip(start.tolist(), end.tolist(), strict=True)
+    ]
+    flat = np.zeros((30, 1))
+    found = crosses_fence(NOTCHED, np.hstack([start, flat]), np.hstack([end, flat]))
+    assert found.tolist() == wanted
+
+
+def _leaves(polygon: list[list[int]], p: list[int], q: list[int]) -> bool:
+    """Whether a segment has a point in common with the outline, by solving for it exactly."""
+    for (ax, ay), (bx, by) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+        ux, uy, vx, vy = q[0] - p[0], q[1] - p[1], bx - ax, by - ay
+        wx, wy, det = ax - p[0], ay - p[1], ux * vy - uy * vx
+        if det:
+            along, on_edge = Fraction(wx * vy - wy * vx, det), Fraction(wx * uy - wy * ux, det)
+            if 0 <= along <= 1 and 0 <= on_edge <= 1:
+                return True
+        elif ux == uy == 0:
+            on_line = vx * (p[1] - ay) == vy * (p[0] - ax)
+            if on_line and min(ax, bx) <= p[0] <= max(ax, bx) and min(ay, by) <= p[1] <= max(ay, by):
+                return True
+        elif wx * uy == wy * ux:
+            shares = [
+                Fraction((x - p[0]) * ux + (y - p[1]) * uy, ux * ux + uy * uy)
+                for x, y in ((ax, ay), (bx, by))
+            ]
+            if max(shares) >= 0 and min(shares) <= 1:
+                return True
+    return False
+
+
+def test_a_path_is_not_led_out_of_the_fence_at_a_vertex() -> None:
+    """What the rule of single legs is for: a plan through the notch's vertices would be 4 m outside."""
+    fence = 10.0 * NOTCHED - [50.0, 10.0]  # the cube stands below the notch, which is 40 m wide
+    round_cube = ways(Surroundings(geofence_m=fence))
+    path = line([-40.0, 40, 0], [40, 40, 0], 60)
+    safe = safe_positions(path, round_cube)
+    share = np.linspace(0, 1, 60)[:, None]
+    dense = np.vstack([a + share * (b - a) for a, b in itertools.pairwise(safe)])
+    assert not ((np.abs(dense[:, 0]) <= 20) & (dense[:, 1] >= 10)).any()
+    assert (np.abs(dense[:, 0]) < 50).all() and (np.abs(dense[:, 1] - 40) < 50).all()
+
+
+def test_ways_lead_round_the_posts_of_a_fence_far_from_the_structure() -> None:
+    fence = 10.0 * NOTCHED - [50.0, 10.0] + [0, 200.0]
+    fence = np.vstack(
+        [fence, [[-50, 190]], [[-60, 190]], [[-60, -10]], [[60, -10]], [[60, 190]], [[50, 190]]]
+    )
+    graph = ways(Surroundings(geofence_m=fence[[9, 11, 12, 13, 14, 1, 2, 3, 4, 5, 6, 7, 8]])).graph
+    found = way(graph, np.array([-40.0, 260, 0]), np.array([40.0, 260, 0]))
+    assert found is not None and not graph.airspace.broken(found).any()
+    length = np.linalg.norm(np.diff(found, axis=0), axis=1).sum()
+    assert length < 1.1 * (2 * np.hypot(20, 50) + 40)  # down to the notch's floor, along it, and up
+
+
+def test_a_place_on_the_fence_is_pushed_inside() -> None:
+    fence = np.array([[-30.0, -30], [30, -30], [30, 9], [-30, 9]])
+    limits = ways(Surroundings(geofence_m=fence))
+    on_it = np.array([[-20.0, 9, 0], [0, 9, 8], [20, 9, 0]])
+    pushed = pushed_out(on_it, limits.planning)
+    assert limits.airspace.in_bounds(pushed).all() and not limits.airspace.broken(pushed).any()
+    assert np.linalg.norm(pushed - on_it, axis=1).max() < 0.5
+
+
+def test_pushes_are_a_running_mean_along_the_path() -> None:
+    weights = _kernel(line([0.0, 0, 0], [30, 0, 0], 31), reach=4.0)
+    assert weights.sum(axis=1) == pytest.approx(1)
+    assert weights[15, 15] == weights[15].max() == pytest.approx(0.25)
+    assert weights[15, 15 + 4] == 0 and weights[15, 15 + 2] == pytest.approx(0.125)
 
 
 def _gap_to_edges(polygon: Floats, path: Floats) -> float:

@@ -8,6 +8,7 @@ from upplied.planning.airspace.rules import Airspace, inside_fence
 from upplied.records import Floats
 
 _PUSHES = 24
+_INSIDE_M = 0.05  # of the fence
 
 
 def pushed_out(positions: Floats, airspace: Airspace) -> Floats:
@@ -63,18 +64,22 @@ def _wanted_push(positions: Floats, airspace: Airspace) -> Floats:
 
 
 def _to_fence(polygon: Floats, xy: Floats) -> Floats:
-    """From each place outside to a little inside the nearest edge, (N, 2)."""
+    """From each place outside, or on the fence, to a little inside of the nearest edge, (N, 2)."""
     start, edge = polygon, np.roll(polygon, -1, axis=0) - polygon
     share = ((xy[:, None] - start) * edge).sum(axis=2) / np.maximum((edge**2).sum(axis=1), 1e-12)
     foot = start + np.clip(share, 0, 1)[..., None] * edge
     gap = foot - xy[:, None]
     nearest = np.linalg.norm(gap, axis=2).argmin(axis=1)
-    step = gap[np.arange(len(xy)), nearest]
-    return step * (1 + 0.05 / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 0.05))
+    step, way = gap[np.arange(len(xy)), nearest], edge[nearest]
+    across = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(np.hypot(*way.T), 1e-12)[:, None]
+    beyond = step + _INSIDE_M * across
+    inwards = np.where(inside_fence(polygon, xy + beyond)[:, None], across, -across)
+    length = np.linalg.norm(step, axis=1, keepdims=True)
+    return step + _INSIDE_M * np.where(length > _INSIDE_M, step / np.maximum(length, 1e-12), inwards)
 
 
 def _kernel(positions: Floats, reach: float) -> Floats:
-    """(M, M) how much of one position's push its neighbours along the path share; 1 for itself."""
+    """(M, M) weights of a running mean of the pushes along the path: a raised cosine, each row sums to 1."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
     gap = np.abs(along[:, None] - along) / reach
     weight = np.where(gap < 1, 0.5 + 0.5 * np.cos(np.pi * gap), 0)

@@ -19,6 +19,7 @@ from upplied.records import Cloud, Floats, Ints, Record
 
 _SAMPLES = 1500  # of the surface, that places are set before
 _DEGREE = 14  # edges per place
+_POST_M = 0.5  # from a post of the fence
 _TILTS_DEG = (45.0, 80.0)  # from the normal: round edges, where the normals leave a gap
 
 
@@ -55,6 +56,7 @@ def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -
     places.append(_round_box(whole, near, number=5))
     for box in airspace.surroundings.keep_out_m:
         places.append(_round_box(box, 0.05 + 0.1 * airspace.clearance_m, number=3))
+    places.append(_round_posts(airspace.surroundings.geofence_m, whole[:, 2], near))
     if further is not None:
         places.append(further)
     stacked = np.vstack(places)
@@ -154,6 +156,14 @@ def _round_box(box: Floats, distance_m: float, number: int) -> Floats:
     grid = grid[((grid == 0) | (grid == 1)).any(axis=1)]
     low, high = box
     return low - distance_m + grid * (high - low + 2 * distance_m)
+
+
+def _round_posts(fence: Floats, heights_m: Floats, above_m: float) -> Floats:
+    """Places round the posts of a fence (G, 2), where a way inside of it has to turn, from low to high."""
+    turn = np.arange(8) * np.pi / 4
+    xy = (fence[:, None] + _POST_M * np.column_stack([np.cos(turn), np.sin(turn)])).reshape(-1, 2)
+    z = np.linspace(heights_m[0] - above_m, heights_m[1] + above_m, 5)
+    return np.column_stack([np.repeat(xy, len(z), axis=0), np.tile(z, len(xy))])
 
 
 def _neighbours(places: Floats, spacing: float) -> tuple[Ints, Ints]:

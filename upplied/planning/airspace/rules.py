@@ -76,30 +76,40 @@ class Airspace(Record):
 
 
 def inside_fence(polygon: Floats, positions: Floats) -> Bools:
-    """Which positions (N, 3) lie in a polygon (G, 2) seen from above; all where there is no polygon."""
+    """Which positions (N, 3) lie inside a polygon (G, 2) seen from above; all where there is no polygon.
+
+    The fence itself is not inside.
+    """
     if len(polygon) < 3:
         return np.ones(len(positions), bool)
     x, y = positions[:, None, 0], positions[:, None, 1]
     (ax, ay), (bx, by) = polygon.T, np.roll(polygon, -1, axis=0).T
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = ((ay > y) != (by > y)) & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
-    return np.asarray(crossing.sum(axis=1) % 2 == 1, bool)
+    odd = crossing.sum(axis=1) % 2 == 1
+    return np.asarray(odd & ~crosses_fence(polygon, positions, positions), bool)
 
 
 def crosses_fence(polygon: Floats, start: Floats, end: Floats) -> Bools:
-    """Which segments (N,) cross an edge of a polygon seen from above."""
+    """Which segments (N,) touch or cross an edge of a polygon seen from above.
+
+    Two segments have a point in common where neither lies to one side of the other, and, should they
+    lie on one line, where their boxes overlap. So a leg through a vertex, or along an edge, is told.
+    """
     if len(polygon) < 3:
         return np.zeros(len(start), bool)
     a, b = polygon[None], np.roll(polygon, -1, axis=0)[None]
     p, q = start[:, None, :2], end[:, None, :2]
 
     def side(u: Floats, v: Floats, w: Floats) -> Floats:
-        return (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1]) - (v[..., 1] - u[..., 1]) * (
-            w[..., 0] - u[..., 0]
+        return np.sign(
+            (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1])
+            - (v[..., 1] - u[..., 1]) * (w[..., 0] - u[..., 0])
         )
 
-    apart = (side(a, b, p) * side(a, b, q) < 0) & (side(p, q, a) * side(p, q, b) < 0)
-    return np.asarray(apart.any(axis=1), bool)
+    overlap = (np.minimum(a, b) <= np.maximum(p, q)) & (np.minimum(p, q) <= np.maximum(a, b))
+    both = (side(a, b, p) * side(a, b, q) <= 0) & (side(p, q, a) * side(p, q, b) <= 0)
+    return np.asarray((overlap.all(axis=2) & both).any(axis=1), bool)
 
 
 def crosses_box(start: Floats, end: Floats, low: Floats, high: Floats) -> Bools:

@@ -52,8 +52,9 @@ def judge(
         views(trajectory, pair.voxels.target, camera, BY_FRUSTUM),
     )
     if not pair.surface.registration.accepted:
-        warning = f"what is really seen was not measured: {pair.surface.registration.reason}"
-        return measure(trajectory, carried, pair.target_scene, paper), None, (warning,)
+        found = measure(trajectory, carried, pair.target_scene, paper)
+        unmeasured = f"what is really seen was not measured: {pair.surface.registration.reason}"
+        return found, None, (unmeasured, *_too_near(found, settings), *_beyond_the_gimbal(takes, settings))
     true = (
         together([_seen_surface(take, take.pair.surface, take.inspection.truly) for take in takes]),
         views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene),
@@ -147,12 +148,17 @@ def _warnings(found: Measures, without_pct: float, settings: Settings) -> tuple[
     short = found.coverage_attainable_pct - found.coverage_seen_pct
     if short > 5:
         said.append(f"{short:.0f} % of what could be seen is missed")
-    if found.min_clearance_m < settings.route.clearance_m:
-        said.append(
-            f"comes within {found.min_clearance_m:.2f} m of the structure; "
-            f"{settings.route.clearance_m:g} m are asked for"
-        )
-    return tuple(said)
+    return (*said, *_too_near(found, settings))
+
+
+def _too_near(found: Measures, settings: Settings) -> tuple[str, ...]:
+    """That the path does not keep the safety distance."""
+    if not found.min_clearance_m < settings.route.clearance_m:
+        return ()
+    return (
+        f"comes within {found.min_clearance_m:.2f} m of the structure; "
+        f"{settings.route.clearance_m:g} m are asked for",
+    )
 
 
 def _beyond_the_gimbal(takes: Sequence[Take], settings: Settings) -> tuple[str, ...]:
