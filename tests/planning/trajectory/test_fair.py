@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.demonstration.denoise import turning_deg_per_m
+from upplied.planning.demonstration.stations import turning_deg_per_m
 from upplied.planning.trajectory.fair import faired
 from upplied.records import Floats, Surroundings
 from upplied.scene import Scene

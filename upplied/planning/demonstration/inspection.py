@@ -16,7 +16,8 @@ from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
 
-_STATIONS = 160  # of a smoothed flight, at most: where the camera's directions are decided
+_FOOTPRINT = 0.5  # of the picture's smaller side on the surface: how far stations are apart, at most
+_ASKED = 200  # poses, that tell how far from the surface the flight is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,8 +38,8 @@ def inspect_demonstration(
 ) -> Inspection:
     """Visibility along the flight, and its viewpoints, remembered by content."""
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
-    flight, breaks = prepared(demonstration, settings, memo)
     camera = demonstration.camera
+    flight, breaks = prepared(demonstration, settings, memo, _spacing(demonstration, pair))
     fit = pair.fit_for(settings)
     facts = (demonstration.sha256, pair.source.sha256, settings.clouds)
     key = content_key(
@@ -108,18 +109,21 @@ def _attended(
 
 
 def prepared(
-    demonstration: Demonstration, settings: Settings, memo: Memo = no_memo
+    demonstration: Demonstration,
+    settings: Settings,
+    memo: Memo = no_memo,
+    spacing_m: float = np.inf,
 ) -> tuple[Trajectory, Ints]:
     """The flight to plan on, and the poses that start a new part after a gap.
 
     The paper assumes a demonstration free of noise, so its preset takes the poses as they are; a
     flight of more than `most_poses` is thinned evenly. `recommended` plans on the flight as the
-    pilot meant it, without the jitter of hand and sensors.
+    pilot meant it, without the jitter of hand and sensors, at stations at most `spacing_m` apart.
     """
     flight = demonstration.trajectory
     if settings.refine.method == "view":
-        key = content_key("flight", demonstration.sha256, _STATIONS)
-        steady = memo("flight", Smoothed, key, lambda: smoothed(flight, _STATIONS, demonstration.breaks))
+        key = content_key("flight", demonstration.sha256, spacing_m)
+        steady = memo("flight", Smoothed, key, lambda: smoothed(flight, spacing_m, demonstration.breaks))
         return steady.flight, steady.breaks
     keep = np.arange(len(flight))
     if len(flight) > settings.viewpoints.most_poses:
@@ -127,6 +131,16 @@ def prepared(
     starts = np.unique(np.searchsorted(keep, demonstration.breaks))
     thinned = Trajectory(flight.t_s[keep], flight.positions[keep], flight.quat_xyzw[keep])
     return thinned, starts[(starts > 0) & (starts < len(keep))]
+
+
+def _spacing(demonstration: Demonstration, pair: Pair) -> float:
+    """How far apart stations may be, so that what one shows and the next overlap well, m."""
+    every = max(1, len(demonstration) // _ASKED)
+    away = float(np.median(pair.source_scene.distance(demonstration.positions[::every])))
+    camera = demonstration.camera
+    away = float(np.clip(away, camera.min_range_m, camera.max_range_m))
+    half = np.radians(min(camera.hfov_deg, camera.vfov_deg, 120.0)) / 2
+    return float(max(_FOOTPRINT * 2 * away * np.tan(half), 0.1))
 
 
 def nothing_shown(inspection: Inspection, pair: Pair, settings: Settings) -> str:

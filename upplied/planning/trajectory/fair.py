@@ -17,7 +17,7 @@ _TRIES = 8  # each with half the step where a rule was broken
 _BLEND = 3.0  # positions over which full and halved steps meet
 
 
-def faired(positions: Floats, airspace: Airspace, reach_m: float) -> Floats:
+def faired(positions: Floats, airspace: Airspace, reach_m: float, like: Floats | None = None) -> Floats:
     """A smoother path near a given one that keeps every rule the given one keeps.
 
     Parameters
@@ -27,6 +27,8 @@ def faired(positions: Floats, airspace: Airspace, reach_m: float) -> Floats:
     airspace : Airspace
     reach_m : float
         Ripples shorter than about six times this are taken out; no position moves further.
+    like : array, shape (M, 3), m, optional
+        A path whose own shape is meant: what is made smooth is the difference from it.
 
     Returns
     -------
@@ -35,7 +37,8 @@ def faired(positions: Floats, airspace: Airspace, reach_m: float) -> Floats:
     if len(positions) < 5 or reach_m <= 0:
         return positions
     before = airspace.broken(positions)
-    step = _whittaker(positions, reach_m) - positions
+    added = positions if like is None else positions - like
+    step = _whittaker(positions, added, reach_m) - added
     step[[0, -1]] = 0.0
     step *= np.minimum(1, reach_m / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
     share = np.ones(len(positions))
@@ -50,8 +53,8 @@ def faired(positions: Floats, airspace: Airspace, reach_m: float) -> Floats:
     return positions
 
 
-def _whittaker(positions: Floats, reach_m: float) -> Floats:
-    """Least squares of the distance and, weighted, of the second derivative along the path."""
+def _whittaker(positions: Floats, values: Floats, reach_m: float) -> Floats:
+    """Values (M, 3) along a path: least squares of the distance and, weighted, of the second derivative."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
     gap = np.maximum(np.diff(along), max(0.1 * along[-1] / len(positions), 0.01 * reach_m))
     weight = (gap[:-1] + gap[1:]) / 2
@@ -65,7 +68,7 @@ def _whittaker(positions: Floats, reach_m: float) -> Floats:
     for i in range(3):
         for j in range(i, 3):
             bands[j - i, i : i + len(weight)] += stiff * rows[i] * rows[j]
-    return solveh_banded(bands, mass[:, None] * positions, lower=True)
+    return solveh_banded(bands, mass[:, None] * values, lower=True)
 
 
 def _near(legs: Bools) -> Bools:

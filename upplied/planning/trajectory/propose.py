@@ -132,11 +132,12 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
         airspace, path = in_plane(airspace, height), at_height(path, height)
         reach_m = np.array([reach_m[0], reach_m[1], 1e-6])
     ways = Ways(airspace, fit.target)
+    flown = registered_map(fit.registration).points(flight.positions)
 
     def safe(places: Floats) -> Floats:
         if not settings.route.enforce:
             return places
-        return faired(safe_positions(places, ways), ways.planning, _RIPPLES * standoff_m)
+        return faired(safe_positions(places, ways), ways.planning, _RIPPLES * standoff_m, flown)
 
     path, looks = complete(path, view, likeness, reach_m, safe, ways.planning.allowed, ways.planning.broken)
     path, fixed = with_looks(path, looks)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from upplied.config import RetimeSettings
-from upplied.planning.demonstration.denoise import pauses, steadied
+from upplied.planning.demonstration.pauses import pauses, steadied
 from upplied.poses import angle_between, from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
 
