@@ -115,8 +115,14 @@ class RetimeSettings:
 
     limits: bool = False  # whether the vehicle's limits below hold
     max_speed_mps: float = 8.0  # the demonstrated speed counts where it is less
+    # Where nothing was demonstrated, between takes and across gaps of a log, unless the expert flew faster
+    # somewhere: braking at 2 m/s^2, a vehicle stops within half of the safety distance.
+    transit_speed_mps: float = 2.0
+    max_climb_mps: float = 5.0  # upwards; both as of common camera drones (DJI Phantom 4: 5 and 3 m/s)
+    max_descent_mps: float = 3.0  # downwards: through its own downwash a rotor loses lift
     max_acceleration_mps2: float = 2.0  # of the vehicle, braking too
     max_yaw_rate_degps: float = 60.0  # of the heading
+    max_yaw_acceleration_degps2: float = 120.0  # of the heading: half a second to its full rate
     max_gimbal_rate_degps: float = 60.0  # of its pitch
     least_stop_s: float = 3.0  # the expert's hovering for at least so long is meant, and kept
     min_gimbal_pitch_deg: float = -90.0  # straight down
@@ -270,8 +276,12 @@ _RANGES = {
     "route.clearance_m": (0, 1000),
     "route.ground_clearance_m": (0, 1000),
     "retime.max_speed_mps": (0.01, 100),
+    "retime.transit_speed_mps": (0.01, 100),
+    "retime.max_climb_mps": (0.01, 100),
+    "retime.max_descent_mps": (0.01, 100),
     "retime.max_acceleration_mps2": (0.01, 100),
     "retime.max_yaw_rate_degps": (0.1, 1000),
+    "retime.max_yaw_acceleration_degps2": (0.1, 10_000),
     "retime.max_gimbal_rate_degps": (0.1, 1000),
     "retime.least_stop_s": (0, 3600),
     "retime.min_gimbal_pitch_deg": (-90, 90),

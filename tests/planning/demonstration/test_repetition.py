@@ -8,9 +8,10 @@ import pytest
 from upplied.config import settings_for
 from upplied.errors import SettingsError
 from upplied.planning.correspondence.pair import study_pair
-from upplied.planning.demonstration.repetition import demonstrated_part, joined, mirrored, takes_of
+from upplied.planning.demonstration.repetition import begins_of, demonstrated_part, joined, mirrored, takes_of
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.parts import parts_of
+from upplied.planning.trajectory.propose import propose
 from upplied.poses import optical_axis
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
@@ -68,3 +69,29 @@ def test_joined_flights_follow_one_another(engine):
     both = joined([flight, replace(flight, positions=flight.positions + 1)])
     assert len(both) == 2 * len(flight) and (np.diff(both.t_s) > 0).all()
     np.testing.assert_array_equal(both.positions[len(flight) :], flight.positions + 1)
+
+
+def test_between_the_takes_nothing_crawls_and_nobody_hovers(fleet, engine):
+    """The flight closed to a loop: each take ends where it began, which is no hover of anybody."""
+    share = np.linspace(0, 1, 41)[1:, None]
+    back = engine.positions[-1] + share * (engine.positions[0] - engine.positions[-1])
+    closed = replace(
+        engine,
+        positions=np.vstack([engine.positions, back]),
+        quat_xyzw=np.vstack([engine.quat_xyzw, np.repeat(engine.quat_xyzw[-1:], 40, axis=0)]),
+        t_ns=np.concatenate([engine.t_ns, engine.t_ns[-1] + (np.arange(40) + 1) * 10**8]),
+        sha256="",
+    )
+    settings = settings_for("recommended", correspondence={"repeat": "each"})
+    pair = study_pair(fleet["a320-v1"], fleet["b747-v1"], settings)
+    takes = takes_of(closed, pair, settings)
+    trajectory, _, answers = propose(takes, settings)
+    flight = joined([take.inspection.flight for take in takes])
+    begins = begins_of(takes, flight)
+    ends = begins + [np.ptp(take.inspection.flight.t_s) for take in takes]
+    for end, begin in zip(ends[:-1], begins[1:], strict=True):
+        between = np.flatnonzero((answers > end - 1e-6) & (answers < begin + 1e-6))
+        step = np.linalg.norm(np.diff(trajectory.positions[between], axis=0), axis=1)
+        spent = np.diff(trajectory.t_s[between])
+        assert not ((step < 0.05) & (spent > 1.0)).any()
+        assert step.sum() / spent.sum() > 1.0  # the demonstration's mean is 0.4 m/s

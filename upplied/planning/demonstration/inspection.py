@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,6 +31,7 @@ class Inspection(Record):
     by_frustum: Views  # of the voxel cloud: what the paper's coverage counts
     truly: Views  # of the surface samples
     attention: Attention  # how much the flight was about each surface sample
+    breaks: Ints = field(default_factory=lambda: np.empty(0, np.int64))  # first pose after each gap
 
 
 def inspect_demonstration(
@@ -83,6 +84,7 @@ def inspect_demonstration(
             content_key("attention", *facts, settings.inspection),
             lambda: _attended(demonstration, pair, truly, settings, memo),
         ),
+        breaks=breaks,
     )
 
 

@@ -17,7 +17,7 @@ from upplied.planning.correspondence.pair import Memo, Pair, no_memo, study_pair
 from upplied.planning.demonstration.inspection import Inspection, inspect_demonstration
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.poses import from_yaw_pitch, yaw_pitch
-from upplied.records import Demonstration, Floats, Record, Structure, Trajectory
+from upplied.records import Demonstration, Floats, Ints, Record, Structure, Trajectory
 
 _TRANSIT_S = 10.0  # of the demonstration's time between two takes; the way itself is timed anew
 
@@ -101,6 +101,13 @@ def joined(flights: Sequence[Trajectory]) -> Trajectory:
         np.concatenate([flight.positions for flight in flights]),
         np.concatenate([flight.quat_xyzw for flight in flights]),
     )
+
+
+def breaks_of(takes: Sequence[Take]) -> Ints:
+    """First poses, in the joined flight, of each take but the first, and after each gap in a log."""
+    starts = np.cumsum([0, *(len(take.inspection.flight) for take in takes)])
+    inner = [take.inspection.breaks + start for take, start in zip(takes, starts[:-1], strict=True)]
+    return np.unique(np.concatenate([starts[1:-1], *inner]).astype(np.int64))
 
 
 def begins_of(takes: Sequence[Take], flight: Trajectory) -> Floats:

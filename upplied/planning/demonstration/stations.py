@@ -62,17 +62,17 @@ def stations_of(flight: Trajectory, spacing_m: float, extent_m: float, length_m:
     sharp = places[_peaks(curvature, _SHARP_RAD / (_SHORTEST * spacing))]
     tips = [np.searchsorted(along, sharp).clip(0, len(flight) - 1)]
     fixed = np.unique(np.concatenate([[0, len(flight) - 1], *ends, *tips]).astype(np.int64))
-    places = [np.zeros(1)]
+    chosen = [np.zeros(1)]
     for first, last in itertools.pairwise(fixed):
         pieces = max(int(np.ceil(progress[last] - progress[first] - 1e-9)), 1)
-        places.append(np.interp(*_evenly(progress, int(first), int(last), pieces)))
+        chosen.append(np.interp(*_evenly(progress, int(first), int(last), pieces)))
     index = np.arange(float(len(flight)))
-    chosen = np.concatenate(places)
+    stations = np.concatenate(chosen)
 
     def there(values: Floats) -> Floats:
-        return np.column_stack([np.interp(chosen, index, column) for column in values.T])
+        return np.column_stack([np.interp(stations, index, column) for column in values.T])
 
-    return Trajectory(np.interp(chosen, index, flight.t_s), there(at), looking(there(axes)))
+    return Trajectory(np.interp(stations, index, flight.t_s), there(at), looking(there(axes)))
 
 
 def _peaks(values: Floats, least: float) -> Ints:

@@ -7,13 +7,15 @@ it see is seen by others too: these poses may look on the way from one direction
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from upplied.planning.trajectory.look import Looks, View
 from upplied.poses import angle_between, from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Waypoints
 
 _PAST_M = 0.4  # past a station, at most, is where the camera turns
-_AMPLE = 1.25  # times the way that a turn takes at the limit of its rate
+_AMPLE = 1.05  # times the way that a turn takes
+_PEAK, _BEND = 1.5, 6.0  # of a turn by a cubic from rest to rest: rate and acceleration over the mean ones
 _ROUNDS = 5
 _LOST = 1e-4  # share of the need that turns on the way may hide
 
@@ -99,10 +101,12 @@ def _in_turn(path: Waypoints, looks: Looks) -> tuple[Ints, Floats]:
 def _turning(yaw: Floats, pitch: Floats, along: Floats, fixed: Bools, speed_mps: Floats, view: View) -> Bools:
     """Which waypoints (M,) lie within the way that a turn takes, before or after a fixed direction."""
     rates = np.radians([view.limits.max_yaw_rate_degps, view.limits.max_gimbal_rate_degps])
+    angular = np.radians(view.limits.max_yaw_acceleration_degps2)
     free = np.zeros(len(fixed), bool)
     for place in np.flatnonzero(fixed):
-        across = np.abs((yaw - yaw[place] + np.pi) % (2 * np.pi) - np.pi) / rates[0]
-        turn_s = np.maximum(across, np.abs(pitch - pitch[place]) / rates[1])
+        across = np.abs((yaw - yaw[place] + np.pi) % (2 * np.pi) - np.pi)
+        turn_s = _PEAK * np.maximum(across / rates[0], np.abs(pitch - pitch[place]) / rates[1])
+        turn_s = np.maximum(turn_s, np.sqrt(_BEND * across / angular))
         apart = np.abs(along - along[place])
         enough = apart >= _AMPLE * min(speed_mps[place], view.limits.max_speed_mps) * turn_s
         later = np.flatnonzero(enough[place + 1 :] & ~fixed[place + 1 :])
@@ -114,11 +118,14 @@ def _turning(yaw: Floats, pitch: Floats, along: Floats, fixed: Bools, speed_mps:
 
 
 def _on_the_way(yaw: Floats, pitch: Floats, along: Floats, free: Bools, quat_xyzw: Floats) -> Floats:
-    """The orientations, those of free waypoints on the way between the others', by arc length."""
+    """The orientations, those of free waypoints on the way between the others', by arc length.
+
+    Rates are steady: a turn begins and ends gently, and goes no further than the directions it joins.
+    """
     kept = np.flatnonzero(~free)
-    turned = from_yaw_pitch(
-        np.interp(along, along[kept], np.unwrap(yaw[kept])), np.interp(along, along[kept], pitch[kept])
-    )
+    apart = along + 1e-6 * np.arange(len(along))  # so that places where the vehicle stands follow each other
+    angles = np.column_stack([np.unwrap(yaw[kept]), pitch[kept]])
+    turned = from_yaw_pitch(*PchipInterpolator(apart[kept], angles)(apart).T)
     return np.where(free[:, None], turned, quat_xyzw)
 
 

@@ -21,7 +21,7 @@ from upplied.planning.carry.standoff import standoff_of
 from upplied.planning.carry.to_counterparts import Followed, follow_counterparts
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.inspection import Inspection
-from upplied.planning.demonstration.repetition import Take, begins_of, joined
+from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined
 from upplied.planning.geometry.frechet import spread, zscored
 from upplied.planning.trajectory.camera_turns import eased, with_looks
 from upplied.planning.trajectory.complete import complete
@@ -61,7 +61,7 @@ def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bool
     if len(takes) > 1:
         pair = takes[0].pair
         paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.surface.target))
-    return retime(_in_a_row(paths), flight, settings.retime)
+    return retime(_in_a_row(paths), flight, settings.retime, breaks_of(takes))
 
 
 def _in_joined_times(
@@ -141,8 +141,10 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
 
     path, looks = complete(path, view, likeness, reach_m, safe, ways.planning.allowed, ways.planning.broken)
     path, fixed = with_looks(path, looks)
-    fixed |= hovering(path, flight, settings.retime.least_stop_s) > 0
-    return eased(path, fixed, demonstrated_speed(path.t_s, flight), view)
+    breaks = inspection.breaks
+    fixed |= hovering(path, flight, settings.retime.least_stop_s, breaks) > 0
+    speed = demonstrated_speed(path.t_s, flight, breaks, settings.retime.transit_speed_mps)
+    return eased(path, fixed, speed, view)
 
 
 def _size(positions: Floats, standoff_m: float) -> Floats:

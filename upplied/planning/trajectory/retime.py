@@ -2,19 +2,19 @@
 
 Under limits, the speed along the path is the largest that nowhere exceeds the demonstrated one, the
 vehicle's, what the curve allows, or what the turning camera allows, and that can be reached and left
-in time: one pass forwards and one backwards over the stations (time-optimal path parameterisation).
-All limits hold for Euclidean norms, curves and braking together.
+in time (`trajectory.speeds`). All limits hold for Euclidean norms, curves and braking together.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from upplied.config import RetimeSettings
 from upplied.planning.demonstration.pauses import pauses, steadied
+from upplied.planning.trajectory.speeds import corner_cap, passes
 from upplied.poses import angle_between, from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
 
@@ -23,11 +23,15 @@ _FINE_M, _PIECES = 0.05, 6  # smallest pieces, and most of them, of a leg that b
 _SLOWEST = 0.2  # of the mean speed: slower was hesitation, which is not copied
 _STILL = 0.25  # of the usual speed: slower is a pause
 _EVENED_M = 3.0  # along the demonstration, to each side, over which its speed is averaged
-_MARGIN = 0.98  # of the limits, for what the stations do not show
-_REPAIRS = 8
+_TRANSIT = 95  # percentile of the demonstrated speed, at which parts of the flight are joined
+_MARGIN = 0.999  # of the limits, for the rounding of what is stored
+_SHORTEST_S = 2e-3  # of a leg
+_STANDING_M = 1e-6  # shorter legs are none
 
 
-def retime(path: Waypoints, flight: Trajectory, settings: RetimeSettings) -> tuple[Trajectory, Bools, Floats]:
+def retime(
+    path: Waypoints, flight: Trajectory, settings: RetimeSettings, breaks: Ints | None = None
+) -> tuple[Trajectory, Bools, Floats]:
     """Give a path its times.
 
     Parameters
@@ -38,6 +42,8 @@ def retime(path: Waypoints, flight: Trajectory, settings: RetimeSettings) -> tup
         The demonstration.
     settings : RetimeSettings
         Without `limits`, the paper's rule.
+    breaks : array of int, optional
+        First pose of each part of the demonstration but the first; nothing was flown in between.
 
     Returns
     -------
@@ -51,9 +57,9 @@ def retime(path: Waypoints, flight: Trajectory, settings: RetimeSettings) -> tup
     if not settings.limits or len(path) < 2:
         return at_demonstrated_speed(path, flight), np.array(path.is_viewpoint, bool), path.t_s
     path = _without_repeats(path)
-    hover = hovering(path, flight, settings.least_stop_s)
+    hover = hovering(path, flight, settings.least_stop_s, breaks)
     stations = _divided(path, hover)
-    bound = np.minimum(demonstrated_speed(stations.t_s, flight), settings.max_speed_mps * _MARGIN)
+    bound = demonstrated_speed(stations.t_s, flight, breaks, settings.transit_speed_mps)
     times = _timed(stations, bound, settings)
     quats = from_yaw_pitch(stations.yaw, stations.pitch)
     return Trajectory(times, stations.positions, quats), stations.is_viewpoint, stations.t_s
@@ -69,7 +75,7 @@ class _Stations(Record):
     t_s: Floats  # (S,) time of the demonstration
     is_viewpoint: Bools  # (S,)
     at_rest: Bools  # (S,)
-    hold_s: Floats  # (S - 1,) least time of each leg besides that for turning
+    hold_s: Floats  # (S - 1,) time to hover, on legs of no length
 
 
 def at_demonstrated_speed(path: Waypoints, flight: Trajectory) -> Trajectory:
@@ -86,25 +92,36 @@ def at_demonstrated_speed(path: Waypoints, flight: Trajectory) -> Trajectory:
 
 def _without_repeats(path: Waypoints) -> Waypoints:
     """The path without waypoints that repeat the pose before them."""
-    moved = np.linalg.norm(np.diff(path.positions, axis=0), axis=1) > 1e-6
+    moved = np.linalg.norm(np.diff(path.positions, axis=0), axis=1) > _STANDING_M
     turned = angle_between(path.quat_xyzw[:-1], path.quat_xyzw[1:]) > 1e-6
     keep = np.concatenate([[True], moved | turned])
     viewpoint = np.logical_or.reduceat(path.is_viewpoint, np.flatnonzero(keep))
     return Waypoints(path.positions[keep], path.quat_xyzw[keep], path.t_s[keep], viewpoint)
 
 
-def hovering(path: Waypoints, flight: Trajectory, least_s: float) -> Floats:
+def hovering(path: Waypoints, flight: Trajectory, least_s: float, breaks: Ints | None = None) -> Floats:
     """Seconds (W,) to hover at each waypoint, as the expert did at the place it answers to."""
     hover = np.zeros(len(path))
-    for begin, end in pauses(flight, least_s):
-        hover[int(np.abs(path.t_s - (begin + end) / 2).argmin())] += end - begin
+    for part in _parts(flight, breaks):
+        for begin, end in pauses(part, least_s):
+            hover[int(np.abs(path.t_s - (begin + end) / 2).argmin())] += end - begin
     return hover
+
+
+def _parts(flight: Trajectory, breaks: Ints | None) -> list[Trajectory]:
+    """The stretches of a flight between its gaps."""
+    cuts = [0, *(int(index) for index in ([] if breaks is None else breaks)), len(flight)]
+    return [
+        Trajectory(flight.t_s[a:b], flight.positions[a:b], flight.quat_xyzw[a:b])
+        for a, b in itertools.pairwise(cuts)
+        if b > a
+    ]
 
 
 def _divided(path: Waypoints, hover: Floats) -> _Stations:
     """The path with shorter legs; a hover is a leg of no length, as is a turn on the spot."""
     length = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
-    standing = length < 1e-6
+    standing = length < _STANDING_M
     rest = hover > 0
     rest[[0, -1]] = True
     rest[:-1] |= standing
@@ -141,90 +158,96 @@ def _subdivision(pieces: Ints) -> Floats:
     return leg + (np.arange(len(leg)) - first) / pieces[leg]
 
 
-def _turn_times(path: _Stations, settings: RetimeSettings) -> Floats:
-    """Least seconds of each leg for the camera's turn."""
-    by_yaw = np.abs(np.diff(path.yaw)) / np.radians(settings.max_yaw_rate_degps * _MARGIN)
-    by_pitch = np.abs(np.diff(path.pitch)) / np.radians(settings.max_gimbal_rate_degps * _MARGIN)
-    return np.maximum(by_yaw, by_pitch)
+def demonstrated_speed(
+    t_s: Floats, flight: Trajectory, breaks: Ints | None = None, transit_mps: float = 0.0
+) -> Floats:
+    """How fast the expert flew at these times of the flight (S,), evened out, m/s.
 
-
-def demonstrated_speed(t_s: Floats, flight: Trajectory) -> Floats:
-    """How fast the expert flew at these times of the flight (S,), evened out, m/s."""
-    if flight.t_s[-1] <= 0:
+    In between its parts, where he showed nothing, at `transit_mps`, or as fast as he was seen to fly.
+    """
+    flown = [_Flown.of(part) for part in _parts(flight, breaks) if part.t_s[-1] > part.t_s[0]]
+    flown = [part for part in flown if part.along[-1] > 0]
+    if not flown:
         return np.full(len(t_s), np.inf)
-    times, positions = steadied(flight)
-    step, tick = np.linalg.norm(np.diff(positions, axis=0), axis=1), float(times[1] - times[0])
-    if step.sum() == 0:
-        return np.full(len(t_s), np.inf)
-    moving = step > _STILL * float(np.percentile(step, 75))
-    along = np.concatenate([[0.0], np.cumsum(step)])
-    spent = np.concatenate([[0.0], np.cumsum(np.where(moving, tick, 0.0))])
-    here = np.interp(t_s, times, along)
-    before, after = np.maximum(here - _EVENED_M, 0), np.minimum(here + _EVENED_M, along[-1])
-    lasted = np.interp(after, along, spent) - np.interp(before, along, spent)
-    speed = (after - before) / np.maximum(lasted, tick)
-    return np.maximum(speed, _SLOWEST * along[-1] / spent[-1])
-
-
-def _timed(path: _Stations, bound: Floats, settings: RetimeSettings) -> Floats:
-    """Times (S,) that keep every limit, found by slowing down where the poses still exceed one."""
-    limit = settings.max_acceleration_mps2
-    length = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
-    turn_s, bend = _turn_times(path, settings), _curvature(path.positions)
-    cap = np.where(path.at_rest, 0.0, np.minimum(bound, np.sqrt(_MARGIN * limit / np.maximum(bend, 1e-9))))
-    by_turn = np.where(turn_s > 0, length / np.maximum(turn_s, 1e-12), np.inf)
-    cap[:-1] = np.minimum(cap[:-1], by_turn)
-    cap[1:] = np.minimum(cap[1:], by_turn)
-    for _ in range(_REPAIRS):
-        speed = _passes(cap, length, bend, _MARGIN * limit)
-        times = _clock(speed, length, np.maximum(turn_s, path.hold_s))
-        excess = _accelerations(times, path.positions) / limit
-        if excess.max(initial=0) <= 1:
-            return times
-        slower = np.minimum(cap[1:-1], speed[1:-1]) / np.sqrt(np.maximum(excess, 1)) * _MARGIN
-        cap[1:-1] = np.where(excess > 1, slower, cap[1:-1])
-    return times * np.sqrt(_accelerations(times, path.positions).max() / limit)
-
-
-def _curvature(positions: Floats) -> Floats:
-    """Turning angle over length at each station, 1/m; 0 at the ends and where the path stands."""
-    leg = np.diff(positions, axis=0)
-    length = np.linalg.norm(leg, axis=1)
-    cross = np.linalg.norm(np.cross(leg[:-1], leg[1:]), axis=1)
-    angle = np.arctan2(cross, (leg[:-1] * leg[1:]).sum(axis=1))
-    mean = (length[:-1] + length[1:]) / 2
-    moving = np.minimum(length[:-1], length[1:]) > 1e-9
-    bend = np.zeros(len(positions))
-    bend[1:-1] = np.where(moving, 2 * np.sin(angle / 2) / np.maximum(mean, 1e-9), 0)
-    return bend
-
-
-@njit(cache=True)
-def _passes(cap: Floats, length: Floats, bend: Floats, limit: float) -> Floats:
-    """Largest speeds under the caps that can be reached from before and left in time."""
-    speed = cap.copy()
-    for index in range(len(length)):
-        across = bend[index] * speed[index] ** 2
-        along = np.sqrt(max(limit * limit - across * across, 0.0))
-        reached = np.sqrt(speed[index] ** 2 + 2 * along * length[index])
-        speed[index + 1] = min(speed[index + 1], reached)
-    for index in range(len(length) - 1, -1, -1):
-        across = bend[index + 1] * speed[index + 1] ** 2
-        along = np.sqrt(max(limit * limit - across * across, 0.0))
-        reached = np.sqrt(speed[index + 1] ** 2 + 2 * along * length[index])
-        speed[index] = min(speed[index], reached)
+    length = sum(part.along[-1] for part in flown)
+    mean = float(length / sum(part.spent[-1] for part in flown))
+    speed = np.full(len(t_s), max(transit_mps, *(part.fastest for part in flown)))
+    for part in flown:
+        inside = (t_s >= part.times[0]) & (t_s <= part.times[-1])
+        speed[inside] = np.maximum(part.speed(t_s[inside]), _SLOWEST * mean)
     return speed
 
 
-def _clock(speed: Floats, length: Floats, least_s: Floats) -> Floats:
-    """Times from speeds: legs of even acceleration, turns on the spot, and hovering."""
-    mean = np.maximum((speed[:-1] + speed[1:]) / 2, 1e-9)
-    step = np.where(length < 1e-6, 0.0, length / mean)
-    return np.concatenate([[0.0], np.cumsum(np.maximum(np.maximum(step, least_s), 1e-3))])
+@dataclass(frozen=True, eq=False, repr=False)
+class _Flown(Record):
+    """What way a part of the flight had made when, and in how much time of moving."""
+
+    times: Floats  # (K,) s
+    along: Floats  # (K,) m
+    spent: Floats  # (K,) s
+    fastest: float  # m/s
+
+    @classmethod
+    def of(cls, part: Trajectory) -> _Flown:
+        times, positions = steadied(part)
+        step, tick = np.linalg.norm(np.diff(positions, axis=0), axis=1), float(times[1] - times[0])
+        moving = step > _STILL * float(np.percentile(step, 75))
+        return cls(
+            times,
+            np.concatenate([[0.0], np.cumsum(step)]),
+            np.concatenate([[0.0], np.cumsum(np.where(moving, tick, 0.0))]),
+            float(np.percentile(step, _TRANSIT)) / tick,
+        )
+
+    def speed(self, t_s: Floats) -> Floats:
+        """Mean speed (S,) over some metres to each side."""
+        here = np.interp(t_s, self.times, self.along)
+        before, after = np.maximum(here - _EVENED_M, 0), np.minimum(here + _EVENED_M, self.along[-1])
+        lasted = np.interp(after, self.along, self.spent) - np.interp(before, self.along, self.spent)
+        return (after - before) / np.maximum(lasted, self.times[1] - self.times[0])
 
 
-def _accelerations(times: Floats, positions: Floats) -> Floats:
-    """Norm of the change of velocity at each inner station, m/s^2."""
-    step = np.diff(times)
-    velocity = np.diff(positions, axis=0) / step[:, None]
-    return np.linalg.norm(np.diff(velocity, axis=0), axis=1) / ((step[1:] + step[:-1]) / 2)
+def _timed(path: _Stations, bound: Floats, settings: RetimeSettings) -> Floats:
+    """Times (S,) that keep every limit."""
+    legs, turns = np.diff(path.positions, axis=0), np.diff(path.yaw)
+    length = np.linalg.norm(legs, axis=1)
+    acceleration = settings.max_acceleration_mps2 * _MARGIN
+    angular = np.radians(settings.max_yaw_acceleration_degps2) * _MARGIN
+    moving = length >= _STANDING_M
+    cap = np.minimum(_leg_caps(path, length, settings), np.minimum(bound[:-1], bound[1:]))
+    # Legs of no length are spent at rest: they get their own time, and no speed.
+    index = np.flatnonzero(moving)
+    step = np.maximum(path.hold_s, _turn_times(path, settings))
+    if len(index):
+        rest = np.concatenate([path.at_rest[index], [path.at_rest[index[-1] + 1]]])
+        corner = corner_cap(legs[index], turns[index], rest, acceleration, angular)
+        speed = passes(np.minimum(cap[index], corner), legs[index], turns[index], rest, acceleration, angular)
+        step[index] = length[index] / speed
+    return np.concatenate([[0.0], np.cumsum(np.maximum(step, _SHORTEST_S))])
+
+
+def _leg_caps(path: _Stations, length: Floats, settings: RetimeSettings) -> Floats:
+    """Largest speed of each leg (S - 1,) by the limits that concern it alone, m/s."""
+    rise = np.diff(path.positions[:, 2])
+    least_s = np.maximum(length / settings.max_speed_mps, _SHORTEST_S)
+    least_s = np.maximum(least_s, rise / settings.max_climb_mps)
+    least_s = np.maximum(least_s, -rise / settings.max_descent_mps)
+    by_yaw, by_pitch = _rates(path, settings)
+    return _MARGIN * length / np.maximum(least_s, np.maximum(by_yaw, by_pitch))
+
+
+def _rates(path: _Stations, settings: RetimeSettings) -> tuple[Floats, Floats]:
+    """Least seconds of each leg for the heading's turn, and for the gimbal's."""
+    by_yaw = np.abs(np.diff(path.yaw)) / np.radians(settings.max_yaw_rate_degps)
+    by_pitch = np.abs(np.diff(path.pitch)) / np.radians(settings.max_gimbal_rate_degps)
+    return by_yaw, by_pitch
+
+
+def _turn_times(path: _Stations, settings: RetimeSettings) -> Floats:
+    """Least seconds of each leg to turn the camera on the spot, the heading from rest to rest."""
+    by_yaw, by_pitch = _rates(path, settings)
+    turn = np.abs(np.diff(path.yaw))
+    ramp = settings.max_yaw_rate_degps / settings.max_yaw_acceleration_degps2  # s to full rate
+    angular = np.radians(settings.max_yaw_acceleration_degps2)
+    from_rest = np.where(by_yaw > ramp, by_yaw + ramp, 2 * np.sqrt(turn / angular))
+    return np.maximum(from_rest, by_pitch) / _MARGIN
