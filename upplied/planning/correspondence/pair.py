@@ -14,7 +14,7 @@ from upplied.planning.surface.voxels import voxel_cloud
 from upplied.records import Cloud, Correspondences, Record, Registration, Structure
 from upplied.scene import Scene, scene_of
 
-METHOD_VERSION = "4"  # raised with every change that may alter a result
+METHOD_VERSION = "5"  # raised with every change that may alter a result
 
 R = TypeVar("R")
 
