@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import numpy as np
 import pandas as pd
 
-from upplied.outputs.flown import Flown, last_key
+from upplied.outputs.flown import Flown, flight_row
 from upplied.poses import look_at
 from upplied.records import Demonstration, Measures, Plan, Structure, SurfaceStates, Trajectory
 
@@ -31,19 +30,6 @@ def orbit(structure: Structure, away: float = 6.0, count: int = 40) -> Trajector
     return Trajectory(2 * angle, positions, look_at(positions, np.broadcast_to(middle, positions.shape)))
 
 
-class FakeCache:
-    """Has what was put into it, and remembers nothing else."""
-
-    def __init__(self, records: dict) -> None:
-        self._records = records
-
-    def get(self, stage: str, record_type: type, key: str) -> object:
-        return self._records.get(key)
-
-    def __call__(self, stage: str, record_type: type, key: str, compute: Callable) -> object:
-        return compute()
-
-
 class FakeCatalog:
     """One demonstration on a cube, transferred to boxes: planned, refused and failed."""
 
@@ -51,6 +37,7 @@ class FakeCatalog:
         self._structures = {"cube": box_structure("cube", (8, 8, 8))}
         self.rows: list[dict] = []
         self.plans: dict[str, Plan] = {}
+        self.flight: Flown | None = None
         flown = orbit(self._structures["cube"])
         self._demonstration = Demonstration(
             "orbit-1", "cube", (flown.t_s * 1e9).astype(np.int64), flown.positions, flown.quat_xyzw,
@@ -96,8 +83,15 @@ class FakeCatalog:
         beside = Trajectory(path.t_s * 1.02, path.positions + 0.5, path.quat_xyzw)
         measures = Measures(min_clearance_m=3.25, coverage_seen_pct=90.0, duration_s=float(beside.t_s[-1]))
         flown = Flown(transfer_id, "", 6.0, 60.0, True, 0, beside, measures)
-        self.cache = FakeCache({last_key(transfer_id): flown})
+        self.flight = flown
         return flown
+
+    def flights(self) -> pd.DataFrame:
+        rows = [] if self.flight is None else [{**flight_row("f", self.flight), "flight_sha256": "f"}]
+        return pd.DataFrame(rows)
+
+    def flown(self, flight_sha256: str) -> Trajectory:
+        return self.flight.trajectory
 
     def transfers(self, *, every: bool = False) -> pd.DataFrame:
         rows = pd.DataFrame(self.rows)

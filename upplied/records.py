@@ -294,6 +294,7 @@ class Plan(Record):
     surface: SurfaceStates | None = None  # what the plan sees of the target, where it was computed
     flyable: bool = False  # whether it may be flown as it is
     not_flyable: str = ""  # why not, in words
+    surface_sha256: str = ""  # of `surface`, where that was stored already and is left out here
 
     @property
     def n_viewpoints(self) -> int:

@@ -78,7 +78,7 @@ def test_the_current_version_of_one_row_is_that_of_the_whole_table(catalog, monk
 
 def test_a_plan_is_kept_in_two_parts_as_in_one(catalog):
     made = plan()
-    catalog.add_plans([(key_of(0), catalog.keep_surface(key_of(0), made), {})])
+    catalog.add_plans([(key_of(0), catalog.keep_surface(made), {})])
     name = catalog.transfers()["transfer_id"][0]
     assert made.surface is not None
     assert differences(made.surface, catalog.surface(name)) == []

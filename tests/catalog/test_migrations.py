@@ -47,7 +47,7 @@ def check_older(catalog: Catalog) -> None:
 
 
 def check_path(path: Trajectory, seed: int) -> None:
-    """The random records of the tests draw one number more since `standoff_kept_pct` came."""
+    """The random records of the tests draw one number more for every measure that came since."""
     assert len(path) == 60
     given = plan("target", seed).trajectory
     assert (path.t_s[0] == given.t_s[0]) == (differences(given, path) == [])

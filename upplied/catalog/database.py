@@ -8,9 +8,9 @@ without its points, or with the points of a writer that was stopped half-way.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -20,16 +20,18 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.clock import Clock
+from upplied.catalog.store.contents import ContentStore
 from upplied.catalog.store.current import Current
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.identity import Identity
 from upplied.catalog.store.meshes import MeshStore
+from upplied.catalog.store.surfaces import SurfaceStore
 from upplied.catalog.verbs import adding, queries
 from upplied.catalog.verbs.adding import Planned
 from upplied.catalog.verbs.queries import PlannedTrajectory, When, Which
 from upplied.checks import check_id
 from upplied.errors import CatalogError
-from upplied.records import Demonstration, Plan, Structure, SurfaceStates
+from upplied.records import Demonstration, Plan, Structure, SurfaceStates, Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,6 +76,8 @@ class Catalog:
             name: StoredTable(self.location, table, self.identity) for name, table in TABLES.items()
         }
         self.meshes = MeshStore(self.location)
+        self.surfaces = SurfaceStore(self.location)
+        self.flown_paths = ContentStore(self.location, "flown", Trajectory, "fly the plan again")
         self._current = {name: Current(self.tables[name]) for name in ("structures", "demonstrations")}
         self.cache = Cache(cache if cache is not None else _cache_folder(self.location))
 
@@ -193,8 +197,19 @@ class Catalog:
         return plan_rows.plan_of(row, self._waypoints(row))
 
     def surface(self, transfer_id: str) -> SurfaceStates | None:
-        """What one plan sees of its target, where the cache still has it."""
-        return self.cache.get(adding.SURFACE, SurfaceStates, transfer_id)
+        """What one plan sees of its target; None where it was not kept."""
+        sha256 = self.transfer(transfer_id, ("surface_sha256",))["surface_sha256"]
+        if sha256:
+            return self.surfaces.get(sha256)
+        return self.cache.get("surface", SurfaceStates, transfer_id, nameless=True)  # of version 0.1.0
+
+    def flights(self, transfer_id: str | None = None) -> pd.DataFrame:
+        """Flights of plans in simulation, in the order they were added; those of one plan, or all."""
+        return queries.flights(self.tables["flights"], transfer_id)
+
+    def flown(self, flight_sha256: str) -> Trajectory:
+        """The path of one flight, by the hash in its row."""
+        return self.flown_paths.get(flight_sha256)
 
     def transfer(self, transfer_id: str, columns: Sequence[str] | None = None) -> Row:
         """The row of one plan; only the columns that are named."""
@@ -271,12 +286,16 @@ class Catalog:
         """
         return adding.add_plans(self, plans)
 
-    def keep_surface(self, key: str, plan: Plan) -> Plan:
-        """Keep what a plan with this key sees of its target; returns the plan without it, still to be added.
+    def keep_surface(self, plan: Plan) -> Plan:
+        """Keep what a plan sees of its target; returns the plan with the hash of it, still to be added.
 
         A process that plans does so, and sends the rest to the one that commits.
         """
-        return adding.keep_surface(self, key, plan)
+        return adding.keep_surface(self, plan)
+
+    def add_flight(self, row: Mapping[str, Any], path: Trajectory) -> int:
+        """Add one flight of a plan: a row of `flights` without its commit and hash, and what was flown."""
+        return adding.add_flight(self, row, path)
 
     def retire_structures(self, structure_ids: Sequence[str]) -> int:
         """Take structures out of the fleet; their history stays. Returns how many were taken out."""

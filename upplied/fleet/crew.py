@@ -108,7 +108,7 @@ def plan_in_process(job: Job) -> Outcome:
             reason = "its inputs changed after the run began; the next run plans it"
             return Outcome(job, _without_path(job, "superseded", reason), time.monotonic() - began)
         plan = plan_transfer(demonstration, source, target, job.settings, _memo)
-        plan = _catalog.keep_surface(job.key, plan)
+        plan = _catalog.keep_surface(plan)
     except MemoryError:
         raise  # the worker says so, and is replaced
     except RefusedError as refusal:

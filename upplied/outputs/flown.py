@@ -1,23 +1,16 @@
-"""A plan flown in simulation, as reports tell of it: what was measured, kept beside the catalog's tables.
-
-The tables hold plans alone. A flight is kept in the cache, once by everything it depends on and once,
-the one flown last, by the name of its plan, where reports look for it. A cache that was pruned loses
-the sentence in the report until the plan is flown again.
-"""
+"""A plan flown in simulation, as reports tell of it; rows and paths of flights are the catalog's."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from upplied.config import digest
 from upplied.outputs.pairs import number
 from upplied.records import Measures, Record, Trajectory
-
-STAGE = "flown"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,20 +27,55 @@ class Flown(Record):
     measures: Measures  # of what was flown
 
 
-def last_key(transfer_id: str) -> str:
-    """Where the cache keeps the flight of a plan that was flown last."""
-    return digest([STAGE, transfer_id])
+def flight_row(flight_id: str, flown: Flown) -> dict[str, Any]:
+    """The row of `flights` of one flight."""
+    said = ("transfer_id", "waypoints_sha256", "wind_mps", "towards_deg", "gusts", "seed")
+    return {
+        "flight_id": flight_id,
+        **{name: getattr(flown, name) for name in said},
+        **asdict(flown.measures),
+    }
 
 
-def last_flown(source: Any, row: Mapping[str, Any]) -> Flown | None:
-    """The last flight of the plan of this row; None where it was not flown as it now stands."""
-    cache = getattr(source, "cache", None)
-    if cache is None:
-        return None
-    found: Flown | None = cache.get(STAGE, Flown, last_key(str(row["transfer_id"])))
-    if found is None or found.waypoints_sha256 != str(row.get("waypoints_sha256") or ""):
-        return None
-    return found
+def flown_of(row: Mapping[str, Any], path: Trajectory) -> Flown:
+    """The flight of a row of `flights` and its path."""
+    measures = {item.name: number(row, item.name) for item in fields(Measures)}
+    return Flown(
+        str(row["transfer_id"]),
+        str(row["waypoints_sha256"] or ""),
+        float(row["wind_mps"]),
+        float(row["towards_deg"]),
+        bool(row["gusts"]),
+        int(row["seed"]),
+        path,
+        Measures(**{name: value for name, value in measures.items() if value is not None}),
+    )
+
+
+class Flights:
+    """The last flight of each plan.
+
+    Parameters
+    ----------
+    source : Source
+        The catalog, or anything that answers like it; one that knows no flights has none.
+    """
+
+    def __init__(self, source: Any) -> None:
+        self._source = source
+
+    @cached_property
+    def _last(self) -> dict[str, Mapping[str, Any]]:
+        if not hasattr(self._source, "flights"):
+            return {}
+        return {str(row["transfer_id"]): row for row in self._source.flights().to_dict("records")}
+
+    def of(self, row: Mapping[str, Any]) -> Flown | None:
+        """The last flight of the plan of this row; None where it was not flown as it now stands."""
+        found = self._last.get(str(row["transfer_id"]))
+        if found is None or (found["waypoints_sha256"] or "") != (row.get("waypoints_sha256") or ""):
+            return None
+        return flown_of(found, self._source.flown(found["flight_sha256"]))
 
 
 def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ from upplied.outputs import figures
 from upplied.outputs.along import profile
 from upplied.outputs.display import DisplayMesh, display_mesh, display_states, nearest_samples, structure_data
 from upplied.outputs.draw.sheet import Panel
-from upplied.outputs.flown import flown_data, flown_sentence, last_flown
+from upplied.outputs.flown import Flights, flown_data, flown_sentence
 from upplied.outputs.pair_page import demonstration_data, pair_data, path_data, planned_data
 from upplied.outputs.pairs import Pair, number
 from upplied.records import Demonstration, Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
@@ -53,6 +53,7 @@ class Reader:
 
     def __init__(self, source: Source) -> None:
         self.source = source
+        self._flights = Flights(source)
         self.structure = lru_cache(4)(source.structure)
         self.demonstration = lru_cache(32)(source.demonstration)
         self._mesh = lru_cache(4)(self._mesh_of)
@@ -82,7 +83,7 @@ class Reader:
                     states = self._states(row, pair.target_id)
                     path = profile(trajectory_of(steps), self._scene(pair.target_id))
                     paths[preset] = planned_data(path, viewpoints_of(steps), origin, states)
-                    flown = last_flown(self.source, row)
+                    flown = self._flights.of(row)
                     if flown is not None:
                         along = profile(flown.trajectory, self._scene(pair.target_id))
                         paths[preset]["flown"] = flown_data(flown, row, path_data(along, origin))
@@ -90,7 +91,7 @@ class Reader:
 
     def flown(self, row: Any) -> str:
         """What came of flying a plan in simulation, in words; empty where nobody did."""
-        return flown_sentence(last_flown(self.source, row), row)
+        return flown_sentence(self._flights.of(row), row)
 
     def picture(self, pair: Pair, width: int = 1000) -> bytes:
         """PNG of the demonstration and of the plan that is flown."""

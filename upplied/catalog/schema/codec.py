@@ -30,10 +30,12 @@ Array = NDArray[Any]
 _MAX_BYTES = 4 << 30  # of one decoded array: a broken file must not make us allocate more
 
 
-def encode(record: Any) -> bytes:
-    """The bytes of a Parquet file; equal records, equal bytes."""
+def encode(record: Any, name: str = "") -> bytes:
+    """The bytes of a Parquet file, under a name that they carry; equal records and names, equal bytes."""
     plain, arrays = _parts(record)
     metadata = {b"record": plain.encode(), b"sha256": content_sha256(plain, arrays).encode()}
+    if name:
+        metadata[b"name"] = name.encode()
     schema_fields, columns = [], []
     for name, array in arrays.items():
         column = _column(array)
@@ -48,7 +50,7 @@ def encode(record: Any) -> bytes:
     return sink.getvalue()
 
 
-def decode(content: bytes, record_type: type[R], sha256: str | None = None) -> R:
+def decode(content: bytes, record_type: type[R], sha256: str | None = None, name: str = "") -> R:
     """The record of such bytes.
 
     Parameters
@@ -58,6 +60,8 @@ def decode(content: bytes, record_type: type[R], sha256: str | None = None) -> R
     record_type : type
     sha256 : str, optional
         Hash that the content must have, where it is known; see `sha256_of`.
+    name : str
+        That the bytes must carry, where it is known.
 
     Raises
     ------
@@ -68,6 +72,8 @@ def decode(content: bytes, record_type: type[R], sha256: str | None = None) -> R
         with pq.ParquetFile(pa.BufferReader(content)) as file:
             table = file.read(use_threads=False)
         metadata = table.schema.metadata or {}
+        if name and metadata.get(b"name", b"").decode() != name:
+            raise CatalogError(record_type.__name__, "the stored content is that of another name")
         plain = metadata[b"record"].decode()
         arrays = {field.name: _array(table.column(field.name), field) for field in table.schema}
         if content_sha256(plain, arrays) != (sha256 or metadata[b"sha256"].decode()):

@@ -102,6 +102,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         "settings_json": settings_text(settings),
         "registration_json": "" if registration is None else _registration_json(registration),
         "waypoints_sha256": "" if path is None else _plan_sha256(plan),
+        "surface_sha256": plan.surface_sha256,
     }
 
 

@@ -1,4 +1,4 @@
-"""The five tables of the catalog, each column declared once: name, type, unit, meaning, constraint.
+"""The six tables of the catalog, each column declared once: name, type, unit, meaning, constraint.
 
 The stored tables, the published Parquet, the checks of `verify` and the data dictionary
 ``catalog/README.md`` all follow from here. ``python -m upplied.catalog.schema.tables`` writes the dictionary.
@@ -9,12 +9,14 @@ schema version is raised, is told in `upplied.catalog.schema.migrations`.
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table
 from upplied.catalog.schema.measures import MEASURES
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.config import PRESETS
+from upplied.records import Measures
 
 
 def _id(name: str, meaning: str) -> Column:
@@ -202,6 +204,9 @@ TRANSFERS = Table(
         Column("settings_json", TEXT, "", "all settings"),
         Column("registration_json", TEXT, "", "how the target lies on the source, with the evidence"),
         Column("waypoints_sha256", TEXT, "", "hash of the waypoints; empty where there are none"),
+        Column(
+            "surface_sha256", TEXT, "", "hash of what is seen of the target, which is surfaces/<hash>.parquet"
+        ),
         _id("key", "hash of everything the plan depends on"),
         _COMMIT,
         Column("added_at", MOMENT, "UTC", f"when it was added, {_ADDED}", required=True),
@@ -225,7 +230,30 @@ WAYPOINTS = Table(
     ("commit_id", "transfer_id", "seq"),
 )
 
-TABLES = {table.name: table for table in (STRUCTURES, DEMONSTRATIONS, POSES, TRANSFERS, WAYPOINTS)}
+_MEASURED = {item.name for item in fields(Measures)}
+
+FLIGHTS = Table(
+    "flights",
+    "one row per flight of a plan in simulation; of those in the same wind the newest counts",
+    ("flight_id",),
+    (
+        _id("flight_id", "hash of the plan, wind, vehicle and seed"),
+        _id("transfer_id", "the plan that was flown"),
+        Column("waypoints_sha256", TEXT, "", "hash of the waypoints that were flown"),
+        Column("wind_mps", REAL, "m/s", "speed of the wind", low=0),
+        Column("towards_deg", REAL, "deg", "where it blows to, from +X counter-clockwise"),
+        Column("gusts", TRUTH, "", "with gusts"),
+        Column("seed", WHOLE, "1", "of the gusts"),
+        *(column for column in TRANSFERS.columns if column.name in _MEASURED),
+        _id("flight_sha256", "hash of the flown path, which is flown/<hash>.parquet"),
+        _COMMIT,
+        Column("added_at", MOMENT, "UTC", f"when it was added, {_ADDED}", required=True),
+        _COMMIT_VERSION,
+    ),
+    ("transfer_id", "added_at"),
+)
+
+TABLES = {table.name: table for table in (STRUCTURES, DEMONSTRATIONS, POSES, TRANSFERS, WAYPOINTS, FLIGHTS)}
 
 
 def data_dictionary() -> str:

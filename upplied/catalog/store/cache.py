@@ -1,8 +1,8 @@
 """The memo: any record of arrays and scalars as one Parquet file, found by stage and key.
 
 The caller puts everything a result depends on into the key: input bytes, parameters and the version
-of the algorithm. A file carries the hash of its content; one that does not match is not believed
-but computed again. Losing the cache loses time, nothing else.
+of the algorithm. A file carries its stage and key and the hash of its content; one that does not match
+is not believed but computed again. Losing the cache loses time, nothing else.
 """
 
 from __future__ import annotations
@@ -53,12 +53,15 @@ class Cache:
         self.put(stage, key, record)
         return record
 
-    def get(self, stage: str, record_type: type[R], key: str) -> R | None:
-        """The remembered record, or None where there is none that can be believed."""
+    def get(self, stage: str, record_type: type[R], key: str, nameless: bool = False) -> R | None:
+        """The remembered record, or None where there is none that can be believed.
+
+        One that is `nameless` was written by version 0.1.0, which kept no key with it.
+        """
         path = self.path(stage, key)
         try:
             content = path.read_bytes()
-            record = decode(content, record_type)
+            record = decode(content, record_type, name="" if nameless else _name(stage, key))
         except FileNotFoundError:
             return None
         except (OSError, CatalogError) as error:
@@ -71,7 +74,9 @@ class Cache:
         """Remember a record; where that is impossible (disk full, read-only) only time is lost."""
         path = self.path(stage, key)
         try:
-            replace_file(path, encode(record), lasting=False)  # an entry that a power cut tore is noticed
+            replace_file(
+                path, encode(record, _name(stage, key)), lasting=False
+            )  # an entry that a power cut tore is noticed
         except OSError as error:
             log.warning("cannot remember %s: %s", path, error)
 
@@ -102,6 +107,10 @@ class Cache:
             path.unlink(missing_ok=True)
             freed += size
         return freed
+
+
+def _name(stage: str, key: str) -> str:
+    return f"{stage}/{key}"
 
 
 def _touch(path: Path) -> None:

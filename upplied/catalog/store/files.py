@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import uuid
+from datetime import datetime
 from pathlib import Path
 
 import pyarrow.fs as pafs
@@ -34,6 +36,18 @@ class FileStore:
             return Path(self.path(name)).exists()
         return bool(self.filesystem().get_file_info(name).type == pafs.FileType.File)
 
+    def touched(self, name: str) -> bool:
+        """Whether the file is there; on a disk it counts as used now, so that no cleaning takes it."""
+        if not self.local:
+            return self.has(name)
+        try:
+            os.utime(self.path(name))
+        except FileNotFoundError:
+            return False
+        except PermissionError:
+            return self.has(name)  # somebody else's file, which is there
+        return True
+
     def has_folder(self, name: str) -> bool:
         """Whether there is a folder of that name with anything in it."""
         if self.local:
@@ -50,6 +64,18 @@ class FileStore:
                 return []
         found = self.filesystem().get_file_info(pafs.FileSelector("", allow_not_found=True))
         return sorted(item.base_name for item in found)
+
+    def older(self, moment: datetime) -> list[str]:
+        """The names of the files at the root that nobody wrote or used since a moment, by their stamps."""
+        if not self.local:
+            found = self.filesystem().get_file_info(pafs.FileSelector("", allow_not_found=True))
+            return sorted(item.base_name for item in found if item.mtime and item.mtime < moment)
+        names = []
+        for name in self.names():
+            with contextlib.suppress(FileNotFoundError):
+                if os.stat(self.path(name)).st_mtime < moment.timestamp():
+                    names.append(name)
+        return names
 
     def write(self, name: str, content: bytes, lasting: bool = True) -> None:
         """Write a file that appears whole; on a disk it is there to stay when this returns, if `lasting`."""

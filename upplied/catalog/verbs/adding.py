@@ -16,12 +16,10 @@ from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs import queries
 from upplied.checks import check_id
-from upplied.records import Demonstration, Plan, Structure
+from upplied.records import Demonstration, Plan, Structure, Trajectory
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
-
-SURFACE = "surface"  # the cache's stage for what plans see of their targets
 
 Planned = tuple[str, Plan, Mapping[str, Any]]  # key, plan, provenance
 
@@ -67,6 +65,7 @@ def add_plans(catalog: Catalog, plans: Sequence[Planned]) -> int:
         if key not in stored or _makes_way(stored[key], plan.status, str(provenance.get("run_id", "")))
     }
     again = queries.superseded(table, [row for key, row in stored.items() if key not in new])
+    new = {key: (keep_surface(catalog, plan), said) for key, (plan, said) in new.items()}
     flown = {
         plan_rows.transfer_id(key): plan for key, (plan, _) in new.items() if plan.trajectory is not None
     }
@@ -76,11 +75,7 @@ def add_plans(catalog: Catalog, plans: Sequence[Planned]) -> int:
         lambda commit: [plan_rows.waypoint_table(name, flown[name], commit) for name in sorted(flown)],
     )
     made = [{**row, "commit_id": commit} for row in _transfer_rows(catalog, new)]
-    added = _add(catalog, "transfers", made, _repeated(table, again, {"planned_at": catalog.clock.now()}))
-    for name, plan in flown.items():
-        if plan.surface is not None:
-            catalog.cache.put(SURFACE, name, plan.surface)
-    return added
+    return _add(catalog, "transfers", made, _repeated(table, again, {"planned_at": catalog.clock.now()}))
 
 
 def _makes_way(stored: Row, status: str, run_id: str = "") -> bool:
@@ -89,12 +84,18 @@ def _makes_way(stored: Row, status: str, run_id: str = "") -> bool:
     return stored["status"] == "failed" and not failed_again
 
 
-def keep_surface(catalog: Catalog, key: str, plan: Plan) -> Plan:
+def keep_surface(catalog: Catalog, plan: Plan) -> Plan:
     """See `Catalog.keep_surface`."""
     if plan.surface is None:
         return plan
-    catalog.cache.put(SURFACE, plan_rows.transfer_id(key), plan.surface)
-    return replace(plan, surface=None)
+    return replace(plan, surface=None, surface_sha256=catalog.surfaces.put(plan.surface))
+
+
+def add_flight(catalog: Catalog, row: Mapping[str, Any], path: Trajectory) -> int:
+    """See `Catalog.add_flight`."""
+    check_id(row["flight_id"], "flight id")
+    catalog.transfer(row["transfer_id"], ("transfer_id",))  # one that nobody planned is an error
+    return _add(catalog, "flights", [{**row, "flight_sha256": catalog.flown_paths.put(path)}])
 
 
 def adopt_plans(catalog: Catalog, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:

@@ -17,6 +17,8 @@ from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, data_dictionar
 from upplied.catalog.store.files import replace_file
 from upplied.errors import CatalogError
 
+EXCHANGED = [name for name in TABLES if name != "flights"]  # those are flown again in a moment
+
 _DATASET = "dataset.json"
 _MAX_BYTES = 8 << 30  # of one file of a folder that is imported
 
@@ -44,7 +46,8 @@ _README = """\
 Expert demonstrations of inspection flights, and what they became on other structures.
 
 {rows}
-- the meshes of the structures in `meshes/`, named by their hash
+- the meshes of the structures in `meshes/`, what each plan sees of its target in `surfaces/` and `samples/`,
+  named by their hash
 
 Every table is plain Parquet: `pandas.read_parquet("transfers.parquet")`. DATA_DICTIONARY.md explains each
 column and its unit. Rows name the hashes of the log, the meshes, the settings and the versions of method and
@@ -71,7 +74,7 @@ def check_files(place: Path) -> None:
         raise CatalogError(
             str(place), f"has schema version {version}", f"at most {SCHEMA_VERSION}", "use a newer version"
         )
-    needed = {f"{name}.parquet" for name in TABLES}
+    needed = {f"{name}.parquet" for name in EXCHANGED}
     for name in sorted(needed | set(files)):
         path = place / name
         if name not in files or _relative(place, path) != name or ".." in Path(name).parts:

@@ -1,6 +1,6 @@
 """A part of a catalog as a folder that stands for itself, and such a folder into another catalog.
 
-The folder holds the five tables as plain Parquet, the meshes, the data dictionary, the licence, and
+The folder holds the tables as plain Parquet, the meshes, the data dictionary, the licence, and
 ``dataset.json`` (`upplied.catalog.verbs.dataset_files`). Nothing of it is believed before it was checked;
 importing it twice adds nothing the second time.
 """
@@ -22,11 +22,12 @@ from upplied.catalog.schema.migrations import missing, upgraded
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.contents import file_name
 from upplied.catalog.store.delta import in_schema
 from upplied.catalog.store.files import replace_file
-from upplied.catalog.store.meshes import file_name
+from upplied.catalog.store.surfaces import Samples, States
 from upplied.catalog.verbs import adding
-from upplied.catalog.verbs.dataset_files import check_files, describe
+from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, describe
 from upplied.catalog.verbs.published import checked_steps, write_tables
 from upplied.catalog.verbs.verification import broken_values
 from upplied.checks import check_id
@@ -93,6 +94,14 @@ def export_dataset(
     )
     for sha256 in sorted(set(structures["mesh_sha256"])):
         replace_file(place / "meshes" / f"{sha256}.parquet", codec.encode(catalog.meshes.get(sha256)))
+    for sha256 in sorted(set(plans["surface_sha256"]) - {""}):
+        states = catalog.surfaces.states.get(sha256)
+        samples = catalog.surfaces.samples
+        kept = {"surfaces": (sha256, states), "samples": (states.samples_sha256, None)}
+        for folder, (hashed, record) in kept.items():
+            path = place / folder / file_name(hashed)
+            if not path.exists():
+                replace_file(path, codec.encode(samples.get(hashed) if record is None else record))
     about = {"name": name, "licence": licence, "attribution": attribution, "rows": counts}
     describe(place, about)
     return counts
@@ -122,7 +131,7 @@ def import_dataset(catalog: Catalog, folder: str | os.PathLike[str], replace: bo
     """
     place = Path(folder)
     check_files(place)
-    tables = {name: _read(place, name) for name in TABLES}
+    tables = {name: _read(place, name) for name in EXCHANGED}
     for name in ("structures", "demonstrations", "transfers"):
         frame = tables[name].to_pandas()
         for finding in broken_values(name, frame):
@@ -142,6 +151,8 @@ def import_dataset(catalog: Catalog, folder: str | os.PathLike[str], replace: bo
             raise CatalogError(f"{place}: plan {row['transfer_id']}", "does not answer to its key")
         if row["n_waypoints"]:
             _steps(place, steps["waypoints"], "waypoints", row)
+    for row in plans:
+        row["surface_sha256"] = _surface(catalog, place, row["surface_sha256"])
     new_structures = _unknown(catalog.create(), "structures", structures, replace)
     new_demonstrations = _unknown(catalog, "demonstrations", demonstrations, replace)
     return {
@@ -221,6 +232,17 @@ def _structure(place: Path, row: Row) -> Structure:
     if codec.sha256_of(mesh) != row["mesh_sha256"]:
         raise CatalogError(str(path), "has other content than its name says")
     return rows.structure_of(row, mesh)
+
+
+def _surface(catalog: Catalog, place: Path, sha256: str) -> str:
+    """Take in what a plan sees of its target; the hash of it, or nothing where the folder has it not."""
+    store = catalog.surfaces
+    if not sha256 or not (path := place / "surfaces" / file_name(sha256)).exists():
+        return ""
+    states = codec.decode(path.read_bytes(), States, sha256)
+    samples = (place / "samples" / file_name(states.samples_sha256)).read_bytes()
+    store.samples.put(codec.decode(samples, Samples, states.samples_sha256))
+    return store.states.put(states)
 
 
 def _unknown(catalog: Catalog, name: str, records: list[Any], replace: bool) -> list[Any]:

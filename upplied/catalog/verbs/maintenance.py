@@ -32,6 +32,7 @@ class Kept:
     files_merged: dict[str, int] = field(default_factory=dict)  # by table
     orphan_commits: dict[str, int] = field(default_factory=dict)  # of writers that were stopped, by table
     files_removed: dict[str, int] = field(default_factory=dict)  # by table
+    surfaces_removed: int = 0  # that no plan names
     drafts_removed: int = 0
     cache_bytes_freed: int = 0
 
@@ -48,8 +49,8 @@ def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
     """Remove what nobody can ask for any more.
 
     That is: data files that were merged or whose version is older than `keep_days`; points that
-    stopped writers left behind, and their unfinished files; and cache entries unused for longest
-    beyond `cache_bytes`. Rows are never removed: `as_of` reaches back to the first one.
+    stopped writers left behind, what their plans see, and their unfinished files; and cache entries
+    unused for longest beyond `cache_bytes`. Rows are never removed: `as_of` reaches back to the first one.
 
     Parameters
     ----------
@@ -68,6 +69,7 @@ def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
     before = catalog.clock.now() - timedelta(hours=hours)
     for steps, owner in _OWNERS.items():
         kept.orphan_commits[steps] = _drop_orphans(catalog.tables[steps], catalog.tables[owner], before)
+    kept.surfaces_removed = _drop_surfaces(catalog, before)
     for name, table in catalog.tables.items():
 
         def remove(delta: DeltaTable) -> int:
@@ -98,6 +100,19 @@ def _drop_orphans(steps: StoredTable, owners: StoredTable, before: datetime) -> 
         listed = ", ".join(f"'{commit}'" for commit in found)
         steps.change(lambda delta: delta.delete(f"commit_id IN ({listed})", commit_properties=removing()))
     return len(found)
+
+
+def _drop_surfaces(catalog: Catalog, before: datetime) -> int:
+    """Surfaces that stopped planners left; one that is kept again meanwhile counts as young."""
+    files = catalog.surfaces.states.files
+    old = files.older(before)
+    if not old:
+        return 0
+    named = set(catalog.tables["transfers"].read(None, ["surface_sha256"])["surface_sha256"].to_pylist())
+    gone = [name for name in old if name.removesuffix(".parquet") not in named]
+    for name in gone:
+        files.remove(name)
+    return len(gone)
 
 
 def _remove_drafts(root: Path, before: datetime) -> int:

@@ -56,6 +56,7 @@ def export_tables(catalog: Catalog, folder: str | os.PathLike[str]) -> dict[str,
         "transfers": transfers,
         "demonstrations": demonstrations,
         "structures": catalog.structures(),
+        "flights": catalog.flights(),
     }
     generation = max([str(frame["commit_id"].max()) for frame in frames.values() if len(frame)], default="")
     parts: dict[str, Iterator[pa.Table]] = {

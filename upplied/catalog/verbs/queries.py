@@ -155,6 +155,13 @@ def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
     return [row for row in plans if row["transfer_id"] not in current]
 
 
+def flights(table: StoredTable, transfer_id: str | None) -> pd.DataFrame:
+    """See `Catalog.flights`."""
+    where = None if transfer_id is None else pc.field("transfer_id") == transfer_id
+    found = frame(table.read(where)).sort_values(["transfer_id", "commit_version"], kind="stable")
+    return found.reset_index(drop=True)
+
+
 def settled(
     table: StoredTable, keys: Iterable[str], retry_failed: bool, run_id: str
 ) -> dict[str, tuple[str, str]]:

@@ -52,6 +52,7 @@ def verify(catalog: Catalog) -> list[Finding]:
         found += broken_values(name, frame)
     found += _references(frames)
     found += _meshes(catalog, frames["structures"])
+    found += _contents(catalog, frames["transfers"])
     found += _settings(frames["transfers"])
     found += _steps(catalog, "poses", frames["demonstrations"])
     found += _steps(catalog, "waypoints", frames["transfers"])
@@ -112,6 +113,21 @@ def _meshes(catalog: Catalog, structures: pd.DataFrame) -> Iterator[Finding]:
             yield Finding(
                 f"mesh {sha256}", f"has {counts} parts, not as said of {_some(wrong['structure_id'])}"
             )
+
+
+def _contents(catalog: Catalog, transfers: pd.DataFrame) -> Iterator[Finding]:
+    """What plans see and what was flown, each read and compared with its hash."""
+    flights = catalog.flights()
+    for read, named in (
+        (catalog.surfaces.get, transfers.groupby("surface_sha256")["transfer_id"]),
+        (catalog.flown, flights.groupby("flight_sha256")["transfer_id"]),
+    ):
+        for sha256, owners in named:
+            try:
+                if sha256:
+                    read(sha256)
+            except CatalogError as error:
+                yield Finding(error.what, f"{error.found}; of {_some(owners)}")
 
 
 def _settings(transfers: pd.DataFrame) -> Iterator[Finding]:
