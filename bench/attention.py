@@ -25,9 +25,10 @@ from real_data import real_folder, real_structure
 
 from upplied.config import CloudSettings, InspectionSettings
 from upplied.errors import UppliedError
-from upplied.planning.demonstration.attention import attention, stations_at
+from upplied.planning.demonstration.attention import attention
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
+from upplied.planning.visibility.dwell import stations_at
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.path_views import TRULY, views
 from upplied.records import Bools, Cloud, Demonstration, Floats, Structure
@@ -346,10 +347,10 @@ def _with_transits(flight: Demonstration, structure: Structure) -> Demonstration
 
 @cache
 def _unwelded(structure: Structure) -> Structure:
-    """Every triangle with corners of its own, moved by a tenth of a millimetre: no two of them meet."""
+    """Every triangle with corners of its own, moved by a millionth of the diagonal: no two of them meet."""
     corners = structure.vertices[structure.triangles.reshape(-1)]
     rng = np.random.default_rng(0)
-    moved = corners + rng.uniform(-1e-4, 1e-4, corners.shape) * structure.diagonal_m
+    moved = corners + rng.uniform(-1e-6, 1e-6, corners.shape) * structure.diagonal_m
     return replace(structure, vertices=moved, triangles=np.arange(len(corners)).reshape(-1, 3))
 
 

@@ -172,7 +172,7 @@ class Script:
                 "coverage_paper_pct": 100 * seen[partner[self.seen_on_the_way]].mean(),
                 "coverage_seen_pct": 100 * need[truly].sum() / need.sum(),
                 "coverage_attainable_pct": 100 * need[could].sum() / need.sum(),
-                "frechet_z": frechet_z,
+                "frechet_floored": frechet_z,
                 "frechet_m": frechet_m,
                 "min_clearance_m": clearance,
                 "path_length_m": np.linalg.norm(legs, axis=1).sum(),

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from upplied.errors import InputError
-from upplied.planning.geometry.frechet import frechet, frechet_z, zscored
+from upplied.planning.geometry.frechet import frechet, frechet_floored, frechet_z, zscored
 from upplied.records import Floats
 
 
@@ -198,12 +198,23 @@ def test_zscored_distance_ignores_shift_and_scale_of_each_axis() -> None:
     assert frechet_z(a, moved) == pytest.approx(frechet_z(a, b), rel=1e-9)
 
 
+def test_the_plain_distance_divides_each_axis_by_its_own_deviation() -> None:
+    angle = np.linspace(0, 2 * np.pi, 400)
+    flat = np.column_stack([30 * np.cos(angle), 10 * np.sin(angle), 0.01 * np.cos(3 * angle)])
+    other = flat * [1, 1, -1]  # upside down, by a centimetre
+    plain = [(path - path.mean(axis=0)) / path.std(axis=0) for path in (flat, other)]
+    assert frechet_z(flat, other) == pytest.approx(frechet(*plain), rel=0.1)
+    assert frechet_z(flat, other) > 10 * frechet_floored(flat, other)
+
+
 def test_a_level_flight_is_not_ruled_by_its_unsteadiness() -> None:
     x = np.linspace(0, 60, 200)
     rng = np.random.default_rng(7)
     level = np.column_stack([x, 10 * np.sin(x / 8), np.full(200, 12.0)])
     unsteady = level + np.column_stack([np.zeros((200, 2)), 0.05 * rng.normal(size=200)])
-    assert frechet_z(level, unsteady) < 0.15  # divided by its own 5 cm it would be about 3
+    assert frechet_floored(level, unsteady) < 0.15
+    assert frechet_z(level + [0, 0, 1e-3] * np.sin(x)[:, None], unsteady) > 2  # divided by its own 5 cm
+    assert frechet_floored(level, np.add(level, [0, 0, 4])) < 1e-9
     assert frechet_z(level, np.add(level, [0, 0, 4])) < 1e-9
     assert zscored(np.ones((4, 3))) == pytest.approx(np.zeros((4, 3)))
 

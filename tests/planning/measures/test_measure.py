@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from upplied.planning.carry.inspected_surface import InspectedSurface, coverage, inspected_surface
-from upplied.planning.measures.measure import measure, path_length, peaks, surface_states
+from upplied.planning.measures.inspected import Shown, surface_states
+from upplied.planning.measures.measure import measure, path_length, peaks
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, stations, views
 from upplied.poses import interpolate, look_at
 from upplied.records import Camera, Cloud, Correspondences, Floats, Trajectory
@@ -153,5 +154,6 @@ def test_peaks_of_constant_acceleration() -> None:
 
 def test_states_of_the_surface() -> None:
     needed = InspectedSurface(Cloud(np.zeros((4, 3))), np.array([0.0, 1, 1, 1]), np.ones(4), 0.0)
-    states = surface_states(needed, np.array([True, True, False, False]), np.array([True, True, True, False]))
-    assert states.state.tolist() == [0, 1, 2, 3]
+    shown = np.array([True, True, False, False])
+    never = np.array([False, False, False, True])
+    assert surface_states(Shown(needed, shown, never, np.zeros(4))).state.tolist() == [0, 1, 2, 3]

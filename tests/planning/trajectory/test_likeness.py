@@ -8,7 +8,7 @@ import pytest
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.carry.standoff import picture_share, standoff_of
-from upplied.planning.geometry.frechet import frechet, frechet_z, within_leash, zscored
+from upplied.planning.geometry.frechet import frechet, frechet_floored, within_leash, zscored
 from upplied.planning.trajectory.likeness import Likeness
 from upplied.planning.trajectory.look import View
 from upplied.planning.trajectory.stretch import stretched
@@ -89,7 +89,7 @@ def test_a_path_is_stretched_where_that_shows_more(tall_wall):
     everything = np.arange(400)
     before, after = (tall_wall.reach(at, everything).any(axis=0).sum() for at in (path, done))
     assert after > before
-    assert frechet_z(path, done) <= 0.3
+    assert frechet_floored(path, done) <= 0.3
     assert done[:, 2].max() < 15
     kept = stretched(path, tall_wall, likeness, lambda at: at[:, 2] < 15)
     assert likeness.standoff.share(kept) >= 0.95  # a path that must keep its distance is stretched less

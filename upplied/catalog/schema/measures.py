@@ -2,31 +2,42 @@
 
 from __future__ import annotations
 
-from upplied.catalog.schema.columns import REAL, Column
+from upplied.catalog.schema.columns import REAL, TEXT, Column
+
+
+def _share(name: str, meaning: str) -> Column:
+    return Column(name, REAL, "%", meaning, low=0, high=100)
+
+
+def _positive(name: str, unit: str, meaning: str) -> Column:
+    return Column(name, REAL, unit, meaning, low=0)
+
 
 MEASURES = (
-    Column(
-        "coverage_inspected_pct",
-        REAL,
-        "%",
-        "of what the demonstration was about, by weight, the share shown at least as well",
-        low=0,
-        high=100,
+    _share("coverage_inspected_pct", "of what the demonstration was about, the share shown at least as well"),
+    _share(
+        "inspected_without_counterpart_pct", "of that, what has no counterpart and so counts as not shown"
     ),
+    _share("inspected_unattainable_pct", "of that, what no safe camera could show as well"),
+    _share("coverage_of_target_pct", "of the target's surface that answers to it, the share shown as well"),
+    _share("coverage_context_pct", "of what else the demonstration saw, the share that is seen"),
+    _positive("fidelity_resolution_p50", "1", "best resolution over the one asked for, by patch, median"),
+    _positive("fidelity_resolution_p05", "1", "the same, 5th percentile; 0 where there is no sharp look"),
     Column(
-        "inspected_without_counterpart_pct",
-        REAL,
-        "%",
-        "of what the demonstration was about, what has no counterpart and so counts as not shown",
-        low=0,
-        high=100,
+        "fidelity_incidence_deg_p95", REAL, "deg", "how much more obliquely patches are seen, 95th percentile"
     ),
-    Column(
-        "inspected_unattainable_pct",
-        REAL,
-        "%",
-        "of what the demonstration was about, what no safe camera could show",
-        low=0,
-        high=100,
+    _share("fidelity_looks_kept_pct", "of the directions from which patches were looked at, the share kept"),
+    _share("fidelity_dwell_kept_pct", "of the time for which patches were looked at, the share kept"),
+    Column("fidelity_order", REAL, "1", "Kendall's tau of the moments of the looks", low=-1, high=1),
+    _positive("camera_turn_ratio", "1", "turning of the camera over the demonstration's"),
+    _share(
+        "pan_fast_pct", "of the flight time, the share with the camera turning too fast for a sharp picture"
     ),
+    _positive("path_turn_ratio", "1", "turning of the path over the demonstration's"),
+    Column("standoff_mode", TEXT, "", "how near patches are to be shown: scaled, kept, or a ground sample"),
+    _positive("gsd_mm_p50", "mm", "ground sample distance of the nearest sharp look, median over patches"),
+    _positive("gsd_mm_p95", "mm", "the same, 95th percentile"),
+    _positive("gsd_demonstrated_mm_p50", "mm", "the same of the demonstration, median"),
+    _positive("gsd_demonstrated_mm_p95", "mm", "the same of the demonstration, 95th percentile"),
+    _positive("frechet_floored", "1", "frechet_z with no axis divided by less than a tenth of the largest"),
 )

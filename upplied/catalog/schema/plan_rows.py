@@ -86,6 +86,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
             )
         },
         **asdict(plan.measures),
+        "standoff_mode": standoff_mode(settings),
         "n_viewpoints": plan.n_viewpoints,
         "n_waypoints": 0 if path is None else len(path),
         **(
@@ -142,6 +143,19 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
 def trajectory_of(waypoints: pa.Table) -> Trajectory:
     """The timed camera poses of rows of `waypoints` in order."""
     return Trajectory(np.array(waypoints["t_s"]), *pose_arrays(waypoints))
+
+
+def standoff_mode(settings: Settings) -> str:
+    """How near a plan is to show what the demonstration showed, in a word or two.
+
+    Examples
+    --------
+    >>> standoff_mode(settings_for("recommended", transfer={"gsd_m": 0.004}))
+    'gsd 4 mm'
+    """
+    if settings.transfer.gsd_m is not None:
+        return f"gsd {1e3 * settings.transfer.gsd_m:g} mm"
+    return settings.transfer.standoff
 
 
 def settings_text(settings: Settings) -> str:

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from upplied.config import Settings, focal_px
+from upplied.config import InspectionSettings, Settings, focal_px
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.demonstration.repetition import Take
+from upplied.planning.visibility.dwell import dwell
+from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.path_views import Views
 from upplied.planning.visibility.view_quality import nearest
 from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Record
@@ -42,6 +44,7 @@ def inspected_surface(
     demonstrated: Views,
     carry: Floats | None = None,
     weight: Floats | None = None,
+    near_m: Floats | None = None,
 ) -> InspectedSurface:
     """Which target points answer for what the demonstration was about, and for how much of it.
 
@@ -59,6 +62,8 @@ def inspected_surface(
     weight : array, shape (N,), optional
         How much the demonstration was about each source point, 0 to 1 (`demonstration.attention`);
         everything that it saw, where not given.
+    near_m : array, shape (N,), m, optional
+        From how near it looked at each, carried; where infinite or not given, the nearest of all views.
     """
     share = np.ones(len(source)) if source.area_m2 is None else source.area_m2
     share = share * demonstrated.total if weight is None else share * weight * demonstrated.total
@@ -72,9 +77,24 @@ def inspected_surface(
         np.ascontiguousarray((source.points @ jacobian.T).T),
         demonstrated.seen,
     )
+    if near_m is not None:
+        near = np.where(np.isfinite(near_m), near_m, near)
     with np.errstate(invalid="ignore"):
         standoff = np.bincount(index, weights=(share * near)[paired], minlength=number) / need
     return InspectedSurface(target, need, standoff, float(share[meant & ~paired].sum()))
+
+
+def look_limits(takes: Sequence[Take], rule: InspectionSettings) -> tuple[float, float]:
+    """Largest motion (rad/s) and least cosine of the incidence of a look that counts.
+
+    Those of the settings, unless 95 % of the expert's own looks were within a wider one.
+    """
+    attended = [take.inspection.attention for take in takes]
+    sharp = max(
+        rule.sharp_radps(takes[0].inspection.camera.hfov_deg), *(one.motion_radps for one in attended)
+    )
+    oblique = max(rule.max_incidence_deg, *(one.incidence_deg for one in attended))
+    return float(sharp), float(np.cos(np.radians(min(oblique, 90.0))))
 
 
 def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
@@ -83,16 +103,24 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
     `scaled` carries the demonstrated distances with the structure, `kept` leaves them, and a ground
     sampling distance sets them all; the vehicle's safety distance and the camera's range limit them.
     """
-    pair, camera, transfer = take.pair, take.inspection.camera, settings.transfer
-    fit = pair.surface
-    scaled = transfer.standoff == "scaled"
+    inspection, transfer, fit = take.inspection, settings.transfer, take.pair.surface
+    camera = inspection.camera
+    carry = registered_map(fit.registration).matrix if transfer.standoff == "scaled" else np.eye(3)
+    looks = dwell(
+        moments(inspection.logged, inspection.logged_breaks),
+        inspection.truly,
+        fit.source,
+        *look_limits([take], settings.inspection),
+        carry,
+    )
     found = inspected_surface(
         fit.source,
         fit.target,
         fit.correspondences,
-        take.inspection.truly,
-        carry=registered_map(fit.registration).matrix if scaled else None,
-        weight=take.inspection.attention.weight,
+        inspection.truly,
+        carry=carry,
+        weight=inspection.attention.weight,
+        near_m=looks.carried_m,
     )
     wanted = found.standoff_m
     if transfer.gsd_m is not None and camera.width_px:

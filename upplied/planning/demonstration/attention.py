@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 
 from upplied.config import InspectionSettings
+from upplied.planning.visibility.dwell import stations_at
 from upplied.planning.visibility.moments import Moments, moments, motion_of
 from upplied.planning.visibility.path_views import Views
 from upplied.poses import matrices
@@ -152,16 +153,6 @@ def _histograms(
             angle = np.degrees(np.arccos(min(max(facing / distance, 0.0), 1.0)))
             incidence[min(int(2 * angle), 179)] += weight[index] * step_s[pose]
     return motion, incidence
-
-
-def stations_at(shown: Views, steps: Moments) -> Ints:
-    """The station (K,) of some views that is nearest in time to each moment."""
-    times = shown.stations.t_s
-    after = np.clip(np.searchsorted(times, steps.poses.t_s), 1, max(len(times) - 1, 1))
-    if len(times) == 1:
-        return np.zeros(len(steps), np.int64)
-    earlier = steps.poses.t_s - times[after - 1] <= times[after] - steps.poses.t_s
-    return np.asarray(after - earlier, np.int64)
 
 
 def _facts(

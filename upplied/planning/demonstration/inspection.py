@@ -31,7 +31,9 @@ class Inspection(Record):
     by_frustum: Views  # of the voxel cloud: what the paper's coverage counts
     truly: Views  # of the surface samples
     attention: Attention  # how much the flight was about each surface sample
-    breaks: Ints = field(default_factory=lambda: np.empty(0, np.int64))  # first pose after each gap
+    logged: Trajectory  # the flight as logged
+    logged_breaks: Ints  # its first pose after each gap
+    breaks: Ints = field(default_factory=lambda: np.empty(0, np.int64))  # that of `flight`
 
 
 def inspect_demonstration(
@@ -84,6 +86,8 @@ def inspect_demonstration(
             content_key("attention", *facts, settings.inspection),
             lambda: _attended(demonstration, pair, truly, settings, memo),
         ),
+        logged=whole,
+        logged_breaks=demonstration.breaks,
         breaks=breaks,
     )
 

@@ -15,6 +15,7 @@ from upplied.records import Floats
 
 _RELATIVE = 1e-10  # of the distance: where the bisection ends
 _SMALLEST_SHARE = 0.1  # see `spread`
+_FLAT = 1e-6  # of the largest deviation: rounding, not a height that varies
 
 
 def frechet(first: Floats, second: Floats, relative: float = _RELATIVE) -> float:
@@ -66,12 +67,29 @@ def within_leash(first: Floats, second: Floats, leash: float) -> bool:
 
 
 def frechet_z(demonstrated: Floats, planned: Floats) -> float:
-    """Frechet distance of two paths, each standardised by its own statistics (paper, Table II).
+    """Frechet distance of two paths, each z-scored by its own mean and deviation (paper, Table II).
 
     Parameters
     ----------
     demonstrated, planned : array, shape (N, 3) and (M, 3), m
+
+    Notes
+    -----
+    Each axis is divided by its own deviation, however small: on a level flight that is centimetres, and
+    they decide the distance. `frechet_floored` is the one that tells whether two paths have one shape.
     """
+    return frechet(_plainly_scored(demonstrated), _plainly_scored(planned))
+
+
+def _plainly_scored(path: Floats) -> Floats:
+    mean, deviation = curve_spread(path)
+    largest = float(deviation.max())
+    flat = deviation <= _FLAT * largest  # no deviation to divide by
+    return np.asarray((path - mean) / np.where(flat, max(largest, 1e-9), deviation))
+
+
+def frechet_floored(demonstrated: Floats, planned: Floats) -> float:
+    """The same with no axis divided by less than a tenth of the path's largest deviation, see `spread`."""
     return frechet(zscored(demonstrated), zscored(planned))
 
 
@@ -109,15 +127,23 @@ def spread(path: Floats) -> tuple[Floats, Floats]:
     -------
     mean, deviation : array, shape (D,), in the unit of the path
     """
+    mean, deviation = curve_spread(path)
+    if not deviation.any():
+        return mean, np.ones(len(deviation))
+    return mean, np.maximum(deviation, _SMALLEST_SHARE * deviation.max())
+
+
+def curve_spread(path: Floats) -> tuple[Floats, Floats]:
+    """Mean and deviation (D,) of a curve along each axis, by length; 0 where it stays in one point."""
     path = check_finite(path, (None, None), "path")
     legs, middle = np.diff(path, axis=0), (path[1:] + path[:-1]) / 2
     length = np.linalg.norm(legs, axis=1)
     if length.sum() == 0:
-        return path.mean(axis=0), np.ones(path.shape[1])
+        return path.mean(axis=0), np.zeros(path.shape[1])
     weight = length / length.sum()
     mean = weight @ middle
     deviation = np.sqrt(weight @ ((middle - mean) ** 2 + legs**2 / 12))
-    return mean, np.maximum(deviation, _SMALLEST_SHARE * deviation.max())
+    return mean, deviation
 
 
 @njit(cache=True)

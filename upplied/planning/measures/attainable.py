@@ -23,7 +23,13 @@ _ROUNDS = 6  # of asking neighbours
 _BATCH = 6000  # rays at a time: one more position is tried for samples just served than need be
 
 
-def attainable(cloud: Cloud, airspace: Airspace, camera: Camera, settings: VisibilitySettings) -> Bools:
+def attainable(
+    cloud: Cloud,
+    airspace: Airspace,
+    camera: Camera,
+    settings: VisibilitySettings,
+    farthest_m: Floats | None = None,
+) -> Bools:
     """Which samples some allowed camera position sees, the camera turned as it likes.
 
     Parameters
@@ -36,25 +42,32 @@ def attainable(cloud: Cloud, airspace: Airspace, camera: Camera, settings: Visib
         Its range counts, its field of view does not.
     settings : VisibilitySettings
         Its limit on the incidence.
+    farthest_m : array, shape (N,), m, optional
+        From how far off, at most, each sample is to be seen; the camera's range where not given.
 
     Returns
     -------
     array of bool, shape (N,)
     """
-    tilt, turn, distance = _candidates(camera, airspace.clearance_m, settings.max_incidence_deg)
+    tilt, turn, share = _candidates(settings.max_incidence_deg)
+    nearest = max(max(camera.min_range_m, airspace.clearance_m) * 1.001, 1e-3)
+    farthest = np.full(len(cloud), camera.max_range_m * 0.999)
+    if farthest_m is not None:
+        farthest = np.minimum(farthest, farthest_m)
+    possible = farthest > nearest
     frames = _frames(cloud)
     served = np.full((len(cloud), 3), np.nan)  # from where each sample was seen
     tried = 0
-    while tried < len(tilt) and np.isnan(served[:, 0]).any():
-        left = np.flatnonzero(np.isnan(served[:, 0]))
+    while tried < len(tilt) and (np.isnan(served[:, 0]) & possible).any():
+        left = np.flatnonzero(np.isnan(served[:, 0]) & possible)
         # As many again as were tried, since most samples are served soon.
         batch = slice(tried, tried + max(1, min(tried, _BATCH // len(left))))
         positions = cloud.points[left][:, None] + _from_sample(
-            frames[left], tilt[batch], turn[batch], distance[batch]
+            frames[left], tilt[batch], turn[batch], _distances(share[batch], nearest, farthest[left])
         )
         _serve(served, positions, left, cloud, airspace)
         tried = batch.stop
-    _ask_neighbours(served, cloud, airspace, camera, settings.max_incidence_deg)
+    _ask_neighbours(served, cloud, airspace, camera.min_range_m, farthest, settings.max_incidence_deg)
     return np.isfinite(served[:, 0])
 
 
@@ -67,7 +80,12 @@ def _serve(served: Floats, positions: Floats, left: Ints, cloud: Cloud, airspace
 
 
 def _ask_neighbours(
-    served: Floats, cloud: Cloud, airspace: Airspace, camera: Camera, max_incidence_deg: float
+    served: Floats,
+    cloud: Cloud,
+    airspace: Airspace,
+    nearest: float,
+    farthest: Floats,
+    max_incidence_deg: float,
 ) -> None:
     """Try for each sample left the positions that served its nearest neighbours, again where one helped."""
     assert cloud.normals is not None
@@ -83,22 +101,19 @@ def _ask_neighbours(
         ray = positions - cloud.points[left[open_]][:, None]
         length = np.linalg.norm(ray, axis=2)
         facing = np.einsum("nki,ni->nk", ray, cloud.normals[left[open_]])
-        fits = (facing >= limit * length) & (length >= camera.min_range_m) & (length <= camera.max_range_m)
+        fits = (facing >= limit * length) & (length >= nearest) & (length <= farthest[left[open_], None])
         positions[~fits] = np.inf  # in no airspace
         _serve(served, positions, left[open_], cloud, airspace)
         if np.isnan(served[left, 0]).sum() == before:
             return
 
 
-def _candidates(
-    camera: Camera, clearance_m: float, max_incidence_deg: float
-) -> tuple[Floats, Floats, Floats]:
-    """Tilt from the normal, turn around it (rad), and distance (m) of what is tried, likely ones first."""
-    nearest = max(camera.min_range_m, clearance_m) * 1.001
-    farthest = camera.max_range_m * 0.999
-    if nearest >= farthest:
-        return np.empty(0), np.empty(0), np.empty(0)
-    ladder = np.roll(np.geomspace(max(nearest, 1e-3), farthest, _DISTANCES), -2)
+def _candidates(max_incidence_deg: float) -> tuple[Floats, Floats, Floats]:
+    """Tilt from the normal, turn around it (rad), and distance, as a share of the way from near to far.
+
+    Likely ones first.
+    """
+    ladder = np.roll(np.linspace(0, 1, _DISTANCES), -2)
     limit = np.radians(min(max_incidence_deg, 89.9))
     rows = [(0.0, 0.0, length) for length in ladder]
     for share in _TILTS[1:]:
@@ -106,6 +121,11 @@ def _candidates(
         rows += [(share * limit, turn, length) for length in ladder for turn in turns]
     tilt, turn, distance = np.array(rows).T
     return tilt, turn, distance
+
+
+def _distances(share: Floats, nearest: float, farthest: Floats) -> Floats:
+    """Distances (samples, candidates), m, at shares of the way from near to far on a logarithmic scale."""
+    return np.asarray(nearest * (farthest[:, None] / nearest) ** share)
 
 
 def _frames(cloud: Cloud) -> Floats:
@@ -123,7 +143,7 @@ def _from_sample(frames: Floats, tilt: Floats, turn: Floats, distance: Floats) -
     normal, first, second = (frames[:, None, row] for row in range(3))
     around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
     direction = np.cos(tilt)[:, None] * normal + np.sin(tilt)[:, None] * around
-    return distance[:, None] * direction
+    return distance[:, :, None] * direction
 
 
 def _seen(positions: Floats, sample: Ints, cloud: Cloud, airspace: Airspace) -> Bools:

@@ -10,21 +10,16 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.carry.affine import registered_map
-from upplied.planning.carry.inspected_surface import (
-    InspectedSurface,
-    inspected_by,
-    inspected_surface,
-    together,
-)
+from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface, together
 from upplied.planning.carry.reference import demonstrated_on_target
 from upplied.planning.carry.standoff import NEAR, expected_standoff, median_distance, picture_share
 from upplied.planning.correspondence.pair import Fit, Memo, Pair, content_key, no_memo, remembering
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
 from upplied.planning.measures.attainable import attainable
-from upplied.planning.measures.measure import measure, surface_states
-from upplied.planning.visibility.moments import rates
+from upplied.planning.measures.fidelity import fidelity
+from upplied.planning.measures.inspected import inspected_measures, shown_of, surface_states
+from upplied.planning.measures.measure import measure
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
-from upplied.planning.visibility.view_quality import shown_well
 from upplied.poses import yaw_pitch
 from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
 
@@ -60,46 +55,18 @@ def judge(
         views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene),
     )
     possible = attainable_samples(pair, camera, settings, memo)
-    inspected = together([inspected_by(take, settings) for take in takes])
-    shown = shown_as_well(trajectory, true[1], inspected, takes, settings)
-    states = surface_states(inspected, shown, possible)
-    found = measure(trajectory, carried, pair.target_scene, paper, true, possible, (inspected, shown))
+    found = measure(trajectory, carried, pair.target_scene, paper, true, possible)
+    shown = shown_of(true[1], takes, settings)
+    begins = begins_of(takes, joined([take.inspection.logged for take in takes]))
+    found = replace(
+        found,
+        **inspected_measures(shown, true[1], takes),
+        **fidelity(trajectory, true[1], shown.inspected, takes, begins, settings),
+    )
     if answers_s is not None:
         found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, answers_s, takes, settings))
     said = _warnings(found, true[0].without_pct, settings) + _beyond_the_gimbal(takes, settings)
-    return found, states, said
-
-
-def shown_as_well(
-    trajectory: Trajectory,
-    shown: Views,
-    inspected: InspectedSurface,
-    takes: Sequence[Take],
-    settings: Settings,
-) -> Bools:
-    """Which samples of the target a plan shows at least as well as they are to be shown, (N,).
-
-    One look must do: near enough, frontal enough, and slow enough to be sharp.
-    """
-    rule, attended = settings.inspection, [take.inspection.attention for take in takes]
-    sharp = max(
-        rule.sharp_radps(takes[0].inspection.camera.hfov_deg), *(one.motion_radps for one in attended)
-    )
-    oblique = max(rule.max_incidence_deg, *(one.incidence_deg for one in attended))
-    velocity, turn = rates(shown.stations)
-    assert inspected.cloud.normals is not None
-    return np.asarray(
-        shown_well(
-            *(np.ascontiguousarray(of) for of in (shown.stations.positions, velocity, turn)),
-            np.ascontiguousarray(inspected.cloud.points),
-            np.ascontiguousarray(inspected.cloud.normals),
-            shown.seen,
-            inspected.standoff_m / rule.least_resolution,
-            float(np.cos(np.radians(oblique))),
-            sharp,
-        ),
-        bool,
-    )
+    return found, surface_states(shown), said
 
 
 def _standoff_kept(

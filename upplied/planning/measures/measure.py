@@ -11,14 +11,14 @@ import numpy as np
 
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.carry.inspected_surface import InspectedSurface, coverage
-from upplied.planning.geometry.frechet import frechet, frechet_z
+from upplied.planning.geometry.frechet import frechet, frechet_floored, frechet_z
+from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.visibility.path_views import Views
 from upplied.planning.visibility.view_quality import nearest_views
 from upplied.records import (
     Bools,
     Floats,
     Measures,
-    SurfaceStates,
     Trajectory,
 )
 from upplied.scene import Scene
@@ -31,7 +31,6 @@ def measure(
     paper: tuple[InspectedSurface, Views],
     true: tuple[InspectedSurface, Views] | None = None,
     attainable: Bools | None = None,
-    inspected: tuple[InspectedSurface, Bools] | None = None,
 ) -> Measures:
     """Every measure of one planned path.
 
@@ -50,8 +49,6 @@ def measure(
         On surface samples, views by `TRULY`.
     attainable : array of bool, shape (N,), optional
         Which of those samples some free pose could see.
-    inspected : (InspectedSurface, array of bool (N,)), optional
-        What the demonstration was about, and which samples the plan shows at least as well.
 
     Returns
     -------
@@ -70,11 +67,10 @@ def measure(
         }
         if attainable is not None:
             found["coverage_attainable_pct"] = coverage(true[0], attainable)
-    if inspected is not None:
-        found |= _of_inspected(*inspected, attainable)
     return Measures(
         coverage_paper_pct=coverage(paper[0], paper[1].total),
         frechet_z=frechet_z(carried, planned.positions),
+        frechet_floored=frechet_floored(carried, planned.positions),
         frechet_m=frechet(carried, planned.positions),
         min_clearance_m=path_clearance(scene, planned.positions).distance_m,
         path_length_m=path_length(planned.positions),
@@ -83,18 +79,6 @@ def measure(
         peak_acceleration_mps2=acceleration,
         **found,
     )
-
-
-def _of_inspected(inspected: InspectedSurface, shown: Bools, attainable: Bools | None) -> dict[str, float]:
-    """What of the inspected surface is shown at least as well, and why the rest is not."""
-    found = {
-        "coverage_inspected_pct": coverage(inspected, shown, whole=True),
-        "inspected_without_counterpart_pct": inspected.without_pct,
-    }
-    if attainable is not None and inspected.whole > 0:
-        never = float(inspected.need[~attainable & ~shown].sum())
-        found["inspected_unattainable_pct"] = 100 * never / inspected.whole
-    return found
 
 
 def path_length(positions: Floats) -> float:
@@ -119,19 +103,6 @@ def peaks(trajectory: Trajectory) -> tuple[float, float]:
     return speed, float(np.linalg.norm(change, axis=1).max())
 
 
-def surface_states(
-    inspected: InspectedSurface, seen: Bools, attainable: Bools | None = None
-) -> SurfaceStates:
-    """What became of each sample of the target: other, seen, missed or unattainable."""
-    state = np.zeros(len(inspected.need), np.int64)
-    wanted = inspected.need > 0
-    state[wanted] = 2
-    if attainable is not None:
-        state[wanted & ~attainable] = 3
-    state[wanted & seen] = 1
-    return SurfaceStates(inspected.cloud.points, state, inspected.cloud.normals)
-
-
 def _view_quality(inspected: InspectedSurface, views: Views) -> tuple[float, float]:
     """Median of nearest view over the demonstration's, and 95th percentile of the least incidence."""
     normals = inspected.cloud.normals
@@ -144,15 +115,8 @@ def _view_quality(inspected: InspectedSurface, views: Views) -> tuple[float, flo
     used = (inspected.need > 0) & np.isfinite(near)
     if not used.any():
         return float("nan"), float("nan")
-    ratio = float(_weighted_percentile(near[used] / inspected.standoff_m[used], inspected.need[used], 50))
+    ratio = weighted_percentile(near[used] / inspected.standoff_m[used], inspected.need[used], 50)
     if normals is None:
         return ratio, float("nan")
     angle = np.degrees(np.arccos(np.clip(cosine[used], -1, 1)))
-    return ratio, float(_weighted_percentile(angle, inspected.need[used], 95))
-
-
-def _weighted_percentile(values: Floats, weights: Floats, percent: float) -> float:
-    order = np.argsort(values, kind="stable")
-    share = np.cumsum(weights[order]) / weights.sum()
-    rank = int(np.searchsorted(share, percent / 100))
-    return float(values[order][min(rank, len(values) - 1)])
+    return ratio, weighted_percentile(angle, inspected.need[used], 95)

@@ -1,0 +1,167 @@
+"""Acceptance as a forecast: evidence of many pairs, what their forced plans show, and the calibration.
+
+    python bench/forecast.py collect FILE [--part K/N]
+    python bench/forecast.py fit FILE [FILE ...]
+
+`collect` flies demonstrations round the samples, round structures that nobody built and round the real
+ones (bench/real_data.py), carries each to structures of its kind and to strangers, plans what the gate
+would refuse too, and writes evidence and outcome of each pair as lines of JSON. `fit` calibrates the
+probability on half of the structures and judges it on pairs of the other half, then on all, and prints
+the constants of `planning.carry.forecast`.
+
+The outcome of a pair of one kind is the inspected coverage of its forced plan, pictures sharp or not, times
+the share of counterparts that lie on the intended part, where the parts have names. That of strangers is 0.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from attention import FLIGHTS, INTENDED
+from real_data import real_folder, real_structure
+
+from upplied.config import Settings, settings_for
+from upplied.errors import UppliedError
+from upplied.planning.carry.evidence import evidence_of
+from upplied.planning.correspondence.pair import study_pair
+from upplied.planning.demonstration.repetition import Take, takes_of
+from upplied.planning.plan import plan_transfer
+from upplied.records import Structure
+from upplied.samples.fleet import member, random_member, sample_structures
+from upplied.samples.pilot import fly
+from upplied.samples.surfaces import Member
+from upplied.scene import scene_of
+
+KINDS = {
+    "airplane": "airliner", "airliner": "airliner", "wind_turbine": "wind_turbine", "ship": "ship",
+    "yacht": "ship", "building": "box", "box": "box", "bridge": "bridge", "industrial": "industrial",
+}  # fmt: skip
+SOURCES = ("a320-v1", "turbine-1-v1", "cruise-v1", "cube-v1", "bridge-1-v1")
+REAL_SOURCES = (
+    "airplane/a320_fr24", "airplane/b744_fr24", "wind_turbine/enercon_e82_98m", "ship/cruise_ship_219m",
+    "yacht/motor_yacht_22m", "building/office_30x47_fg", "bridge/larics_bridge",
+)  # fmt: skip
+STRANGERS = 8  # targets of other kinds, for each flight
+RANDOM = 3  # structures of each kind that nobody built
+FORCED: dict[str, Any] = {"registration": {"acceptance": 10.0}, "inspection": {"max_motion_px": 1e3}}
+
+
+@dataclass(frozen=True)
+class Known:
+    """A structure, its kind, and its named parts where it has them."""
+
+    structure: Structure
+    kind: str
+    made: Member | None
+
+
+def structures() -> list[Known]:
+    """Samples, structures that nobody built, and real ones."""
+    found = [Known(one, one.kind, member(one.structure_id)) for one in sample_structures()]
+    for kind in FLIGHTS:
+        for seed in range(300, 300 + RANDOM):
+            made = random_member(kind, seed)
+            found.append(Known(made.structure, kind, made))
+    folder = real_folder()
+    for path in sorted((folder / "meshes").glob("[a-z]*/*.ply")) if folder else []:
+        assert folder is not None
+        structure = real_structure(folder, f"{path.parent.name}/{path.stem}")
+        found.append(Known(structure, KINDS[path.parent.name], None))
+    return found
+
+
+def rows(part: int, parts: int) -> Iterator[dict[str, Any]]:
+    """Evidence and outcome of every pair of this part."""
+    everything = structures()
+    real = {place.split("/")[1] for place in REAL_SOURCES}
+    sources = [
+        one for one in everything
+        if one.structure.structure_id in SOURCES or one.structure.structure_id in real
+        or one.structure.structure_id.endswith("-300")
+    ]  # fmt: skip
+    for number, source in enumerate(sources):
+        if number % parts != part:
+            continue
+        for inspection in FLIGHTS.get(source.kind, ()):
+            try:
+                flight = fly(source.structure, inspection, seed=21)
+            except UppliedError:
+                continue
+            rng = np.random.default_rng(zlib.crc32(flight.demonstration_id.encode()))
+            others = [one for one in everything if one.structure is not source.structure]
+            same = [one for one in others if one.kind == source.kind]
+            strange = [one for one in others if one.kind != source.kind]
+            chosen = [strange[k] for k in rng.choice(len(strange), STRANGERS, replace=False)]
+            for target in same + chosen:
+                try:
+                    yield _row(source, target, inspection, flight)
+                except UppliedError as error:
+                    print(f"left out: {flight.demonstration_id} > {target.structure.structure_id}: {error}")
+
+
+def _row(source: Known, target: Known, inspection: str, flight: Any) -> dict[str, Any]:
+    settings: Settings = settings_for("recommended", **FORCED)
+    pair = study_pair(source.structure, target.structure, settings)
+    take = takes_of(flight, pair, settings)[0]
+    same = source.kind == target.kind
+    found = {
+        "source": source.structure.structure_id,
+        "target": target.structure.structure_id,
+        "inspection": inspection,
+        "same": same,
+        "evidence": evidence_of(take).values.tolist(),
+        "right": _right(take, source, target, inspection),
+        "coverage": None,
+        "status": "",
+    }
+    if same:
+        plan = plan_transfer(flight, source.structure, target.structure, settings)
+        found["status"] = plan.status
+        shown = plan.measures.coverage_inspected_pct
+        found["coverage"] = None if plan.status != "ok" or np.isnan(shown) else shown
+        found["reason"] = plan.reason[:160]
+    return found
+
+
+def _right(take: Take, source: Known, target: Known, inspection: str) -> float | None:
+    """Share of the inspected surface whose counterpart is on the intended part; None if it has no name."""
+    if target.made is None or source.kind != target.kind:
+        return None
+    fit, match = take.pair.surface, take.pair.surface.correspondences
+    weight = take.inspection.attention.weight * fit.source.area_m2
+    known = np.flatnonzero((match.target_index >= 0) & (weight > 0))
+    triangle = scene_of(target.structure).closest(fit.target.points)[1]
+    names = np.array(target.made.part_names)[target.made.part_of_triangle[triangle]]
+    strict, attached = INTENDED[inspection]
+    mine = np.array([name.startswith(strict + attached) for name in names])
+    return float(weight[known][mine[match.target_index[known]]].sum() / max(weight[known].sum(), 1e-12))
+
+
+def collect(options: argparse.Namespace) -> None:
+    """Write the pairs."""
+    part, parts = (int(number) for number in options.part.split("/"))
+    with open(options.files[0], "w", encoding="utf-8") as file:
+        for row in rows(part, parts):
+            print(json.dumps(row), file=file, flush=True)
+
+
+def main() -> None:
+    """Collect or fit."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("what", choices=("collect", "fit"))
+    parser.add_argument("files", nargs="+", type=Path)
+    parser.add_argument("--part", default="0/1")
+    options = parser.parse_args()
+    if options.what == "collect":
+        collect(options)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,264 @@
+"""What a plan shows as well, and how like the demonstration it looks, against brute force in numpy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from upplied.config import settings_for
+from upplied.planning.carry.inspected_surface import inspected_by, look_limits
+from upplied.planning.correspondence.pair import study_pair
+from upplied.planning.demonstration.repetition import Take, takes_of
+from upplied.planning.geometry.percentile import weighted_percentile
+from upplied.planning.measures.fidelity import bent_rad, fidelity, order_kept, turned_rad
+from upplied.planning.measures.inspected import inspected_measures, shown_of
+from upplied.planning.visibility.moments import moments, rates
+from upplied.planning.visibility.path_views import TRULY, stations, views
+from upplied.poses import interpolate, look_at
+from upplied.records import Bools, Floats, Trajectory
+from upplied.samples.box import box
+from upplied.samples.pilot import fly
+
+SETTINGS = settings_for("recommended", clouds={"surface_samples": 400})
+
+
+@pytest.fixture(scope="module")
+def take() -> Take:
+    """A flight along three sides of a cube, to a cuboid."""
+    source, target = box((12.0, 12.0, 12.0), "cube").structure, box((20.0, 12.0, 9.0), "cuboid").structure
+    flight = fly(source, "sides", seed=3)
+    return takes_of(flight, study_pair(source, target, SETTINGS), SETTINGS)[0]
+
+
+@pytest.fixture(scope="module")
+def plan(take: Take) -> Trajectory:
+    """Half a round of the target, too near in one part and turning quickly in another."""
+    angle = np.linspace(0.0, 3.6, 90)
+    radius = np.where(angle < 1.2, 26.0, 17.0)[:, None]
+    at = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(90)]) * radius + np.array([0.0, 0, 4.5])
+    look = np.tile([0.0, 0.0, 4.5], (90, 1))
+    look[60:70:2, :2] += np.column_stack([-at[60:70:2, 1], at[60:70:2, 0]])  # to and fro: nothing is sharp
+    return Trajectory(np.arange(90) * 0.5, at, look_at(at, look))
+
+
+def sees(take: Take, poses: Trajectory, target: bool) -> Bools:
+    """Visibility by rays against a box of twelve triangles and by angles, one pose at a time."""
+    structure = take.pair.target if target else take.pair.source
+    cloud = take.pair.surface.target if target else take.pair.surface.source
+    camera = take.inspection.camera
+    seen = np.zeros((len(poses), len(cloud)), bool)
+    for row, (at, quat) in enumerate(zip(poses.positions, poses.quat_xyzw, strict=True)):
+        ray = cloud.points - at
+        length = np.linalg.norm(ray, axis=1)
+        here = Rotation.from_quat(quat).inv().apply(ray)
+        inside = np.abs(np.arctan2(here[:, 1], here[:, 0])) <= np.radians(camera.hfov_deg) / 2
+        inside &= np.abs(np.arctan2(here[:, 2], here[:, 0])) <= np.radians(camera.vfov_deg) / 2
+        inside &= (length >= camera.min_range_m) & (length <= camera.max_range_m)
+        inside &= -(ray * cloud.normals).sum(axis=1) >= np.cos(np.radians(75)) * length
+        seen[row] = inside & (first_hit(structure.vertices, at, ray) >= 0.998)
+    return seen
+
+
+def first_hit(vertices: Floats, at: Floats, ray: Floats) -> Floats:
+    """Where rays meet the box round some vertices first, in units of each ray (Moeller and Trumbore)."""
+    corner = box_triangles(vertices.min(axis=0), vertices.max(axis=0))
+    nearest = np.full(len(ray), np.inf)
+    for a, b, c in corner:
+        one, two = b - a, c - a
+        across = np.cross(ray, two)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = 1 / (across @ one)
+            u = (across @ (at - a)) * inverse
+            v = (ray @ np.cross(at - a, one)) * inverse
+            t = np.cross(at - a, one) @ two * inverse
+        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-9)
+        nearest = np.where(hit, np.minimum(nearest, t), nearest)
+    return nearest
+
+
+def box_triangles(low: Floats, high: Floats) -> Floats:
+    """Twelve triangles (12, 3, 3)."""
+    corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corner[[t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]]
+
+
+def motion_by_difference(
+    poses: Trajectory, row: int, points: Floats, velocity: Floats, turn: Floats
+) -> Floats:
+    """How far the direction of points in the camera's own frame turns in a millisecond, rad/s."""
+    step = 1e-4
+    frame = Rotation.from_quat(poses.quat_xyzw[row])
+    before = frame.inv().apply(points - poses.positions[row])
+    moved = Rotation.from_rotvec(turn * step) * frame
+    after = moved.inv().apply(points - poses.positions[row] - velocity * step)
+    before /= np.linalg.norm(before, axis=1)[:, None]
+    after /= np.linalg.norm(after, axis=1)[:, None]
+    return np.linalg.norm(after - before, axis=1) / step
+
+
+def test_shown_as_well_is_what_brute_force_says(take: Take, plan: Trajectory) -> None:
+    planned = views(plan, take.pair.surface.target, take.inspection.camera, TRULY, take.pair.target_scene)
+    found = shown_of(planned, [take], SETTINGS)
+    inspected, cloud = found.inspected, found.inspected.cloud
+    poses = stations(plan)
+    seen = sees(take, poses, target=True)
+    velocity, turn = rates(poses)
+    sharp, _ = look_limits([take], SETTINGS.inspection)
+    as_well = np.zeros(len(cloud), bool)
+    for row in range(len(poses)):
+        length = np.linalg.norm(cloud.points - poses.positions[row], axis=1)
+        slow = motion_by_difference(poses, row, cloud.points, velocity[row], turn[row]) <= sharp
+        near = length <= np.nan_to_num(inspected.standoff_m) / 0.8
+        as_well |= seen[row] & slow & near
+    wanted = inspected.need > 0
+    assert 0.1 < as_well[wanted].mean() < 0.9  # the plan shows some of it, and misses some
+    assert np.mean(as_well[wanted] != found.as_well[wanted]) < 0.01
+    share = 100 * inspected.need[as_well].sum() / (inspected.need.sum() + inspected.without)
+    measures = inspected_measures(found, planned, [take])
+    assert measures["coverage_inspected_pct"] == pytest.approx(share, abs=1.0)
+    assert measures["coverage_inspected_pct"] < 100
+
+
+def test_what_is_asked_for_is_the_best_sharp_look_of_the_demonstration(take: Take) -> None:
+    kept = replace(SETTINGS, transfer=replace(SETTINGS.transfer, standoff="kept"))
+    asked = inspected_by(take, kept)
+    inspection, fit = take.inspection, take.pair.surface
+    steps = moments(inspection.logged)
+    seen = sees(take, steps.poses, target=False)
+    sharp, _ = look_limits([take], SETTINGS.inspection)
+    near = np.full(len(fit.source), np.inf)
+    for row in range(len(steps)):
+        moved = motion_by_difference(
+            steps.poses, row, fit.source.points, steps.velocity[row], steps.turn[row]
+        )
+        length = np.linalg.norm(fit.source.points - steps.poses.positions[row], axis=1)
+        near = np.where(seen[row] & (moved <= sharp), np.minimum(near, length), near)
+    weight = inspection.attention.weight * fit.source.area_m2
+    need, distance = np.zeros(len(fit.target)), np.zeros(len(fit.target))
+    for sample, index in enumerate(fit.correspondences.target_index):
+        if index >= 0 and weight[sample] > 0 and np.isfinite(near[sample]):
+            need[index] += weight[sample]
+            distance[index] += weight[sample] * near[sample]
+    known = need > 0
+    assert asked.need.sum() == pytest.approx(need.sum(), rel=0.01)
+    off = np.abs(asked.standoff_m[known] / (distance[known] / need[known]) - 1)
+    assert np.quantile(off, 0.95) < 0.03  # what is seen from a pose and from its neighbour differs at edges
+
+
+def test_without_counterpart_counts_as_not_shown(take: Take, plan: Trajectory) -> None:
+    match = take.pair.surface.correspondences
+    index = match.target_index.copy()
+    index[take.pair.surface.source.points[:, 0] > 5.9] = -1  # the front face
+    fit = replace(take.pair.surface, correspondences=replace(match, target_index=index))
+    fewer = replace(take, pair=replace(take.pair, surface=fit))
+    planned = views(plan, fit.target, take.inspection.camera, TRULY, take.pair.target_scene)
+    found = shown_of(planned, [fewer], SETTINGS)
+    measures = inspected_measures(found, planned, [fewer])
+    weight = take.inspection.attention.weight * fit.source.area_m2
+    lost = 100 * weight[index < 0].sum() / weight.sum()
+    assert measures["inspected_without_counterpart_pct"] == pytest.approx(lost, abs=0.1) and lost > 10
+    assert measures["coverage_inspected_pct"] <= 100 - lost + 1e-9
+
+
+def same_place(take: Take) -> Take:
+    """The cube as its own target."""
+    pair = study_pair(take.pair.source, take.pair.source, SETTINGS)
+    return replace(take, pair=pair)
+
+
+def test_flying_the_demonstration_itself_shows_all_of_it(take: Take) -> None:
+    own = same_place(take)
+    flown = own.inspection.logged
+    planned = views(flown, own.pair.surface.target, own.inspection.camera, TRULY, own.pair.target_scene)
+    found = shown_of(planned, [own], SETTINGS)
+    measures = inspected_measures(found, planned, [own])
+    measures |= fidelity(flown, planned, found.inspected, [own], np.zeros(1), SETTINGS)
+    assert measures["coverage_inspected_pct"] > 99
+    assert measures["coverage_of_target_pct"] > 99 and measures["coverage_context_pct"] > 99
+    assert measures["fidelity_resolution_p50"] == pytest.approx(1, abs=0.01)
+    assert measures["fidelity_resolution_p05"] == pytest.approx(1, abs=0.05)
+    assert abs(measures["fidelity_incidence_deg_p95"]) < 1
+    assert measures["fidelity_looks_kept_pct"] > 99 and measures["fidelity_dwell_kept_pct"] > 99
+    assert measures["fidelity_order"] > 0.99
+    assert measures["camera_turn_ratio"] == pytest.approx(1, abs=1e-9)
+    assert measures["path_turn_ratio"] == pytest.approx(1, abs=1e-9)
+    assert measures["pan_fast_pct"] <= 5.5  # never stricter than the expert's own 95 %
+    assert measures["gsd_mm_p50"] == pytest.approx(measures["gsd_demonstrated_mm_p50"], rel=0.01)
+    pixel = 2 * np.tan(np.radians(75 / 2)) / 1440
+    near = weighted_percentile(
+        found.inspected.standoff_m[found.inspected.need > 0],
+        found.inspected.need[found.inspected.need > 0],
+        50,
+    )
+    assert measures["gsd_mm_p50"] == pytest.approx(1e3 * pixel * near, rel=0.05)
+
+
+def test_flown_backwards_the_order_is_reversed_and_the_looks_are_kept(take: Take) -> None:
+    own = same_place(take)
+    flown = own.inspection.logged
+    back = Trajectory(flown.t_s[-1] - flown.t_s[::-1], flown.positions[::-1], flown.quat_xyzw[::-1])
+    planned = views(back, own.pair.surface.target, own.inspection.camera, TRULY, own.pair.target_scene)
+    asked = inspected_by(own, SETTINGS)
+    measures = fidelity(back, planned, asked, [own], np.zeros(1), SETTINGS)
+    assert measures["fidelity_order"] < -0.95
+    assert measures["fidelity_looks_kept_pct"] > 99
+
+
+def test_from_the_other_side_no_look_is_kept(take: Take) -> None:
+    own = same_place(take)
+    flown = own.inspection.logged
+    high = flown.positions + np.array([0.0, 0, 25.0])
+    above = Trajectory(flown.t_s, high, look_at(high, np.zeros_like(high)))
+    planned = views(above, own.pair.surface.target, own.inspection.camera, TRULY, own.pair.target_scene)
+    measures = fidelity(above, planned, inspected_by(own, SETTINGS), [own], np.zeros(1), SETTINGS)
+    assert measures["fidelity_looks_kept_pct"] < 30
+    assert measures["fidelity_incidence_deg_p95"] > 30 and measures["fidelity_resolution_p50"] < 0.6
+
+
+def test_tau_is_that_of_all_pairs() -> None:
+    rng = np.random.default_rng(0)
+    before, after = rng.random(60), rng.random(60)
+    pairs = [np.sign((before[i] - before[j]) * (after[i] - after[j])) for i in range(60) for j in range(i)]
+    assert order_kept(before, after) == pytest.approx(np.mean(pairs))
+    assert np.isnan(order_kept(before[:1], after[:1]))
+
+
+def test_turning_is_counted_without_trembling() -> None:
+    yaw = np.radians(np.concatenate([np.linspace(0, 90, 91), np.linspace(90, 30, 61)]))
+    tremble = np.radians(np.random.default_rng(0).normal(0, 0.5, len(yaw)))
+    quats = Rotation.from_euler("z", (yaw + tremble)[:, None]).as_quat()
+    assert np.degrees(turned_rad(quats)) == pytest.approx(150, abs=8)
+    still = Rotation.from_euler("z", tremble[:, None]).as_quat()
+    assert turned_rad(still) == 0.0
+    angle = np.linspace(0, np.pi, 200)
+    arc = 20 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    assert np.degrees(bent_rad(arc, 1.0)) == pytest.approx(180, abs=10)
+    assert bent_rad(np.column_stack([angle, 0 * angle, 0 * angle]) * 30, 1.0) == 0.0
+
+
+def test_moments_do_not_depend_on_the_logs_rate(take: Take) -> None:
+    flown = take.inspection.logged
+    often = interpolate(flown, np.linspace(0, flown.t_s[-1], 5 * len(flown)))
+    one, other = moments(flown), moments(often)
+    assert len(one) == len(other) and one.step_s.sum() == pytest.approx(flown.t_s[-1])
+    assert np.abs(one.poses.positions - other.poses.positions).max() < 0.02
+    assert np.abs(one.velocity - other.velocity).max() < 0.1
+    gap = moments(flown, np.array([40]))
+    assert gap.step_s.sum() == pytest.approx(flown.t_s[-1] - (flown.t_s[40] - flown.t_s[39]))
+
+
+def test_a_pose_between_two_gaps_lasts_no_time() -> None:
+    at = np.zeros((5, 3))
+    flight = Trajectory(np.arange(5.0), at, np.tile([0.0, 0, 0, 1], (5, 1)))
+    steps = moments(flight, np.array([2, 3]))
+    assert steps.step_s.sum() == pytest.approx(2.0) and 0.0 in steps.step_s
+
+
+def test_a_log_of_one_pose_is_measured() -> None:
+    one = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]]))
+    assert len(moments(one)) == 1
+    assert turned_rad(one.quat_xyzw) == 0.0 and bent_rad(one.positions, 1.0) == 0.0

@@ -1,0 +1,142 @@
+"""What speaks for and against a transfer, found of the inspected region and its surroundings before planning.
+
+A whole may differ elsewhere, in its superstructure or where a rotor stopped, and a hull or a tower still be
+inspected alike; and a stranger may fill the same box. So what is asked is asked of what the flight was about.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.planning.demonstration.repetition import Take
+from upplied.planning.geometry.boxes import laid, spacing
+from upplied.planning.geometry.percentile import weighted_percentile
+from upplied.records import Cloud, Floats, Ints, Record
+
+_ASTRAY = 0.5  # cosine of normals below which a counterpart faces another way
+_FACING = 0.1  # of the region's size: what turning a normal by a right angle counts beside distance
+_AROUND = 0.3  # of the region's size: how far its surroundings reach
+_NEAR = 8  # neighbours of a patch by which its stretch is judged
+_MOST = 1500  # patches that are asked
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Evidence(Record):
+    """How well the inspected region and what is around it answer to the target; 0 is perfect."""
+
+    without: float  # share of what was inspected that has no counterpart
+    astray: float  # share whose counterpart faces more than 60 deg another way
+    uneven: float  # how unevenly patches are stretched: spread of the logarithm of the local scale
+    bent: float  # what no scaling along the axes explains, over the region's size
+    crowded: float  # share that meets on the same target samples, beyond what sampling explains
+    back: float  # share of the answering target surface that leads elsewhere on the source
+    gape: float  # how far the surfaces are apart as laid on each other, over the region's size
+    around: float  # the same of the surroundings
+    misfit: float  # of the wholes, `Registration.acceptance`
+
+    @property
+    def values(self) -> Floats:
+        """In the order of the fields, (9,)."""
+        return np.array([getattr(self, item.name) for item in fields(self)], float)
+
+
+def evidence_of(take: Take) -> Evidence:
+    """The evidence of one take; a flight that was about nothing has all against it."""
+    fit, weight = take.pair.surface, take.inspection.attention.weight
+    source, target, match = fit.source, fit.target, fit.correspondences
+    assert source.normals is not None and target.normals is not None
+    area = np.ones(len(source)) if source.area_m2 is None else source.area_m2
+    share = weight * area
+    misfit = fit.registration.acceptance
+    misfit = 3.0 if not np.isfinite(misfit) else min(misfit, 10.0)
+    known = np.flatnonzero((share > 0) & (match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
+    if share.sum() <= 0 or len(known) < 2 * _NEAR:
+        return Evidence(1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, misfit)
+    without = 1 - float(share[known].sum() / share.sum())
+    lying = laid(target, fit.registration)
+    assert lying.normals is not None
+    mine = share[known]
+    facing = (source.normals[known] * lying.normals[match.target_index[known]]).sum(axis=1)
+    size = _size(source.points[known], mine)
+    own = share / np.maximum(area, 1e-12)
+    return Evidence(
+        without=without,
+        astray=float(mine[facing < _ASTRAY].sum() / mine.sum()),
+        uneven=_uneven(source.points[known], match.target_points[known], mine),
+        bent=_bent(source.points[known], match.target_points[known], mine),
+        crowded=_crowded(match.target_index[known], source, target, known, fit.registration.scale),
+        back=_back(match.target_points[known], match.target_index[known], source.points[known], target, size),
+        gape=_apart(source, lying, share, size),
+        around=_apart(source, lying, area * _nearby(source.points, own, size), size),
+        misfit=misfit,
+    )
+
+
+def _size(points: Floats, share: Floats) -> float:
+    """Diagonal of the middle nine tenths of the region, m."""
+    low, high = (np.array([weighted_percentile(axis, share, p) for axis in points.T]) for p in (5, 95))
+    return max(float(np.linalg.norm(high - low)), 1e-6)
+
+
+def _uneven(here: Floats, there: Floats, share: Floats) -> float:
+    some = np.unique(np.linspace(0, len(here) - 1, min(_MOST, len(here))).astype(np.int64))
+    here, there, share = here[some], there[some], share[some]
+    near = cKDTree(here).query(here, k=min(_NEAR + 1, len(here)))[1][:, 1:]
+    before = np.linalg.norm(here[near] - here[:, None], axis=2).mean(axis=1)
+    after = np.linalg.norm(there[near] - there[:, None], axis=2).mean(axis=1)
+    log = np.log(np.maximum(after, 1e-6) / np.maximum(before, 1e-6))
+    log = np.clip(log - weighted_percentile(log, share, 50), -2, 2)
+    return float(np.sqrt(np.average(log**2, weights=share)))
+
+
+def _bent(here: Floats, there: Floats, share: Floats) -> float:
+    """Weighted root mean square of what is left by the best map, over the target region's size."""
+    root = np.sqrt(share / share.sum())[:, None]
+    known = np.column_stack([here - here.mean(axis=0), np.ones(len(here))])
+    found = np.linalg.lstsq(root * known, root * there, rcond=None)[0]
+    off = there - known @ found
+    return float(np.sqrt(np.average((off**2).sum(axis=1), weights=share)) / _size(there, share))
+
+
+def _crowded(index: Ints, source: Cloud, target: Cloud, known: Ints, scale: Floats) -> float:
+    """One less the share of distinct counterparts that as much carried surface should have."""
+    assert source.area_m2 is not None and target.area_m2 is not None
+    factor = float(np.prod(1 / scale)) ** (2 / 3)  # of areas, from the source to the target
+    expected = min(float(source.area_m2[known].sum()) * factor / float(target.area_m2.mean()), len(known))
+    return float(np.clip(1 - len(np.unique(index)) / max(expected, 1.0), 0, 1))
+
+
+def _back(there: Floats, index: Ints, here: Floats, target: Cloud, size: float) -> float:
+    """Share of the counterparts that lead back farther than a tenth of the region from where they came."""
+    hit = np.unique(index)
+    place = cKDTree(there).query(target.points[hit])[1]
+    first = np.full(len(target), -1)
+    first[index[::-1]] = np.arange(len(index))[::-1]
+    off = np.linalg.norm(here[place] - here[first[hit]], axis=1)
+    return float(np.mean(off > 0.1 * size))
+
+
+def _nearby(points: Floats, own: Floats, size: float) -> Floats:
+    """Weight of the surroundings: 1 beside the region, 0 from a third of its size away, and on it."""
+    inside = own > 0.5
+    if not inside.any() or inside.all():
+        return own
+    off = cKDTree(points[inside]).query(points)[0]
+    return np.asarray(np.clip(1 - off / (_AROUND * size), 0, 1) * (1 - own))
+
+
+def _apart(source: Cloud, lying: Cloud, share: Floats, size: float) -> float:
+    """Mean distance of the surfaces as laid, beyond the spacing of samples, over the region's size."""
+    assert source.normals is not None and lying.normals is not None
+    chosen = np.flatnonzero(share > 0.05 * share.max()) if share.max() > 0 else np.empty(0, np.int64)
+    if not len(chosen):
+        return 0.0
+    chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, min(_MOST, len(chosen))).astype(np.int64))]
+    weight = _FACING * size
+    tree = cKDTree(np.hstack([lying.points, weight * lying.normals]))
+    asked = np.hstack([source.points[chosen], weight * source.normals[chosen]])
+    off = np.maximum(tree.query(asked)[0] - spacing(lying), 0) / size
+    return float(np.average(np.minimum(off, 1.0), weights=share[chosen]))

@@ -1,0 +1,205 @@
+"""How like the demonstration a plan looks at each patch, and how steadily its camera moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import kendalltau
+
+from upplied.config import InspectionSettings, Settings, focal_px
+from upplied.planning.carry.affine import registered_map
+from upplied.planning.carry.inspected_surface import InspectedSurface, look_limits
+from upplied.planning.demonstration.repetition import Take
+from upplied.planning.geometry.percentile import weighted_percentile
+from upplied.planning.visibility.dwell import Dwell, dwell, widened
+from upplied.planning.visibility.moments import Moments, moments
+from upplied.planning.visibility.path_views import Views
+from upplied.poses import angle_between
+from upplied.records import Camera, Floats, Ints, Record, Trajectory
+
+_ORDERED = 2000  # patches, at most, whose order is compared
+_STEADY_RAD = np.radians(3.0)  # turns below this are a hand's trembling
+_BEND_RAD = np.radians(8.0)  # and of the path
+_LEAST_RAD = np.radians(30.0)  # that a demonstration's turning counts as, when a plan's is divided by it
+_LEG = 0.1  # of the stand-off: legs between which a path's bends are counted
+_LEAST_LEG_M = 1.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Patches(Record):
+    """What was inspected and has a counterpart, patch by patch: how it was shown, and how it is."""
+
+    weight: Floats  # (K,) m^2 times attention
+    target: Ints  # (K,) sample of the target
+    shown: Dwell  # of K patches of the source, its times from the start of the joined flights
+
+
+def fidelity(
+    trajectory: Trajectory,
+    planned: Views,
+    inspected: InspectedSurface,
+    takes: Sequence[Take],
+    begins_s: Floats,
+    settings: Settings,
+) -> dict[str, float]:
+    """The measures of `records.Measures` that compare looks, turns and pictures with the demonstration's.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The plan's.
+    planned : Views
+        What it truly sees of the target's samples.
+    inspected : InspectedSurface
+        Of all takes together.
+    takes : sequence of Take
+    begins_s : array, shape (T,), s
+        When each take begins in the joined flight.
+    settings : Settings
+    """
+    rule, camera = settings.inspection, takes[0].inspection.camera
+    sharp, cosine = look_limits(takes, rule)
+    steps = moments(trajectory)
+    looks = dwell(steps, planned, inspected.cloud, sharp, cosine)
+    flown = [moments(take.inspection.logged, take.inspection.logged_breaks) for take in takes]
+    rows = zip(takes, flown, begins_s, strict=True)
+    patches = _joined([_patches(take, own, begin, sharp, cosine) for take, own, begin in rows])
+    found = _smoothness(steps, flown, inspected, rule, camera)
+    if not len(patches.weight):
+        return found
+    return found | _compared(patches, looks, inspected, camera, rule)
+
+
+def _patches(take: Take, flown: Moments, begin_s: float, sharp: float, cosine: float) -> Patches:
+    inspection, fit = take.inspection, take.pair.surface
+    area = np.ones(len(fit.source)) if fit.source.area_m2 is None else fit.source.area_m2
+    weight = inspection.attention.weight * area
+    target = fit.correspondences.target_index
+    chosen = np.flatnonzero((weight > 0) & (target >= 0))
+    carry = registered_map(fit.registration).matrix
+    all_ = dwell(flown, inspection.truly, fit.source, sharp, cosine, carry)
+    shown = Dwell(
+        all_.near_m[chosen],
+        all_.carried_m[chosen],
+        all_.frontal[chosen],
+        all_.held_s[chosen],
+        all_.time_s[chosen] + begin_s,
+        all_.sides[chosen],
+    )
+    return Patches(weight[chosen], target[chosen], shown)
+
+
+def _joined(parts: Sequence[Patches]) -> Patches:
+    names = ("near_m", "carried_m", "frontal", "held_s", "time_s", "sides")
+    return Patches(
+        np.concatenate([part.weight for part in parts]),
+        np.concatenate([part.target for part in parts]),
+        Dwell(*(np.concatenate([getattr(part.shown, name) for part in parts]) for name in names)),
+    )
+
+
+def _compared(
+    patches: Patches, looks: Dwell, inspected: InspectedSurface, camera: Camera, rule: InspectionSettings
+) -> dict[str, float]:
+    weight, at, shown = patches.weight, patches.target, patches.shown
+    near, frontal, held = looks.near_m[at], looks.frontal[at], looks.held_s[at]
+    ratio = inspected.standoff_m[at] / near  # 0 where the plan has no look
+    before = _incidence_deg(shown.frontal)
+    lost = _incidence_deg(frontal) - before
+    mine = shown.sides & widened(looks.sides)[at]
+    possible = float(weight @ shown.sides.sum(axis=1))
+    lasted = shown.held_s > 0
+    kept = np.minimum(held[lasted] / shown.held_s[lasted], 1.0)
+    pixel_mm = 1e3 / focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
+    both = lasted & (held > 0)
+    return {
+        "fidelity_resolution_p50": weighted_percentile(ratio, weight, 50),
+        "fidelity_resolution_p05": weighted_percentile(ratio, weight, 5),
+        "fidelity_incidence_deg_p95": weighted_percentile(lost, weight, 95),
+        "fidelity_looks_kept_pct": _share(float(weight @ mine.sum(axis=1)), possible),
+        "fidelity_dwell_kept_pct": _share(float(weight[lasted] @ kept), float(weight[lasted].sum())),
+        "fidelity_order": order_kept(shown.time_s[both], looks.time_s[at][both]),
+        **_gsd("gsd_demonstrated_mm", shown.near_m * pixel_mm, weight),
+        **_gsd("gsd_mm", near * pixel_mm, weight),
+    }
+
+
+def _gsd(name: str, gsd_mm: Floats, weight: Floats) -> dict[str, float]:
+    known = np.isfinite(gsd_mm)
+    return {f"{name}_p{p}": weighted_percentile(gsd_mm[known], weight[known], p) for p in (50, 95)}
+
+
+def order_kept(before_s: Floats, after_s: Floats) -> float:
+    """Kendall's tau of the moments at which patches were and are looked at; NaN for fewer than two."""
+    if len(before_s) < 2:
+        return float("nan")
+    chosen = np.linspace(0, len(before_s) - 1, min(_ORDERED, len(before_s))).astype(np.int64)
+    return float(kendalltau(before_s[chosen], after_s[chosen]).statistic)
+
+
+def _incidence_deg(frontal: Floats) -> Floats:
+    """Least incidence, deg; 90 where there is no look."""
+    return np.degrees(np.arccos(np.clip(frontal, 0.0, 1.0)))
+
+
+def _share(part: float, whole: float) -> float:
+    return 100 * part / whole if whole > 0 else float("nan")
+
+
+def _smoothness(
+    steps: Moments,
+    flown: Sequence[Moments],
+    inspected: InspectedSurface,
+    rule: InspectionSettings,
+    camera: Camera,
+) -> dict[str, float]:
+    """How much the camera and the path turn, over what the demonstration turned."""
+    own = np.concatenate([_rate(part) for part in flown])
+    time = np.concatenate([part.step_s for part in flown])
+    usual = weighted_percentile(own, time, 95) if time.sum() > 0 else 0.0
+    limit = max(rule.sharp_radps(camera.hfov_deg), usual)
+    near = inspected.standoff_m[inspected.need > 0]
+    leg_m = max(_LEAST_LEG_M, _LEG * float(np.median(near))) if len(near) else _LEAST_LEG_M
+    turned = sum(turned_rad(part.poses.quat_xyzw) for part in flown)
+    bent = sum(bent_rad(part.poses.positions, leg_m) for part in flown)
+    return {
+        "camera_turn_ratio": turned_rad(steps.poses.quat_xyzw) / max(turned, _LEAST_RAD),
+        "path_turn_ratio": bent_rad(steps.poses.positions, leg_m) / max(bent, _LEAST_RAD),
+        "pan_fast_pct": _share(float(steps.step_s[_rate(steps) > limit].sum()), float(steps.step_s.sum())),
+    }
+
+
+def _rate(steps: Moments) -> Floats:
+    return np.asarray(np.linalg.norm(steps.turn, axis=1), float)
+
+
+def turned_rad(quat_xyzw: Floats) -> float:
+    """How far a camera turns in all, rad, without what a hand trembles.
+
+    It is followed in steps of at least 3 degrees.
+    """
+    at, total = quat_xyzw[:1], 0.0
+    for index in range(1, len(quat_xyzw)):
+        turn = float(angle_between(at, quat_xyzw[index : index + 1])[0])
+        if turn >= _STEADY_RAD:
+            at, total = quat_xyzw[index : index + 1], total + turn
+    return total
+
+
+def bent_rad(positions: Floats, leg_m: float) -> float:
+    """How far a path's direction turns in all, rad, on legs of this length, without bends below 8 degrees."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    number = int(along[-1] / leg_m)
+    if number < 2:
+        return 0.0
+    even = np.column_stack([np.interp(np.linspace(0, along[-1], number + 1), along, x) for x in positions.T])
+    ways = np.diff(even, axis=0)
+    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)
+    way, total = ways[0], 0.0
+    for other in ways[1:]:
+        turn = float(np.arccos(np.clip(way @ other, -1.0, 1.0)))
+        if turn >= _BEND_RAD:
+            way, total = other, total + turn
+    return total

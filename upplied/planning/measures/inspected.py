@@ -1,0 +1,146 @@
+"""What of the inspected surface a plan shows at least as well as the expert did, and what of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.config import Settings
+from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.carry.inspected_surface import (
+    InspectedSurface,
+    coverage,
+    inspected_by,
+    inspected_surface,
+    look_limits,
+    together,
+)
+from upplied.planning.demonstration.repetition import Take
+from upplied.planning.geometry.boxes import spacing
+from upplied.planning.measures.attainable import attainable
+from upplied.planning.visibility.moments import rates
+from upplied.planning.visibility.path_views import TRULY, Views
+from upplied.planning.visibility.view_quality import shown_well
+from upplied.records import Bools, Cloud, Floats, Ints, Record, SurfaceStates
+
+_NEIGHBOURS = 9  # of a missed sample, that are asked with it where they can be seen from
+_ANSWERS = 3.0  # sample spacings from a carried sample, within which target surface answers to it
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Shown(Record):
+    """The inspected surface on the target, and what became of it."""
+
+    inspected: InspectedSurface
+    as_well: Bools  # (N,) of the target's samples: shown at least as well as is asked
+    never: Bools  # (N,) asked for, and no allowed camera could
+    answers: Floats  # (N,) attention, 0 to 1, of what each target sample answers to, asked for or not
+
+
+def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown:
+    """What a plan shows at least as well as the demonstration, in one look each.
+
+    A look does where it is near enough, frontal enough, and slow enough to be sharp. Target surface that
+    answers to inspected surface without being anybody's nearest counterpart is judged like its neighbour.
+
+    Parameters
+    ----------
+    planned : Views
+        What the plan truly sees of the target's surface samples.
+    takes : sequence of Take
+    settings : Settings
+    """
+    pair, rule = takes[0].pair, settings.inspection
+    inspected = together([inspected_by(take, settings) for take in takes])
+    cloud = inspected.cloud
+    answers, like = _answering(takes, inspected)
+    asked_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
+    farthest = asked_m / rule.least_resolution
+    as_well = _shown_well(planned, cloud, farthest, *look_limits(takes, rule))
+    missed = np.flatnonzero((inspected.need > 0) & ~as_well)
+    never = np.zeros(len(cloud), bool)
+    if len(missed):
+        assert cloud.normals is not None
+        near = cKDTree(cloud.points).query(cloud.points[missed], k=min(_NEIGHBOURS, len(cloud)))[1]
+        asked = np.unique(near)  # neighbours tell where a narrow place is seen from
+        part = Cloud(cloud.points[asked], cloud.normals[asked])
+        camera = takes[0].inspection.camera
+        possible = attainable(part, airspace_of(pair, settings), camera, TRULY, farthest[asked])
+        never[missed] = ~possible[np.searchsorted(asked, missed)]
+    return Shown(inspected, as_well, never, answers)
+
+
+def _shown_well(
+    planned: Views, cloud: Cloud, farthest_m: Floats, sharp_radps: float, least_cosine: float
+) -> Bools:
+    assert cloud.normals is not None
+    moving = (planned.stations.positions, *rates(planned.stations))
+    return np.asarray(
+        shown_well(
+            *(np.ascontiguousarray(of) for of in (*moving, cloud.points, cloud.normals)),
+            planned.seen,
+            farthest_m,
+            least_cosine,
+            sharp_radps,
+        ),
+        bool,
+    )
+
+
+def _answering(takes: Sequence[Take], inspected: InspectedSurface) -> tuple[Floats, Ints]:
+    """Attention (N,) that each target sample answers to, and the asked-for sample (N,) it is judged like."""
+    cloud = inspected.cloud
+    answers, like = np.zeros(len(cloud)), np.zeros(len(cloud), np.int64)
+    nearest = np.full(len(cloud), _ANSWERS * spacing(cloud))
+    for take in takes:
+        match, weight = take.pair.surface.correspondences, take.inspection.attention.weight
+        known = np.flatnonzero((match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
+        if not len(known):
+            continue
+        distance, place = cKDTree(match.target_points[known]).query(cloud.points)
+        mine = distance < nearest
+        nearest = np.where(mine, distance, nearest)
+        answers = np.where(mine, weight[known[place]], answers)
+        like = np.where(mine, match.target_index[known[place]], like)
+    return answers, like
+
+
+def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:
+    """The coverages of the inspected surface, there and back, and of what else was seen."""
+    inspected, cloud = found.inspected, found.inspected.cloud
+    area = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    answering = area * found.answers
+    whole = float(answering.sum())
+    rest = [
+        inspected_surface(
+            take.pair.surface.source,
+            take.pair.surface.target,
+            take.pair.surface.correspondences,
+            take.inspection.truly,
+            weight=1 - take.inspection.attention.weight,
+        )
+        for take in takes
+    ]
+    nan = float("nan")
+    return {
+        "coverage_inspected_pct": coverage(inspected, found.as_well, whole=True),
+        "inspected_without_counterpart_pct": inspected.without_pct,
+        "inspected_unattainable_pct": (
+            100 * float(inspected.need[found.never].sum()) / inspected.whole if inspected.whole > 0 else nan
+        ),
+        "coverage_of_target_pct": (100 * float(answering[found.as_well].sum()) / whole if whole > 0 else nan),
+        "coverage_context_pct": coverage(together(rest), planned.total),
+    }
+
+
+def surface_states(found: Shown) -> SurfaceStates:
+    """What became of each sample of the target: other, shown, missed or unattainable."""
+    wanted = (found.inspected.need > 0) | (found.answers > 0.5)
+    state = np.where(wanted, 2, 0)
+    state[found.never] = 3
+    state[wanted & found.as_well] = 1
+    cloud = found.inspected.cloud
+    return SurfaceStates(cloud.points, state, cloud.normals)
