@@ -1,0 +1,116 @@
+"""A second ruler for plans: what the planner measures and keeps, measured again with nothing of its code.
+
+Distances are those of points to triangles, over all pairs; a path is sampled so densely that nothing can
+hide in between; fences are judged by the winding of their posts, rates by plain differences.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from upplied.config import Settings
+from upplied.records import Floats, Ints, Structure, Trajectory
+
+_SAMPLED_M = 0.1
+_TOLERANCE_M = 2e-3  # of sampling, and of single precision in what is ruled upon
+
+
+def sampled(positions: Floats, step_m: float = _SAMPLED_M) -> Floats:
+    """Points of a polyline (N, 3) at most so far apart."""
+    pieces = [positions[:1]]
+    for start, end in itertools.pairwise(positions):
+        count = max(int(np.ceil(np.linalg.norm(end - start) / step_m)), 1)
+        pieces.append(start + np.linspace(0, 1, count + 1)[1:, None] * (end - start))
+    return np.vstack(pieces)
+
+
+def distance_to_triangles(points: Floats, vertices: Floats, triangles: Ints) -> Floats:
+    """Distance (N,) from each point to the nearest of the triangles, m.
+
+    The foot on a triangle's plane counts where it is inside; else the nearest point of the three sides.
+    """
+    best = np.full(len(points), np.inf)
+    for a, b, c in vertices[triangles]:
+        normal = np.cross(b - a, c - a)
+        size = np.linalg.norm(normal)
+        corners = (a, b, c)
+        if size > 0:
+            normal = normal / size
+            height = (points - a) @ normal
+            foot = points - height[:, None] * normal
+            inside = np.ones(len(points), bool)
+            for p, q in zip(corners, (b, c, a), strict=True):
+                inside &= (np.cross(q - p, foot - p) @ normal) >= 0
+            best = np.where(inside, np.minimum(best, np.abs(height)), best)
+        for p, q in zip(corners, (b, c, a), strict=True):
+            side = q - p
+            share = np.clip((points - p) @ side / max(float(side @ side), 1e-300), 0, 1)
+            best = np.minimum(best, np.linalg.norm(points - p - share[:, None] * side, axis=1))
+    return best
+
+
+def inside_polygon(polygon: Floats, points: Floats) -> np.ndarray:
+    """Whether each point (N, 2) is wound round by a polygon: the angles to its posts sum to a full turn."""
+    ray = polygon[None] - points[:, None]
+    angle = np.arctan2(ray[..., 1], ray[..., 0])
+    turn = np.diff(np.concatenate([angle, angle[:, :1]], axis=1), axis=1)
+    turn = (turn + np.pi) % (2 * np.pi) - np.pi
+    return np.abs(turn.sum(axis=1)) > np.pi
+
+
+def clearance(structure: Structure, trajectory: Trajectory) -> float:
+    """How near the whole path comes to the surface, m."""
+    along = sampled(trajectory.positions)
+    return float(distance_to_triangles(along, structure.vertices, structure.triangles).min())
+
+
+def rates(trajectory: Trajectory) -> dict[str, float]:
+    """Peaks of speed, acceleration, turning and looking, by differences: keys are those of the settings."""
+    step = np.diff(trajectory.t_s)
+    velocity = np.diff(trajectory.positions, axis=0) / step[:, None]
+    between = (step[1:] + step[:-1]) / 2
+    x, y, z, w = trajectory.quat_xyzw.T
+    axis = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    left = np.column_stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)])
+    yaw = np.degrees(np.unwrap(np.arctan2(-left[:, 0], left[:, 1])))
+    pitch = np.degrees(np.arctan2(axis[:, 2], np.hypot(axis[:, 0], axis[:, 1])))
+    turning = np.diff(yaw) / step
+    return {
+        "max_speed_mps": float(np.linalg.norm(velocity, axis=1).max()),
+        "max_climb_mps": float(velocity[:, 2].max()),
+        "max_descent_mps": float(-velocity[:, 2].min()),
+        "max_acceleration_mps2": float(
+            (np.linalg.norm(np.diff(velocity, axis=0), axis=1) / between).max(initial=0)
+        ),
+        "max_yaw_rate_degps": float(np.abs(turning).max()),
+        "max_yaw_acceleration_degps2": float((np.abs(np.diff(turning)) / between).max(initial=0)),
+        "max_gimbal_rate_degps": float(np.abs(np.diff(pitch) / step).max()),
+        "max_gimbal_pitch_deg": float(pitch.max()),
+        "min_gimbal_pitch_deg": float(-pitch.min()),
+        "roll_deg": float(np.degrees(np.abs(left[:, 2])).max()),
+    }
+
+
+def broken_rules(structure: Structure, trajectory: Trajectory, settings: Settings) -> dict[str, float]:
+    """Every limit of the settings and of the surroundings that a plan breaks, and by how much."""
+    route, limits, around = settings.route, settings.retime, structure.surroundings
+    along = sampled(trajectory.positions)
+    excess = {"clearance": route.clearance_m - clearance(structure, trajectory) - _TOLERANCE_M}
+    if around.ground_z_m is not None:
+        excess["ground"] = around.ground_z_m + route.ground_clearance_m - along[:, 2].min() - 1e-6
+    if around.ceiling_z_m is not None:
+        excess["ceiling"] = along[:, 2].max() - around.ceiling_z_m - 1e-6
+    for number, (low, high) in enumerate(around.keep_out_m):
+        excess[f"keep-out {number}"] = float(np.minimum(along - low, high - along).min(axis=1).max()) - 1e-6
+    if len(around.geofence_m):
+        excess["fence"] = float((~inside_polygon(around.geofence_m, along[:, :2])).sum())
+    for name, found in rates(trajectory).items():
+        most = 0.01 if name == "roll_deg" else getattr(limits, name)
+        if name == "min_gimbal_pitch_deg":
+            most = -most
+        excess[name] = found - most * (1 + 1e-6) - 1e-5
+    if not (np.diff(trajectory.t_s) > 0).all() or not np.isfinite(trajectory.positions).all():
+        excess["times"] = 1.0
+    return {name: by for name, by in excess.items() if by > 0}
