@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
-FOUNDATION = {"errors", "extras", "records", "config", "checks", "poses", "scene"}
+FOUNDATION = {"errors", "extras", "records", "config", "checks", "poses", "scene", "threads", "provenance"}
 ALLOWED = {
     "errors": set(),
     "extras": {"errors"},
@@ -23,6 +23,8 @@ ALLOWED = {
     "checks": {"errors", "records", "config"},
     "poses": {"errors", "records", "config", "checks"},
     "scene": FOUNDATION,
+    "threads": set(),
+    "provenance": set(),
     "planning": FOUNDATION | {"planning"},
     "samples": FOUNDATION | {"planning", "samples"},
     "simulate": FOUNDATION | {"planning"},

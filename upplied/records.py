@@ -52,6 +52,36 @@ class Surroundings(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class Frame(Record):
+    """A frame that is turned about the vertical and moved against the declared one of a structure.
+
+    ``p_declared = turn @ p + origin_m``; heights are the same in both.
+    """
+
+    heading_rad: float = 0.0  # of its +X, counter-clockwise from the declared +X
+    origin_m: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) m, declared frame; z is 0
+
+    @property
+    def turn(self) -> Floats:
+        """(3, 3) directions of this frame to the declared one."""
+        cos, sin = np.cos(self.heading_rad), np.sin(self.heading_rad)
+        return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+    @property
+    def is_declared(self) -> bool:
+        """Whether it is the declared frame itself."""
+        return self.heading_rad == 0 and not self.origin_m.any()
+
+    def to_declared(self, points: Floats) -> Floats:
+        """Points (..., 3), m, in the declared frame."""
+        return points if self.is_declared else points @ self.turn.T + self.origin_m
+
+    def from_declared(self, points: Floats) -> Floats:
+        """Points (..., 3), m, of the declared frame in this one."""
+        return points if self.is_declared else (points - self.origin_m) @ self.turn
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Structure(Record):
     """One structure: a triangle mesh, or a point cloud where there are no triangles."""
 
@@ -67,6 +97,8 @@ class Structure(Record):
     landmarks: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # name -> x y z, m
     symmetric: bool = False  # declared: no heading can be told from the shape
     notes: str = ""
+    # Where vertices, normals and landmarks stand in the declared frame, which surroundings keep to.
+    frame: Frame = field(default_factory=Frame)
 
     @property
     def diagonal_m(self) -> float:
@@ -149,7 +181,7 @@ class Registration(Record):
     """How a target lies on the demonstration structure.
 
     ``p_demo = rotation @ (scale * (turn @ p_target)) + translation`` (paper, Alg. 1, lines 3 to 8, which
-    assumes equal orientation: `turn` is the identity unless another orientation was searched and found).
+    assumes equal orientation: ``rotation @ turn`` is the identity unless another one was declared or found).
     """
 
     scale: Floats  # (3,) along the axes of the turned target

@@ -19,8 +19,16 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.planning.correspondence.pair import Memo, no_memo, study_pair
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.measures.evaluate import judge
+from upplied.planning.surface.frames import (
+    demonstration_in,
+    frames_for,
+    structure_in,
+    surface_from,
+    trajectory_in,
+)
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.records import Demonstration, Floats, Plan, Structure, Trajectory
+from upplied.threads import one_thread
 
 _GRAVITY_MPS2 = 9.81
 _STEP_S = 0.02
@@ -131,11 +139,18 @@ def measure_flown(
         The plan with what was flown in the place of what was planned: trajectory, measures, surface
         and warnings.
     """
-    pair = study_pair(source, target, settings, memo)
-    takes = takes_of(demonstration, pair, settings, memo)
-    measures, surface, warnings = judge(flown, None, takes, settings, memo)
+    here, there = frames_for(source, target, settings)
+    with one_thread():
+        pair = study_pair(structure_in(here, source), structure_in(there, target), settings, memo)
+        takes = takes_of(demonstration_in(here, demonstration), pair, settings, memo)
+        found, surface, warnings = judge(trajectory_in(there, flown), None, takes, settings, memo)
     return replace(
-        plan, trajectory=flown, is_viewpoint=None, measures=measures, surface=surface, warnings=warnings
+        plan,
+        trajectory=flown,
+        is_viewpoint=None,
+        measures=found,
+        surface=surface_from(there, surface),
+        warnings=warnings,
     )
 
 

@@ -1,24 +1,31 @@
 """The pictures of the documentation and the figures under them, from the sample fleet; same bytes each time.
 
+The fleet goes the user's way, through mesh files, logs and a catalog: what a log rounds and a mesh file
+turns shows in a plan, and published figures are those that the quickstart prints.
+
 Run `make pictures` after a change of the method: it takes some minutes.
 """
 
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from PIL import Image
 
+from upplied import Catalog, open_catalog
 from upplied.config import settings_for
+from upplied.fleet.ingest import find_logs, ingest_demonstrations, ingest_structures
 from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED, PRESETS
+from upplied.outputs.sample_fleet import write_sample_fleet
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.plan import METHOD_VERSION, plan_transfer
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, views
 from upplied.records import SURFACE_STATES, Bools, Cloud, Demonstration, Plan, Structure, SurfaceStates
-from upplied.samples.fleet import sample_demonstrations, sample_structures
 from upplied.simulate import Wind, fly_trajectory, measure_flown
 
 HERE = Path(__file__).parents[1] / "pictures"
@@ -36,8 +43,26 @@ SHOWN = (
 
 def main() -> None:
     """Make every picture, and the table of measures."""
-    structures = {each.structure_id: each for each in sample_structures()}
-    flights = {each.demonstration_id: each for each in sample_demonstrations()}
+    with TemporaryDirectory() as folder:
+        catalog = ingested(Path(folder))
+        structures = {name: catalog.structure(name) for name in catalog.structures()["structure_id"]}
+        flights = {name: catalog.demonstration(name) for name in catalog.demonstrations()["demonstration_id"]}
+    _draw(structures, flights)
+
+
+def ingested(folder: Path) -> Catalog:
+    """A catalog with the sample fleet, taken in from its files as `upplied quickstart` does."""
+    manifest = write_sample_fleet(folder / "samples")
+    catalog = open_catalog(folder / "catalog")
+    taken = ingest_structures(catalog, manifest)
+    taken += ingest_demonstrations(catalog, find_logs([folder / "samples"]))
+    refused = [item for item in taken if item.status != "added"]
+    if refused:
+        raise SystemExit(f"the sample fleet was not taken in: {refused[0]}")
+    return catalog
+
+
+def _draw(structures: Mapping[str, Structure], flights: Mapping[str, Demonstration]) -> None:
     _seen(structures["a320-v1"], flights["a320-wings-v1"])
     _refused(flights["a320-fuselage-v1"], structures["a320-v1"], structures["cruise-v1"])
     rows = []

@@ -8,7 +8,8 @@ from upplied.cli.terminal import console, errors, opened
 def reproduce(catalog: str, transfer_id: str) -> int:
     """Plan again what a transfer was planned from; 0 when the same bytes come of it, else 1."""
     from upplied.catalog import recipe
-    from upplied.planning.plan import plan_transfer
+    from upplied.planning.plan import METHOD_VERSION, plan_transfer
+    from upplied.provenance import causes
 
     made_from = recipe(opened(catalog), transfer_id)
     with errors.status("planning again"):
@@ -22,9 +23,12 @@ def reproduce(catalog: str, transfer_id: str) -> int:
         console.print(f"{transfer_id}: the same again ({what})", markup=False, soft_wrap=True)
         return 0
     console.print(f"{transfer_id}: differs in {', '.join(different)}", markup=False, soft_wrap=True)
-    console.print(
-        f"It was planned by method {row['method_version']}, code {row['code_version']}.",
-        markup=False,
-        soft_wrap=True,
+    why = causes(row, METHOD_VERSION)
+    told = f"It was planned by method {row['method_version']}, code {row['code_version']}."
+    told += (
+        f" Cause: {'; '.join(why)}."
+        if why
+        else (" Method, sources, libraries and machine are the same as then: please report this as a fault.")
     )
+    console.print(told, markup=False, soft_wrap=True)
     return 1

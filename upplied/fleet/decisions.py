@@ -18,6 +18,7 @@ from upplied.catalog import Catalog
 from upplied.config import Settings, settings_for
 from upplied.errors import InputError
 from upplied.planning.plan import METHOD_VERSION, transfer_key
+from upplied.provenance import causes
 from upplied.records import Demonstration, Structure
 
 
@@ -129,9 +130,10 @@ class _Past:
             "source changed": row.source_sha256 != source.sha256,
             "target changed": row.target_sha256 != target.sha256,
             "settings changed": row.settings_sha256 != settings.sha256,
-            f"method {row.method_version} became {METHOD_VERSION}": row.method_version != METHOD_VERSION,
         }
-        return ", ".join(text for text, is_so in changed.items() if is_so) or "an older version is back"
+        told = [text for text, is_so in changed.items() if is_so]
+        told += causes({**row._asdict(), "machine": ""}, METHOD_VERSION)  # another machine plans the same
+        return ", ".join(told) or "an older version is back"
 
 
 _COMPARED = (
@@ -144,6 +146,9 @@ _COMPARED = (
     "target_sha256",
     "settings_sha256",
     "method_version",
+    "code_version",
+    "sources_sha256",
+    "libraries",
 )
 
 

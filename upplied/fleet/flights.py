@@ -12,6 +12,7 @@ from upplied.errors import RefusedError
 from upplied.outputs.flown import Flown, flight_row, flown_of
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import METHOD_VERSION
+from upplied.provenance import method
 from upplied.records import Structure
 from upplied.simulate import Vehicle, Wind, fly_trajectory, measure_flown
 
@@ -30,7 +31,7 @@ def fly_plan(catalog: Catalog, transfer_id: str, wind: Wind | None = None, seed:
     row = catalog.transfer(transfer_id)
     if row["status"] != "ok":
         raise RefusedError(f"transfer {transfer_id}", f"is {row['status']}", "a plan that is ok")
-    parts = ["flown", __version__, METHOD_VERSION, transfer_id, row["waypoints_sha256"]]
+    parts = ["flown", __version__, METHOD_VERSION, method(), transfer_id, row["waypoints_sha256"]]
     flight_id = digest([*parts, asdict(wind), asdict(vehicle), seed])
     before = catalog.flights(transfer_id).to_dict("records")
     same = [each for each in before if each["flight_id"] == flight_id]

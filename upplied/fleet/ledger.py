@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import upplied
 from upplied.catalog import Catalog
 from upplied.fleet.crew import Outcome
 from upplied.fleet.decisions import Job
 from upplied.planning.correspondence.pair import METHOD_VERSION
+from upplied.provenance import recorded
 
 log = logging.getLogger(__name__)
 
@@ -78,8 +78,8 @@ class Ledger:
         hashes = ("demonstration_sha256", "source_sha256", "target_sha256")
         return {
             "run_id": self._run_id,
-            "code_version": upplied.__version__,
             "method_version": METHOD_VERSION,
+            **recorded(),
             "planning_s": outcome.seconds,
             "settings": outcome.job.settings,
             **dict(zip(hashes, outcome.job.sha256, strict=True)),

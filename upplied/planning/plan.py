@@ -11,8 +11,18 @@ from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.measures.evaluate import judge
 from upplied.planning.measures.verdict import shortfalls
+from upplied.planning.surface.frames import (
+    demonstration_in,
+    frames_for,
+    registration_from,
+    structure_in,
+    surface_from,
+    trajectory_from,
+)
 from upplied.planning.trajectory.propose import propose
+from upplied.provenance import method
 from upplied.records import Demonstration, Plan, Structure
+from upplied.threads import one_thread
 
 
 def plan_transfer(
@@ -39,6 +49,27 @@ def plan_transfer(
     Plan
         With status ``ok``, or ``refused`` and a reason in words.
     """
+    # A frame that turns and moves with the structures: the plan does not depend on the axes it is given in.
+    here, there = frames_for(source, target, settings)
+    with one_thread():
+        plan = _planned(
+            demonstration_in(here, demonstration),
+            structure_in(here, source),
+            structure_in(there, target),
+            settings,
+            memo,
+        )
+    return replace(
+        plan,
+        trajectory=trajectory_from(there, plan.trajectory),
+        surface=surface_from(there, plan.surface),
+        registration=registration_from(here, there, plan.registration),
+    )
+
+
+def _planned(
+    demonstration: Demonstration, source: Structure, target: Structure, settings: Settings, memo: Memo
+) -> Plan:
     plan = Plan(
         demonstration_id=demonstration.demonstration_id,
         source_id=source.structure_id,
@@ -90,6 +121,7 @@ def transfer_key(
     return digest(
         {
             "method": METHOD_VERSION,
+            **method(),
             "demonstration": [demonstration.demonstration_id, demonstration.sha256],
             "source": [source.structure_id, source.sha256],
             "target": [target.structure_id, target.sha256],

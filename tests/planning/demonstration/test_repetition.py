@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from moved_scenes import about_z, moved_structure
 
 from upplied.config import settings_for
 from upplied.errors import SettingsError
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import begins_of, demonstrated_part, joined, mirrored, takes_of
 from upplied.planning.plan import plan_transfer
-from upplied.planning.surface.parts import parts_of
+from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.planning.trajectory.propose import propose
 from upplied.poses import optical_axis
 from upplied.samples.fleet import sample_structures
@@ -95,3 +96,23 @@ def test_between_the_takes_nothing_crawls_and_nobody_hovers(fleet, engine):
         spent = np.diff(trajectory.t_s[between])
         assert not ((step < 0.05) & (spent > 1.0)).any()
         assert step.sum() / spent.sum() > 1.0  # the demonstration's mean is 0.4 m/s
+
+
+def test_each_engine_is_found_on_a_target_that_is_turned(fleet, engine):
+    """Which parts lie on the demonstrated side is asked where the target lies on the source."""
+    turn = about_z(180)
+    settings = settings_for(
+        "recommended", correspondence={"repeat": "each"}, registration={"search": "heading"}
+    )
+    pair = study_pair(fleet["a320-v1"], moved_structure(fleet["b747-v1"], turn), settings)
+    straight = study_pair(fleet["a320-v1"], fleet["b747-v1"], settings)
+    centres = []
+    for each, back in ((pair, turn), (straight, np.eye(3))):
+        places = []
+        for take in takes_of(engine, each, settings):
+            fit = take.pair.surface
+            mine = labels_of(fit.source) == demonstrated_part(take)
+            points = fit.correspondences.target_points[mine & (fit.correspondences.target_index >= 0)]
+            places.append((points @ back).mean(axis=0))
+        centres.append(np.array(places))
+    np.testing.assert_allclose(centres[0], centres[1], atol=0.5)

@@ -12,6 +12,11 @@ if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
 _INPUTS = ("demonstration", "source", "target", "settings")
+_METHOD = {
+    "method_version": "method changed",
+    "sources_sha256": "planning sources changed",
+    "libraries": "libraries changed",
+}
 _COMPARED = (
     "status",
     "coverage_seen_pct",
@@ -106,7 +111,7 @@ def changed_structures(catalog: Catalog, since: When) -> pd.DataFrame:
 
 def _current(catalog: Catalog, when: When | int | None) -> pd.DataFrame:
     version, as_of = (when, None) if isinstance(when, int) else (None, when)
-    columns = ["transfer_id", *PAIR, "method_version", *(f"{name}_sha256" for name in _INPUTS), *_COMPARED]
+    columns = ["transfer_id", *PAIR, *_METHOD, *(f"{name}_sha256" for name in _INPUTS), *_COMPARED]
     return catalog.transfers(version=version, as_of=as_of, columns=columns)
 
 
@@ -114,7 +119,7 @@ def _why(joined: pd.DataFrame) -> pd.Series:
     """Which inputs changed, in words; empty for what was added or is gone."""
     both = joined["_merge"] == "both"
     said = pd.Series("", index=joined.index, dtype=object)
-    columns = {f"{name}_sha256": f"{name} changed" for name in _INPUTS} | {"method_version": "method changed"}
+    columns = {f"{name}_sha256": f"{name} changed" for name in _INPUTS} | _METHOD
     for column, words in columns.items():
         changed = both & (joined[f"{column}_before"] != joined[f"{column}_after"])
         said[changed] = said[changed].where(said[changed] == "", said[changed] + ", ") + words

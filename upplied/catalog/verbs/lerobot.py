@@ -114,7 +114,8 @@ def _episode(
     """The row of one episode: where its frames lie, their statistics, and where it came from."""
     kept = (
         "transfer_id demonstration_id source_id target_id kind preset coverage_seen_pct min_clearance_m "
-        "code_version method_version demonstration_sha256 source_sha256 target_sha256 settings_sha256"
+        "code_version method_version sources_sha256 libraries demonstration_sha256 source_sha256 "
+        "target_sha256 settings_sha256"
     )
     statistics = {
         f"stats/{name}/{measure}": value

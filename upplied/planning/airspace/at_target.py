@@ -9,5 +9,7 @@ from upplied.planning.correspondence.pair import Pair
 
 def airspace_of(pair: Pair, settings: Settings) -> Airspace:
     """Where the vehicle may be at the target."""
-    route = settings.route
-    return Airspace(pair.target_scene, route.clearance_m, pair.target.surroundings, route.ground_clearance_m)
+    route, target = settings.route, pair.target
+    return Airspace(
+        pair.target_scene, route.clearance_m, target.surroundings, route.ground_clearance_m, target.frame
+    )

@@ -149,7 +149,9 @@ def _at_good_places(positions: Floats, ways: Ways) -> Floats:
         asked = members[np.unique(np.linspace(0, len(members) - 1, 8).astype(int))]
         good[members] = _is_outside(pushed[asked], ways.graph)
         if not good[members[0]] and _sees_sky(pushed[asked], ways.planning).all():
-            raise _refusal(int(members[0]), pushed[members[0]], "no free way leads here from the rest")
+            raise _refusal(
+                ways.planning, int(members[0]), pushed[members[0]], "no free way leads here from the rest"
+            )
     return _placed(pushed, good, ways.graph)
 
 
@@ -164,7 +166,7 @@ def _placed(positions: Floats, good: Bools, graph: Roadmap) -> Floats:
         return positions
     if len(graph.places) == 0:
         index = int(np.flatnonzero(~good)[0])
-        raise _refusal(index, positions[index], graph.airspace.why(positions[index]))
+        raise _refusal(graph.airspace, index, positions[index], graph.airspace.why(positions[index]))
     tree = cKDTree(graph.places)
     placed = np.array(positions)
     placed[~good] = graph.places[tree.query(positions[~good])[1]]
@@ -182,14 +184,16 @@ def _lead_round(positions: Floats, changed: Bools, first: int, last: int, graph:
         if first == 0 and last == len(positions) - 1:
             break
         first, last = max(first - 1, 0), min(last + 1, len(positions) - 1)
-    raise _refusal(first, positions[first], "the way round needs more waypoints than the path has")
+    raise _refusal(
+        graph.airspace, first, positions[first], "the way round needs more waypoints than the path has"
+    )
 
 
 def _way_or_refusal(graph: Roadmap, start: Floats, goal: Floats, index: int) -> Floats:
     line = way(graph, start, goal)
     if line is None:
         reason = graph.airspace.why(start) or graph.airspace.why(goal) or "no free way leads on from here"
-        raise _refusal(index, start, reason)
+        raise _refusal(graph.airspace, index, start, reason)
     return line
 
 
@@ -266,17 +270,17 @@ def _refuse_unsafe(positions: Floats, airspace: Airspace) -> None:
     """The last word: the path as it will be flown, tested as a whole."""
     broken = airspace.broken(positions)
     if len(positions) == 1 and not airspace.allowed(positions)[0]:
-        raise _refusal(0, positions[0], airspace.why(positions[0]))
+        raise _refusal(airspace, 0, positions[0], airspace.why(positions[0]))
     if broken.any():
         leg = int(np.flatnonzero(broken)[0])
         reason = (
             airspace.why(positions[leg]) or airspace.why(positions[leg + 1]) or "the leg on breaks a rule"
         )
-        raise _refusal(leg, positions[leg], reason)
+        raise _refusal(airspace, leg, positions[leg], reason)
 
 
-def _refusal(index: int, position: Floats, reason: str) -> RefusedError:
-    x, y, z = position
+def _refusal(airspace: Airspace, index: int, position: Floats, reason: str) -> RefusedError:
+    x, y, z = airspace.frame.to_declared(position)
     return RefusedError(
         f"waypoint {index} at ({x:.1f}, {y:.1f}, {z:.1f}) m",
         reason or "cannot be reached from outside the structure",

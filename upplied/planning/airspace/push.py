@@ -50,17 +50,18 @@ def _wanted_push(positions: Floats, airspace: Airspace) -> Floats:
     push = np.where(lack > 0, lack / np.maximum(distance, 1e-6), 0)[:, None] * away
     push[:, 2] += np.maximum(airspace.floor_m - positions[:, 2], 0)
     push[:, 2] -= np.maximum(positions[:, 2] - airspace.ceiling_m, 0)
+    declared, limits = airspace.frame.to_declared(positions), np.zeros_like(push)
     for low, high in airspace.surroundings.keep_out_m:
-        inside = ((positions > low) & (positions < high)).all(axis=1)
-        gaps = np.concatenate([low - positions, high - positions], axis=1)[inside]
+        inside = ((declared > low) & (declared < high)).all(axis=1)
+        gaps = np.concatenate([low - declared, high - declared], axis=1)[inside]
         nearest = np.abs(gaps).argmin(axis=1)
         step = gaps[np.arange(len(gaps)), nearest]
-        push[np.flatnonzero(inside), nearest % 3] += step + np.sign(step) * 0.02
+        limits[np.flatnonzero(inside), nearest % 3] += step + np.sign(step) * 0.02
     fence = airspace.surroundings.geofence_m
-    outside = ~inside_fence(fence, positions)
+    outside = ~inside_fence(fence, declared)
     if outside.any():
-        push[outside, :2] += _to_fence(fence, positions[outside, :2])
-    return push
+        limits[outside, :2] += _to_fence(fence, declared[outside, :2])
+    return push + limits @ airspace.frame.turn
 
 
 def _to_fence(polygon: Floats, xy: Floats) -> Floats:

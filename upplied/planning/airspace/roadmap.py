@@ -55,8 +55,10 @@ def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -
     whole = np.stack([surface.points.min(axis=0), surface.points.max(axis=0)])
     places.append(_round_box(whole, near, number=5))
     for box in airspace.surroundings.keep_out_m:
-        places.append(_round_box(box, 0.05 + 0.1 * airspace.clearance_m, number=3))
-    places.append(_round_posts(airspace.surroundings.geofence_m, whole[:, 2], near))
+        round_it = _round_box(box, 0.05 + 0.1 * airspace.clearance_m, number=3)
+        places.append(airspace.frame.from_declared(round_it))
+    posts = _round_posts(airspace.surroundings.geofence_m, whole[:, 2], near)
+    places.append(airspace.frame.from_declared(posts))
     if further is not None:
         places.append(further)
     stacked = np.vstack(places)

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from upplied.planning.airspace.clearance import at_least, legs_below
-from upplied.records import Bools, Floats, Record, Surroundings
+from upplied.records import Bools, Floats, Frame, Record, Surroundings
 from upplied.scene import Scene
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Airspace(Record):
-    """The rules for positions and for the straight legs between them, structure frame."""
+    """The rules for positions and for the straight legs between them, in the frame of the scene.
+
+    The surroundings keep to the declared frame of the structure: a keep-out box has its sides there.
+    """
 
     scene: Scene
     clearance_m: float
     surroundings: Surroundings
     ground_clearance_m: float = 0.0  # least height above known ground
+    frame: Frame = field(default_factory=Frame)  # where the scene stands in the declared frame
 
     @property
     def floor_m(self) -> float:
@@ -40,6 +44,7 @@ class Airspace(Record):
 
     def in_bounds(self, positions: Floats) -> Bools:
         """Which positions (N, 3) keep the rules that do not concern the structure."""
+        positions = self.frame.to_declared(positions)
         height = positions[:, 2]
         kept = (height >= self.floor_m) & (height <= self.ceiling_m)
         for low, high in self.surroundings.keep_out_m:
@@ -53,9 +58,10 @@ class Airspace(Record):
     def broken_legs(self, start: Floats, end: Floats) -> Bools:
         """Which straight legs (N,) from `start` to `end` break a rule."""
         broken = ~(self.in_bounds(start) & self.in_bounds(end))
+        begins, ends = self.frame.to_declared(start), self.frame.to_declared(end)
         for low, high in self.surroundings.keep_out_m:
-            broken |= crosses_box(start, end, low, high)
-        broken |= crosses_fence(self.surroundings.geofence_m, start, end)
+            broken |= crosses_box(begins, ends, low, high)
+        broken |= crosses_fence(self.surroundings.geofence_m, begins, ends)
         fine = np.flatnonzero(~broken)
         broken[fine] = legs_below(self.scene, start[fine], end[fine], self.clearance_m)
         return np.asarray(broken, bool)
@@ -70,7 +76,7 @@ class Airspace(Record):
             return f"below {self.floor_m:.2f} m, the least height above the ground"
         if at[0, 2] > self.ceiling_m:
             return f"above the ceiling of {self.ceiling_m:.2f} m"
-        if not inside_fence(self.surroundings.geofence_m, at)[0]:
+        if not inside_fence(self.surroundings.geofence_m, self.frame.to_declared(at))[0]:
             return "outside the geofence"
         return "" if self.in_bounds(at)[0] else "in a keep-out box"
 

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from upplied.planning.carry.affine import box_map, registered_map
+from upplied.planning.carry.affine import registered_map
+from upplied.planning.correspondence.pair import Pair
+from upplied.planning.correspondence.registration import box_on_box
 from upplied.planning.demonstration.repetition import Take
 from upplied.records import Floats
 
 
 def demonstrated_on_target(take: Take) -> Floats:
-    """The demonstrated positions after the box transform, turned as the structures are to each other."""
-    pair, flown = take.pair, take.inspection.by_frustum.stations.positions
-    turned = pair.surface.registration.rotation @ pair.surface.registration.turn
-    heading = np.arctan2(turned[1, 0], turned[0, 0])
-    if abs(heading) > np.radians(30):
-        return registered_map(pair.surface.registration).points(flown)
-    return box_map(pair.voxels.source, pair.voxels.target).points(flown)
+    """The demonstrated positions after the box transform, with the target turned as it was registered.
+
+    However the target stands: at the declared heading, turned about the vertical, or tipped over.
+    """
+    voxels, flown = take.pair.voxels, take.inspection.by_frustum.stations.positions
+    return registered_map(box_on_box(voxels.source, voxels.target, standing(take.pair))).points(flown)
+
+
+def standing(pair: Pair) -> Floats:
+    """The turn (3, 3) of the target that makes it stand as the source does.
+
+    Paths are z-scored along the axes of the source, so that a turned target changes no figure.
+    """
+    registration = pair.surface.registration
+    return registration.rotation @ registration.turn

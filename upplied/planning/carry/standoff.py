@@ -111,10 +111,15 @@ def expected_standoff(
         pixel = 2 * np.tan(np.radians(min(camera.hfov_deg, 170.0)) / 2) / camera.width_px
         wanted = np.where(weight.any(axis=1), settings.gsd_m / pixel, np.nan)
     else:
-        jacobian = carrier.matrix if settings.standoff == "scaled" else np.eye(3)
+        jacobian = carried_sight(carrier, settings)
         wanted = median_distance(positions @ jacobian.T, points @ jacobian.T, weight)
     lowest = max(nearest_m, camera.min_range_m) * 1.15  # so that the middle of the view is not too near
     return np.clip(wanted, lowest, max(0.9 * camera.max_range_m, lowest))
+
+
+def carried_sight(carrier: AxisMap, settings: TransferSettings) -> Floats:
+    """How a demonstrated line of sight is carried, (3, 3): with the structure, or as long as it was."""
+    return carrier.matrix if settings.standoff == "scaled" else np.eye(3)
 
 
 def median_distance(positions: Floats, points: Floats, weight: Floats) -> Floats:

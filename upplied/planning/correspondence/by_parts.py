@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from upplied.planning.correspondence.coherent_point_drift import Patch, drift, farthest_points
 from upplied.planning.correspondence.describe import summary_of
+from upplied.planning.correspondence.misfit import UNTURNED
 from upplied.planning.correspondence.part_alignment import FACING, matched, patches, placed
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.geometry.boxes import diagonal_of, laid, spacing
@@ -30,7 +31,11 @@ _WHOLE = 0.6  # least share of a part without a partner that must find its like,
 
 
 def by_parts(
-    source: Cloud, target: Cloud, registration: Registration, pinned: Mapping[int, int] | None = None
+    source: Cloud,
+    target: Cloud,
+    registration: Registration,
+    pinned: Mapping[int, int] | None = None,
+    words: Floats = UNTURNED,
 ) -> Correspondences:
     """Counterparts of all samples of the source.
 
@@ -41,6 +46,8 @@ def by_parts(
     registration : Registration
     pinned : mapping, optional
         Source part to target part, as the user said.
+    words : array, shape (3, 3), optional
+        Quarter turns of the source to the axes in which places are named.
     """
     if source.normals is None or target.normals is None:
         raise ValueError("correspondences by parts need normals")
@@ -62,7 +69,13 @@ def by_parts(
         target_index=np.where(gone, -1, index),
         distance_m=np.where(gone, np.nan, np.linalg.norm(source.points - on_skin, axis=1)),
         target_points=carried,
-        summary=summary_of(parts_of(source), matching, labels_of(source), gone, parts_of(lying)),
+        summary=summary_of(
+            parts_of(source).in_axes(words),
+            matching,
+            labels_of(source),
+            gone,
+            parts_of(lying).in_axes(words),
+        ),
     )
 
 

@@ -50,7 +50,7 @@ def place_in(whole: Floats, points: Floats, weight: Floats) -> tuple[str, Bools]
     Parameters
     ----------
     whole : array, shape (N, 3), m
-        All of the structure.
+        All of the structure, +X front and +Y left.
     points : array, shape (K, 3), m
     weight : array, shape (K,)
 

@@ -7,9 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from upplied.errors import SettingsError
+from upplied.planning.correspondence.misfit import UNTURNED
 from upplied.planning.correspondence.part_assignment import like_shape
+from upplied.planning.geometry.boxes import laid
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
-from upplied.records import Cloud, Floats, Ints
+from upplied.records import Cloud, Floats, Ints, Registration
 
 Landmarks = Mapping[str, tuple[float, float, float]]
 
@@ -20,28 +22,35 @@ _SIDE = 0.05  # of the width: nearer to the middle a part is on neither side
 def pinned_parts(
     source: Cloud,
     target: Cloud,
+    registration: Registration,
     pairs: tuple[tuple[str, str], ...],
     source_landmarks: Landmarks,
     target_landmarks: Landmarks,
+    words: Floats = UNTURNED,
 ) -> dict[int, int]:
     """Source part to target part for each pair of names.
 
     Parameters
     ----------
     source, target : Cloud
-        Surface samples with parts; the target in its own frame.
+        Surface samples with parts, each in its own frame.
+    registration : Registration
+        How the target lies on the source: places are asked there, however the target is turned.
     pairs : tuple of (name on the source, name on the target)
         A name is a landmark of its structure or ``part_7``. On the target it may be places as well,
         ``outer`` or ``left_inner``: they choose among the parts of the source part's shape, on its
         side unless they name one.
     source_landmarks, target_landmarks : mapping of name to x y z, m, frame of each structure
+    words : array, shape (3, 3), optional
+        Quarter turns of the source to the axes in which places are named: +X front, +Y left.
 
     Raises
     ------
     SettingsError
         If a name is unknown, with the names that would be known.
     """
-    here, there = parts_of(source), parts_of(target)
+    here = parts_of(source).in_axes(words)
+    there = parts_of(laid(target, registration)).in_axes(words)
     pinned = {}
     for name, name_there in pairs:
         one = _named(name, source, here, source_landmarks)
@@ -58,7 +67,7 @@ def pinned_parts(
 
 
 def choices_for(source: Parts, part: int, target: Parts) -> Ints:
-    """Target parts of the shape of a source part, those on its side first; boxes of both made equal."""
+    """Parts of the laid target of a source part's shape, those on its side first; boxes made equal."""
     return np.array(
         sorted(
             _alike(source, part, target), key=lambda other: side_of(target, other) != side_of(source, part)

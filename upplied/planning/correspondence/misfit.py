@@ -33,6 +33,9 @@ _WEIGHTS = (
 )  # of missing overlap, gape and stretch; each alone reaches the gate at 1
 
 
+UNTURNED = np.eye(3)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Misfit(Record):
     """How badly two structures fit, lower is better."""
@@ -44,8 +47,10 @@ class Misfit(Record):
     where: str  # what fits worst, in words; empty where nothing does
 
 
-def misfit_of(source: Cloud, target: Cloud, registration: Registration) -> Misfit:
+def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: Floats = UNTURNED) -> Misfit:
     """Judge a registration of two clouds of surface samples.
+
+    `words` (3, 3) turns the source to the axes in which places are named.
 
     Long parts that point another way on the target, as the blades of a rotor that stopped elsewhere
     do, are turned along their partners first.
@@ -59,7 +64,7 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration) -> Misfi
     logs = np.sort(np.log(registration.scale))
     stretch = float(np.abs(logs - logs[1]).max())
     value = float(np.dot(_WEIGHTS, (1 - overlap, gape, stretch)))
-    return Misfit(overlap, gape, stretch, value, _worst(source, target, lying, forth, back, diagonal))
+    return Misfit(overlap, gape, stretch, value, _worst(source, lying, forth, back, diagonal, words))
 
 
 def _with_blades_turned(source: Cloud, lying: Cloud) -> Cloud:
@@ -103,17 +108,18 @@ def _mean(cloud: Cloud, distances: Floats) -> float:
     return float(np.average(distances, weights=cloud.area_m2[spread_over(cloud, _SAMPLES)]))
 
 
-def _worst(source: Cloud, target: Cloud, lying: Cloud, forth: Floats, back: Floats, diagonal_m: float) -> str:
+def _worst(source: Cloud, lying: Cloud, forth: Floats, back: Floats, diagonal_m: float, words: Floats) -> str:
     """The region, of either structure, with most surface that is far from the other."""
     sentences = []
-    for name, frame, cloud, distance in (("source", source, source, forth), ("target", target, lying, back)):
+    for name, cloud, distance in (("source", source, forth), ("target", lying, back)):
         asked = spread_over(cloud, _SAMPLES)
         assert cloud.area_m2 is not None
         share = cloud.area_m2[asked] / cloud.area_m2[asked].sum()
         far = distance > _FAR
         if share[far].sum() < 0.01:
             continue
-        centre, region = place_in(frame.points, frame.points[asked][far], share[far])
+        named = cloud.points @ words.T
+        centre, region = place_in(named, named[asked][far], share[far])
         area = 100 * share[far][region].sum()
         gap = float(distance[far][region].max()) * diagonal_m
         sentences.append(

@@ -8,7 +8,8 @@ from scipy.spatial import cKDTree
 from upplied.config import CorrespondenceSettings
 from upplied.planning.correspondence.by_parts import by_parts
 from upplied.planning.correspondence.landmarks import Landmarks, pinned_parts
-from upplied.records import Cloud, Correspondences, Registration
+from upplied.planning.correspondence.misfit import UNTURNED
+from upplied.records import Cloud, Correspondences, Floats, Registration
 
 
 def correspond(
@@ -18,6 +19,7 @@ def correspond(
     settings: CorrespondenceSettings,
     source_landmarks: Landmarks | None = None,
     target_landmarks: Landmarks | None = None,
+    words: Floats = UNTURNED,
 ) -> Correspondences:
     """Counterparts of all points of the demonstration's cloud.
 
@@ -30,6 +32,8 @@ def correspond(
         Method ``nearest`` as published, or ``parts``, for clouds with normals.
     source_landmarks, target_landmarks : mapping of name to x y z, m, optional
         What the names in `settings.counterparts` may refer to.
+    words : array, shape (3, 3), optional
+        Quarter turns of the source to the axes in which places such as ``left`` are named.
 
     Returns
     -------
@@ -42,10 +46,9 @@ def correspond(
     """
     if settings.method == "nearest" or source.normals is None or target.normals is None:
         return nearest(source, target, registration)
-    pinned = pinned_parts(
-        source, target, settings.counterparts, source_landmarks or {}, target_landmarks or {}
-    )
-    return by_parts(source, target, registration, pinned)
+    landmarks = (source_landmarks or {}, target_landmarks or {})
+    pinned = pinned_parts(source, target, registration, settings.counterparts, *landmarks, words=words)
+    return by_parts(source, target, registration, pinned, words)
 
 
 def nearest(source: Cloud, target: Cloud, registration: Registration) -> Correspondences:

@@ -51,7 +51,9 @@ class _Few(Record):
         return cKDTree(self.points)
 
 
-def find_orientation(source: Cloud, target: Cloud, search: Literal["heading", "orientation"]) -> Orientation:
+def find_orientation(
+    source: Cloud, target: Cloud, search: Literal["heading", "orientation"], declared: Floats | None = None
+) -> Orientation:
     """Turn that lays the target on the source best.
 
     Parameters
@@ -60,7 +62,10 @@ def find_orientation(source: Cloud, target: Cloud, search: Literal["heading", "o
         Surface samples with normals.
     search : {"heading", "orientation"}
         About the vertical, or about any axis.
+    declared : array, shape (3, 3), optional
+        The turn that was declared; without it none.
     """
+    declared = np.eye(3) if declared is None else declared
     few, few_target = _few(source, _FEW), _few(target, _FEW)
     turns = _headings() if search == "heading" else np.concatenate([_headings(), _axes(source, target)])
     rough = np.array([_cost(few, few_target, turn) for turn in turns])
@@ -70,7 +75,7 @@ def find_orientation(source: Cloud, target: Cloud, search: Literal["heading", "o
     ranked = sorted(refined, key=lambda found: found[1])
     candidates, costs = np.array([turn for turn, _ in ranked]), np.array([cost for _, cost in ranked])
     kept = _distinct(candidates)
-    return _chosen(candidates[kept], np.maximum(costs[kept], _noise(source)), len(turns))
+    return _chosen(candidates[kept], np.maximum(costs[kept], _noise(source)), len(turns), declared)
 
 
 def _noise(source: Cloud) -> float:
@@ -79,9 +84,9 @@ def _noise(source: Cloud) -> float:
     return float(0.7 * np.sqrt(source.area_m2.sum() / _MORE) / diagonal_of(source.points))
 
 
-def _chosen(turns: Floats, costs: Floats, tried: int) -> Orientation:
+def _chosen(turns: Floats, costs: Floats, tried: int, declared: Floats) -> Orientation:
     gap = float(1 - costs[0] / max(costs[1], 1e-12)) if len(costs) > 1 else float("nan")
-    angle = np.degrees(Rotation.from_matrix(turns).magnitude())
+    angle = np.degrees(Rotation.from_matrix(turns @ declared.T).magnitude())
     said = f"{tried} orientations tried"
     if gap < _SURE:
         alike = costs <= costs[0] / (1 - _SURE)

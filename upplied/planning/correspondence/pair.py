@@ -6,15 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
-from upplied.config import CloudSettings, RegistrationSettings, Settings, digest, settings_for
+import numpy as np
+
+from upplied.config import CloudSettings, Settings, digest, settings_for
 from upplied.planning.correspondence.nearest import correspond
-from upplied.planning.correspondence.registration import register
+from upplied.planning.correspondence.registration import Declared, register
+from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.voxels import voxel_cloud
-from upplied.records import Cloud, Correspondences, Record, Registration, Structure
+from upplied.provenance import method
+from upplied.records import Cloud, Correspondences, Floats, Frame, Record, Registration, Structure
 from upplied.scene import Scene, scene_of
 
-METHOD_VERSION = "5"  # raised with every change that may alter a result
+_CIRCLE = 2**32  # headings that are told apart
+METHOD_VERSION = "6"  # raised with every change that alters a result, for people; keys hold the sources too
 
 R = TypeVar("R")
 
@@ -67,7 +72,10 @@ class Pair(Record):
 
 
 def study_pair(source: Structure, target: Structure, settings: Settings, memo: Memo = no_memo) -> Pair:
-    """Clouds, registration and correspondences of a pair (paper, Alg. 1), remembered by content."""
+    """Clouds, registration and correspondences of a pair (paper, Alg. 1), remembered by content.
+
+    Both structures may be given in frames of their own (`surface.frames`).
+    """
     memo = remembering(memo, source.sha256, target.sha256)
     scenes = scene_of(source), scene_of(target)
     voxels = _voxels(source, settings.clouds, memo), _voxels(target, settings.clouds, memo)
@@ -75,13 +83,25 @@ def study_pair(source: Structure, target: Structure, settings: Settings, memo: M
         _samples(source, scenes[0], settings.clouds, memo),
         _samples(target, scenes[1], settings.clouds, memo),
     )
+    declared = Declared(_declared_turn(source, target), named_axes(source.frame))
+    surface = _fit("surface", samples, (source, target), surface_settings(settings), declared, memo)
+    stood = declared
+    if settings.visibility.occlusion:  # what is published knows no turn: it has the one of the surfaces
+        stood = replace(declared, turn=surface.registration.rotation @ surface.registration.turn)
     return Pair(
         source,
         target,
         *scenes,
-        voxels=_fit("voxels", voxels, (source, target), voxel_settings(settings), memo),
-        surface=_fit("surface", samples, (source, target), surface_settings(settings), memo),
+        voxels=_fit("voxels", voxels, (source, target), voxel_settings(settings), stood, memo),
+        surface=surface,
     )
+
+
+def _declared_turn(source: Structure, target: Structure) -> Floats:
+    """The target's frame to the source's, where both are declared to stand alike."""
+    circle = (target.frame.heading_rad - source.frame.heading_rad) / (2 * np.pi)
+    # Rounded, so that equal structures in other axes give the same number, and a whole circle none.
+    return Frame(2 * np.pi * float(np.round(circle * _CIRCLE) % _CIRCLE / _CIRCLE)).turn
 
 
 def voxel_settings(settings: Settings) -> Settings:
@@ -99,24 +119,13 @@ def surface_settings(settings: Settings) -> Settings:
 
 
 def content_key(*parts: Any) -> str:
-    """Key of a result in the cache: the method's version and all that went in."""
-    return digest({"method": METHOD_VERSION, "parts": [digest(part) for part in parts]})
+    """Key of a result in the cache: the method as it is, its libraries, and all that went in."""
+    return digest({"method": METHOD_VERSION, **method(), "parts": [digest(part) for part in parts]})
 
 
 def surface_key(structure_sha256: str, clouds: CloudSettings) -> str:
     """Key of a structure's surface samples."""
     return content_key("surface", structure_sha256, clouds)
-
-
-def registration_key(
-    sort: str,
-    source_sha256: str,
-    target_sha256: str,
-    clouds: CloudSettings,
-    registration: RegistrationSettings,
-) -> str:
-    """Key of the registration of two structures by clouds of one sort, "voxels" or "surface"."""
-    return content_key("register", sort, source_sha256, target_sha256, clouds, registration)
 
 
 def _with_clouds(preset: str, settings: Settings) -> Settings:
@@ -138,17 +147,23 @@ def _fit(
     clouds: tuple[Cloud, Cloud],
     structures: tuple[Structure, Structure],
     settings: Settings,
+    declared: Declared,
     memo: Memo,
 ) -> Fit:
     source, target = structures
     facts = (sort, source.sha256, target.sha256, settings.clouds, settings.registration)
-    key = registration_key(*facts)
-    found = memo("registration", Registration, key, lambda: register(*clouds, settings.registration))
-    key = content_key("correspond", *facts, settings.correspondence)
+    turned = () if np.array_equal(declared.turn, np.eye(3)) else (declared.turn.tolist(),)
+    key = content_key("register", *facts, *turned)
+    found = memo(
+        "registration", Registration, key, lambda: register(*clouds, settings.registration, declared)
+    )
+    key = content_key("correspond", *facts, settings.correspondence, *turned)
     matched = memo(
         "correspondences",
         Correspondences,
         key,
-        lambda: correspond(*clouds, found, settings.correspondence, source.landmarks, target.landmarks),
+        lambda: correspond(
+            *clouds, found, settings.correspondence, source.landmarks, target.landmarks, declared.words
+        ),
     )
     return Fit(*clouds, found, matched)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
 from upplied.config import RegistrationSettings
-from upplied.planning.correspondence.misfit import Misfit, misfit_of
-from upplied.planning.correspondence.orientation import Orientation, find_orientation
+from upplied.planning.correspondence.misfit import UNTURNED, Misfit, misfit_of
+from upplied.planning.correspondence.orientation import find_orientation
 from upplied.planning.geometry.boxes import box_scale, laid, spacing
 from upplied.planning.geometry.icp import icp, mean_squared_nn_distance
 from upplied.planning.surface.parts import blades_of, labels_of, parts_of
-from upplied.records import Bools, Cloud, Floats, Registration
+from upplied.records import Bools, Cloud, Floats, Record, Registration
 
 _BETTER = (
     0.8  # a registration that leaves the declared orientation or the boxes must lower the misfit to this
@@ -22,7 +23,17 @@ _SAME_DEG, _STRONG = 25.0, 0.25  # how far off, and how much better, a heading m
 _FEW = 700  # points of the cloud that fine alignment moves
 
 
-def register(source: Cloud, target: Cloud, settings: RegistrationSettings) -> Registration:
+@dataclass(frozen=True, eq=False, repr=False)
+class Declared(Record):
+    """What was said of how two structures stand, in the frames that their clouds are given in."""
+
+    turn: Floats = field(default_factory=lambda: np.eye(3))  # (3, 3) target to the source's orientation
+    words: Floats = field(default_factory=lambda: np.eye(3))  # (3, 3) source to +X front, +Y left
+
+
+def register(
+    source: Cloud, target: Cloud, settings: RegistrationSettings, declared: Declared | None = None
+) -> Registration:
     """Lay the target on the source and judge the fit: as published, or as `settings.acceptance` asks.
 
     Parameters
@@ -31,27 +42,37 @@ def register(source: Cloud, target: Cloud, settings: RegistrationSettings) -> Re
         Of the demonstration structure.
     target : Cloud
     settings : RegistrationSettings
+    declared : Declared, optional
+        Without it both clouds are in their declared frames.
 
     Returns
     -------
     Registration
         With PCL's score in m^2 and the verdict; where refused, the reason says what and where.
     """
+    declared = Declared() if declared is None else declared
     if settings.acceptance is None or source.normals is None or target.normals is None:
-        return published(source, target, settings)
-    return judged(source, target, settings, settings.acceptance)
+        return published(source, target, settings, declared.turn)
+    return judged(source, target, settings, settings.acceptance, declared)
 
 
-def published(source: Cloud, target: Cloud, settings: RegistrationSettings) -> Registration:
-    """Scale the target until the bounding boxes match, align it by ICP, and judge the score (Alg. 1)."""
-    scale = box_scale(source.points, target.points)
-    offset = source.points.min(axis=0) - scale * target.points.min(axis=0)
-    scaled = scale * target.points + offset
+def published(
+    source: Cloud, target: Cloud, settings: RegistrationSettings, turn: Floats | None = None
+) -> Registration:
+    """Scale the target until the bounding boxes match, align it by ICP, and judge the score (Alg. 1).
+
+    The paper's structures stand alike; others are turned so first.
+    """
+    turn = np.eye(3) if turn is None else turn
+    turned = target.points @ turn.T
+    scale = box_scale(source.points, turned)
+    offset = source.points.min(axis=0) - scale * turned.min(axis=0)
+    scaled = scale * turned + offset
     # Algorithm 1 gives the demonstration's cloud as source, so the motion found goes to the target;
     # its inverse lays the target on the demonstration and leaves every distance as it is.
     forward, shift = icp(source.points, scaled, settings.iterations)
     rotation, translation = forward.T, forward.T @ (offset - shift)
-    aligned = (scale * target.points) @ rotation.T + translation
+    aligned = (scale * turned) @ rotation.T + translation
     score = mean_squared_nn_distance(source.points, aligned)
     gate = settings.gamma * spacing(source) ** 2
     accepted = score < gate
@@ -62,20 +83,25 @@ def published(source: Cloud, target: Cloud, settings: RegistrationSettings) -> R
         score_m2=score,
         accepted=accepted,
         reason="" if accepted else _refusal(score, gate, settings.gamma, spacing(source)),
+        turn=turn,
     )
 
 
-def judged(source: Cloud, target: Cloud, settings: RegistrationSettings, gate: float) -> Registration:
+def judged(
+    source: Cloud, target: Cloud, settings: RegistrationSettings, gate: float, declared: Declared
+) -> Registration:
     """Boxes matched in the declared or a searched orientation, gated by a measure free of density and scale.
 
     Rigid ICP after box scaling lowers the score and raises the true error of structures whose
     orientations agree, so it is taken only where it helps much.
     """
-    found = find_orientation(source, target, "heading" if settings.search == "none" else settings.search)
+    search: Literal["heading", "orientation"] = "heading" if settings.search == "none" else settings.search
+    found = find_orientation(source, target, search, declared.turn)
     turn, gap, evidence, doubt = found.turn, found.gap, found.evidence, ""
     if settings.search == "none":
-        turn, gap, evidence, doubt = np.eye(3), float("nan"), "orientation as declared", _doubt(found)
-    best, misfit, laid_how = _best_lay(source, target, turn, gate)
+        turn, gap, evidence = declared.turn, float("nan"), "orientation as declared"
+        doubt = _doubt(found.turn @ declared.turn.T, found.gap)
+    best, misfit, laid_how = _best_lay(source, target, turn, gate, declared.words)
     accepted = misfit.value < gate
     return replace(
         best,
@@ -104,17 +130,19 @@ def fitted(source: Cloud, target: Cloud, gate: float) -> Registration:
     )
 
 
-def _best_lay(source: Cloud, target: Cloud, turn: Floats, gate: float) -> tuple[Registration, Misfit, str]:
+def _best_lay(
+    source: Cloud, target: Cloud, turn: Floats, gate: float, words: Floats = UNTURNED
+) -> tuple[Registration, Misfit, str]:
     """The target, turned, on the source: box on box, or a way that fits much better, and which."""
     start = box_on_box(source, target, turn)
-    best, misfit, laid_how = start, misfit_of(source, target, start), ""
+    best, misfit, laid_how = start, misfit_of(source, target, start, words), ""
     others = {}
     if misfit.value < _HOPELESS * gate:
         others["aligned by ICP"] = _aligned(source, target, start)
     if blades_of(source).any() and blades_of(target).any():
         others["laid body on body, since blades may have turned"] = body_on_body(source, target, turn)
     for how, other in others.items():
-        judgement = misfit_of(source, target, other)
+        judgement = misfit_of(source, target, other, words)
         if judgement.value < _BETTER * misfit.value:
             best, misfit, laid_how = other, judgement, f"; {how}"
     return best, misfit, laid_how
@@ -132,13 +160,15 @@ def box_on_box(source: Cloud, target: Cloud, turn: Floats | None = None) -> Regi
 def body_on_body(source: Cloud, target: Cloud, turn: Floats | None = None) -> Registration:
     """Boxes without the blades made equal, but across the axis of the rotor the blades' lengths.
 
-    Where a rotor stopped shifts and widens the box of a turbine.
+    Where a rotor stopped shifts and widens the box of a turbine. Its axis is the one of the two
+    horizontal axes along which the blades are spread less.
     """
     turn = np.eye(3) if turn is None else turn
     turned = Cloud(target.points @ turn.T, None, target.area_m2, target.part)
     body, other_body = (cloud.points[~blades_of(cloud)] for cloud in (source, turned))
     scale = box_scale(body, other_body)
-    scale[1] = _blade_length(source, blades_of(source)) / _blade_length(turned, blades_of(turned))
+    across = int(np.argmax(source.points[blades_of(source)][:, :2].std(axis=0)))
+    scale[across] = _blade_length(source, blades_of(source)) / _blade_length(turned, blades_of(turned))
     middle, other_middle = ((points.min(axis=0) + points.max(axis=0)) / 2 for points in (body, other_body))
     return Registration(scale, np.eye(3), middle - scale * other_middle, float("nan"), False, turn=turn)
 
@@ -154,13 +184,13 @@ def _aligned(source: Cloud, target: Cloud, start: Registration) -> Registration:
     return box_on_box(source, target, rotation @ start.turn)
 
 
-def _doubt(found: Orientation) -> str:
+def _doubt(turn: Floats, gap: float) -> str:
     """What speaks against the declared heading, in words; empty where nothing does."""
-    angle = float(np.degrees(np.arctan2(found.turn[1, 0], found.turn[0, 0])))
-    if abs(angle) < _SAME_DEG or not found.gap > _STRONG:
+    angle = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
+    if abs(angle) < _SAME_DEG or not gap > _STRONG:
         return ""
     return (
-        f"; turned by {angle:.0f} deg about the vertical the target would fit {100 * found.gap:.0f} % better "
+        f"; turned by {angle:.0f} deg about the vertical the target would fit {100 * gap:.0f} % better "
         "than in any other heading: check its declared forward axis, or search the heading"
     )
 

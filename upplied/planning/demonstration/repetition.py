@@ -15,6 +15,8 @@ from upplied.errors import SettingsError
 from upplied.planning.correspondence.landmarks import choices_for, side_of
 from upplied.planning.correspondence.pair import Memo, Pair, no_memo, study_pair
 from upplied.planning.demonstration.inspection import Inspection, inspect_demonstration
+from upplied.planning.geometry.boxes import laid
+from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Demonstration, Floats, Ints, Record, Structure, Trajectory
@@ -64,12 +66,15 @@ def takes_of(
 
 def mirrored(demonstration: Demonstration, source: Structure) -> Demonstration:
     """The same flight on the other side of the structure's middle plane, left for right, without roll."""
-    middle = (source.vertices[:, 1].min() + source.vertices[:, 1].max()) / 2
+    across = int(np.abs(named_axes(source.frame)[1]).argmax())  # the axis from right to left
+    ends = source.vertices[:, across]
+    positions = np.array(demonstration.positions)
+    positions[:, across] = ends.min() + ends.max() - positions[:, across]
     yaw, pitch = yaw_pitch(demonstration.quat_xyzw)
     return replace(
         demonstration,
-        positions=demonstration.positions * [1, -1, 1] + [0, 2 * middle, 0],
-        quat_xyzw=from_yaw_pitch(-yaw, pitch),
+        positions=positions,
+        quat_xyzw=from_yaw_pitch(-yaw if across == 1 else np.pi - yaw, pitch),
         sha256=demonstration.sha256 and f"{demonstration.sha256}-mirrored",
     )
 
@@ -118,7 +123,9 @@ def begins_of(takes: Sequence[Take], flight: Trajectory) -> Floats:
 
 def _on_this_side(part: int, pair: Pair) -> list[int]:
     """Target parts like a source part, on its side or in the middle."""
-    source, target = parts_of(pair.surface.source), parts_of(pair.surface.target)
+    words, fit = named_axes(pair.source.frame), pair.surface
+    source = parts_of(fit.source).in_axes(words)
+    target = parts_of(laid(fit.target, fit.registration)).in_axes(words)
     side = side_of(source, part)
     choices = choices_for(source, part, target)
     return [int(choice) for choice in choices if side_of(target, int(choice)) in (0, side)]

@@ -11,8 +11,14 @@ from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface, together
-from upplied.planning.carry.reference import demonstrated_on_target
-from upplied.planning.carry.standoff import NEAR, expected_standoff, median_distance, picture_share
+from upplied.planning.carry.reference import demonstrated_on_target, standing
+from upplied.planning.carry.standoff import (
+    NEAR,
+    carried_sight,
+    expected_standoff,
+    median_distance,
+    picture_share,
+)
 from upplied.planning.correspondence.pair import Fit, Memo, Pair, content_key, no_memo, remembering
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
 from upplied.planning.measures.attainable import attainable
@@ -43,19 +49,21 @@ def judge(
     pair, camera = takes[0].pair, takes[0].inspection.camera
     carried = np.concatenate([demonstrated_on_target(take) for take in takes])
     paper = (
-        together([_seen_surface(take, take.pair.voxels, take.inspection.by_frustum) for take in takes]),
+        together(
+            [_seen_surface(take, take.pair.voxels, take.inspection.by_frustum, settings) for take in takes]
+        ),
         views(trajectory, pair.voxels.target, camera, BY_FRUSTUM),
     )
     if not pair.surface.registration.accepted:
-        found = measure(trajectory, carried, pair.target_scene, paper)
+        found = measure(trajectory, carried, pair.target_scene, paper, standing=standing(pair))
         unmeasured = f"what is really seen was not measured: {pair.surface.registration.reason}"
         return found, None, (unmeasured, *_too_near(found, settings), *_beyond_the_gimbal(takes, settings))
     true = (
-        together([_seen_surface(take, take.pair.surface, take.inspection.truly) for take in takes]),
+        together([_seen_surface(take, take.pair.surface, take.inspection.truly, settings) for take in takes]),
         views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene),
     )
     possible = attainable_samples(pair, camera, settings, memo)
-    found = measure(trajectory, carried, pair.target_scene, paper, true, possible)
+    found = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
     shown = shown_of(true[1], takes, settings)
     begins = begins_of(takes, joined([take.inspection.logged for take in takes]))
     found = replace(
@@ -102,9 +110,9 @@ def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Sett
     return ratio[np.isfinite(ratio)]
 
 
-def _seen_surface(take: Take, fit: Fit, demonstrated: Views) -> InspectedSurface:
-    carry = registered_map(take.pair.surface.registration).matrix
-    return inspected_surface(fit.source, fit.target, fit.correspondences, demonstrated, carry=carry)
+def _seen_surface(take: Take, fit: Fit, demonstrated: Views, settings: Settings) -> InspectedSurface:
+    sight = carried_sight(registered_map(take.pair.surface.registration), settings.transfer)
+    return inspected_surface(fit.source, fit.target, fit.correspondences, demonstrated, sight)
 
 
 def _warnings(found: Measures, without_pct: float, settings: Settings) -> tuple[str, ...]:

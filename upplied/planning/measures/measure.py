@@ -31,6 +31,7 @@ def measure(
     paper: tuple[InspectedSurface, Views],
     true: tuple[InspectedSurface, Views] | None = None,
     attainable: Bools | None = None,
+    standing: Floats | None = None,
 ) -> Measures:
     """Every measure of one planned path.
 
@@ -49,6 +50,8 @@ def measure(
         On surface samples, views by `TRULY`.
     attainable : array of bool, shape (N,), optional
         Which of those samples some free pose could see.
+    standing : array, shape (3, 3), optional
+        Turn of the target that makes it stand as the source does: paths are z-scored along its axes.
 
     Returns
     -------
@@ -57,6 +60,7 @@ def measure(
         `incidence_p95_deg` takes for each sample its most frontal view.
     """
     speed, acceleration = peaks(planned)
+    axes = np.eye(3) if standing is None else standing
     found: dict[str, float] = {}
     if true is not None:
         ratio, incidence = _view_quality(*true)
@@ -69,8 +73,8 @@ def measure(
             found["coverage_attainable_pct"] = coverage(true[0], attainable)
     return Measures(
         coverage_paper_pct=coverage(paper[0], paper[1].total),
-        frechet_z=frechet_z(carried, planned.positions),
-        frechet_floored=frechet_floored(carried, planned.positions),
+        frechet_z=frechet_z(carried @ axes.T, planned.positions @ axes.T),
+        frechet_floored=frechet_floored(carried @ axes.T, planned.positions @ axes.T),
         frechet_m=frechet(carried, planned.positions),
         min_clearance_m=path_clearance(scene, planned.positions).distance_m,
         path_length_m=path_length(planned.positions),

@@ -72,7 +72,8 @@ def _near(trajectory: Trajectory, measures: Measures, takes: Sequence[Take], set
     outside = np.flatnonzero(~airspace.in_bounds(trajectory.positions))
     if len(outside):
         place = trajectory.positions[outside[0]]
-        return [f"{airspace.why(place)} at {place.round(1).tolist()} m"]
+        said = airspace.frame.to_declared(place).round(1).tolist()
+        return [f"{airspace.why(place)} at {said} m"]
     return []
 
 

@@ -8,7 +8,7 @@ the other structure has one like it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -51,6 +51,13 @@ class Parts(Record):
     def middle(self) -> Floats:
         """(K, 3) m, centre of each box."""
         return (self.low + self.high) / 2
+
+    def in_axes(self, quarters: Floats) -> Parts:
+        """The same parts in axes turned by right angles, ``p' = quarters @ p``; about the vertical."""
+        ends = self.low @ quarters.T, self.high @ quarters.T
+        axis = np.abs(quarters[:2, :2]).argmax(axis=1)
+        sign = quarters[[0, 1], axis]
+        return replace(self, low=np.minimum(*ends), high=np.maximum(*ends), side=self.side[:, axis] * sign)
 
     @property
     def blade(self) -> Bools:

@@ -6,7 +6,9 @@ path, and the distance from which each viewpoint sees its counterparts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.geometry.frechet import frechet, within_leash, zscored
@@ -20,16 +22,17 @@ _MOST = 0.96  # share of the viewpoints that must be so near
 class Likeness(Record):
     """The demonstrated shape and stand-off, and how far a path may depart from them."""
 
-    shape: Floats  # (K, 3) demonstrated positions on the target, z-scored
+    shape: Floats  # (K, 3) demonstrated positions on the target, z-scored along the source's axes
     leash: float  # largest Frechet distance of the z-scored path from them
     standoff: Standoff
+    standing: Floats = field(default_factory=lambda: np.eye(3))  # (3, 3) the target's axes to the source's
 
     def kept(self, tried: Floats, before: Floats) -> bool:
         """Whether a path keeps shape and stand-off, or departs no further than the one before."""
         share = self.standoff.share(tried)
         if share < _MOST and share < self.standoff.share(before):
             return False
-        shape, earlier = zscored(tried), zscored(before)
+        shape, earlier = zscored(tried @ self.standing.T), zscored(before @ self.standing.T)
         if within_leash(self.shape, shape, self.leash):
             return True
         if within_leash(self.shape, earlier, self.leash):

@@ -16,8 +16,8 @@ from upplied.planning.carry.affine import aimed, box_map, registered_map, zscore
 from upplied.planning.carry.gauss_newton import gauss_newton
 from upplied.planning.carry.inspected_surface import inspected_surface
 from upplied.planning.carry.planar import at_height, in_plane, plane_height
-from upplied.planning.carry.reference import demonstrated_on_target
-from upplied.planning.carry.standoff import standoff_of
+from upplied.planning.carry.reference import demonstrated_on_target, standing
+from upplied.planning.carry.standoff import carried_sight, standoff_of
 from upplied.planning.carry.to_counterparts import Followed, follow_counterparts
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.inspection import Inspection
@@ -117,7 +117,8 @@ def completed(inspection: Inspection, pair: Pair, settings: Settings) -> Waypoin
         raise SettingsError("refine.method 'view'", "with visibility.occlusion false", "what is truly seen")
     flight, fit, camera = inspection.flight, pair.surface, inspection.camera
     carried = _carried(inspection, pair, settings)
-    wanted = inspected_surface(fit.source, fit.target, fit.correspondences, inspection.truly)
+    sight = carried_sight(registered_map(fit.registration), settings.transfer)
+    wanted = inspected_surface(fit.source, fit.target, fit.correspondences, inspection.truly, sight)
     view = View(fit.target, wanted.need, camera, settings.visibility, settings.retime, pair.target_scene)
     is_viewpoint = np.zeros(len(flight), bool)
     is_viewpoint[inspection.viewpoints.middle] = True
@@ -162,7 +163,8 @@ def _likeness(
     """What of the demonstration the path has to keep."""
     asked_s = inspection.viewpoints.t_s  # the same moments that the plan is judged by
     station = np.abs(inspection.flight.t_s[:, None] - asked_s).argmin(axis=0)
-    boxed = demonstrated_on_target(Take(inspection, pair))
+    stands = standing(pair)
+    boxed = demonstrated_on_target(Take(inspection, pair)) @ stands.T
     kept = np.unique(np.linspace(0, len(boxed) - 1, min(_COMPARED, len(boxed))).astype(np.int64))
     size = _size(boxed, standoff_m)[0] / spread(boxed)[1][0]
     return Likeness(
@@ -171,6 +173,7 @@ def _likeness(
         standoff=standoff_of(
             station, carried.weight[station], carried.counterparts, carried.standoff_m[station]
         ),
+        standing=stands,
     )
 
 

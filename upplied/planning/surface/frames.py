@@ -1,0 +1,208 @@
+"""The frame that a plan is computed in: it turns and moves with the structure.
+
+Voxel grids, bounding boxes, spreads along axes and the directions that are tried all depend on the
+axes. A plan must not: the same structure, flight and target in other axes get the same plan, turned.
+So everything is brought to axes that follow from the structure alone, planned there, and carried back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from upplied.config import Settings
+from upplied.poses import normalised
+from upplied.records import Demonstration, Floats, Frame, Registration, Structure, SurfaceStates, Trajectory
+
+_ROUND = 0.02  # below it walls face all ways alike, and no heading follows from them
+_SQUARE = 4.0  # weight of walls that mostly face one way and its opposite beside those of four ways
+_NORMAL_DEG = 2.0  # a declared heading this near to the walls' own, or a right angle from it, is meant
+_GRID_M = 2.0**-20  # what coordinates are rounded to, so that a turn forth and back leaves no trace
+_GRID_QUAT = 2.0**-30
+_OFF = 0.3  # rad, so that no structure drawn along its axes lies where two quarters meet
+
+
+DECLARED = Frame()
+
+
+def frames_for(source: Structure, target: Structure, settings: Settings) -> tuple[Frame, Frame]:
+    """The frames to plan in, of the source and of the target.
+
+    What is published works along the declared axes, and keeps them; only where the walls of the source
+    stand askew to these are both structures turned. `recommended` plans in each structure's own frame.
+    """
+    if plans_in_own_frame(settings):
+        return own_frame(source), own_frame(target)
+    askew = _wall_heading(source)
+    if askew is None or abs(askew) <= np.radians(_NORMAL_DEG):
+        return DECLARED, DECLARED
+    return Frame(askew), Frame(askew)
+
+
+def plans_in_own_frame(settings: Settings) -> bool:
+    """Whether every step that these settings ask for minds how the structures are turned to each other."""
+    return (
+        settings.visibility.occlusion
+        and settings.correspondence.method == "parts"
+        and settings.transfer.method == "counterparts"
+        and settings.refine.method == "view"
+    )
+
+
+def own_frame(structure: Structure) -> Frame:
+    """The frame that follows from a structure, however it is turned about the vertical or moved.
+
+    Its axes are those that walls face. Which of the four headings counts as +X is told by the order
+    of the vertices: it is of no consequence, but must turn with the structure. A round structure,
+    whose walls tell no heading, has one from the vertices alone.
+    """
+    if structure not in _FRAMES:
+        _FRAMES[structure] = _found_frame(structure)
+    return _FRAMES[structure]
+
+
+_FRAMES: WeakKeyDictionary[Structure, Frame] = WeakKeyDictionary()
+
+
+def _found_frame(structure: Structure) -> Frame:
+    middle = structure.vertices.mean(axis=0) * [1.0, 1.0, 0.0]
+    walls, order = _wall_heading(structure), _vertex_heading(structure)
+    if walls is None:
+        return Frame(order, middle)
+    quarters = np.round((order - walls - _OFF) / (np.pi / 2))
+    heading = walls + quarters * np.pi / 2
+    return Frame(float((heading + np.pi) % (2 * np.pi) - np.pi), middle)
+
+
+def _wall_heading(structure: Structure) -> float | None:
+    """Heading that walls face, modulo a right angle: -45 to 45 deg, rad; None where they face all ways.
+
+    The mean of the fourth powers of the horizontal normals, as complex numbers, weighted with the area
+    seen from the side, and of the squared mean of their squares.
+    """
+    facing = _facing(structure)
+    size = np.abs(facing)
+    if not size.sum() > 0:
+        return None
+    unit = np.where(size > 0, facing / np.where(size > 0, size, 1.0), 0.0)
+    squares, fourths = ((size * unit**power).sum() / size.sum() for power in (2, 4))
+    found = fourths + _SQUARE * squares**2
+    return float(np.angle(found) / 4) if abs(found) > _ROUND else None
+
+
+def _facing(structure: Structure) -> np.ndarray:
+    """Horizontal normals as complex numbers, as long as the area; of points that have none, their offsets."""
+    if len(structure.triangles):
+        corners = structure.vertices[structure.triangles]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    elif structure.normals is not None:
+        normal = structure.normals
+    else:
+        normal = structure.vertices - structure.vertices.mean(axis=0)
+    return np.asarray(normal[:, 0] + 1j * normal[:, 1])
+
+
+def _vertex_heading(structure: Structure) -> float:
+    """A direction (rad) that the numbering of the vertices gives: a sum of offsets with uneven weights."""
+    offset = structure.vertices[:, :2] - structure.vertices[:, :2].mean(axis=0)
+    weight = (np.arange(len(offset)) * (np.sqrt(5) - 1) / 2) % 1 - 0.5
+    along = weight @ offset
+    return float(np.arctan2(along[1], along[0]))
+
+
+def structure_in(frame: Frame, structure: Structure) -> Structure:
+    """The structure in another frame, as long as it lives the same object."""
+    if frame is DECLARED:
+        return structure
+    known = _TURNED.setdefault(structure, {})
+    key = (frame.heading_rad, *frame.origin_m.tolist())
+    if key not in known:
+        known[key] = replace(
+            structure,
+            vertices=_on_grid(frame.from_declared(structure.vertices)),
+            normals=None if structure.normals is None else structure.normals @ frame.turn,
+            landmarks={
+                name: tuple(frame.from_declared(np.array(place, float)).tolist())
+                for name, place in structure.landmarks.items()
+            },
+            sha256=_named(structure.sha256, frame),
+            frame=frame,
+        )
+    return known[key]
+
+
+_TURNED: WeakKeyDictionary[Structure, dict[tuple[float, ...], Structure]] = WeakKeyDictionary()
+
+
+def demonstration_in(frame: Frame, demonstration: Demonstration) -> Demonstration:
+    """The flight in another frame of its structure."""
+    if frame is DECLARED:
+        return demonstration
+    quats = _turned_quats(demonstration.quat_xyzw, -frame.heading_rad)
+    return replace(
+        demonstration,
+        positions=_on_grid(frame.from_declared(demonstration.positions)),
+        quat_xyzw=np.round(quats / _GRID_QUAT) * _GRID_QUAT,
+        sha256=_named(demonstration.sha256, frame),
+    )
+
+
+def trajectory_in(frame: Frame, trajectory: Trajectory) -> Trajectory:
+    """A trajectory of the declared frame in another one."""
+    if frame is DECLARED:
+        return trajectory
+    quats = _turned_quats(trajectory.quat_xyzw, -frame.heading_rad)
+    return replace(trajectory, positions=frame.from_declared(trajectory.positions), quat_xyzw=quats)
+
+
+def trajectory_from(frame: Frame, trajectory: Trajectory | None) -> Trajectory | None:
+    """A trajectory of another frame in the declared one."""
+    if trajectory is None or frame is DECLARED:
+        return trajectory
+    quats = _turned_quats(trajectory.quat_xyzw, frame.heading_rad)
+    return replace(trajectory, positions=frame.to_declared(trajectory.positions), quat_xyzw=quats)
+
+
+def surface_from(frame: Frame, states: SurfaceStates | None) -> SurfaceStates | None:
+    """What became of a surface, in the declared frame."""
+    if states is None or frame is DECLARED:
+        return states
+    normals = None if states.normals is None else states.normals @ frame.turn.T
+    return replace(states, points=frame.to_declared(states.points), normals=normals)
+
+
+def registration_from(here: Frame, there: Frame, found: Registration | None) -> Registration | None:
+    """A registration of two structures in other frames, `here` of the source, as one of the declared ones."""
+    if found is None or here is there is DECLARED:
+        return found
+    words = named_axes(here)
+    translation = here.to_declared(found.translation - found.matrix @ (there.turn.T @ there.origin_m))
+    return replace(
+        found,
+        scale=np.abs(words) @ found.scale,
+        rotation=here.turn @ found.rotation @ words.T,
+        turn=words @ found.turn @ there.turn.T,
+        translation=translation,
+    )
+
+
+def named_axes(frame: Frame) -> Floats:
+    """Quarter turns (3, 3) from a frame to the axes that words mean: +X front, +Y left, as declared."""
+    return np.round(Frame(np.round(frame.heading_rad / (np.pi / 2)) * np.pi / 2).turn)
+
+
+def _turned_quats(quat_xyzw: Floats, heading_rad: float) -> Floats:
+    turn = Rotation.from_euler("z", heading_rad)
+    return normalised((turn * Rotation.from_quat(quat_xyzw)).as_quat())
+
+
+def _on_grid(points: Floats) -> Floats:
+    return np.asarray(np.round(points / _GRID_M) * _GRID_M, float)
+
+
+def _named(sha256: str, frame: Frame) -> str:
+    x, y, _ = frame.origin_m
+    return sha256 and f"{sha256}-turned-{frame.heading_rad:.12f}-about-{x:.6f}-{y:.6f}"

@@ -1,0 +1,141 @@
+"""Which program made a result: digest of the planning sources, versions of libraries, commit, machine.
+
+A version that a person raises is forgotten; what a result follows from is not. So the sources of the
+method and the versions of the libraries that it computes with are part of every key.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Mapping
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+_PACKAGE = Path(__file__).parent
+#: What a plan is computed by; a change of any line of it, a comment too, counts as a change of the method.
+_SOURCES = ("planning", "checks.py", "poses.py", "records.py", "scene.py", "threads.py")
+#: Distributions whose results a plan depends on; of Open3D, whichever is installed.
+_LIBRARIES = ("numpy", "scipy", "numba", "open3d", "open3d-cpu")
+
+
+@cache
+def sources_sha256() -> str:
+    """Digest (hex, 64 digits) of the files that planning consists of."""
+    found = hashlib.sha256()
+    for name in _SOURCES:
+        place = _PACKAGE / name
+        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            text = path.read_bytes().replace(b"\r\n", b"\n")
+            found.update(f"{path.relative_to(_PACKAGE).as_posix()} {len(text)}\n".encode() + text)
+    return found.hexdigest()
+
+
+@cache
+def libraries() -> str:
+    """Names and versions of the libraries that results depend on, e.g. ``numba 0.61.2, numpy 2.2.6``."""
+    versions = {}
+    for name in _LIBRARIES:
+        try:
+            versions[name.removesuffix("-cpu")] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return ", ".join(f"{name} {version}" for name, version in sorted(versions.items()))
+
+
+@cache
+def machine() -> str:
+    """Processor and the kernels that linear algebra chose for it: they differ in the last digit.
+
+    It is recorded beside a plan and no part of its key, or a fleet of unlike machines would plan for ever.
+    """
+    import scipy.linalg  # noqa: F401  # so that its library is loaded, whoever asks
+    from threadpoolctl import threadpool_info
+
+    kernels = {
+        f"{pool['internal_api']} {pool['version']} {pool.get('architecture', '')}".strip()
+        for pool in threadpool_info()
+        if pool["user_api"] == "blas" and ("numpy" in pool["filepath"] or "scipy" in pool["filepath"])
+    }
+    return ", ".join([platform.machine(), *sorted(kernels)])
+
+
+@cache
+def code_version() -> str:
+    """The version of the program, and the commit where it runs from a checkout: ``0.1.0+g1a2b3c4d5e6f``."""
+    from upplied import __version__
+
+    commit = _commit(_PACKAGE.parent / ".git")
+    return f"{__version__}+g{commit[:12]}" if commit else __version__
+
+
+def method() -> dict[str, str]:
+    """What of the program belongs into the key of a result."""
+    return {"sources": sources_sha256(), "libraries": libraries()}
+
+
+def recorded() -> dict[str, str]:
+    """What is kept of the program beside a plan, by the columns of `transfers`."""
+    return {
+        "code_version": code_version(),
+        "sources_sha256": sources_sha256(),
+        "libraries": libraries(),
+        "machine": machine(),
+    }
+
+
+def causes(row: Mapping[str, object], method_version: str) -> list[str]:
+    """Why this program may plan otherwise than the one that wrote a row of `transfers`, in words.
+
+    Empty where all that is known is the same.
+    """
+    now = recorded()
+    found = []
+    if row.get("method_version") != method_version:
+        found.append(f"method {row.get('method_version') or 'unknown'} became {method_version}")
+    if row.get("sources_sha256") != now["sources_sha256"]:
+        was = row.get("code_version") or "unknown code"
+        found.append(f"the planning sources changed ({was} then, {now['code_version']} now)")
+    found += _changed(str(row.get("libraries") or ""), now["libraries"])
+    if row.get("machine") and row["machine"] != now["machine"]:
+        found.append(f"another machine ({row['machine']} then, {now['machine']} now)")
+    return found
+
+
+def _changed(before: str, now: str) -> list[str]:
+    """Libraries whose versions differ, in words."""
+    if not before:
+        return ["the versions of its libraries were not recorded"]
+    old, new = (dict(item.rsplit(" ", 1) for item in text.split(", ") if item) for text in (before, now))
+    return [
+        f"{name} {old.get(name, 'none')} became {new.get(name, 'none')}"
+        for name in sorted(old.keys() | new.keys())
+        if old.get(name) != new.get(name)
+    ]
+
+
+def _commit(git: Path) -> str:
+    """The commit that a checkout is at (hex); empty where there is none or it cannot be told."""
+    try:
+        if git.is_file():  # a work tree beside its repository
+            git = (git.parent / git.read_text(encoding="utf-8").removeprefix("gitdir:").strip()).resolve()
+        head = (git / "HEAD").read_text(encoding="utf-8").strip()
+        if not head.startswith("ref:"):
+            return head
+        name = head.removeprefix("ref:").strip()
+        common = git / "commondir"
+        places = (
+            [git, (git / common.read_text(encoding="utf-8").strip()).resolve()] if common.exists() else [git]
+        )
+        for place in places:
+            if (place / name).exists():
+                return (place / name).read_text(encoding="utf-8").strip()
+            packed = place / "packed-refs"
+            if packed.exists():
+                for line in packed.read_text(encoding="utf-8").splitlines():
+                    if line.endswith(f" {name}"):
+                        return line.split(" ", 1)[0]
+    except (OSError, UnicodeDecodeError):
+        return ""
+    return ""

@@ -1,0 +1,37 @@
+"""Linear algebra held to one thread while something is planned, whoever calls.
+
+The matrices of a plan are small: more threads wait for each other longer than they compute, and how
+they part a sum shows in the last digit of every plan.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+from threadpoolctl import threadpool_limits
+
+_LOCK = threading.Lock()
+_HELD = ExitStack()
+_holders = 0
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """While this lasts, BLAS computes with one thread; afterwards with as many as before.
+
+    It may be entered again, and from several threads: the last to leave gives the threads back.
+    """
+    global _holders
+    with _LOCK:
+        if _holders == 0:
+            _HELD.enter_context(threadpool_limits(1, user_api="blas"))
+        _holders += 1
+    try:
+        yield
+    finally:
+        with _LOCK:
+            _holders -= 1
+            if _holders == 0:
+                _HELD.close()
