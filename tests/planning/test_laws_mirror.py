@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from moved_scenes import about_z, mirrored_flight, mirrored_structure, moved_flight, moved_structure
+from moved_scenes import ANY, about_z, mirrored_flight, mirrored_structure, moved_flight, moved_structure
 
 from upplied.config import settings_for
 from upplied.planning.geometry.frechet import frechet
@@ -22,7 +22,7 @@ def fleet():
 
 def check_mirrored(fleet, source, target, part, preset, seed):
     flight = fly(fleet[source], part, seed=seed)
-    options = settings_for(preset)
+    options = settings_for(preset, verdict=ANY)
     plan = plan_transfer(flight, fleet[source], fleet[target], options)
     mirrored = plan_transfer(
         mirrored_flight(flight),
@@ -47,7 +47,7 @@ def test_everything_mirrored_gives_the_mirrored_plan(fleet):
 def test_a_mirrored_target_that_is_its_own_image_gets_the_same_plan(fleet):
     flight, ship, yacht = fly(fleet["cruise-v1"], "hull", seed=1), fleet["cruise-v1"], fleet["yacht-1-v1"]
     plans = [
-        plan_transfer(flight, ship, target, settings_for("recommended"))
+        plan_transfer(flight, ship, target, settings_for("recommended", verdict=ANY))
         for target in (yacht, mirrored_structure(yacht))
     ]
     strays = frechet(plans[0].trajectory.positions, plans[1].trajectory.positions)
@@ -74,8 +74,10 @@ def test_the_repetition_on_the_other_side_is_the_mirrored_flight(fleet, degrees)
     turn, plane = about_z(degrees), fleet["a320-v1"]
     flight = fly(plane, "engine_left", seed=1)
     scene = moved_flight(flight, turn), moved_structure(plane, turn), moved_structure(plane, turn)
-    plan = plan_transfer(*scene, settings_for("recommended", correspondence={"repeat": "mirror"}))
-    once = plan_transfer(*scene, settings_for("recommended"))
+    plan = plan_transfer(
+        *scene, settings_for("recommended", verdict=ANY, correspondence={"repeat": "mirror"})
+    )
+    once = plan_transfer(*scene, settings_for("recommended", verdict=ANY))
     assert plan.status == "ok", plan.reason
     path, single = plan.trajectory.positions @ turn, once.trajectory.positions @ turn
     for side in (single, single * FLIP):  # both are flown, to within what a turn of the camera moves

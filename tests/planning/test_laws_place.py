@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from moved_scenes import moved_flight, moved_structure, strays_m
+from moved_scenes import ANY, moved_flight, moved_structure, strays_m
 
 from upplied.config import settings_for
 from upplied.planning.geometry.frechet import frechet
 from upplied.planning.plan import plan_transfer
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
+from upplied.scene import scene_of
 
 PAIRS = {
     "cube": ("cube-v1", "cuboid-v1", "sides"),
@@ -33,7 +34,7 @@ def scene(fleet, kind, seed):
 
 def check_moved(fleet, kind, preset, seed):
     flight, source, target = scene(fleet, kind, seed)
-    options = settings_for(preset)
+    options = settings_for(preset, verdict=ANY)
     plan = plan_transfer(flight, source, target, options)
     away = plan_transfer(flight, source, moved_structure(target, shift=FAR), options)
     assert away.status == plan.status == "ok"
@@ -62,7 +63,7 @@ def test_targets_of_every_kind_get_the_moved_plan(fleet, kind, preset):
 def test_a_scaled_target_gets_the_scaled_plan(fleet, preset, scale):
     """With the stand-off scaled; distances in metres that do not scale, the safety distance, stay clear."""
     flight, source, target = scene(fleet, "cube", 1)
-    options = settings_for(preset)
+    options = settings_for(preset, verdict=ANY)
     plan = plan_transfer(flight, source, target, options)
     scaled = plan_transfer(flight, source, moved_structure(target, scale=scale), options)
     assert frechet(scaled.trajectory.positions / scale, plan.trajectory.positions) < 0.02 * target.diagonal_m
@@ -73,11 +74,12 @@ def test_a_scaled_target_gets_the_scaled_plan(fleet, preset, scale):
 
 def test_a_kept_stand_off_stays_in_metres(fleet):
     flight, source, _ = scene(fleet, "cube", 1)
-    options = settings_for("recommended", transfer={"standoff": "kept"})
+    options = settings_for("recommended", verdict=ANY, transfer={"standoff": "kept"})
     distance = {}
     for scale in (1.0, 1.6):
-        plan = plan_transfer(flight, source, moved_structure(source, scale=scale), options)
-        distance[scale] = plan.measures.min_clearance_m
+        larger = moved_structure(source, scale=scale)
+        plan = plan_transfer(flight, source, larger, options)
+        distance[scale] = np.median(scene_of(larger).distance(plan.trajectory.positions))
         assert plan.measures.standoff_ratio_p50 == pytest.approx(1, abs=0.12)
         assert plan.measures.standoff_kept_pct > 95
-    assert distance[1.6] == pytest.approx(distance[1.0], rel=0.2)
+    assert distance[1.6] == pytest.approx(distance[1.0], rel=0.15)

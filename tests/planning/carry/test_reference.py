@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from moved_scenes import about_z, moved_structure
+from moved_scenes import ANY, about_z, moved_structure
 from scipy.spatial.transform import Rotation
 
 import upplied.planning.trajectory.propose as proposing
@@ -35,7 +35,7 @@ def test_it_is_turned_as_the_target_is(fleet, kind, part, turn, search):
     """Below 30 degrees it once was not turned at all, and of a structure flipped over it was 114 m off."""
     structure = fleet[kind]
     lying = replace(moved_structure(structure, turn), surroundings=type(structure.surroundings)())
-    settings = settings_for("recommended", registration={"search": search})
+    settings = settings_for("recommended", verdict=ANY, registration={"search": search})
     flight = fly(structure, part, seed=1)
     pair = study_pair(structure, lying, settings)
     (take,) = takes_of(flight, pair, settings)
@@ -51,7 +51,7 @@ def test_the_shape_that_bounds_the_planner_is_the_one_it_is_measured_by(fleet, m
         "complete",
         lambda path, view, like, *rest: bounds.append(like) or kept(path, view, like, *rest),
     )
-    settings = settings_for("recommended", registration={"search": "heading"})
+    settings = settings_for("recommended", verdict=ANY, registration={"search": "heading"})
     flight, turn = fly(ship, "hull", seed=1), about_z(29)
     plan = plan_transfer(flight, ship, moved_structure(ship, turn), settings)
     true = zscored(flight.positions @ turn.T @ plan.registration.turn.T)
@@ -72,7 +72,7 @@ def test_what_the_stand_off_bounds_is_carried_with_it(fleet, monkeypatch, stando
         "faired",
         lambda places, space, reach: ripples.append(reach) or faired(places, space, reach),
     )
-    settings = settings_for("recommended", transfer={"standoff": standoff})
+    settings = settings_for("recommended", verdict=ANY, transfer={"standoff": standoff})
     plan = plan_transfer(
         fly(fleet["cruise-v1"], "hull", seed=1), fleet["cruise-v1"], fleet["yacht-1-v1"], settings
     )
