@@ -67,6 +67,7 @@ _LINEAGE = {
     "target_id": "target",
     "preset": "preset",
     "status": "status",
+    "coverage_inspected_pct": "inspected %",
     "coverage_seen_pct": "coverage seen %",
     "frechet_z": "Frechet z",
     "min_clearance_m": "clearance m",

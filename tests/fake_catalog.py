@@ -127,6 +127,9 @@ class FakeCatalog:
     def surface(self, transfer_id: str) -> SurfaceStates | None:
         return self.plans[transfer_id].surface
 
+    def inspected(self, transfer_id: str) -> SurfaceStates | None:
+        return self.plans[transfer_id].inspected
+
     def structure(self, structure_id: str) -> Structure:
         return self._structures[structure_id]
 

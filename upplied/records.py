@@ -307,14 +307,23 @@ class Measures(Record):
 
 
 #: What became of a piece of a structure's surface; `SurfaceStates.state` indexes this.
-SURFACE_STATES = ("other", "seen", "missed", "unattainable", "no counterpart")
+SURFACE_STATES = (
+    "other",
+    "shown",
+    "missed",
+    "unattainable",
+    "no counterpart",
+    "hardly inspected",
+    "partly inspected",
+    "inspected",
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SurfaceStates(Record):
-    """What became of each piece of a target's surface, for reports.
+    """What became of each piece of a target's surface, or what of a source's was inspected, for reports.
 
-    `other` was not inspected by the demonstration; `no counterpart` has no partner on its structure.
+    `other` was not inspected by the demonstration, and `no counterpart` has no partner on the other one.
     """
 
     points: Floats  # (N, 3) m, target frame
@@ -340,9 +349,11 @@ class Plan(Record):
     counterpart_summary: str = ""
     warnings: tuple[str, ...] = ()
     surface: SurfaceStates | None = None  # what the plan sees of the target, where it was computed
+    inspected: SurfaceStates | None = None  # what of the source the demonstration was about
     flyable: bool = False  # whether it may be flown as it is
     not_flyable: str = ""  # why not, in words
     surface_sha256: str = ""  # of `surface`, where that was stored already and is left out here
+    inspected_sha256: str = ""  # of `inspected`, likewise
 
     @property
     def n_viewpoints(self) -> int:

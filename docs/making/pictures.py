@@ -92,7 +92,7 @@ def _seen(source: Structure, flight: Demonstration) -> None:
         title = f"{name.replace('-', ' ')}: {_share(cloud, seen):.0f} % of the surface"
         states = SurfaceStates(
             cloud.points,
-            np.where(seen, SURFACE_STATES.index("seen"), SURFACE_STATES.index("other")),
+            np.where(seen, SURFACE_STATES.index("shown"), SURFACE_STATES.index("other")),
             cloud.normals,
         )
         path = [("demonstrated path", flight, DEMONSTRATED)]

@@ -129,7 +129,7 @@ def test_the_two_skins_of_a_thin_plate_keep_their_own_colours():
     normals = np.repeat([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], 400, axis=0)
     states = SurfaceStates(points, np.repeat([1, 2], 400), normals)
     body = Solid(vertices, triangles, states)
-    for elevation, name in ((80.0, "seen"), (-80.0, "missed")):
+    for elevation, name in ((80.0, "shown"), (-80.0, "missed")):
         image = picture(body, NOTHING, fitted(View(0.0, elevation), vertices, 120, 120))
         colour = image[60, 60] / 255
         wanted = np.array(rgb(STATES[name]))

@@ -203,6 +203,11 @@ class Catalog:
             return self.surfaces.get(sha256)
         return self.cache.get("surface", SurfaceStates, transfer_id, nameless=True)  # of version 0.1.0
 
+    def inspected(self, transfer_id: str) -> SurfaceStates | None:
+        """What of its source structure the demonstration of a plan was about; None where it was not kept."""
+        sha256 = self.transfer(transfer_id, ("inspected_sha256",))["inspected_sha256"]
+        return self.surfaces.get(sha256) if sha256 else None
+
     def flights(self, transfer_id: str | None = None) -> pd.DataFrame:
         """Flights of plans in simulation, in the order they were added; those of one plan, or all."""
         return queries.flights(self.tables["flights"], transfer_id)

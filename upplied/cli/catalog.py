@@ -20,11 +20,11 @@ PLANNED = {
     "target_id": "target",
     "preset": "preset",
     "status": "status",
-    "coverage_seen_pct": "seen %",
+    "coverage_inspected_pct": "inspected %",
     "min_clearance_m": "clear m",
     "planned_at": "planned",
 }
-SPARE = ("planned", "clear m", "seen %")
+SPARE = ("planned", "clear m", "inspected %")
 CHANGED = {
     "demonstration_id": "demonstration",
     "target_id": "target",
@@ -33,6 +33,7 @@ CHANGED = {
     "why": "why",
     "status_before": "before",
     "status_after": "after",
+    "coverage_inspected_pct_change": "inspected %",
     "coverage_seen_pct_change": "seen %",
     "min_clearance_m_change": "clear m",
 }

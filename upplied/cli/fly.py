@@ -15,6 +15,7 @@ app = App(name="fly", help="Fly a plan in simulated wind, and see what margin it
 
 MEASURED = {
     "min_clearance_m": "least clearance, m",
+    "coverage_inspected_pct": "inspected, shown as well, %",
     "coverage_seen_pct": "really seen, %",
     "coverage_paper_pct": "seen by frustum, %",
     "duration_s": "duration, s",

@@ -163,10 +163,15 @@ COLUMNS = {
     "target_id": "target",
     "preset": "preset",
     "status": "status",
+    "coverage_inspected_pct": "inspected %",
     "coverage_seen_pct": "seen %",
     "coverage_paper_pct": "paper %",
     "frechet_z": "Frechet",
     "min_clearance_m": "clear m",
+    "camera_turn_ratio": "turned",
+    "gsd_mm_p50": "gsd mm",
+    "gsd_demonstrated_mm_p50": "flown mm",
+    "standoff_mode": "stand-off",
     "duration_s": "time s",
 }
 
@@ -190,7 +195,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
     show(
         f"transfers of {demonstration}",
         [{title: _cell(row, name) for name, title in COLUMNS.items()} for row in rows],
-        spare=("paper %", "Frechet", "time s"),
+        spare=("paper %", "Frechet", "time s", "flown mm", "stand-off", "gsd mm", "turned", "seen %"),
     )
     for row in rows:
         status = shown_status(row)

@@ -14,10 +14,13 @@ PRESETS = {"recommended": "#0072b2", "paper": "#009e73", "baseline": "#cc79a7"}
 #: Colour of the surface by what became of it; the order is that of `records.SURFACE_STATES`.
 STATES = {
     "other": SURFACE,
-    "seen": "#7db8e8",
+    "shown": "#7db8e8",
     "missed": "#d55e00",
     "unattainable": "#f0e442",
     "no counterpart": "#8c7a99",
+    "hardly inspected": "#d5e8e0",
+    "partly inspected": "#8fcbb5",
+    "inspected": "#2e9e7c",
 }
 
 

@@ -92,13 +92,15 @@ def transfer_png(
 ) -> bytes:
     """Two panels: the demonstration on its structure, and the plan on the target.
 
-    The target's surface is coloured by ``plan.surface`` where that is known. A refused plan shows
+    The source is coloured by what the demonstration was about (``plan.inspected``), the target by what of
+    it is shown (``plan.surface``), where that is known. A refused plan shows
     the target alone, with the reason. The same view serves both panels, each fitted to its own content;
     where none is given, it is from the side on which was flown. `left` is the first panel, where
     `demonstrated_panel` made it already for another target.
     """
     chosen = _chosen(view, source, demonstration)
     half = width // 2
+    source_states = source_states or plan.inspected
     left = left or demonstrated_panel(source, demonstration, source_states, view, frusta, width)
     high = max(len(left.image), _height(chosen, _content(target, [plan.trajectory]), half))
     colour = rgb(PRESETS.get(plan.preset, DEMONSTRATED))
@@ -185,8 +187,9 @@ def figures(plan: Plan) -> str:
         return f"{plan.status}: {plan.reason}"
     measures = plan.measures
     parts = [
-        ("coverage", measures.coverage_paper_pct, "{:.1f} %"),
+        ("inspected", measures.coverage_inspected_pct, "{:.1f} %"),
         ("really seen", measures.coverage_seen_pct, "{:.1f} %"),
+        ("camera turned", measures.camera_turn_ratio, "{:.1f} times"),
         ("clearance", measures.min_clearance_m, "{:.1f} m"),
         ("Fréchet", measures.frechet_z, "{:.2f}"),
         ("length", measures.path_length_m, "{:.0f} m"),

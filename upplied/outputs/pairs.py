@@ -124,10 +124,21 @@ def attention(pair: Pair) -> tuple[float, float, float, str]:
     )
 
 
+_COVERAGES = ("coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct")  # the most honest first
+
+
 def coverage(row: Mapping[str, Any]) -> float | None:
     """The most honest coverage that was computed, percent."""
-    seen = number(row, "coverage_seen_pct")
-    return number(row, "coverage_paper_pct") if seen is None else seen
+    known = (number(row, name) for name in _COVERAGES)
+    return next((value for value in known if value is not None), None)
+
+
+def attainable(row: Mapping[str, Any]) -> float | None:
+    """The most that could be shown of what was inspected, or seen where that was not computed, percent."""
+    lost = [number(row, name) for name in ("inspected_without_counterpart_pct", "inspected_unattainable_pct")]
+    if lost[0] is None or lost[1] is None:
+        return number(row, "coverage_attainable_pct")
+    return 100 - lost[0] - lost[1]
 
 
 def number(row: Mapping[str, Any], name: str) -> float | None:
@@ -172,10 +183,9 @@ def fleet_data(pairs: list[Pair], title: str, without_page: Collection[str] = ()
 
 def _fleet_row(pair: Pair) -> list[Any]:
     row = pair.main
-    peers = [number(pair.plans.get(preset, {}), "coverage_paper_pct") for preset in ("paper", "baseline")]
-    if number(row, "coverage_seen_pct") is not None:
-        peers = [number(pair.plans.get(preset, {}), "coverage_seen_pct") for preset in ("paper", "baseline")]
-    values = [coverage(row), number(row, "coverage_attainable_pct"), *peers]
+    name = next((name for name in _COVERAGES if number(row, name) is not None), _COVERAGES[-1])
+    peers = [number(pair.plans.get(preset, {}), name) for preset in ("paper", "baseline")]
+    values = [coverage(row), attainable(row), *peers]
     values += [number(row, name) for name in ("min_clearance_m", "frechet_z", "path_length_m", "duration_s")]
     return [
         pair.name,

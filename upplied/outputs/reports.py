@@ -12,8 +12,14 @@ from upplied import __version__
 from upplied.config import digest
 from upplied.outputs import figures
 from upplied.outputs.along import profile
-from upplied.outputs.display import DisplayMesh, display_mesh, display_states, nearest_samples, structure_data
-from upplied.outputs.draw.sheet import Panel
+from upplied.outputs.display import (
+    DisplayMesh,
+    display_mesh,
+    display_states,
+    nearest_samples,
+    packed,
+    structure_data,
+)
 from upplied.outputs.flown import Flights, flown_data, flown_sentence
 from upplied.outputs.pair_page import demonstration_data, pair_data, path_data, planned_data
 from upplied.outputs.pairs import Pair, number
@@ -41,6 +47,9 @@ class Source(Protocol):
     def surface(self, transfer_id: str) -> SurfaceStates | None:
         """What one plan sees of its target, where that is still known."""
 
+    def inspected(self, transfer_id: str) -> SurfaceStates | None:
+        """What of its source the demonstration of one plan was about, where that is still known."""
+
     def structure(self, structure_id: str) -> Structure:
         """One structure with its mesh."""
 
@@ -62,7 +71,6 @@ class Reader:
         self._data = lru_cache(4)(self._data_of)
         self._flown = lru_cache(32)(self._flown_of)
         self._near: dict[str, Ints] = {}  # of the last target
-        self._panel = lru_cache(32)(self._panel_of)
 
     def sha256(self, table: str, name: str) -> str:
         """Hash of a structure or demonstration as it stands now; empty where it is not known."""
@@ -87,7 +95,12 @@ class Reader:
                     if flown is not None:
                         along = profile(flown.trajectory, self._scene(pair.target_id))
                         paths[preset]["flown"] = flown_data(flown, row, path_data(along, origin))
-        return pair_data(pair, self._flown(pair.demonstration_id), paths)
+        demonstration = dict(self._flown(pair.demonstration_id))
+        inspected = self.source.inspected(str(pair.main["transfer_id"]))
+        if inspected is not None:
+            states = display_states(self._mesh(pair.source_id), inspected)
+            demonstration["states"] = packed(states)
+        return pair_data(pair, demonstration, paths)
 
     def flown(self, row: Any) -> str:
         """What came of flying a plan in simulation, in words; empty where nobody did."""
@@ -97,9 +110,8 @@ class Reader:
         """PNG of the demonstration and of the plan that is flown."""
         plan = plan_of(self.source, pair.main)
         source, target = self.structure(pair.source_id), self.structure(pair.target_id)
-        left = self._panel(pair.demonstration_id, width)
         demonstration = self.demonstration(pair.demonstration_id)
-        return figures.transfer_png(source, target, demonstration, plan, width=width, left=left)
+        return figures.transfer_png(source, target, demonstration, plan, width=width)
 
     def _states(self, row: Any, target_id: str) -> np.ndarray | None:
         surface = self.source.surface(str(row["transfer_id"]))
@@ -137,10 +149,6 @@ class Reader:
     def _data_of(self, structure_id: str) -> dict[str, Any]:
         return structure_data(self.structure(structure_id), self._mesh(structure_id))
 
-    def _panel_of(self, demonstration_id: str, width: int) -> Panel:
-        flown = self.demonstration(demonstration_id)
-        return figures.demonstrated_panel(self.structure(flown.structure_id), flown, width=width)
-
     def _flown_of(self, demonstration_id: str) -> dict[str, Any]:
         flown = self.demonstration(demonstration_id)
         origin = np.array(self._data(flown.structure_id)["origin"])
@@ -164,6 +172,7 @@ def plan_of(source: Source, row: Any) -> Plan:
         is_viewpoint=steps["is_viewpoint"].to_numpy(bool) if len(steps) else None,
         measures=Measures(**{name: value for name, value in given.items() if value is not None}),
         surface=source.surface(str(row["transfer_id"])) if done else None,
+        inspected=source.inspected(str(row["transfer_id"])),
     )
 
 

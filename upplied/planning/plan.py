@@ -10,6 +10,7 @@ from upplied.planning.correspondence.pair import METHOD_VERSION, Memo, no_memo, 
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.measures.evaluate import judge
+from upplied.planning.measures.inspected import inspected_states
 from upplied.planning.measures.verdict import shortfalls
 from upplied.planning.surface.frames import (
     demonstration_in,
@@ -89,6 +90,7 @@ def _planned(
         return replace(plan, status="refused", reason=pair.fit_for(settings).registration.reason)
     # What did the expert look at, and from which viewpoints? (Algorithm 2, lines 1 to 13)
     takes = takes_of(demonstration, pair, settings, memo)
+    plan = replace(plan, inspected=inspected_states(takes[0]))
     if nothing := nothing_shown(takes[0].inspection, takes[0].pair, settings):
         return replace(plan, status="refused", reason=nothing)
     # From where does the target show the same? (lines 14 to 18)

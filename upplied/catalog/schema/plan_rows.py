@@ -107,6 +107,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         "registration_json": "" if registration is None else _registration_json(registration),
         "waypoints_sha256": "" if path is None else _plan_sha256(plan),
         "surface_sha256": plan.surface_sha256,
+        "inspected_sha256": plan.inspected_sha256,
     }
 
 

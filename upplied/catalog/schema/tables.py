@@ -208,8 +208,12 @@ TRANSFERS = Table(
         Column("registration_json", TEXT, "", "how the target lies on the source, with the evidence"),
         Column("waypoints_sha256", TEXT, "", "hash of the waypoints; empty where there are none"),
         Column(
-            "surface_sha256", TEXT, "", "hash of what is seen of the target, which is surfaces/<hash>.parquet"
+            "surface_sha256",
+            TEXT,
+            "",
+            "hash of what is shown of the target, which is surfaces/<hash>.parquet",
         ),
+        Column("inspected_sha256", TEXT, "", "hash of what of the source was inspected, kept likewise"),
         _id("key", "hash of everything the plan depends on"),
         _COMMIT,
         Column("added_at", MOMENT, "UTC", f"when it was added, {_ADDED}", required=True),

@@ -34,6 +34,10 @@ class States(Record):
     state: Ints  # (N,) index into SURFACE_STATES, as small numbers
 
 
+#: The columns of `transfers` that name a surface.
+SURFACES = ("surface_sha256", "inspected_sha256")
+
+
 class SurfaceStore:
     """The surfaces of one catalog.
 

@@ -86,9 +86,12 @@ def _makes_way(stored: Row, status: str, run_id: str = "") -> bool:
 
 def keep_surface(catalog: Catalog, plan: Plan) -> Plan:
     """See `Catalog.keep_surface`."""
-    if plan.surface is None:
-        return plan
-    return replace(plan, surface=None, surface_sha256=catalog.surfaces.put(plan.surface))
+    put = catalog.surfaces.put
+    if plan.surface is not None:
+        plan = replace(plan, surface=None, surface_sha256=put(plan.surface))
+    if plan.inspected is not None:
+        plan = replace(plan, inspected=None, inspected_sha256=put(plan.inspected))
+    return plan
 
 
 def add_flight(catalog: Catalog, row: Mapping[str, Any], path: Trajectory) -> int:

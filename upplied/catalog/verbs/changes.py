@@ -19,6 +19,7 @@ _METHOD = {
 }
 _COMPARED = (
     "status",
+    "coverage_inspected_pct",
     "coverage_seen_pct",
     "coverage_paper_pct",
     "min_clearance_m",

@@ -25,7 +25,7 @@ from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import file_name
 from upplied.catalog.store.delta import in_schema
 from upplied.catalog.store.files import replace_file
-from upplied.catalog.store.surfaces import Samples, States
+from upplied.catalog.store.surfaces import SURFACES, Samples, States
 from upplied.catalog.verbs import adding
 from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, describe
 from upplied.catalog.verbs.published import checked_steps, write_tables
@@ -94,7 +94,7 @@ def export_dataset(
     )
     for sha256 in sorted(set(structures["mesh_sha256"])):
         replace_file(place / "meshes" / f"{sha256}.parquet", codec.encode(catalog.meshes.get(sha256)))
-    for sha256 in sorted(set(plans["surface_sha256"]) - {""}):
+    for sha256 in sorted({sha256 for column in SURFACES for sha256 in plans[column]} - {""}):
         states = catalog.surfaces.states.get(sha256)
         samples = catalog.surfaces.samples
         kept = {"surfaces": (sha256, states), "samples": (states.samples_sha256, None)}
@@ -152,7 +152,8 @@ def import_dataset(catalog: Catalog, folder: str | os.PathLike[str], replace: bo
         if row["n_waypoints"]:
             _steps(place, steps["waypoints"], "waypoints", row)
     for row in plans:
-        row["surface_sha256"] = _surface(catalog, place, row["surface_sha256"])
+        for column in SURFACES:
+            row[column] = _surface(catalog, place, row[column])
     new_structures = _unknown(catalog.create(), "structures", structures, replace)
     new_demonstrations = _unknown(catalog, "demonstrations", demonstrations, replace)
     return {

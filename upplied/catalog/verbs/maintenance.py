@@ -12,6 +12,7 @@ from deltalake import DeltaTable
 
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.merging import merge, removing
+from upplied.catalog.store.surfaces import SURFACES
 from upplied.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -108,7 +109,8 @@ def _drop_surfaces(catalog: Catalog, before: datetime) -> int:
     old = files.older(before)
     if not old:
         return 0
-    named = set(catalog.tables["transfers"].read(None, ["surface_sha256"])["surface_sha256"].to_pylist())
+    kept = catalog.tables["transfers"].read(None, list(SURFACES))
+    named = {sha256 for column in SURFACES for sha256 in kept[column].to_pylist()}
     gone = [name for name in old if name.removesuffix(".parquet") not in named]
     for name in gone:
         files.remove(name)

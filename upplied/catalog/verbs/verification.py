@@ -15,6 +15,7 @@ from upplied.catalog.schema.columns import Column
 from upplied.catalog.schema.plan_rows import settings_text
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.surfaces import SURFACES
 from upplied.catalog.verbs.published import owned_steps
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.errors import CatalogError, UppliedError
@@ -119,7 +120,7 @@ def _contents(catalog: Catalog, transfers: pd.DataFrame) -> Iterator[Finding]:
     """What plans see and what was flown, each read and compared with its hash."""
     flights = catalog.flights()
     for read, named in (
-        (catalog.surfaces.get, transfers.groupby("surface_sha256")["transfer_id"]),
+        *((catalog.surfaces.get, transfers.groupby(column)["transfer_id"]) for column in SURFACES),
         (catalog.flown, flights.groupby("flight_sha256")["transfer_id"]),
     ):
         for sha256, owners in named:

@@ -8,7 +8,7 @@
     { key: "demonstration", label: "Demonstration", wide: "minmax(10.8rem,1.6fr)" },
     { key: "target", label: "Target", wide: "minmax(7.2rem,1fr)" },
     { key: "kind", label: "Kind", wide: "minmax(7.2rem,.6fr)" },
-    { key: "coverage", label: "Coverage", wide: "7.7rem", number: true, title: "Share of the demonstrated surface that the plan really sees, where that was computed; else by frustum" },
+    { key: "coverage", label: "Coverage", wide: "7.7rem", number: true, title: "Share of what the demonstration was about that the plan shows at least as well, where that was computed" },
     { key: "paper", label: "Paper", wide: "4.3rem", number: true, title: "Coverage of the method as published" },
     { key: "baseline", label: "Baseline", wide: "5.4rem", number: true, title: "Coverage of the path scaled by the bounding boxes" },
     { key: "clearance", label: "Clearance", wide: "6.5rem", number: true, title: "Least distance between the path and the structure" },

@@ -4,12 +4,32 @@
 (function () {
   const { element, badge, format, COLOURS, STATES } = upplied;
   const MEASURES = [
+    ["coverage_inspected_pct", "Inspected, shown as well", 1, " %", "Of the surface that the demonstration was about, the share that the plan shows at least as near, as frontally and as sharply"],
+    ["inspected_without_counterpart_pct", "Inspected, without counterpart", 1, " %", "Of that surface, what nothing on the target answers to; it counts as not shown"],
+    ["inspected_unattainable_pct", "Inspected, unattainable", 1, " %", "Of that surface, what no safe viewpoint could show as well"],
+    ["coverage_of_target_pct", "Of the target", 1, " %", "Of the target's surface that answers to what was inspected, the share shown as well"],
+    ["coverage_context_pct", "Context", 1, " %", "Of what else the demonstration saw, the share that is seen"],
+    ["acceptance_probability", "Probability of a good transfer", 2, "", "Forecast before planning that most of what was inspected can be shown"],
+    ["fidelity_resolution_p50", "Resolution kept, median", 2, "", "Best resolution of each patch over the one asked for"],
+    ["fidelity_resolution_p05", "Resolution kept, 5th percentile", 2, "", "0 where a patch has no sharp look"],
+    ["fidelity_looks_kept_pct", "Looks kept", 0, " %", "Of the directions from which patches were looked at"],
+    ["fidelity_dwell_kept_pct", "Dwell kept", 0, " %", "Of the time for which patches were looked at"],
+    ["fidelity_order", "Order kept", 2, "", "Kendall's tau of the moments at which patches are looked at"],
+    ["fidelity_incidence_deg_p95", "More oblique by, 95th percentile", 0, "°", "Than the demonstration's most frontal look"],
+    ["gsd_mm_p50", "Ground sample distance, median", 1, " mm", "Of the nearest sharp look at each patch"],
+    ["gsd_mm_p95", "Ground sample distance, 95th percentile", 1, " mm", ""],
+    ["gsd_demonstrated_mm_p50", "Demonstrated ground sample distance, median", 1, " mm", ""],
+    ["gsd_demonstrated_mm_p95", "Demonstrated ground sample distance, 95th percentile", 1, " mm", ""],
+    ["camera_turn_ratio", "Camera turned", 1, " times", "Over what the demonstration turned"],
+    ["path_turn_ratio", "Path turned", 1, " times", "Over what the demonstrated path turns"],
+    ["pan_fast_pct", "Too fast for sharp pictures", 0, " %", "Share of the flight time"],
     ["coverage_seen_pct", "Really seen", 1, " %", "Share of the demonstrated surface's counterparts that the plan sees: in view and range, not hidden, not too oblique"],
     ["coverage_attainable_pct", "Attainable", 1, " %", "What any free viewpoint could see"],
     ["coverage_paper_pct", "Coverage as in the paper", 1, " %", "By camera frustum alone, nothing hides"],
     ["min_clearance_m", "Least clearance", 2, " m", "Of the whole path from the structure"],
     ["margin", "Margin over the safety distance", 2, " m", "Least clearance less the distance that the plan was asked to keep"],
-    ["frechet_z", "Fréchet, standardised", 2, "", "Continuous, of the standardised paths"],
+    ["frechet_z", "Fréchet, z-scored", 2, "", "Continuous, of the z-scored paths, as in the paper"],
+    ["frechet_floored", "Fréchet, axes floored", 2, "", "The same with no axis divided by less than a tenth of the largest deviation"],
     ["frechet_m", "Fréchet, metres", 2, " m", "Continuous, after the boxes are matched"],
     ["standoff_ratio_p50", "Stand-off ratio, median", 2, "", "Planned over demonstrated"],
     ["incidence_p95_deg", "Incidence, 95th percentile", 0, "°", "0° looks straight at the surface"],
@@ -66,7 +86,7 @@
       charts, measures(data.plans), remarks(data));
 
     const left = upplied.scene(panes[0], upplied.structures[data.source], demonstration.camera,
-      [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown, viewpoints: every(flown, 60), states: null }]);
+      [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown, viewpoints: every(flown, 60), states: demonstration.states ? upplied.unpack(demonstration.states) : null }]);
     const right = upplied.scene(panes[1], upplied.structures[data.target], demonstration.camera, planned);
     const drawn = drawCharts(charts, [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown }, ...planned], main.safety_m);
 
