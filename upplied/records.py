@@ -97,13 +97,26 @@ class Structure(Record):
     landmarks: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # name -> x y z, m
     symmetric: bool = False  # declared: no heading can be told from the shape
     notes: str = ""
-    # Where vertices, normals and landmarks stand in the declared frame, which surroundings keep to.
-    frame: Frame = field(default_factory=Frame)
 
     @property
     def diagonal_m(self) -> float:
         """Length of the diagonal of the bounding box, m."""
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
+    @property
+    def frame(self) -> Frame:
+        """Where it stands in the declared frame: it is given in it."""
+        return Frame()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StructureInFrame(Structure):
+    """A structure in another frame than the declared one, while it is planned; it is never stored.
+
+    Vertices, normals and landmarks are in that frame; the surroundings keep to the declared one.
+    """
+
+    frame: Frame = Frame()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,7 +7,7 @@ So everything is brought to axes that follow from the structure alone, planned t
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,7 +15,16 @@ from scipy.spatial.transform import Rotation
 
 from upplied.config import Settings
 from upplied.poses import normalised
-from upplied.records import Demonstration, Floats, Frame, Registration, Structure, SurfaceStates, Trajectory
+from upplied.records import (
+    Demonstration,
+    Floats,
+    Frame,
+    Registration,
+    Structure,
+    StructureInFrame,
+    SurfaceStates,
+    Trajectory,
+)
 
 _ROUND = 0.02  # below it walls face all ways alike, and no heading follows from them
 _SQUARE = 4.0  # weight of walls that mostly face one way and its opposite beside those of four ways
@@ -120,8 +129,10 @@ def structure_in(frame: Frame, structure: Structure) -> Structure:
     known = _TURNED.setdefault(structure, {})
     key = (frame.heading_rad, *frame.origin_m.tolist())
     if key not in known:
+        said = {item.name: getattr(structure, item.name) for item in fields(Structure)}
+        turned = StructureInFrame(**said, frame=frame)
         known[key] = replace(
-            structure,
+            turned,
             vertices=_on_grid(frame.from_declared(structure.vertices)),
             normals=None if structure.normals is None else structure.normals @ frame.turn,
             landmarks={
@@ -129,7 +140,6 @@ def structure_in(frame: Frame, structure: Structure) -> Structure:
                 for name, place in structure.landmarks.items()
             },
             sha256=_named(structure.sha256, frame),
-            frame=frame,
         )
     return known[key]
 
