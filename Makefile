@@ -19,16 +19,27 @@ export PREFECT_SERVER_ANALYTICS_ENABLED := false
 help: ## list what make can do
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-$(READY): requirements.lock pyproject.toml
+# One line that moves on, from pip's many; all of them are in .venv/install.log.
+PACKAGES = $$(grep -c '^[A-Za-z].*==' requirements.lock)
+define COUNTED
+awk -v of=$(PACKAGES) -v all=.venv/install.log '{ print > all } /^Collecting/ { n++; printf "\r      %d of about %d packages", n, of; fflush() } \
+	/^Installing/ { printf "\n      unpacking them\n"; fflush() }'
+endef
+
+$(READY): requirements.lock pyproject.toml setup.py
 	@test -n "$(PYTHON)" || { echo "No Python from 3.11 to 3.14 found: install one, or say make PYTHON=/path/to/python3"; exit 1; }
-	@echo "Creating .venv with $$($(PYTHON) --version); the packages are about 1 GB and come once."
-	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --disable-pip-version-check --no-deps --require-hashes --only-binary :all: -r requirements.lock
-	$(BIN)/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation --quiet --editable .
+	@echo "Once: about 1 GB is downloaded into .venv, in two to ten minutes."
+	@echo "1/3 .venv with $$($(PYTHON) --version)"
+	@$(PYTHON) -m venv .venv
+	@echo "2/3 packages, as requirements.lock pins them"
+	@set -o pipefail; $(BIN)/python -m pip install --disable-pip-version-check --no-deps --require-hashes --only-binary :all: \
+		--progress-bar off -r requirements.lock 2>&1 | $(COUNTED) || { tail -20 .venv/install.log; exit 1; }
+	@echo "3/3 upplied itself"
+	@$(BIN)/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation --quiet --editable .
 	@touch $@
 
 quickstart: $(READY) ## environment, sample fleet, every transfer, reports: the whole way once
-	@$(BIN)/python -m flows.quickstart
+	@$(BIN)/python -m upplied.flows.quickstart
 
 test: $(READY) ## the test suite
 	@$(BIN)/python -m pytest -m "not slow"
@@ -58,7 +69,7 @@ pictures: $(READY) ## draw the documentation's pictures again, after a change of
 	$(BIN)/python docs/making/pictures.py
 
 serve: $(READY) ## a Prefect server with the deployments and a worker, until Ctrl-C
-	@$(BIN)/python -m flows.serve
+	@$(BIN)/upplied serve
 
 lock: $(READY) ## resolve requirements.lock again for every Python and platform
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet uv

@@ -24,9 +24,9 @@ import numpy as np
 from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
 from upplied.config import settings_for
-from upplied.fleet import crew
-from upplied.fleet.crew import Outcome
-from upplied.fleet.ledger import Ledger
+from upplied.fleet import planner
+from upplied.fleet.keeping import Keeper
+from upplied.fleet.planner import Outcome
 from upplied.fleet.workers import Workers
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.correspondence.pair import study_pair
@@ -114,11 +114,11 @@ def ceiling(catalog: Catalog, preset: str, seconds: float = 8.0) -> float:
     def rate(lasting_s: float) -> float:
         began, done = time.perf_counter(), 0
         while done == 0 or time.perf_counter() - began < lasting_s:
-            workers.run(crew.plan_in_process, job)
+            workers.run(planner.plan_job, job)
             done += 1
         return done / (time.perf_counter() - began)
 
-    with Workers(2, crew.prepare, (str(catalog.location),)) as workers, ThreadPoolExecutor(2) as threads:
+    with Workers(2, planner.prepare, (str(catalog.location),)) as workers, ThreadPoolExecutor(2) as threads:
         list(threads.map(rate, [0.0, 0.0]))  # starts both
         one = rate(seconds)
         return sum(threads.map(rate, [seconds, seconds])) / one
@@ -229,11 +229,11 @@ def deciding(folder: Path, pairs: int) -> None:
     catalog.add_structures([cube, *clones])
     catalog.add_demonstrations([fly(cube, "sides")])
     wish = fleet.Wish(("paper",))
-    ledger = Ledger(catalog, "bench")
+    keeper = Keeper(catalog, "bench")
     for job in fleet.decide(catalog, wish).jobs:
         names = (job.demonstration_id, job.source_id, job.target_id, job.kind, "paper", "refused")
-        ledger.add(Outcome(job, Plan(*names), 0.0))
-    ledger.close()
+        keeper.add(Outcome(job, Plan(*names), 0.0))
+    keeper.close()
     wall, cpu = time.perf_counter(), cpu_s()
     decision = fleet.decide(catalog, wish)
     assert decision.unchanged == pairs

@@ -28,12 +28,12 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from flows.server import private_server  # noqa: E402
 from upplied import fleet, open_catalog  # noqa: E402
 from upplied.catalog import Catalog  # noqa: E402
 from upplied.config import Settings  # noqa: E402
-from upplied.fleet import crew  # noqa: E402
-from upplied.fleet.crew import Outcome  # noqa: E402
+from upplied.fleet import planner, run  # noqa: E402
+from upplied.fleet.planner import Outcome  # noqa: E402
+from upplied.flows.server import private_server  # noqa: E402
 from upplied.planning.correspondence.pair import Memo  # noqa: E402
 from upplied.planning.surface.voxels import voxel_cloud  # noqa: E402
 from upplied.records import Cloud, Demonstration, Plan, Structure, Trajectory  # noqa: E402
@@ -60,7 +60,7 @@ FLOW = """
 import json, sys
 sys.path.insert(0, sys.argv[4])
 import scale
-from flows.transfer_fleet import transfer_fleet
+from upplied.flows.transfer_fleet import transfer_fleet
 if __name__ == "__main__":
     scale.clock()
     changes, workers = json.loads(sys.argv[2]), int(sys.argv[3])
@@ -73,8 +73,8 @@ if __name__ == "__main__":
 def clocked(job: fleet.Job) -> Outcome:
     """What a worker does with a job, but for `scaled`; its time is the processor's, not the clock's."""
     began = time.process_time()
-    with patch.object(crew, "plan_transfer", scaled):
-        outcome = crew.plan_in_process(job)
+    with patch.object(planner, "plan_transfer", scaled):
+        outcome = planner.plan_job(job)
     return replace(outcome, seconds=time.process_time() - began)
 
 
@@ -102,7 +102,7 @@ def clock() -> None:
     """Let the workers of this process clock themselves; they know this module by its name."""
     import scale
 
-    crew.plan_in_process = scale.clocked
+    run.plan_job = scale.clocked
 
 
 @dataclass

@@ -1,1 +1,1 @@
-"""Orchestration: Prefect tasks of one call and flows of one page. Run from a clone; not installed."""
+"""Orchestration: Prefect tasks of one call and flows of one page, installed as `upplied.flows`."""

@@ -10,9 +10,11 @@ from typing import Any
 
 from prefect.artifacts import create_link_artifact, create_markdown_artifact, create_table_artifact
 
-from flows.pages import address
 from upplied import fleet
 from upplied.catalog import Catalog
+from upplied.checks import pair_name
+
+from .pages import address
 
 MOST_ROWS = 500  # an artifact is for reading; the published table holds them all
 
@@ -55,7 +57,7 @@ def _planned(catalog: Catalog, decision: fleet.Decision, reports: str) -> list[d
     plans = plans.sort_values(["fine", "demonstration_id", "target_id", "preset"]).head(MOST_ROWS)
     rows = []
     for plan in plans[list(_LINEAGE)].to_dict("records"):
-        page = f"transfers/{plan['demonstration_id']}--{plan['target_id']}.html"
+        page = f"transfers/{pair_name(plan['demonstration_id'], plan['target_id'])}.html"
         link = {"page": f"[open]({address(reports, page)})"} if reports else {}
         rows.append(link | {_LINEAGE[name]: _readable(value) for name, value in plan.items()})
     return rows

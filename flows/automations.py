@@ -1,6 +1,6 @@
 """What Prefect does by itself: a run whose heart stopped is marked crashed, and its slot is free again.
 
-``python -m flows.automations`` applies it to the server of the environment; again is the same as once.
+``python -m upplied.flows.automations`` applies it to the server of the environment; again is as once.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from prefect.automations import (
 )
 from prefect.client.schemas.objects import StateType
 
-from flows.environment import SETTINGS
+from .environment import SETTINGS
+from .states import TROUBLED
 
 HEARTBEAT_S = int(SETTINGS["PREFECT_FLOWS_HEARTBEAT_FREQUENCY"])
 # Ten beats: a loaded server that answers late, or drops some events, must not kill a healthy run.
@@ -37,6 +38,7 @@ def zombies(silence_s: int = SILENCE_S) -> AutomationCore:
                 "prefect.flow-run.Running",
                 "prefect.flow-run.heartbeat",
                 "prefect.flow-run.Completed",
+                f"prefect.flow-run.{TROUBLED}",
                 "prefect.flow-run.Failed",
                 "prefect.flow-run.TimedOut",
                 "prefect.flow-run.Cancelled",

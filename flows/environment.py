@@ -1,17 +1,25 @@
-"""What Prefect is told through its environment, in one place; `.env.example` says the same."""
+"""What Prefect is told, in one place: settings in its environment, and its password in its profile."""
 
 from __future__ import annotations
 
+import json
 import os
+import secrets
+import tomllib
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+HERE = Path(__file__).parent
+PROFILE = "upplied"
+ROOTS = "UPPLIED_ROOTS"  # folders and object-store URIs that runs may read and write, separated by commas
 
 SETTINGS = {
     # Nothing is reported to anybody.
     "DO_NOT_TRACK": "1",
     "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
     "RAY_USAGE_STATS_ENABLED": "0",
+    # No page of another site is answered, and what changes something needs a token that only our own has.
+    "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": "http://127.0.0.1",
+    "PREFECT_SERVER_CSRF_PROTECTION_ENABLED": "true",
     # A deployment's concurrency slot must survive a power cut: leases in the server's memory die with
     # it, and the nightly run would then be cancelled for ever.
     "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": "prefect.server.concurrency.lease_storage.filesystem",
@@ -31,26 +39,79 @@ SETTINGS = {
 }
 
 
-def environment(home: Path, api_url: str) -> dict[str, str]:
+def home() -> Path:
+    """The folder that the fleet is run from: its catalog, reports and `.cache` lie there."""
+    return Path(os.environ.get("UPPLIED_HOME") or Path.cwd()).absolute()
+
+
+def prefect_home() -> Path:
+    """The folder of Prefect's own database, settings and password."""
+    return Path(os.environ.get("PREFECT_HOME") or home() / ".cache" / "prefect").absolute()
+
+
+def carried(name: str) -> Path:
+    """A file of the project's root: one of the fleet's own folder, else as it came, in a clone or a wheel."""
+    return next(path for path in (home() / name, HERE / name, HERE.parent / name) if path.is_file())
+
+
+def environment(folder: Path, api_url: str) -> dict[str, str]:
     """This process's environment for Prefect processes of ours.
 
     Parameters
     ----------
-    home : path
-        Folder of Prefect's own database and settings.
+    folder : path
+        Of Prefect's own database and settings; its profile says the password (`sign_in`).
     api_url : str
         Address of the server, e.g. ``http://127.0.0.1:4200/api``.
     """
-    foreign = {name for name in os.environ if name.startswith("PREFECT_")}
-    kept = {name: value for name, value in os.environ.items() if name not in foreign}
-    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    return (
-        kept
-        | SETTINGS
-        | {
-            "PREFECT_HOME": str(home),
-            "PREFECT_API_URL": api_url,
-            "PYTHONPATH": os.pathsep.join(paths),
-            "UPPLIED_HOME": str(ROOT),
-        }
-    )
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
+    ours = {"PREFECT_HOME": str(folder), "PREFECT_API_URL": api_url, "UPPLIED_HOME": str(home())}
+    return kept | SETTINGS | ours
+
+
+def sign_in(folder: Path, api_url: str) -> str:
+    """The password of the server of this folder, made once, in a profile that only its owner can read.
+
+    Prefect's own commands, workers and flows read it from there wherever PREFECT_HOME is that folder.
+
+    Returns
+    -------
+    str
+        ``name:password``, as Prefect's page asks for it and HTTP's Basic scheme sends it.
+    """
+    path = folder / "profiles.toml"
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = tomllib.loads(path.read_text(encoding="utf-8")).get("profiles", {}) if path.is_file() else {}
+    ours = kept.setdefault(PROFILE, {})
+    said = os.environ.get("PREFECT_SERVER_API_AUTH_STRING") or ours.get("PREFECT_SERVER_API_AUTH_STRING")
+    word = said or f"upplied:{secrets.token_urlsafe(32)}"
+    ours |= {
+        "PREFECT_API_URL": api_url,
+        "PREFECT_API_AUTH_STRING": word,
+        "PREFECT_SERVER_API_AUTH_STRING": word,
+    }
+    lines = [f'active = "{PROFILE}"']
+    for name, values in kept.items():
+        lines += ["", f"[profiles.{json.dumps(name)}]"]
+        lines += [f"{setting} = {json.dumps(value)}" for setting, value in values.items()]
+    new = path.with_suffix(f".{os.getpid()}")
+    new.unlink(missing_ok=True)
+    with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+        file.write("\n".join(lines) + "\n")
+    new.replace(path)
+    return str(word)
+
+
+def client(port: int) -> dict[str, str]:
+    """What a command needs that asks the server of this folder, or the one that the environment names."""
+    folder = prefect_home()  # where the profile says the password
+    address = profile(folder).get("PREFECT_API_URL") or f"http://127.0.0.1:{port}/api"
+    ours = {"PREFECT_HOME": str(folder), "UPPLIED_HOME": str(home()), "PREFECT_API_URL": address}
+    return SETTINGS | ours | dict(os.environ)
+
+
+def profile(folder: Path) -> dict[str, str]:
+    """What the profile in a folder of Prefect's says."""
+    path = folder / "profiles.toml"
+    found = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    return dict(found.get("profiles", {}).get(PROFILE, {}))

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from prefect import flow, runtime
-from prefect.states import Completed, State
+from prefect.states import State
 
-from flows import tasks
-from flows.artifacts import ingested_artifacts
-from flows.parameters import Location
+from . import tasks
+from .artifacts import ingested_artifacts
+from .lineage import asset, making, source
+from .parameters import Location
+from .roots import check_roots
+from .states import ingested, told_in_words
 
 
 def run_name() -> str:
@@ -16,6 +19,7 @@ def run_name() -> str:
 
 
 @flow(name="ingest-demonstrations", flow_run_name=run_name)
+@told_in_words
 def ingest_demonstrations(logs: list[Location], catalog: Location = "catalog", workers: int = 0) -> State:
     """Read logs, or folders of them; what is new or changed is kept.
 
@@ -24,5 +28,9 @@ def ingest_demonstrations(logs: list[Location], catalog: Location = "catalog", w
         catalog: Folder or object-store URI.
         workers: Processes; 0 takes one per core.
     """
-    ingested = tasks.ingest_demonstrations(catalog, logs, workers)
-    return Completed(message=ingested_artifacts("ingest-demonstrations", ingested))
+    for log in logs:
+        check_roots(logs=log)
+    check_roots(catalog=catalog)
+    read = making(tasks.ingest_demonstrations, asset(catalog, "demonstrations"), [*map(source, logs)])
+    files = read(catalog, logs, workers)
+    return ingested(ingested_artifacts("ingest-demonstrations", files), files)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from prefect import flow
-from prefect.states import Completed, State
+from prefect.states import State
 
-from flows import tasks
-from flows.artifacts import ingested_artifacts
-from flows.parameters import Location
+from . import tasks
+from .artifacts import ingested_artifacts
+from .lineage import asset, making, source
+from .parameters import Location
+from .roots import check_roots
+from .states import ingested, told_in_words
 
 
 @flow(name="ingest-structures", flow_run_name="structures of {manifest}")
+@told_in_words
 def ingest_structures(
     manifest: Location, catalog: Location = "catalog", workers: int = 0, prune: bool = False
 ) -> State:
@@ -22,5 +26,7 @@ def ingest_structures(
         workers: Processes; 0 takes one per core.
         prune: Retire structures that the manifest no longer names; their history stays.
     """
-    ingested = tasks.ingest_structures(catalog, manifest, workers, prune)
-    return Completed(message=ingested_artifacts("ingest-structures", ingested))
+    check_roots(catalog=catalog, manifest=manifest)
+    read = making(tasks.ingest_structures, asset(catalog, "structures"), [source(manifest)])
+    files = read(catalog, manifest, workers, prune)
+    return ingested(ingested_artifacts("ingest-structures", files), files)

@@ -27,9 +27,9 @@ def _changes() -> type[BaseModel]:
             values = {item.name: (hints[item.name] | None, None) for item in fields(stage)}
             model = create_model(stage.__name__, __config__=strict, __doc__=stage.__doc__, **values)  # type: ignore[call-overload]
             stages[name] = (model | None, None)
-    model = create_model("Changes", __config__=strict, **stages)
-    model.__doc__ = "Settings that differ from the preset's, by stage."
-    return model
+    made = create_model("Changes", __config__=strict, **stages)
+    made.__doc__ = "Settings that differ from the preset's, by stage."
+    return made
 
 
 Changes = _changes()
@@ -70,6 +70,13 @@ class Resources(BaseModel):
         ge=0,
         le=10_000,
         description="Targets that a machine of the pool takes at a time; 0 shares them out.",
+    )
+
+    most_lost: float = Field(
+        0.5,
+        ge=0,
+        le=1,
+        description="Share of shards that an engine may lose, and the run plan itself, before the run fails.",
     )
 
     def of_fleet(self) -> fleet.Resources:

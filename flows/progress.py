@@ -13,7 +13,7 @@ import httpx
 from prefect.artifacts import create_progress_artifact, update_progress_artifact
 
 from upplied.cli.terminal import progress as bar
-from upplied.fleet import Session
+from upplied.fleet import Run
 
 EVERY_S = 5.0
 KEY = "transfer-fleet-progress"
@@ -22,10 +22,10 @@ Shard = TypeVar("Shard")
 
 
 @contextmanager
-def progress(session: Session) -> Iterator[None]:
-    """Show the progress of a session while it is worked."""
-    with bar("planning", session.total) as advance, _told(lambda: session.result.total, session.total):
-        session.progress = lambda _: advance()
+def progress(run: Run) -> Iterator[None]:
+    """Show the progress of a run while it is worked."""
+    with bar("planning", run.total) as advance, _told(lambda: run.result.total, run.total):
+        run.progress = lambda _: advance()
         yield
 
 

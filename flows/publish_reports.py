@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from prefect import flow
+from prefect.states import State
 
-from flows import tasks
-from flows.parameters import Location
+from . import tasks
+from .lineage import asset, making
+from .parameters import Location
+from .roots import check_roots
+from .states import ended, told_in_words
 
 
 @flow(name="publish-reports", flow_run_name="publish to {folder}")
-def publish_reports(folder: Location = "reports", catalog: Location = "catalog") -> None:
+@told_in_words
+def publish_reports(folder: Location = "reports", catalog: Location = "catalog") -> State:
     """Publish the catalog as plain Parquet, an HTML page and pictures.
 
     Args:
         folder: Where to; what it held is replaced.
         catalog: Folder or object-store URI.
     """
-    tasks.publish_reports(catalog, folder)
+    check_roots(catalog=catalog, folder=folder)
+    publish = making(tasks.publish_reports, asset(folder, "reports"), [asset(catalog, "transfers")])
+    problems = publish(catalog, folder)
+    return ended(f"published to {folder}", problems)

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
-from flows.environment import ROOT
-from flows.server import ServerError, private_server
 from upplied.cli.terminal import progress
+
+from .environment import home
+from .server import ServerError, private_server
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,13 +29,13 @@ def main() -> int:
     console = Console(highlight=False)
     console.print("[bold]1/4[/] A sample fleet and a private Prefect server")
     try:
-        with private_server(ROOT / ".cache" / "quickstart-prefect") as server:
+        with private_server(home() / ".cache" / "quickstart-prefect") as server:
             write_samples()
             server.wait()
             code = subprocess.run(
-                [sys.executable, "-m", "flows.quickstart", "--flows"],
+                [sys.executable, "-m", "upplied.flows.quickstart", "--flows"],
                 env=server.environment | {"PREFECT_LOGGING_LEVEL": "WARNING"},
-                cwd=ROOT,
+                cwd=home(),
                 check=False,
             ).returncode
     except ServerError as error:
@@ -50,14 +51,14 @@ def write_samples() -> None:
     from upplied.outputs.sample_fleet import write_sample_fleet
 
     with progress("meshes and logs", None) as advance:
-        write_sample_fleet(ROOT / SAMPLES, lambda _: advance())
+        write_sample_fleet(home() / SAMPLES, lambda _: advance())
 
 
 def run_flows() -> int:
     """The four flows, one after the other, and what came of them."""
-    from flows.ingest_demonstrations import ingest_demonstrations
-    from flows.ingest_structures import ingest_structures
-    from flows.transfer_fleet import transfer_fleet
+    from .ingest_demonstrations import ingest_demonstrations
+    from .ingest_structures import ingest_structures
+    from .transfer_fleet import transfer_fleet
 
     console = Console(highlight=False)
     console.print("[bold]2/4[/] Structures and demonstrations into the catalog")
@@ -78,7 +79,7 @@ def show_results(console: Console) -> int:
     """The table of transfers, and what to open next; 1 where one of them failed."""
     import upplied
 
-    transfers = upplied.open_catalog(ROOT / CATALOG).transfers()
+    transfers = upplied.open_catalog(home() / CATALOG).transfers()
     table = Table(box=None)
     for name in ("demonstration", "target"):
         table.add_column(name)

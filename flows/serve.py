@@ -1,4 +1,8 @@
-"""`make serve`: a Prefect server with the deployments and a worker, until Ctrl-C."""
+"""`upplied serve`: Prefect's server with the deployments, a worker and the reports, until Ctrl-C.
+
+Meant for a desk. What has to run for months is started by systemd or compose, a part each (`only`), which
+know how to start a part again: docs/operating.md has the units.
+"""
 
 from __future__ import annotations
 
@@ -7,57 +11,115 @@ import signal
 import subprocess
 import sys
 import time
-from typing import NoReturn
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Literal
 
-from flows.environment import ROOT
-from flows.pages import ADDRESS, FOLDER, served
-from flows.server import Server, ServerError, private_server, start, stop
+from . import server as service
+from .environment import ROOTS, carried, environment, home, prefect_home, sign_in
+from .pages import ADDRESS, served
+from .server import Server, ServerError, private_server, start, stop
 
+Part = Literal["server", "worker", "reports"]
+# What whoever serves may say of Prefect himself; all else that the environment says is somebody else's.
+OF_CLIENT = ("PREFECT_API_AUTH_STRING",)
+OF_SERVER = ("PREFECT_SERVER_API_AUTH_STRING", "PREFECT_API_DATABASE_CONNECTION_URL")
 POOLS = ("local", "planners")  # of the runs themselves; of their shards, where several machines plan
-SHORT_S = 10.0  # what lives no longer than this does not work here, and is not started again
 
 
-class Worker:
-    """The worker that starts a process for each run."""
+def serve(port: int, roots: Sequence[str] = ()) -> int:
+    """Start what a fleet needs, in the order it needs it, and stop it again in the reverse.
 
-    def __init__(self, environment: dict[str, str]) -> None:
-        self._environment = environment
-        self.process = self._start()
-
-    def restart(self) -> None:
-        """Start it again after it ended; a run that it left behind sees to itself."""
-        self.process = self._start()
-
-    def _start(self) -> subprocess.Popen[bytes]:
-        return start("worker", "start", "--pool", POOLS[0], environment=self._environment)
-
-
-def main() -> int:
-    """Start what a fleet needs, in the order it needs it, and stop it again in the reverse."""
-    port = int(os.environ.get("UPPLIED_PORT", "4200"))
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # as systemd stops it: through the same exits
+    Parameters
+    ----------
+    port : int
+        Of the server on 127.0.0.1; the reports are given out on the next one.
+    roots : sequence of str
+        Folders and object-store URIs that runs may use besides this folder.
+    """
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # through the same exits as Ctrl-C
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what a script started with &
     try:
-        with private_server(ROOT / ".cache" / "prefect", port) as server:
+        with ExitStack() as stack:
+            server = stack.enter_context(private_server(prefect_home(), port))
             server.wait()
-            prepare(server)
-            with served(FOLDER, port + 1) as reports:
-                worker = Worker(server.environment | {ADDRESS: reports})
-                try:
-                    say(f"Prefect: http://127.0.0.1:{port}  (PREFECT_API_URL={server.api_url})")
-                    say(f"Reports: {reports}")
-                    say("Run now:  upplied fleet run        Stop: Ctrl-C")
-                    attend(server, worker)
-                finally:
-                    stop(worker.process)
+            deploy(server.environment)
+            reports = stack.enter_context(served(home() / "reports", port + 1))
+            told = server.environment | {ADDRESS: reports, ROOTS: ",".join(declared(roots))}
+            worker = start("prefect", "worker", "start", "--pool", POOLS[0], environment=told)
+            stack.callback(stop, worker)
+            name, password = server.password.split(":", 1)
+            say(f"Prefect: http://127.0.0.1:{port}   (it asks for: {name}:{password})")
+            say(f"Reports: {reports}")
+            say("Run now: upplied fleet run        Stop: Ctrl-C")
+            attend(server, worker)
     except ServerError as error:
         say(str(error))
         return 1
     except KeyboardInterrupt:
         return 0
+    return 1
 
 
-def prepare(server: Server) -> None:
+def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
+    """Become one part of the service, for a supervisor that starts it again when it ends."""
+    api_url = os.environ.get("PREFECT_API_URL") or f"http://127.0.0.1:{port}/api"
+    folder, bind = prefect_home(), os.environ.get("UPPLIED_BIND", "127.0.0.1")
+    if part == "reports":
+        with served(home() / "reports", port + 1, bind) as reports:
+            say(f"Reports: {reports}")
+            signal.pause()
+    elif part == "server":
+        folder.mkdir(parents=True, exist_ok=True)
+        held = service.alone(folder)
+        os.set_inheritable(held.fileno(), True)
+        sign_in(folder, f"http://127.0.0.1:{port}/api")
+        told = environment(folder, api_url) | service.address(port) | passed_on(*OF_SERVER)
+        become(service.command(port, bind), told)
+    else:
+        told = environment(folder, api_url) | passed_on(*OF_CLIENT)
+        wait_for(api_url)
+        deploy(told)
+        told |= {ROOTS: ",".join(declared(roots))}
+        told.setdefault(ADDRESS, f"http://127.0.0.1:{port + 1}")
+        become(("prefect", "worker", "start", "--pool", POOLS[0]), told)
+    return 0
+
+
+def become(words: Sequence[str], told: dict[str, str]) -> None:
+    """This process goes on as a module of Python's."""
+    os.chdir(home())
+    os.execve(sys.executable, [sys.executable, "-m", *words], told)
+
+
+def passed_on(*names: str) -> dict[str, str]:
+    """Those of the named variables that are set."""
+    return {name: os.environ[name] for name in names if name in os.environ}
+
+
+def wait_for(api_url: str) -> None:
+    """Wait for a server that somebody else starts.
+
+    Raises
+    ------
+    ServerError
+        If it does not answer in time.
+    """
+    deadline = time.monotonic() + service.START_UP_S
+    while not service.answers(api_url):
+        if time.monotonic() > deadline:
+            raise ServerError(f"no Prefect server answers at {api_url}")
+        time.sleep(1)
+
+
+def declared(roots: Sequence[str]) -> list[str]:
+    """Where runs may read and write: this folder, and what was declared."""
+    named = [root.strip() for root in os.environ.get(ROOTS, "").split(",") if root.strip()]
+    return list(dict.fromkeys([str(home()), *named, *roots]))
+
+
+def deploy(told: dict[str, str]) -> None:
     """The work pools, the deployments of prefect.yaml, and what Prefect does by itself.
 
     Raises
@@ -65,16 +127,17 @@ def prepare(server: Server) -> None:
     ServerError
         If Prefect refuses them.
     """
+    declarations = carried("prefect.yaml")
     commands = (
         *(("prefect", "work-pool", "create", pool, "--type", "process", "--overwrite") for pool in POOLS),
-        ("prefect", "--no-prompt", "deploy", "--all"),
-        ("flows.automations",),
+        ("prefect", "--no-prompt", "deploy", "--all", "--prefect-file", str(declarations)),
+        (f"{__package__}.automations",),
     )
     for command in commands:
         done = subprocess.run(
             [sys.executable, "-m", *command],
-            env=server.environment,
-            cwd=ROOT,
+            env=told,
+            cwd=home(),
             check=False,
             capture_output=True,
             text=True,
@@ -83,33 +146,24 @@ def prepare(server: Server) -> None:
             raise ServerError(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
 
 
-def attend(server: Server, worker: Worker) -> NoReturn:
-    """Start again whichever of the two ends, and nothing else: a run goes on without its server for a while.
+def attend(server: Server, worker: subprocess.Popen[bytes]) -> None:
+    """Wait until one of the two ends; what is left is stopped by whoever started it.
 
     Raises
     ------
     ServerError
-        If one ends as soon as it was started: that is no accident.
+        When one has ended.
     """
-    began = dict.fromkeys((server, worker), time.monotonic())
     while True:
-        for name, kept in (("server", server), ("worker", worker)):
-            code = kept.process.poll()
-            if code is None:
-                continue
-            if time.monotonic() - began[kept] < SHORT_S:
-                raise ServerError(f"the {name} ended with code {code} as soon as it was started")
-            say(f"the {name} ended with code {code}; it is started again")
-            kept.restart()
-            began[kept] = time.monotonic()
-        time.sleep(1)
+        for name, process in (("server", server.process), ("worker", worker)):
+            code = process.poll()
+            if code is not None:
+                log = f"; its last words are in {Path(server.log)}" if name == "server" else ""
+                raise ServerError(f"the {name} ended with code {code}{log}")
+        time.sleep(0.5)
 
 
 def say(text: str) -> None:
     """A line for the operator."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

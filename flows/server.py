@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import socket
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from flows.environment import ROOT, environment
+from .environment import environment, home, sign_in
 
 START_UP_S = 180.0  # a fresh database takes 12 s on a quiet machine
 
@@ -24,42 +26,27 @@ class ServerError(Exception):
 
 
 class Server:
-    """A running server: the environment its clients need, and how to wait for it and start it again.
+    """A running server: the environment its clients need, and how to wait for it.
 
     Raises
     ------
     ServerError
-        If the port is taken.
+        If the port is taken, or another service works in the same folder.
     """
 
-    def __init__(self, home: Path, port: int = 0) -> None:
+    def __init__(self, folder: Path, port: int = 0) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._alone = alone(folder)
         port = port or free_port()
         if _answers(port):  # it would be taken for ours
             raise ServerError(f"Something listens on port {port} already. Stop it, or set UPPLIED_PORT.")
-        home.mkdir(parents=True, exist_ok=True)
         self.api_url = f"http://127.0.0.1:{port}/api"
-        self.environment = environment(home, self.api_url)
-        # The page that the server hands out calls the address in its settings, not the one of --port.
-        self._address = {"PREFECT_SERVER_API_HOST": "127.0.0.1", "PREFECT_SERVER_API_PORT": str(port)}
-        self.log = home / "server.log"
-        self.log.write_bytes(b"")
-        self.process = self._start()
-
-    def restart(self) -> None:
-        """Start it again after it ended, at the same address and with the same memory.
-
-        Raises
-        ------
-        ServerError
-            If it does not come up.
-        """
-        stop(self.process)  # what is left of it
-        self.process = self._start()
-        self.wait()
-
-    def _start(self) -> subprocess.Popen[bytes]:
-        with self.log.open("ab") as log:
-            return start("server", "start", environment=self.environment | self._address, log=log)
+        self.password = sign_in(folder, self.api_url)
+        self.environment = environment(folder, self.api_url)
+        self.log = folder / "server.log"
+        with self.log.open("wb") as log:
+            told = self.environment | address(port)
+            self.process = start(*command(port), environment=told, log=log, holding=(self._alone,))
 
     def wait(self) -> None:
         """Wait until the server answers.
@@ -73,47 +60,109 @@ class Server:
         while time.monotonic() < deadline:
             if self.process.poll() is not None:
                 raise ServerError(f"the Prefect server ended at its start:\n{self._last_lines()}")
-            try:
-                with urllib.request.urlopen(f"{self.api_url}/health", timeout=5):
-                    return
-            except OSError:
-                time.sleep(0.2)
+            if answers(self.api_url):
+                return
+            time.sleep(0.2)
         raise ServerError(f"the Prefect server did not answer in {START_UP_S:g} s:\n{self._last_lines()}")
 
     def _last_lines(self, count: int = 15) -> str:
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-count:])
 
+    def stop(self) -> None:
+        """End it, and let another work in the folder."""
+        stop(self.process)
+        self._alone.close()
+
+
+def command(port: int, host: str = "127.0.0.1") -> tuple[str, ...]:
+    """What runs the server: Prefect's application behind our guard."""
+    app = ("--factory", f"{__package__}.api:create_app")
+    return ("uvicorn", *app, "--host", host, "--port", str(port), "--log-level", "warning", "--no-access-log")
+
+
+def address(port: int) -> dict[str, str]:
+    """What the server is told of itself: the page that it hands out calls this address."""
+    return {"PREFECT_SERVER_API_HOST": "127.0.0.1", "PREFECT_SERVER_API_PORT": str(port)}
+
+
+def alone(folder: Path) -> IO[bytes]:
+    """An open file that says that nobody else works in a folder, as long as it is open.
+
+    Raises
+    ------
+    ServerError
+        If somebody does: two servers would write one database.
+    """
+    import fcntl
+
+    file = (folder / "lock").open("ab")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        file.close()
+        raise ServerError(f"Another service runs in {folder}. Stop it, or work in another folder.") from None
+    return file
+
+
+def answers(api_url: str) -> bool:
+    """Whether a Prefect server is there; Prefect's own commands would start one that knows no deployment."""
+    try:
+        with urllib.request.urlopen(f"{api_url.rstrip('/')}/health", timeout=10):
+            return True
+    except urllib.error.HTTPError:
+        return True  # it wants a name first, which Prefect's settings may hold
+    except (OSError, ValueError):
+        return False
+
 
 @contextmanager
-def private_server(home: Path, port: int = 0) -> Iterator[Server]:
+def private_server(folder: Path, port: int = 0) -> Iterator[Server]:
     """Run a server as long as the block lasts; it starts while the caller goes on.
 
     Parameters
     ----------
-    home : path
-        Folder of the server's database and log; created when missing.
+    folder : path
+        Of the server's database, password and log; created when missing.
     port : int
         Port on 127.0.0.1; 0 takes a free one.
     """
-    server = Server(home, port)
+    server = Server(folder, port)
     try:
         yield server
     finally:
-        stop(server.process)
+        server.stop()
 
 
 def start(
-    *command: str, environment: dict[str, str], log: IO[bytes] | int | None = None
+    *words: str,
+    environment: dict[str, str],
+    log: IO[bytes] | int | None = None,
+    holding: tuple[IO[bytes], ...] = (),
 ) -> subprocess.Popen[bytes]:
-    """Start a command of Prefect in a process group of its own."""
+    """Start a module of Python's, in a process group of its own; on Linux it ends when this one is killed.
+
+    The files of `holding` stay open, and so locked, as long as the process lives.
+    """
     return subprocess.Popen(
-        [sys.executable, "-m", "prefect", *command],
+        [sys.executable, "-m", *words],
         env=environment,
-        cwd=ROOT,
+        cwd=home(),
         stdout=log,
         stderr=subprocess.STDOUT,
         start_new_session=True,
+        pass_fds=[file.fileno() for file in holding],
+        preexec_fn=end_with_parent if sys.platform == "linux" else None,
     )
+
+
+_LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
+_PR_SET_PDEATHSIG = 1
+
+
+def end_with_parent() -> None:
+    """In the child, before it begins: a parent that is killed stops nobody, so the kernel does."""
+    if _LIBC is not None:
+        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def free_port() -> int:

@@ -6,44 +6,78 @@ table is not the record of what is done: the catalog is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from prefect import task
+from prefect.assets import add_asset_metadata, materialize
 from prefect.cache_policies import NO_CACHE
-from prefect.utilities.annotations import quote
+from prefect.states import State
+from prefect.tasks import exponential_backoff
 
-from flows import pool
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.verbs import maintenance, verification
+from upplied.errors import CatalogError
+from upplied.fleet import manifest as shards
 
-SESSIONS: dict[str, fleet.Session] = {}  # of the runs in this process, by run id
+from . import pool
+from .lineage import SOMEWHERE, asset
+
+RUNS: dict[str, fleet.Run] = {}  # of this process, by run id
 
 
-@task(name="ingest-structures", task_run_name="ingest structures", cache_policy=NO_CACHE)
+def store_failed(task: Any, run: Any, state: State[Any]) -> bool:
+    """Whether a task ended because a store was away or refused, which may be over in a moment."""
+    try:
+        state.result()
+    except (CatalogError, OSError):
+        return True
+    except BaseException:
+        return False
+    return False
+
+
+# Of what reads and writes stores: tried again after about 2, 4 and 8 s, where it was the store that failed.
+STORED: dict[str, Any] = {
+    "cache_policy": NO_CACHE,
+    "retries": 3,
+    "retry_delay_seconds": exponential_backoff(2),
+    "retry_jitter_factor": 0.5,
+    "retry_condition_fn": store_failed,
+}
+
+
+@materialize(SOMEWHERE, name="ingest-structures", task_run_name="ingest structures", **STORED)
 def ingest_structures(catalog: str, manifest: str, workers: int, prune: bool) -> list[dict[str, str]]:
     """Every structure of a manifest into the catalog; a bad file stops itself alone."""
     ingested = fleet.ingest_structures(open_catalog(catalog), manifest, workers, prune=prune)
     return [vars(item) for item in ingested]
 
 
-@task(name="ingest-demonstrations", task_run_name="ingest demonstrations", cache_policy=NO_CACHE)
+@materialize(SOMEWHERE, name="ingest-demonstrations", task_run_name="ingest demonstrations", **STORED)
 def ingest_demonstrations(catalog: str, logs: list[str], workers: int) -> list[dict[str, str]]:
     """Every log into the catalog; a bad log stops itself alone."""
     return [vars(item) for item in fleet.ingest_demonstrations(open_catalog(catalog), logs, workers)]
 
 
+@materialize(SOMEWHERE, name="record-plans", task_run_name="record plans", cache_policy=NO_CACHE)
+def record_plans(catalog: str, run_id: str, result: fleet.Result) -> None:
+    """Tell Prefect what of the catalog's plans a run made."""
+    counts = {"ok": result.ok, "refused": result.refused, "failed": result.failed}
+    add_asset_metadata(asset(catalog, "transfers"), {"run_id": run_id, **counts})
+
+
 @task(name="plan", task_run_name="{name}", cache_policy=NO_CACHE)
 def plan_shard(name: str, run_id: str, shard: int) -> None:
     """Plan one shard of a run in its worker processes."""
-    SESSIONS[run_id].work(shard)
+    RUNS[run_id].plan(shard)
 
 
 @task(name="plan-elsewhere", task_run_name="{name}", cache_policy=NO_CACHE)
-def plan_elsewhere(name: str, catalog: str, jobs: quote[Sequence[fleet.Job]], run_id: str) -> fleet.Result:
+def plan_elsewhere(name: str, shard: str, given: dict[str, Any]) -> None:
     """Plan one shard in the process that an engine chose."""
-    return fleet.plan_here(catalog, jobs.unquote(), run_id)
+    catalog, limits = given["catalog"], fleet.Limits(**given["limits"])
+    fleet.plan_here(catalog, shards.read_shard(catalog, shard), given["run_id"], given["engine"], limits)
 
 
 @task(name="plan-on-pool", task_run_name="{name}", cache_policy=NO_CACHE, retries=1)
@@ -52,25 +86,25 @@ def plan_on_pool(name: str, parameters: dict[str, Any]) -> None:
     pool.run_on_pool(name, parameters)
 
 
-@task(name="publish-reports", task_run_name="publish to {folder}", cache_policy=NO_CACHE)
-def publish_reports(catalog: str, folder: str) -> None:
-    """Write the published tables, pages and pictures."""
-    fleet.publish(open_catalog(catalog), folder)
+@materialize(SOMEWHERE, name="publish-reports", task_run_name="publish to {folder}", **STORED)
+def publish_reports(catalog: str, folder: str) -> list[str]:
+    """Write the published tables, pages and pictures; what could not be drawn, in words."""
+    return list(fleet.publish(open_catalog(catalog), folder).problems)
 
 
-@task(name="compact", task_run_name="compact {catalog}", cache_policy=NO_CACHE)
+@task(name="compact", task_run_name="compact {catalog}", **STORED)
 def compact(catalog: str) -> dict[str, int]:
     """Merge small files; how many, by table."""
     return maintenance.compact(open_catalog(catalog))
 
 
-@task(name="vacuum", task_run_name="vacuum {catalog}", cache_policy=NO_CACHE)
+@task(name="vacuum", task_run_name="vacuum {catalog}", **STORED)
 def vacuum(catalog: str, keep_days: float) -> None:
     """Remove files that no version young enough needs."""
     maintenance.vacuum(open_catalog(catalog), keep_days)
 
 
-@task(name="verify", task_run_name="verify {catalog}", cache_policy=NO_CACHE)
+@task(name="verify", task_run_name="verify {catalog}", **STORED)
 def verify(catalog: str) -> list[str]:
     """What is wrong with the catalog, in words; empty where all is well."""
     return [str(finding) for finding in verification.verify(open_catalog(catalog))]

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from prefect import flow, runtime
-from prefect.states import Completed, Failed, State
+from dataclasses import dataclass, field
 
-from flows import tasks
-from flows.artifacts import transfer_artifacts
-from flows.engines import plan
-from flows.ingest_demonstrations import ingest_demonstrations
-from flows.ingest_structures import ingest_structures
-from flows.parameters import Changes, Id, Location, Presets, Resources, wish_of
+from prefect import flow, runtime
+from prefect.states import State
+
 from upplied import fleet
 from upplied.catalog import open_catalog
-from upplied.errors import UppliedError
+
+from . import tasks
+from .artifacts import transfer_artifacts
+from .engines import Planned, plan
+from .ingest_demonstrations import ingest_demonstrations
+from .ingest_structures import ingest_structures
+from .lineage import asset, making
+from .parameters import Changes, Id, Location, Presets, Resources, wish_of
+from .roots import check_roots
+from .states import planned, told_in_words, troubles_of
 
 NO_CHANGES, ALL_CORES = Changes(), Resources()
+BOTH: Presets = ["recommended", "baseline"]
 
 
 def run_name() -> str:
@@ -27,6 +33,7 @@ def run_name() -> str:
 
 
 @flow(name="transfer-fleet", flow_run_name=run_name)
+@told_in_words
 def transfer_fleet(
     catalog: Location = "catalog",
     reports: str = "reports",
@@ -35,8 +42,8 @@ def transfer_fleet(
     logs: list[Location] | None = None,
     demonstrations: list[Id] | None = None,
     targets: list[Id] | None = None,
-    presets: Presets = ("recommended", "baseline"),
-    changes: Changes = NO_CHANGES,
+    presets: Presets = BOTH,
+    changes: Changes = NO_CHANGES,  # type: ignore[valid-type]
     retry_failed: bool = False,
     resources: Resources = ALL_CORES,
 ) -> State:
@@ -53,19 +60,46 @@ def transfer_fleet(
         presets: What to plan for each pair.
         changes: Settings that differ from the presets'.
         retry_failed: Also plan again what failed before.
-        resources: Engine, processes, time and memory.
+        resources: Engine, processes, time and memory, and how much an engine may lose.
     """
+    check_roots(catalog=catalog, reports=reports, manifest=manifest)
+    read = []
+    if manifest:
+        read.append(ingest_structures(manifest, catalog, resources.workers, prune, return_state=True))
+    if logs:
+        read.append(ingest_demonstrations(logs, catalog, resources.workers, return_state=True))
     wish = wish_of(presets, changes, demonstrations, targets, retry_failed)
     kept = open_catalog(catalog)
-    try:
-        if manifest:
-            ingest_structures(manifest, catalog, resources.workers, prune)
-        if logs:
-            ingest_demonstrations(logs, catalog, resources.workers)
-        decision = fleet.decide(kept, wish)
-        result = plan(catalog, decision.jobs, wish, resources)
-    except UppliedError as error:  # what a person can mend is told in words
-        return Failed(message=str(error))
-    if reports:
-        tasks.publish_reports(catalog, reports)
-    return Completed(message=transfer_artifacts(kept, decision, result, reports))
+    inputs = [asset(catalog, name) for name in ("structures", "demonstrations")]
+    made = asset(catalog, "transfers")
+    record = making(tasks.record_plans, made, inputs)
+    publish = making(tasks.publish_reports, asset(reports, "reports"), [made])
+    night, problems = Night(), troubles_of(read)
+    # What lands while this run plans or publishes is planned by it as well: a run that is started
+    # meanwhile is cancelled.
+    while night.goes_on(fleet.decide(kept, wish)):
+        night.planned.include(plan(catalog, night.jobs, resources))
+        record(catalog, runtime.flow_run.id, night.planned.result)
+        if reports:
+            problems += publish(catalog, reports)
+    summary = transfer_artifacts(kept, night.decision, night.planned.result, reports)
+    return planned(summary, night.planned, problems, resources.most_lost)
+
+
+@dataclass
+class Night:
+    """What a run has decided and planned so far."""
+
+    decision: fleet.Decision = field(default_factory=lambda: fleet.Decision([], 0))
+    jobs: list[fleet.Job] = field(default_factory=list)
+    planned: Planned = field(default_factory=Planned)
+    began: bool = False
+
+    def goes_on(self, decision: fleet.Decision) -> bool:
+        """Take a decision in; whether there is anything to plan or publish that was not tried by this run."""
+        tried = {job.key for job in self.decision.jobs}
+        self.jobs = [job for job in decision.jobs if job.key not in tried]
+        unchanged = self.decision.unchanged if self.began else decision.unchanged
+        self.decision = fleet.Decision([*self.decision.jobs, *self.jobs], unchanged)
+        first, self.began = not self.began, True
+        return first or bool(self.jobs)

@@ -1,4 +1,4 @@
-"""``python -m flows.watch FOLDER``: tell Prefect of every log that lands in a folder.
+"""`upplied watch FOLDER`: tell Prefect of every log that lands in a folder, once it has come whole.
 
 The event ``upplied.log.landed`` starts the deployment ``ingest-demonstrations`` with that log, and its
 end starts ``transfer-fleet`` (the triggers are in prefect.yaml). Anything else may emit the same
@@ -7,65 +7,80 @@ event, with the payload ``{"logs": [path, ...]}``.
 
 from __future__ import annotations
 
-import os
-import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import NoReturn
 
 from prefect.events import emit_event
+from watchfiles import watch as changes
 
 LANDED = "upplied.log.landed"
-EVERY_S = 5.0
+QUIET_S = 10.0  # without a change: a log that says itself that it is whole waits no longer
+PATIENCE_S = 600.0  # one that never says so is told all the same, and ingest finds what is wrong with it
+MAGIC = b"\x89MCAP0\r\n"  # MCAP specification, "Format": a file begins and ends with it
 
 
-def landed(folder: Path, seen: dict[Path, int]) -> Iterator[Path]:
-    """Logs that are new since the last look and have stopped growing.
+class Landing:
+    """What lies in a folder, and what of it has been told.
 
     Parameters
     ----------
     folder : path
         Watched with its subfolders.
-    seen : dict
-        Size of each log at the last look, -1 once it was told; changed in place.
+    clock : callable
+        Seconds.
     """
-    for path in sorted(folder.rglob("*.mcap")):
-        size = path.stat().st_size
-        before = seen.get(path)
-        if before == -1:
-            continue
-        seen[path] = -1 if size == before else size
-        if size == before:
-            yield path
+
+    def __init__(self, folder: Path, clock: Callable[[], float] = time.monotonic) -> None:
+        self.folder, self._clock = folder, clock
+        self._seen: dict[Path, tuple[tuple[int, int], float]] = {}  # size and change, and since when
+        self._told: dict[Path, tuple[int, int]] = {}
+
+    def landed(self) -> Iterator[Path]:
+        """Logs that have come whole since the last look, or have been changed and are whole again."""
+        now = self._clock()
+        for path in sorted(self.folder.rglob("*.mcap")):
+            with suppress(OSError):  # gone since it was listed, or a link to nothing
+                stat = path.stat()
+                facts = stat.st_size, stat.st_mtime_ns
+                before, since = self._seen.get(path, (None, now))
+                self._seen[path] = facts, since if facts == before else now
+                if self._told.get(path) == facts:
+                    continue
+                quiet = now - self._seen[path][1]
+                if quiet >= (QUIET_S if is_whole(path) else PATIENCE_S):
+                    self._told[path] = facts
+                    yield path
 
 
-def watch(folder: Path) -> NoReturn:
-    """Look every few seconds, for ever; what lies there at the start is told too, since ingest knows it."""
-    seen: dict[Path, int] = {}
-    while True:
-        for path in landed(folder, seen):
-            emit_event(
-                LANDED,
-                resource={
-                    "prefect.resource.id": f"upplied.log.{path.stem}",
-                    "prefect.resource.name": path.name,
-                },
-                payload={"logs": [str(path.resolve())]},
-            )
-        time.sleep(EVERY_S)
+def is_whole(path: Path) -> bool:
+    """Whether a log ends as a whole one does: a copy that has stalled does not."""
+    with path.open("rb") as file:
+        head = file.read(len(MAGIC))
+        if path.stat().st_size < 2 * len(MAGIC):
+            return False
+        file.seek(-len(MAGIC), 2)
+        return head == file.read() == MAGIC
 
 
-def main(arguments: list[str]) -> int:
-    """Watch the folder that is named, or say what is missing."""
-    if len(arguments) != 1 or not Path(arguments[0]).is_dir():
-        sys.stderr.write("usage: python -m flows.watch FOLDER, which exists\n")
-        return 2
-    if not os.environ.get("PREFECT_API_URL"):
-        sys.stderr.write("PREFECT_API_URL is not set. Before this: set -a; source .env.example; set +a\n")
-        return 2
-    watch(Path(arguments[0]))
+def watch(folder: Path) -> None:
+    """Tell of logs until Ctrl-C; what lies there at the start is told too, since ingest knows it."""
+    landing = Landing(folder)
+    tell(landing)
+    # Woken by changes, and often enough without one to see that a log has been quiet.
+    for _ in changes(folder, yield_on_timeout=True, rust_timeout=int(QUIET_S * 500), recursive=True):
+        tell(landing)
 
 
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+def tell(landing: Landing) -> None:
+    """Emit the event for each log that has landed."""
+    for path in landing.landed():
+        emit_event(
+            LANDED,
+            resource={
+                "prefect.resource.id": f"upplied.log.{path.stem}",
+                "prefect.resource.name": path.name,
+            },
+            payload={"logs": [str(path.resolve())]},
+        )

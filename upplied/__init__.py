@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         Trajectory,
     )
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # Loaded when first asked for, so that `import upplied` and the command's help stay fast.
 _PUBLIC = {

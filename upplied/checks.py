@@ -30,6 +30,20 @@ def check_id(value: object, what: str) -> str:
     )
 
 
+def pair_name(demonstration_id: str, target_id: str) -> str:
+    """One name for a demonstration and a target, safe as a file name and in a URL; no two pairs share it.
+
+    Examples
+    --------
+    >>> pair_name("cube-sides-v1", "cuboid-v1")
+    'cube-sides-v1--cuboid-v1'
+    >>> pair_name("a--b", "c"), pair_name("a", "b--c")  # what no id holds keeps these apart
+    ('a--b.c', 'a.b--c')
+    """
+    joint = "." if "--" in f"{demonstration_id}/{target_id}" or demonstration_id.endswith("-") else "--"
+    return f"{demonstration_id}{joint}{target_id}"
+
+
 def check_finite(values: Floats, shape: tuple[int | None, ...], what: str) -> Floats:
     """An array of finite floats of the given shape (None: any length)."""
     array = np.asarray(values, float)

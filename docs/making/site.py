@@ -43,7 +43,7 @@ MODULES = {
         "upplied.planning.correspondence.misfit",
     ],
     "Catalog": ["upplied.catalog", "upplied.catalog.database"],
-    "Fleet": ["upplied.fleet.decide", "upplied.fleet.ingest", "upplied.fleet.session"],
+    "Fleet": ["upplied.fleet.decide", "upplied.fleet.ingest", "upplied.fleet.run"],
     "Outputs": [
         "upplied.outputs.missions",
         "upplied.outputs.missions.options",

@@ -196,3 +196,12 @@ def test_tables_fit_and_say_what_they_left_out(width, left_out, monkeypatch, cap
     assert max(len(re.sub("\x1b[^m]*m", "", line)) for line in lines[:-1]) <= width
     assert "nan" not in "".join(lines) and ("99.50" in "".join(lines)) == (width == 200)
     assert left_out in lines[-1] and ("left out" in lines[-1]) == bool(left_out)
+
+
+def test_a_command_that_is_stopped_says_so(tmp_path, monkeypatch, capsys):
+    def stopped(location: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("upplied.catalog.open_catalog", stopped)
+    assert main(["catalog", "transfers", "--catalog", str(tmp_path)]) == 130
+    assert "stopped; what was finished is kept" in capsys.readouterr().err

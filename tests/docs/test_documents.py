@@ -72,6 +72,19 @@ def test_the_readme_names_targets_that_make_has():
         assert re.search(rf"^{command.split()[1]}:.*##", makefile, re.MULTILINE), command
 
 
+def test_one_version_is_said_everywhere():
+    said = {
+        name: re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE)[1]
+        for name, pattern in {
+            "pyproject.toml": r'^version = "(.+)"',
+            "upplied/__init__.py": r'^__version__ = "(.+)"',
+            "CITATION.cff": r"^version: (.+)$",
+            "CHANGELOG.md": r"^## (\d\S*)",
+        }.items()
+    }
+    assert len(set(said.values())) == 1, said
+
+
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_lead_somewhere(document):
     for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):

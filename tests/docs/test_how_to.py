@@ -14,9 +14,9 @@ import yaml
 from made_logs import Flight, poses, write_log
 from scipy.spatial.transform import Rotation
 
-from flows.transfer_fleet import transfer_fleet
 from upplied.catalog import open_catalog
 from upplied.cli import main
+from upplied.flows.transfer_fleet import transfer_fleet
 from upplied.poses import from_yaw_pitch
 
 DOCS = Path(__file__).parents[2] / "docs"

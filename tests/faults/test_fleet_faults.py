@@ -16,8 +16,8 @@ from processes import children, command
 
 from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
-from upplied.fleet import crew
-from upplied.fleet.crew import Outcome
+from upplied.fleet import planner, run
+from upplied.fleet.planner import Outcome
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 
@@ -30,7 +30,7 @@ CULPRITS = {
     "box-random-5": "ZeroDivisionError",
 }
 
-really_plan = crew.plan_in_process
+really_plan = planner.plan_job
 
 
 def misbehave(job: fleet.Job) -> Outcome:
@@ -38,13 +38,13 @@ def misbehave(job: fleet.Job) -> Outcome:
     if job.target_id == "box-random-1":
         time.sleep(600)
     if job.target_id == "box-random-2":
-        bytearray(64 * 2**30)
+        bytearray(5 * 2**30)  # a worker may have 4
     if job.target_id == "box-random-3":
         ctypes.string_at(0)
     if job.target_id == "box-random-4":
         os.kill(os.getpid(), signal.SIGKILL)
     if job.target_id == "box-random-5":
-        with patch.object(crew, "plan_transfer", lambda *_: 1 / 0):
+        with patch.object(planner, "plan_transfer", lambda *_: 1 / 0):
             return really_plan(job)
     return really_plan(job)
 
@@ -58,10 +58,11 @@ def boxes(location: Path, count: int) -> Catalog:
 
 
 @pytest.mark.slow
+@pytest.mark.ci
 def test_culprits_are_rows_with_a_reason_and_the_rest_is_planned(tmp_path, monkeypatch):
     catalog = boxes(tmp_path / "catalog", 8)
     resources = fleet.Resources(2, fleet.Limits(timeout_s=25, memory_gib=4))
-    monkeypatch.setattr(crew, "plan_in_process", misbehave)
+    monkeypatch.setattr(run, "plan_job", misbehave)
     result = fleet.transfer(catalog, fleet.decide(catalog, WISH).jobs, "bad night", resources)
     plans = catalog.transfers().set_index("target_id")
     for target, reason in CULPRITS.items():
@@ -71,7 +72,7 @@ def test_culprits_are_rows_with_a_reason_and_the_rest_is_planned(tmp_path, monke
     assert (plans.drop(index=list(CULPRITS))["status"] == "ok").all()
     assert (result.ok, result.failed) == (3, 5)
 
-    monkeypatch.setattr(crew, "plan_in_process", really_plan)
+    monkeypatch.setattr(run, "plan_job", really_plan)
     assert fleet.decide(catalog, WISH).jobs == []  # what failed waits for a person, or for other inputs
     again = fleet.decide(catalog, fleet.Wish(("baseline",), retry_failed=True))
     assert again.reasons == {"failed before": 5}
@@ -83,8 +84,8 @@ def test_culprits_are_rows_with_a_reason_and_the_rest_is_planned(tmp_path, monke
 RUN = """
 import sys
 from upplied import fleet, open_catalog
-from upplied.fleet import ledger
-ledger.EVERY_S = 0.0
+from upplied.fleet import keeping
+keeping.EVERY_S = 0.0
 if __name__ == "__main__":
     catalog = open_catalog(sys.argv[1])
     jobs = fleet.decide(catalog, fleet.Wish(("baseline",))).jobs
@@ -104,6 +105,7 @@ def planners_of(process: subprocess.Popen[str]) -> list[int]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("victim", ["run", "worker"])
+@pytest.mark.ci
 def test_a_killed_process_costs_little_and_the_next_run_goes_on(tmp_path, victim):
     catalog = boxes(tmp_path / "catalog", 10)
     script = tmp_path / "run.py"

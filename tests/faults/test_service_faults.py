@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
 import signal
 import sqlite3
 import subprocess
 import sys
 import time
-import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,15 +16,17 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import prefect_api
 import processes
 import pytest
 
-from flows.environment import ROOT
-from flows.server import Server, free_port, private_server
 from upplied.catalog import Catalog, open_catalog
+from upplied.flows.server import Server, end_with_parent, free_port, private_server
 from upplied.outputs.logs import write_log
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
+
+ROOT = Path(__file__).parents[2]
 
 pytestmark = [pytest.mark.slow, pytest.mark.server]
 
@@ -50,12 +49,10 @@ class Run:
 
 
 class Service:
-    """A copy of the flows in a folder of its own, served from there."""
+    """A fleet in a folder of its own, served by the units of docs/operating.md."""
 
     def __init__(self, place: Path, cron: str) -> None:
         self.place, self.port = place, free_port()
-        self.path = os.pathsep.join((str(place), str(ROOT)))
-        shutil.copytree(ROOT / "flows", place / "flows", ignore=shutil.ignore_patterns("__pycache__"))
         text = (ROOT / "prefect.yaml").read_text()
         assert '"30 2 * * *"' in text
         (place / "prefect.yaml").write_text(text.replace("30 2 * * *", cron))
@@ -65,33 +62,41 @@ class Service:
 
     def start(self) -> None:
         environment = {key: value for key, value in os.environ.items() if not key.startswith("PREFECT")}
-        environment |= {"UPPLIED_PORT": str(self.port), "PYTHONPATH": self.path}
-        with (self.place / "serve.log").open("wb") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "flows.serve"],
-                env=environment,
-                cwd=self.place,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-            )
-        self.wait(lambda: b"Run now" in (self.place / "serve.log").read_bytes(), 180)
+        environment |= {"UPPLIED_PORT": str(self.port), "UPPLIED_HOME": str(self.place)}
+        log = self.place / "upplied-worker.log"
+        log.write_bytes(b"")
+        self.process = subprocess.Popen(
+            [
+                sys.executable,
+                ROOT / "tests" / "supervisor.py",
+                self.place,
+                "upplied-server",
+                "upplied-worker",
+            ],
+            env=environment,
+            start_new_session=True,
+            preexec_fn=end_with_parent,
+        )
+        self.wait(lambda: b"started!" in log.read_bytes(), 240)
+
+    @property
+    def home(self) -> Path:
+        return self.place / ".cache" / "prefect"
 
     def wait(self, reached: Callable[[], object], patience_s: float) -> None:
         deadline = time.monotonic() + patience_s
         while not reached():
             if self.process.poll() is not None or time.monotonic() > deadline:
-                pytest.fail((self.place / "serve.log").read_text()[-3000:] + f"\n{self.runs()}")
+                logs = [path.read_text()[-2000:] for path in self.place.glob("upplied-*.log")]
+                pytest.fail("\n".join(logs) + f"\n{self.runs()}")
             time.sleep(2)
 
     def ask(self, what: str) -> list[dict[str, Any]]:
         """All that the server's own interface lists of something; nothing where it does not answer."""
-        url = f"http://127.0.0.1:{self.port}/api/{what}/filter"
-        request = urllib.request.Request(url, b"{}", {"Content-Type": "application/json"})
+        url = f"http://127.0.0.1:{self.port}/api"
         try:
-            with urllib.request.urlopen(request, timeout=30) as answer:
-                return json.load(answer)
-        except OSError:
+            return prefect_api.ask(url, f"{what}/filter", {}, prefect_api.password_in(self.home))
+        except (OSError, AssertionError):
             return []
 
     def runs(self) -> list[Run]:
@@ -112,7 +117,7 @@ class Service:
         ]
 
     def python(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        variables = {"PREFECT_API_URL": f"http://127.0.0.1:{self.port}/api", "PYTHONPATH": self.path}
+        variables = {"PREFECT_HOME": str(self.home), "UPPLIED_HOME": str(self.place)}
         return subprocess.run(
             [sys.executable, *arguments],
             env=os.environ | variables,
@@ -176,7 +181,7 @@ def test_a_run_outlives_its_server(tmp_path):
         served.wait(lambda: len(served.catalog.transfers()) > 0, 300)
         (running,) = [run for run in served.runs() if run.state == "RUNNING"]
         kept = len(served.catalog.transfers())
-        served.kill("server start", away_s=60)
+        served.kill("uvicorn", away_s=60)
         served.wait(lambda: finished(served, "transfer-fleet"), 600)
         runs = served.runs()
     (ended,) = [run for run in runs if run.run_id == running.run_id]
@@ -270,9 +275,11 @@ def test_a_log_that_lands_is_read_and_transferred(tmp_path):
     with service(tmp_path, "30 2 * * *") as served:
         inbox = tmp_path / "inbox"
         inbox.mkdir()
-        variables = {"PREFECT_API_URL": f"http://127.0.0.1:{served.port}/api", "PYTHONPATH": served.path}
         watcher = subprocess.Popen(
-            [sys.executable, "-m", "flows.watch", str(inbox)], env=os.environ | variables, cwd=tmp_path
+            [sys.executable, "-m", "upplied", "watch", str(inbox)],
+            env=os.environ | {"UPPLIED_HOME": str(tmp_path)},
+            cwd=tmp_path,
+            preexec_fn=end_with_parent,
         )
         try:
             cube = member("cube-v1").structure
@@ -312,11 +319,14 @@ def test_runs_of_long_ago_are_forgotten_and_those_of_yesterday_are_not(tmp_path)
     """Only Prefect's history: what was planned stays in the catalog."""
 
     def ask(server: Server, path: str, body: dict[str, Any]) -> Any:
-        request = urllib.request.Request(
-            f"{server.api_url}/{path}", json.dumps(body).encode(), {"Content-Type": "application/json"}
-        )
-        with urllib.request.urlopen(request, timeout=60) as answer:
-            return json.load(answer)
+        deadline = time.monotonic() + 60
+        while True:
+            try:
+                return prefect_api.ask(server.api_url, path, body, server.password)
+            except AssertionError as refusal:  # 503 while its database is busy, which a client tries again
+                if "503" not in str(refusal) or time.monotonic() > deadline:
+                    raise
+                time.sleep(1)
 
     with private_server(tmp_path) as server:
         server.wait()

@@ -22,7 +22,8 @@ def hang() -> None:
 
 
 def exhaust() -> int:
-    return len(bytearray(64 * 2**30))
+    """A little more than a worker may have, and far less than the machine would give."""
+    return len(bytearray(5 * 2**30))
 
 
 def crash_natively() -> None:

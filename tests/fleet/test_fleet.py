@@ -13,7 +13,7 @@ from upplied.catalog import Catalog
 from upplied.config import settings_for
 from upplied.errors import InputError
 from upplied.fleet import ingest
-from upplied.fleet.session import SINGLE_TARGETS, shards
+from upplied.fleet.run import SINGLE_TARGETS, shards
 from upplied.outputs.logs import write_log
 from upplied.planning.plan import transfer_key
 from upplied.samples.fleet import member, random_member

@@ -11,9 +11,9 @@ from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
 from upplied.catalog.verbs import queries
-from upplied.fleet import crew, remote
-from upplied.fleet.crew import Outcome
+from upplied.fleet import run
 from upplied.fleet.decisions import Job
+from upplied.fleet.planner import Outcome
 
 A = fleet.Wish(("baseline",))
 B = fleet.Wish(("baseline",), {"viewpoints": {"shared": 0.4}})
@@ -32,13 +32,12 @@ def planned(monkeypatch) -> list[Job]:
     """Jobs that were really planned; a planner that needs no time stands for the method."""
     seen: list[Job] = []
 
-    def one(job: Job) -> Outcome:
+    def one(workers: object, job: Job) -> Outcome:
         seen.append(job)
         status = "failed" if job.target_id in failing else "ok"
         return Outcome(job, plan(job.target_id, len(seen), status=status, preset="baseline"), 0.1)
 
-    monkeypatch.setattr(crew, "plan_in_process", one)
-    monkeypatch.setattr(remote, "_prepared", lambda _: None)
+    monkeypatch.setattr(run, "attempt", one)
     failing.clear()
     return seen
 
@@ -49,8 +48,8 @@ failing: set[str] = set()
 def night(catalog: Catalog, wish: fleet.Wish, run_id: str) -> fleet.Result:
     """A run whose shards are planned elsewhere, and one of them twice."""
     jobs = fleet.decide(catalog, wish).jobs
-    fleet.plan_here(str(catalog.location), jobs, run_id)
-    fleet.plan_here(str(catalog.location), jobs[:1], run_id)
+    fleet.plan_here(str(catalog.location), jobs, run_id, "dask")
+    fleet.plan_here(str(catalog.location), jobs[:1], run_id, "dask")
     result, missing = fleet.kept(catalog, jobs, run_id)
     assert missing == []
     return result

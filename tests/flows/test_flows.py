@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
 import os
+import queue
 import socket
 import subprocess
 import sys
+import threading
 import time
 import urllib.request
 from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
+import prefect_api
 import pytest
 import yaml
 
-from flows import pages, pool, watch
-from flows.environment import ROOT, SETTINGS, environment
-from flows.server import Server, ServerError, free_port, private_server, start, stop
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.cli import main
+from upplied.fleet import manifest
+from upplied.flows import pages, pool, watch
+from upplied.flows.environment import ROOTS, SETTINGS, environment, home
+from upplied.flows.server import Server, ServerError, free_port, private_server, start, stop
 from upplied.outputs.logs import write_log
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
+
+ROOT = Path(__file__).parents[2]
 
 pytestmark = [pytest.mark.server, pytest.mark.filterwarnings("default")]
 
@@ -69,18 +78,22 @@ def prefect(server: Server, *command: str, timeout: float = 900) -> subprocess.C
     )
 
 
-def post(server: Server, path: str, body: dict[str, Any]) -> Any:
-    """What the server's own interface answers."""
-    request = urllib.request.Request(
-        f"{server.api_url}/{path}", json.dumps(body).encode(), {"Content-Type": "application/json"}
+def upplied(server: Server, place: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """A command of ours, in the folder of the catalog."""
+    return subprocess.run(
+        [sys.executable, "-m", "upplied", *words],
+        env=server.environment,
+        cwd=place,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
     )
-    with urllib.request.urlopen(request, timeout=120) as answer:
-        return json.load(answer)
 
 
 def listed(server: Server, what: str) -> list[dict[str, Any]]:
     """All that the server lists of something."""
-    return post(server, f"{what}/filter", {})
+    return prefect_api.ask(server.api_url, f"{what}/filter", {}, server.password)
 
 
 def test_the_whole_way_by_flows(server, place):
@@ -88,8 +101,8 @@ def test_the_whole_way_by_flows(server, place):
         server,
         place,
         """
-from flows.ingest_demonstrations import ingest_demonstrations
-from flows.transfer_fleet import transfer_fleet
+from upplied.flows.ingest_demonstrations import ingest_demonstrations
+from upplied.flows.transfer_fleet import transfer_fleet
 print(ingest_demonstrations(["flight.mcap"], return_state=True).message)
 print(transfer_fleet(presets=["paper"], targets=["box-random-1"], return_state=True).message)
 print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
@@ -109,7 +122,7 @@ print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
 
 def test_maintenance_checks_the_catalog_and_says_what_is_wrong_with_it(server, place):
     code = """
-from flows.maintain_catalog import maintain_catalog
+from upplied.flows.maintain_catalog import maintain_catalog
 state = maintain_catalog(catalog="catalog", return_state=True)
 print(state.type.value, state.message)
 """
@@ -161,7 +174,7 @@ def test_pages_open_from_prefect_where_they_are_given_out(tmp_path, monkeypatch)
     (tmp_path / "transfers" / "a--b.html").write_text("the plan")
     with pages.served(tmp_path, 0) as url:
         monkeypatch.setenv(pages.ADDRESS, url)
-        link = pages.address(str(pages.FOLDER), "transfers/a--b.html")
+        link = pages.address(str(home() / "reports"), "transfers/a--b.html")
         with urllib.request.urlopen(link, timeout=60) as page:
             assert page.read() == b"the plan"
         with pages.served(tmp_path, int(url.rsplit(":", 1)[1])) as other:
@@ -180,24 +193,77 @@ def test_every_machine_has_its_share_of_a_fleet(targets, machines):
     assert shards <= 8 * machines
 
 
+def test_the_pages_of_a_folder_are_given_out_and_nothing_else(tmp_path):
+    folder, secret = tmp_path / "reports", tmp_path / "secret.txt"
+    (folder / "transfers").mkdir(parents=True)
+    (folder / "index.html").write_text("the fleet")
+    (folder / "transfers" / "a--b.html").write_text("the plan")
+    secret.write_text("not yours")
+    (folder / "link.txt").symlink_to(secret)
+    (folder / "linked").symlink_to(tmp_path)
+    with pages.served(folder, 0) as url:
+        get = {
+            path: prefect_api.send("GET", f"{url}/{path}", said={"Host": host})
+            for path, host in {
+                "": "127.0.0.1",
+                "transfers/a--b.html": "localhost:4201",
+                "index.html": "evil.example",
+                "transfers/": "127.0.0.1",
+                "transfers": "127.0.0.1",
+                "link.txt": "127.0.0.1",
+                "linked/secret.txt": "127.0.0.1",
+                "../secret.txt": "127.0.0.1",
+                "%2e%2e/secret.txt": "127.0.0.1",
+            }.items()
+        }
+    assert (get[""][0], get[""][2]) == (200, b"the fleet")
+    assert get["transfers/a--b.html"][2] == b"the plan"
+    refused = {path: status for path, (status, _, _) in get.items() if status != 200}
+    assert refused == {
+        "index.html": 403,
+        **dict.fromkeys(
+            (
+                "transfers/",
+                "link.txt",
+                "linked/secret.txt",
+                "../secret.txt",
+                "%2e%2e/secret.txt",
+                "transfers",
+            ),
+            404,
+        ),
+    }
+    for _, headers, body in get.values():
+        assert pages.HEADERS.items() <= {name: headers.get(name.lower()) for name in pages.HEADERS}.items()
+        assert b"not yours" not in body
+
+
 def test_a_shard_plans_what_it_is_named_and_nothing_twice(server, place):
     """What a machine of the work pool does; two machines do it in test_machines.py."""
     changes = {"viewpoints": {"shared": 0.5}}
     catalog = open_catalog(place / "catalog")
     jobs = fleet.decide(catalog, fleet.Wish(("paper",), changes)).jobs
     assert len(jobs) == 2
-    named = [jobs[0].key, "0123456789abcdef"]
+    (shard,) = manifest.write_shards(catalog, "night", [(jobs[0],)])
+    assert manifest.read_shard(str(catalog.location), shard) == [jobs[0]]
     code = f"""
-from flows.plan_shard import plan_shard
-from flows.transfer_fleet import transfer_fleet
-asked = {{"presets": ["paper"], "changes": {changes}}}
+from upplied.flows.plan_shard import plan_shard
+from upplied.flows.transfer_fleet import transfer_fleet
 for _ in range(2):
-    print(plan_shard("catalog", "night", {named}, **asked, return_state=True).message)
-transfer_fleet(reports="", resources={{"engine": "pool"}}, **asked)
+    print(plan_shard("catalog", "night", "{shard}", return_state=True).message)
+for name in ("night/00001.parquet", "../transfers/x.parquet"):
+    print(plan_shard("catalog", "night", name, return_state=True).type.value)
+asked = {{"presets": ["paper"], "changes": {changes}}}
+print(transfer_fleet(reports="", resources={{"engine": "pool"}}, **asked, return_state=True).message)
 """
     done = python(server, place, code)
-    assert done.stdout.splitlines() == ["1 ok, 0 refused, 0 failed", "0 ok, 0 refused, 0 failed"], done.stderr
-    assert "prefect worker start --pool planners" in done.stderr, "nobody takes shards, and it was not told"
+    told = done.stdout.splitlines()
+    assert told[:4] == ["1 ok, 0 refused, 0 failed", "0 ok, 0 refused, 0 failed", "FAILED", "FAILED"], (
+        done.stderr
+    )
+    assert "prefect worker start --pool planners" in told[4], "nobody takes shards, and it was not told"
+    manifest.remove_shards(catalog, "night")
+    assert not list((place / "catalog" / manifest.FOLDER).iterdir())
     rows = catalog.transfers(every=True)
     assert rows[rows["run_id"] == "night"]["key"].tolist() == [jobs[0].key]
     result, missing = fleet.kept(catalog, jobs)
@@ -222,7 +288,7 @@ def test_wrong_parameters_are_refused_before_anything_runs(server, place):
     calls = "\n".join(f"attempt(lambda: transfer_fleet({wrong}))" for wrong in WRONG)
     code = f"""
 from prefect.exceptions import ParameterTypeError
-from flows.transfer_fleet import transfer_fleet
+from upplied.flows.transfer_fleet import transfer_fleet
 def attempt(call):
     try:
         call()
@@ -233,6 +299,73 @@ def attempt(call):
     done = python(server, place, code)
     told = [line for line in done.stdout.splitlines() if line.startswith("refused:")]
     assert len(told) == len(WRONG), done.stdout + done.stderr
+
+
+def test_failed_runs_say_so_and_name_what_failed(server, place):
+    """A state of a type or a name of its own is what an alert can match."""
+    (place / "broken").mkdir()
+    (place / "broken" / "broken.mcap").write_bytes(b"not a log")
+    (place / "mixed").mkdir()
+    for name, source in {"broken": place / "broken" / "broken.mcap", "flight": place / "flight.mcap"}.items():
+        (place / "mixed" / f"{name}.mcap").write_bytes(source.read_bytes())
+    done = python(
+        server,
+        place,
+        """
+from upplied.flows.ingest_demonstrations import ingest_demonstrations
+from upplied.flows.transfer_fleet import transfer_fleet
+def say(state):
+    print(state.type.value, state.name, "|", state.message)
+say(ingest_demonstrations(["broken"], return_state=True))
+say(ingest_demonstrations(["mixed"], return_state=True))
+say(ingest_demonstrations(["nowhere"], return_state=True))
+hasty = {"timeout_s": 0.001, "workers": 1}
+asked = {"reports": "", "presets": ["paper"], "changes": {"viewpoints": {"shared": 0.6}}}
+say(transfer_fleet(**asked, resources=hasty, return_state=True))
+say(transfer_fleet(**asked, logs=["mixed"], retry_failed=True, return_state=True))
+""",
+    )
+    told = [line.split(" | ") for line in done.stdout.splitlines()]
+    assert [state for state, _ in told] == [
+        "FAILED Failed",
+        "COMPLETED CompletedWithFailures",
+        "FAILED Failed",
+        "FAILED Failed",
+        "COMPLETED CompletedWithFailures",
+    ], done.stdout + done.stderr
+    for (_, message), words in zip(
+        told,
+        ("broken.mcap", "broken.mcap", "does not exist", "took longer than 0.001 s", "broken.mcap"),
+        strict=True,
+    ):
+        assert words in message
+    assert "2 ok" in told[4][1], "what could be planned was not"
+
+
+def test_runs_keep_to_the_declared_roots(server, place, tmp_path):
+    code = """
+from upplied.flows.maintain_catalog import maintain_catalog
+from upplied.flows.publish_reports import publish_reports
+for call in CALLS:
+    state = eval(call)
+    print(state.type.value, state.message)
+"""
+    calls = [
+        f"publish_reports('{tmp_path}/elsewhere', return_state=True)",
+        f"publish_reports('reports', '{tmp_path}/catalog', return_state=True)",
+        "publish_reports('s3://bucket/other', return_state=True)",
+        "maintain_catalog('../../catalog', return_state=True)",
+        "publish_reports('link', return_state=True)",
+        "publish_reports('reports', return_state=True)",
+    ]
+    (place / "link").symlink_to(tmp_path)
+    bounded = Server.__new__(Server)
+    bounded.environment = server.environment | {ROOTS: f"{place},s3://bucket/fleet"}
+    done = python(bounded, place, code.replace("CALLS", repr(calls)))
+    told = done.stdout.splitlines()
+    assert [line.split()[0] for line in told] == ["FAILED"] * 5 + ["COMPLETED"], done.stdout + done.stderr
+    assert all("outside the roots" in line and "--root" in line for line in told[:5])
+    assert not list(tmp_path.iterdir())
 
 
 def test_env_example_says_what_the_flows_are_given():
@@ -261,7 +394,7 @@ def test_an_automation_that_is_there_stays_with_what_it_has_heard(server, place)
         place,
         """
 from prefect import get_client
-from flows.automations import apply, zombies
+from upplied.flows.automations import apply, zombies
 with get_client(sync_client=True) as client:
     for silence_s in (300, 300, 90):
         apply(zombies(silence_s))
@@ -278,8 +411,8 @@ with get_client(sync_client=True) as client:
 def test_every_deployment_names_a_flow_of_its_own_name():
     declared = yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
     for deployment in declared:
-        file, name = deployment["entrypoint"].split(":")
-        assert f'name="{deployment["name"]}"' in (ROOT / file).read_text()
+        module, name = deployment["entrypoint"].rsplit(".", 1)
+        assert importlib.import_module(module).__dict__[name].name == deployment["name"]
         assert name == deployment["name"].replace("-", "_")
     nightly = declared[0]
     assert nightly["name"] == "transfer-fleet"
@@ -290,28 +423,76 @@ def test_from_a_clone_to_a_scheduled_worker(server, place):
     """The README's commands: pool, deployments, worker, a run on demand, and runs for the nights to come."""
     open_catalog(place / "catalog").add_demonstrations([fly(member("cube-v1").structure, "sides")])
     assert prefect(server, "work-pool", "create", "local", "--type", "process").returncode == 0
-    post(server, "work_pools/", {"name": "planners", "type": "process"})  # as above, without a process
+    prefect_api.ask(
+        server.api_url, "work_pools/", {"name": "planners", "type": "process"}, server.password
+    )  # as above, without a process
     deployed = prefect(server, "--no-prompt", "deploy", "--all")
     assert deployed.returncode == 0, deployed.stdout + deployed.stderr
     worker = start(
-        "worker", "start", "--pool", "local", environment=server.environment, log=subprocess.DEVNULL
+        "prefect",
+        "worker",
+        "start",
+        "--pool",
+        "local",
+        environment=server.environment | {ROOTS: str(place)},
+        log=subprocess.DEVNULL,
     )
-    try:
-        parameters = [f'catalog="{place}/catalog"', 'reports=""', 'presets=["baseline"]']
-        options = [word for parameter in parameters for word in ("--param", parameter)]
-        ran = prefect(server, "deployment", "run", "transfer-fleet/transfer-fleet", "--watch", *options)
-        assert ran.returncode == 0, ran.stdout + ran.stderr
-    finally:
-        stop(worker)
+    parameters = [f'catalog="{place}/catalog"', 'reports=""', 'presets=["baseline"]']
+    options = [word for parameter in parameters for word in ("--param", parameter)]
+    with receiver() as (address, received):
+        try:
+            ran = prefect(server, "deployment", "run", "transfer-fleet/transfer-fleet", "--watch", *options)
+            assert ran.returncode == 0, ran.stdout + ran.stderr
+            # The short way says how it ended, and an alert reaches whoever is told, by either kind of block.
+            for number, url in enumerate((f"http://{address}/hook", f"json://{address}/apprise")):
+                assert "Failed, Crashed" in upplied(server, place, "fleet", "notify", url).stdout
+                hasty = 'resources={"timeout_s": 0.001, "workers": 1}'
+                shared = f'changes={{"viewpoints": {{"shared": 0.{number + 2}}}}}'
+                failed = upplied(server, place, "fleet", "run", *parameters, hasty, shared)
+                assert failed.returncode == 1
+                assert "Failed: 0 ok, 0 refused, 2 failed" in failed.stdout, failed.stderr
+                assert "took longer than 0.001 s" in failed.stdout
+                told = received.get(timeout=60)
+                assert "transfer-fleet: Failed" in told and "took longer than 0.001 s" in told
+            assert "nobody" in upplied(server, place, "fleet", "notify", "").stdout
+            again = upplied(server, place, "fleet", "run", *parameters, "retry_failed=true")
+            assert again.returncode == 0, again.stdout + again.stderr
+            assert "Completed: 0 ok" in again.stdout or "Completed: 2 ok" in again.stdout
+            outside = upplied(server, place, "fleet", "run", 'catalog="/srv/elsewhere"')
+            assert outside.returncode == 1 and "outside the roots" in outside.stdout
+        finally:
+            stop(worker)
+        assert received.empty(), "somebody was told of a run that went well"
     plans = open_catalog(place / "catalog").transfers(preset="baseline")
     assert set(plans["target_id"]) == {"box-random-1", "box-random-2"}
     assert (plans["status"] == "ok").all()
     assert scheduled(server) >= 1
 
-    short = "import sys; from upplied.cli import main; sys.exit(main(['fleet', 'run', 'presets=[\"best\"]']))"
-    wrong = python(server, place, short)
-    assert wrong.returncode == 1
-    assert "best" in wrong.stdout + wrong.stderr
+    for wrong in ('presets=["best"]', "presets=best", "nonsense", 'nonsense=""'):
+        refused = upplied(server, place, "fleet", "run", wrong)
+        assert refused.returncode == 1
+        assert wrong.partition("=")[0] in refused.stderr.replace("\n", " ")
+        assert "Traceback" not in refused.stderr
+
+
+@contextmanager
+def receiver() -> Iterator[tuple[str, queue.Queue[str]]]:
+    """Somebody who is told over HTTP: where, and what was said."""
+    received: queue.Queue[str] = queue.Queue()
+
+    class Hook(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            received.put(self.rfile.read(int(self.headers["Content-Length"])).decode())
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Hook) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"127.0.0.1:{server.server_port}", received
+        server.shutdown()
 
 
 def scheduled(server: Server, patience_s: float = 180) -> int:
@@ -332,11 +513,42 @@ def test_a_port_that_is_taken_is_told_and_its_owner_not_taken_for_ours(tmp_path)
             pass
 
 
-@pytest.mark.parametrize(("folder", "told"), [("nowhere", "usage"), (".", "PREFECT_API_URL")])
-def test_a_watcher_that_cannot_tell_anybody_says_so(folder, told, monkeypatch, capsys):
-    monkeypatch.delenv("PREFECT_API_URL", raising=False)
-    assert watch.main([folder]) == 2
+@pytest.mark.parametrize(
+    ("folder", "code", "told"), [("nowhere", 2, "no folder"), (".", 1, "no Prefect server")]
+)
+def test_a_watcher_that_cannot_tell_anybody_says_so(folder, code, told, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PREFECT_API_URL", f"http://127.0.0.1:{free_port()}/api")
+    assert main(["watch", folder]) == code
     assert told in capsys.readouterr().err
+
+
+def test_a_log_is_told_when_it_has_come_whole_and_again_when_it_was_changed(tmp_path):
+    """A copy may stall for longer than anybody waits; what a link to nothing names never comes."""
+    now = 0.0
+    landing = watch.Landing(tmp_path, lambda: now)
+
+    def after(seconds: float) -> list[str]:
+        nonlocal now
+        now += seconds
+        return [path.name for path in landing.landed()]
+
+    whole = watch.MAGIC + b"\0" * 100 + watch.MAGIC
+    (tmp_path / "dangling.mcap").symlink_to("/nowhere/flight.mcap")
+    (tmp_path / "copied.mcap").write_bytes(whole[:60])
+    (tmp_path / "whole.mcap").write_bytes(whole)
+    assert after(0) == []
+    assert after(watch.QUIET_S) == ["whole.mcap"]
+    assert after(5 * watch.QUIET_S) == [], "a copy that stalled was told"
+    (tmp_path / "copied.mcap").write_bytes(whole)
+    assert after(1) == []
+    assert after(watch.QUIET_S) == ["copied.mcap"]
+    assert after(watch.PATIENCE_S) == []
+    (tmp_path / "whole.mcap").write_bytes(whole + whole)
+    (tmp_path / "broken.mcap").write_bytes(b"never a log")
+    assert after(1) == []
+    assert after(watch.QUIET_S) == ["whole.mcap"]
+    assert after(watch.PATIENCE_S) == ["broken.mcap"], "what is broken is for ingest to tell, sooner or later"
 
 
 def test_the_short_way_says_at_once_that_no_server_answers(monkeypatch, capsys):
@@ -350,7 +562,7 @@ def test_the_short_way_says_at_once_that_no_server_answers(monkeypatch, capsys):
 def test_no_server_is_told_at_once_and_in_words(tmp_path):
     variables = environment(tmp_path, "") | {"PREFECT_SERVER_ALLOW_EPHEMERAL_MODE": "false"}
     del variables["PREFECT_API_URL"]
-    code = "from flows.publish_reports import publish_reports; publish_reports()"
+    code = "from upplied.flows.publish_reports import publish_reports; publish_reports()"
     done = subprocess.run(
         [sys.executable, "-c", code], env=variables, cwd=tmp_path, capture_output=True, text=True, check=False
     )

@@ -17,10 +17,9 @@ import pytest
 from botocore.config import Config
 from processes import cut_the_power
 
-from flows.environment import ROOT
-from flows.server import Server, free_port, private_server, start, stop
 from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
+from upplied.flows.server import Server, free_port, private_server, start, stop
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 
@@ -30,9 +29,11 @@ KEPT = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearan
 TARGETS = range(1, 7)
 PRESETS = ("baseline", "paper")
 
+ROOT = Path(__file__).parents[2]
+
 RUN = """
 import sys
-from flows.transfer_fleet import transfer_fleet
+from upplied.flows.transfer_fleet import transfer_fleet
 if __name__ == "__main__":
     resources = {"engine": "pool", "workers": 1, "shard_targets": int(sys.argv[2])}
     presets = ["baseline", "paper"]
@@ -112,8 +113,13 @@ class Machine:
 def machine(server: Server, home: Path) -> Iterator[Machine]:
     """A worker that takes one shard at a time, with a home and caches of its own."""
     home.mkdir()
-    own = {"PREFECT_HOME": str(home / "prefect"), "XDG_CACHE_HOME": str(home / "cache")}
-    command = ("worker", "start", "--pool", "planners", "--limit", "1", "--name", home.name)
+    own = {
+        "PREFECT_HOME": str(home / "prefect"),
+        "PREFECT_API_AUTH_STRING": server.password,
+        "UPPLIED_ROOTS": "s3://fleet",
+        "XDG_CACHE_HOME": str(home / "cache"),
+    }
+    command = ("prefect", "worker", "start", "--pool", "planners", "--limit", "1", "--name", home.name)
     with (home / "worker.log").open("wb") as log:
         worker = start(*command, environment=server.environment | own, log=log)
     try:
@@ -138,6 +144,7 @@ def prepare(server: Server) -> None:
     prefect(server, "--no-prompt", "deploy", "--all")
 
 
+@pytest.mark.ci
 def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(tmp_path, bucket):
     here = boxes(tmp_path / "here", tmp_path / "cache-here")
     fleet.transfer(here, fleet.decide(here, fleet.Wish(PRESETS)).jobs, "here", fleet.Resources(2))
@@ -153,6 +160,7 @@ def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(tmp_path, b
     rows = there.transfers(every=True)
     assert len(rows) == 12
     assert rows["run_id"].nunique() == 1, "the shards do not say which run they are of"
+    assert {where.split("/")[2] for where in rows["planned_on"]} == {"pool"}, rows["planned_on"].tolist()
     assert kept(here) == kept(there)
 
 
@@ -162,7 +170,9 @@ def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_an
     with private_server(tmp_path / "prefect") as server:
         server.wait()
         prepare(server)
-        quickly = "from flows.automations import apply, zombies; apply(zombies(90))"  # three heartbeats
+        quickly = (
+            "from upplied.flows.automations import apply, zombies; apply(zombies(90))"  # three heartbeats
+        )
         subprocess.run([sys.executable, "-c", quickly], env=server.environment, cwd=ROOT, check=True)
         with pool_of(server, tmp_path, ("one", "two")) as (lost, other):
             night = start_run(server, bucket, 1)
@@ -181,6 +191,7 @@ def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_an
     assert len(rows) == len(rows["key"].unique()) == 12
 
 
+@pytest.mark.ci
 def test_where_the_last_machine_leaves_the_run_plans_the_rest_itself(tmp_path, bucket):
     catalog = boxes(bucket, tmp_path / "cache-there")
     with private_server(tmp_path / "prefect") as server:

@@ -15,6 +15,7 @@ import pytest
 from fake_catalog import FakeCatalog
 
 from upplied.catalog import Catalog, open_catalog
+from upplied.checks import pair_name
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.outputs import render
 from upplied.outputs.publish import publish, publish_file, publish_pages
@@ -249,3 +250,10 @@ def test_the_mailed_file_needs_nothing_and_runs_only_our_scripts(catalog, tmp_pa
     assert set(one.data["pairs"]) == {"orbit-1--odd"}
     with pytest.raises(SettingsError, match="0 transfers"):
         publish_file(catalog, tmp_path / "none.html", target_id="nothing")
+
+
+def test_no_two_pairs_share_a_page():
+    ids = [*("a", "b", "c", "a-", "a--", "a--b", "b--c", "a-b", "a--b--c", "b-", "c-"), "c--a"]
+    names = [pair_name(demonstration, target) for demonstration in ids for target in ids]
+    assert len(set(names)) == len(ids) ** 2
+    assert pair_name("cube-sides-v1", "cuboid-v1") == "cube-sides-v1--cuboid-v1"

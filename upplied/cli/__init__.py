@@ -28,6 +28,7 @@ from upplied.cli import (
     render,
     report,
     samples,
+    serve,
     structures,
     transfer,
 )
@@ -41,6 +42,7 @@ app = App(
     console=console,
     error_console=errors,
     result_action="return_value",
+    suppress_keyboard_interrupt=False,  # it is told below
     help_epilogue="--quiet, anywhere: only errors, and the JSON that was asked for.",
 )
 app.register_install_completion_command(help="Let the shell complete commands and options.")
@@ -59,6 +61,9 @@ for command in (
     report.app,
     keeping.app,  # all of `upplied catalog`
     fleet.app,
+    serve.serving,
+    serve.deploying,
+    serve.watching,
     doctor.app,
 ):
     app.command(command)

@@ -3,56 +3,74 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
-import urllib.error
-import urllib.request
 from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import errors
+from upplied.cli.serve import PortOption, flows_wanted, no_server
+from upplied.cli.terminal import console, errors
 
 app = App(name="fleet", help="The fleet's deployments in Prefect.")
-
-DEPLOYMENT = "transfer-fleet/transfer-fleet"
 
 
 @app.command
 def run(
     *parameters: Annotated[str, Parameter(allow_leading_hyphen=False)],
     watch: Annotated[bool, Parameter(negative="--no-watch", help="Wait for the end and follow it.")] = True,
+    port: PortOption = 4200,
 ) -> int:
-    """Run transfer-fleet now, on the server at PREFECT_API_URL, else the one of `make serve`.
+    """Run transfer-fleet now, on the server at PREFECT_API_URL, else the one of `upplied serve`.
 
     Parameters
     ----------
     parameters : str
         Of the flow, as NAME=VALUE with the value in JSON.
     """
-    served_here = f"http://127.0.0.1:{os.environ.get('UPPLIED_PORT', '4200')}/api"
-    environment = {"PREFECT_API_URL": served_here, "DO_NOT_TRACK": "1"} | os.environ
-    address = environment["PREFECT_API_URL"]
-    if not answers(address):
-        errors.print(
-            f"error: no Prefect server answers at {address}. "
-            "Start one (`make serve`), or set PREFECT_API_URL to the address of yours.",
-            markup=False,
-        )
+    if not (address := connected(port)):
         return 1
-    command = [sys.executable, "-m", "prefect", "deployment", "run", DEPLOYMENT]
-    for parameter in parameters:
-        command += ["--param", parameter]
-    ran = subprocess.run([*command, *(["--watch"] if watch else [])], env=environment, check=False)
-    return int(ran.returncode != 0)
+    from upplied.flows.client import NotAccepted, run_now
 
-
-def answers(address: str) -> bool:
-    """Whether a Prefect server is there; Prefect's own commands would start one that knows no deployment."""
     try:
-        with urllib.request.urlopen(f"{address.rstrip('/')}/health", timeout=10):
-            return True
-    except urllib.error.HTTPError:
-        return True  # it wants a name first, which Prefect's settings may hold
-    except (OSError, ValueError):
-        return False
+        ended = run_now(parameters, watch, lambda line: console.print(line, markup=False, soft_wrap=True))
+    except NotAccepted as error:
+        errors.print(f"error: {address}: {error}", markup=False, soft_wrap=True)
+        return 1
+    return int(not ended)
+
+
+@app.command
+def notify(
+    url: str,
+    *,
+    every_run: Annotated[bool, Parameter(negative="", help="Tell of runs that went well, too.")] = False,
+    port: PortOption = 4200,
+) -> int:
+    """Tell somebody whenever a run fails, is lost, or leaves failures behind; another call replaces it.
+
+    Parameters
+    ----------
+    url : str
+        Where to: a webhook (http://...), Slack (https://hooks.slack.com/...), or any address of Apprise's,
+        as mailto://user:password@smtp.example.org?to=ops@example.org. Empty ends it.
+    """
+    if not connected(port):
+        return 1
+    from upplied.flows.notices import tell
+
+    console.print(tell(url, every_run), markup=False, soft_wrap=True)
+    return 0
+
+
+def connected(port: int) -> str:
+    """The address of the server, known to Prefect from here on; empty, and told, where none answers."""
+    flows_wanted()
+    from upplied.flows import environment
+    from upplied.flows.server import answers
+
+    told = environment.client(port)
+    os.environ.update(told)  # before Prefect is loaded, which reads it once
+    address = told["PREFECT_API_URL"]
+    if answers(address):
+        return address
+    no_server(address)
+    return ""

@@ -12,7 +12,6 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from upplied.fleet.crew import cores
     from upplied.fleet.decisions import Decision, Job, Wish, decide
     from upplied.fleet.ingest import (
         Ingested,
@@ -20,9 +19,19 @@ if TYPE_CHECKING:
         ingest_demonstrations,
         ingest_structures,
     )
-    from upplied.fleet.ledger import Result, kept
-    from upplied.fleet.remote import plan_here
-    from upplied.fleet.session import SHARD_TARGETS, Resources, Session, bundles, shard_name, shards, transfer
+    from upplied.fleet.keeping import Result, kept
+    from upplied.fleet.run import (
+        SHARD_TARGETS,
+        Resources,
+        Run,
+        Shard,
+        bundles,
+        cores,
+        plan_here,
+        shard_name,
+        shards,
+        transfer,
+    )
     from upplied.fleet.workers import Limits
     from upplied.outputs.publish import publish
 
@@ -34,7 +43,8 @@ __all__ = [
     "Limits",
     "Resources",
     "Result",
-    "Session",
+    "Run",
+    "Shard",
     "Wish",
     "bundles",
     "check_structures",
@@ -55,16 +65,18 @@ logging.getLogger("upplied").addHandler(logging.NullHandler())
 
 # Loaded when first asked for: a process that plans needs neither what reads files nor what draws.
 _HOME = {
-    "upplied.fleet.crew": ("cores",),
     "upplied.fleet.decisions": ("Decision", "Job", "Wish", "decide"),
     "upplied.fleet.ingest": ("Ingested", "check_structures", "ingest_demonstrations", "ingest_structures"),
-    "upplied.fleet.ledger": ("Result", "kept"),
-    "upplied.fleet.remote": ("plan_here",),
-    "upplied.fleet.session": (
+    "upplied.fleet.keeping": ("Result", "kept"),
+    "upplied.fleet.run": (
         "SHARD_TARGETS",
         "Resources",
-        "Session",
+        "Run",
+        "Shard",
+        "Shard",
         "bundles",
+        "cores",
+        "plan_here",
         "shard_name",
         "shards",
         "transfer",

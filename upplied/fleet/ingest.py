@@ -20,8 +20,8 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.errors import InputError, UppliedError
-from upplied.fleet.crew import cores
 from upplied.fleet.learn import gather, learnt_flight, learnt_structure
+from upplied.fleet.run import cores
 from upplied.fleet.workers import JobKilled, Workers, WorkersBroken
 from upplied.inputs import logs as log_reader
 from upplied.inputs import meshes

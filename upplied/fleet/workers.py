@@ -1,8 +1,8 @@
 """Processes that outlive what runs in them: a hang, a native crash or a full memory costs one job.
 
-Every worker is an executor of a single process. When that process dies, the job it held is the
-culprit, nobody else's, and the process is replaced; a job past its time is stopped by killing its
-process, since native code does not listen to anything gentler.
+The processes are those of `pebble`, one pool of a single process to a worker: it tells which job a process
+had begun when it died, and stops one past its time. Around it stands what our jobs need: one thread each,
+an address space of their own size, nothing of the caller's script, and an end with the parent.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ import queue
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, wait
+from concurrent.futures import Future, TimeoutError
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import active_children, connection, get_context, parent_process
-from multiprocessing.process import BaseProcess
+from multiprocessing import connection, context, current_process, parent_process
 from types import ModuleType
 from typing import Any, TypeVar
+
+from pebble import ProcessExpired, ProcessPool
 
 from upplied.errors import UppliedError
 
@@ -41,6 +41,9 @@ ONE_THREAD = dict.fromkeys(
     "1",
 )
 START_UP_S = 180.0  # a fresh process imports its libraries in 2 s; a loaded machine may need far longer
+
+OUT_OF_MEMORY = 77  # exit code of a process whose job could not be given memory
+ATTEMPTS = 3  # processes that may die, one after the other, before a job has begun
 
 _environment = threading.Lock()
 
@@ -99,10 +102,8 @@ class Workers:
         limits: Limits | None = None,
     ) -> None:
         self.count = count
-        self.limits = limits or Limits()
-        arguments = (self.limits.memory_bytes(count), setup, setup_args)
-        self._closed = False
-        self._all = [_Worker(arguments) for _ in range(count)]
+        limits = limits or Limits()
+        self._all = [_Worker(limits, limits.memory_bytes(count), setup, setup_args) for _ in range(count)]
         self._free: queue.LifoQueue[_Worker] = queue.LifoQueue()
         for worker in self._all:
             self._free.put(worker)
@@ -127,19 +128,12 @@ class Workers:
         """
         worker = self._free.get()
         try:
-            if self._closed:
-                raise WorkersClosed
-            return worker.run(function, args, self.limits)
-        except JobKilled:
-            if self._closed:
-                raise WorkersClosed from None
-            raise
+            return worker.run(function, args)
         finally:
             self._free.put(worker)
 
     def close(self) -> None:
         """Stop the processes; jobs that still run are lost."""
-        self._closed = True
         for worker in self._all:
             worker.close()
 
@@ -147,91 +141,83 @@ class Workers:
 class _Worker:
     """One process, started when first needed and again after it was lost."""
 
-    def __init__(self, arguments: tuple[Any, ...]) -> None:
-        # The number of the job that the process has begun, which it writes and this one reads.
-        self._begun = get_context("spawn").RawValue("Q", 0)
-        self._number, self._closed = 0, False
-        self._arguments = (*arguments, self._begun)
-        self._executor: ProcessPoolExecutor | None = None
-        self._process: BaseProcess | None = None
+    def __init__(self, limits: Limits, memory_bytes: int, *setup: Any) -> None:
+        self._limits, self._memory_bytes = limits, memory_bytes
+        self._initial = (memory_bytes, *setup)
+        self._closed = False
+        self._pool: ProcessPool | None = None
+        self._job: Future[Any] | None = None
+        self._stopping = threading.Lock()
 
-    def run(self, function: Callable[..., Value], args: tuple[Any, ...], limits: Limits) -> Value:
-        try:
-            return self._run(function, args, limits)
-        except BrokenProcessPool:
-            begun, reason = self._begun.value == self._number, self._obituary()
-            self.stop()
-            if begun or self._closed:
-                raise JobKilled(reason) from None
-        try:  # the process died before it began this job, which is not the culprit
-            return self._run(function, args, limits)
-        except BrokenProcessPool:
-            reason = self._obituary()
-            self.stop()
-            raise JobKilled(reason) from None
+    def run(self, function: Callable[..., Value], args: tuple[Any, ...]) -> Value:
+        for _ in range(ATTEMPTS):
+            if self._closed:
+                raise WorkersClosed
+            try:
+                pool = self._pool or self._start()
+                self._job = pool.schedule(_guarded, (function, *args), timeout=self._limits.timeout_s)
+            except (BrokenProcessPool, ProcessExpired, TimeoutError, RuntimeError):
+                self._stop()  # it died while it had nothing to do
+                continue
+            try:
+                value: Value = self._job.result()
+                return value
+            except BrokenProcessPool:
+                self._stop()  # it died before it began this job, which is not the culprit
+            except ProcessExpired as death:
+                self._stop()
+                raise WorkersClosed if self._closed else JobKilled(self._obituary(death.exitcode)) from None
+            except TimeoutError as late:
+                if late.args[:1] != ("Task timeout",):
+                    raise  # of the job's own
+                self._stop()
+                limit = f"took longer than {self._limits.timeout_s:g} s and was stopped"
+                raise JobKilled(limit) from None
+        raise WorkersBroken("worker processes", "do not start", remedy="see what `upplied doctor` says")
 
-    def _run(self, function: Callable[..., Value], args: tuple[Any, ...], limits: Limits) -> Value:
-        executor = self._executor or self._start()
-        self._number += 1
-        try:
-            future = executor.submit(_begin, self._number, function, args)
-            if not wait([future], limits.timeout_s).done:
-                self.stop()
-                raise JobKilled(f"took longer than {limits.timeout_s:g} s and was stopped")
-            value: Value = future.result()
-            return value
-        except MemoryError:
-            self.stop()  # what is left of its heap is nobody's guess
-            raise JobKilled(f"needed more memory than the {_gib(self._arguments[0])} of a worker") from None
+    def _start(self) -> ProcessPool:
+        pool = ProcessPool(1, initializer=_prepare, initargs=self._initial, context=_Context())
+        self._pool = pool
+        pool.schedule(os.getpid).result(START_UP_S)  # a start that fails or hangs is no job's
+        return pool
 
-    def _start(self, attempts: int = 2) -> ProcessPoolExecutor:
-        executor = ProcessPoolExecutor(1, get_context("spawn"), _prepare, self._arguments)
-        try:
-            with _bare_child():  # while it is made; it loads what it needs beside the others
-                started = executor.submit(os.getpid)
-            pid = started.result(START_UP_S)
-        except (BrokenProcessPool, TimeoutError):
-            executor.shutdown(wait=False, cancel_futures=True)
-            if attempts > 1:
-                return self._start(attempts - 1)
-            raise WorkersBroken(
-                "worker processes", "do not start", remedy="see what `upplied doctor` says"
-            ) from None
-        self._process = next((child for child in active_children() if child.pid == pid), None)
-        self._executor = executor
-        return executor
-
-    def _obituary(self) -> str:
-        code = _exit_code(self._process)
-        if code is not None and code < 0:
+    def _obituary(self, code: int) -> str:
+        if code == OUT_OF_MEMORY:
+            return f"needed more memory than the {self._memory_bytes / 2**30:g} GiB of a worker"
+        if code < 0:
             return f"its process was ended by {signal.Signals(-code).name}"
-        return "its process ended" + ("" if code is None else f" with exit code {code}")
+        return f"its process ended with exit code {code}"
 
     def close(self) -> None:
         self._closed = True
-        self.stop()
+        self._stop()
+        job = self._job
+        if job is not None and not job.done():
+            with suppress(Exception):  # done meanwhile
+                job.set_exception(WorkersClosed())
 
-    def stop(self) -> None:
-        process, self._process = self._process, None
-        executor, self._executor = self._executor, None
-        if process is not None and process.is_alive():
-            process.kill()
-        if executor is not None:
-            executor.shutdown(wait=True, cancel_futures=True)
-
-
-def _exit_code(process: BaseProcess | None, patience_s: float = 5.0) -> int | None:
-    """The exit code of a process that has died; the executor's own thread may be about to note it."""
-    deadline = time.monotonic() + patience_s
-    while process is not None and time.monotonic() < deadline:
-        if process.exitcode is not None:
-            return process.exitcode
-        time.sleep(0.01)
-    return None
+    def _stop(self) -> None:
+        with self._stopping:
+            pool, self._pool = self._pool, None
+            if pool is not None:
+                pool.stop()
+                pool.join()
 
 
-def _gib(size: int) -> str:
-    return f"{size / 2**30:g} GiB"
+class _Process(context.SpawnProcess):
+    """A process that inherits one thread a library, and not the caller's script."""
+
+    def start(self) -> None:
+        with _bare_child():
+            super().start()
+
+    def terminate(self) -> None:
+        """At once: native code does not listen to anything gentler."""
+        self.kill()
+
+
+class _Context(context.SpawnContext):
+    Process = _Process
 
 
 @contextmanager
@@ -239,16 +225,21 @@ def _bare_child() -> Iterator[None]:
     """What a child that is started within inherits: one thread a library, and not the caller's script.
 
     Libraries read the environment while they load. A spawned process would run the main script again,
-    which then must hide its work behind ``if __name__ == "__main__"``; our jobs need nothing of it.
+    which then must hide its work behind ``if __name__ == "__main__"``; our jobs need nothing of it. A
+    worker of Dask is a daemon, which multiprocessing forbids children; ours end with their parent by
+    themselves.
     """
     with _environment:
         before = {name: os.environ.get(name) for name in ONE_THREAD}
-        script = sys.modules["__main__"]
+        script, here = sys.modules["__main__"], current_process()
+        daemon = here._config.get("daemon")  # type: ignore[attr-defined]
         os.environ.update(ONE_THREAD)
         sys.modules["__main__"] = ModuleType("__main__")
+        here._config["daemon"] = False  # type: ignore[attr-defined]
         try:
             yield
         finally:
+            here._config["daemon"] = daemon  # type: ignore[attr-defined]
             sys.modules["__main__"] = script
             for name, value in before.items():
                 if value is None:
@@ -257,23 +248,20 @@ def _bare_child() -> Iterator[None]:
                     os.environ[name] = value
 
 
-_job_begun: Any = None  # in a worker: where the number of the job that it has begun stands
+# Below: in the worker process.
 
 
-def _begin(number: int, function: Callable[..., Value], args: tuple[Any, ...]) -> Value:
-    """Do a job in a worker, and say first that it has begun: from then on a death is its own."""
-    _job_begun.value = number
-    return function(*args)
+def _guarded(function: Callable[..., Value], *args: Any) -> Value:
+    """Do a job; where memory runs out nobody knows what is left of the heap, and the process goes with it."""
+    try:
+        return function(*args)
+    except MemoryError:
+        os._exit(OUT_OF_MEMORY)
 
 
-def _prepare(
-    memory_bytes: int, setup: Callable[..., None] | None, setup_args: tuple[Any, ...], begun: Any
-) -> None:
+def _prepare(memory_bytes: int, setup: Callable[..., None] | None, setup_args: tuple[Any, ...]) -> None:
     """First thing in a fresh process: die with the parent, stay within memory, load what jobs need."""
-    global _job_begun
-    _job_begun = begun
     threading.Thread(target=_die_with_parent, daemon=True).start()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
     _limit_memory(memory_bytes)
     if setup is not None:
         setup(*setup_args)

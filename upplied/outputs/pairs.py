@@ -9,6 +9,8 @@ from typing import Any
 
 import pandas as pd
 
+from upplied.checks import pair_name
+
 PRESETS = ("recommended", "paper", "baseline")
 _ATTENTION = {"failed": 0, "refused": 1, "not flyable": 1.5, "ok": 2}
 
@@ -66,7 +68,7 @@ class Pair:
     @property
     def name(self) -> str:
         """Safe as a file name and in a URL; stays the same when the pair is planned anew."""
-        return f"{self.demonstration_id}--{self.target_id}"
+        return pair_name(self.demonstration_id, self.target_id)
 
     @property
     def main(self) -> Mapping[str, Any]:

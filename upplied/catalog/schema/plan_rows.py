@@ -21,6 +21,7 @@ from upplied.records import Bools, Measures, Plan, Registration, Trajectory
 #: What may be said of how a plan came about; see `transfer_row`.
 PROVENANCE = (
     "run_id",
+    "planned_on",
     "code_version",
     "method_version",
     "sources_sha256",

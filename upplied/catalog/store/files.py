@@ -119,6 +119,11 @@ class FileStore:
         elif self.has(name):
             self.filesystem().delete_file(name)
 
+    def remove_folder(self, name: str) -> None:
+        """Remove a folder with what is in it; what hinders that leaves it there."""
+        with contextlib.suppress(OSError):
+            self.filesystem().delete_dir(name)
+
     def filesystem(self) -> pafs.FileSystem:
         """The root as pyarrow's own file system, in which names are paths."""
         if self._filesystem is None:

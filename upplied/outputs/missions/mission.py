@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from upplied.checks import pair_name
 from upplied.errors import RefusedError
 from upplied.outputs.missions import gate, geodesy
 from upplied.outputs.missions.corners import passing_m
@@ -263,7 +264,7 @@ def _inspection(
 ) -> tuple[Trajectory, Bools | None, SurfaceStates | None, str]:
     if isinstance(plan, Trajectory):
         return plan, None, None, structure.structure_id
-    name = f"{plan.demonstration_id}--{plan.target_id}"
+    name = pair_name(plan.demonstration_id, plan.target_id)
     if plan.status != "ok" or plan.trajectory is None:
         raise RefusedError(
             name, f"the plan is {plan.status}: {plan.reason}", "only a plan that is ok is flown"

@@ -1,8 +1,9 @@
-"""Worker processes that plan from one catalog; whatever happens to a job, an outcome comes back."""
+"""In a worker process: one job planned; errors become plans with a reason."""
 
 from __future__ import annotations
 
 import os
+import socket
 import time
 import traceback
 from dataclasses import dataclass
@@ -12,7 +13,6 @@ from upplied.catalog import Catalog, open_catalog
 from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.decisions import Job
 from upplied.fleet.recent import Recent
-from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.planning.correspondence.pair import Memo, no_memo
 from upplied.planning.plan import plan_transfer
 from upplied.records import Demonstration, Plan, Structure
@@ -27,50 +27,8 @@ class Outcome:
     plan: Plan
     seconds: float
     detail: str = ""  # the traceback of an error nobody foresaw, for developers
+    process: str = ""  # host/process that planned it
 
-
-class Crew:
-    """Worker processes that plan from one catalog.
-
-    Parameters
-    ----------
-    location : str
-        Of the catalog; each worker opens it itself.
-    count : int
-        Number of processes; 0 takes one per core.
-    limits : Limits
-        Time and memory of one job.
-    """
-
-    def __init__(self, location: str, count: int = 0, limits: Limits | None = None) -> None:
-        self.count = count or cores()
-        self._workers = Workers(self.count, prepare, (location,), limits)
-
-    def close(self) -> None:
-        """Stop the processes; jobs under way are given up and leave no row."""
-        self._workers.close()
-
-    def plan(self, job: Job) -> Outcome:
-        """Plan one job and wait for it; whatever happens to it, an outcome comes back.
-
-        Raises
-        ------
-        WorkersClosed
-            If the crew was closed meanwhile.
-        """
-        began = time.monotonic()
-        try:
-            return self._workers.run(plan_in_process, job)
-        except JobKilled as death:
-            return Outcome(job, _without_path(job, "failed", str(death)), time.monotonic() - began)
-
-
-def cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-# Below: in the worker process.
 
 _catalog: Catalog | None = None
 _memo: Memo = no_memo
@@ -96,7 +54,7 @@ def _demonstration(demonstration_id: str) -> Demonstration:
     return _catalog.demonstration(demonstration_id)
 
 
-def plan_in_process(job: Job) -> Outcome:
+def plan_job(job: Job) -> Outcome:
     """Plan one job in this process, which was prepared; errors become plans with a reason."""
     assert _catalog is not None
     began = time.monotonic()
@@ -106,22 +64,29 @@ def plan_in_process(job: Job) -> Outcome:
         source, target = _structure(job.source_id), _structure(job.target_id)
         if (demonstration.sha256, source.sha256, target.sha256) != job.sha256:
             reason = "its inputs changed after the run began; the next run plans it"
-            return Outcome(job, _without_path(job, "superseded", reason), time.monotonic() - began)
-        plan = plan_transfer(demonstration, source, target, job.settings, _memo)
-        plan = _catalog.keep_surface(plan)
+            plan = without_path(job, "superseded", reason)
+        else:
+            plan = plan_transfer(demonstration, source, target, job.settings, _memo)
+            plan = _catalog.keep_surface(plan)
     except MemoryError:
         raise  # the worker says so, and is replaced
     except RefusedError as refusal:
-        plan = _without_path(job, "refused", str(refusal))
+        plan = without_path(job, "refused", str(refusal))
     except UppliedError as error:
-        plan = _without_path(job, "failed", str(error))
+        plan = without_path(job, "failed", str(error))
     except Exception as error:
-        plan = _without_path(job, "failed", f"{type(error).__name__}: {error}")
+        plan = without_path(job, "failed", f"{type(error).__name__}: {error}")
         detail = traceback.format_exc()
-    return Outcome(job, plan, time.monotonic() - began, detail)
+    return Outcome(job, plan, time.monotonic() - began, detail, this_process())
 
 
-def _without_path(job: Job, status: str, reason: str) -> Plan:
+def this_process() -> str:
+    """This host and process, as ``host/number``."""
+    return f"{socket.gethostname()}/{os.getpid()}"
+
+
+def without_path(job: Job, status: str, reason: str) -> Plan:
+    """A plan that says why there is none."""
     return Plan(
         demonstration_id=job.demonstration_id,
         source_id=job.source_id,

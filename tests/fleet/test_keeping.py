@@ -1,4 +1,4 @@
-"""The ledger commits what came in, once, and nobody who hands something in waits for it."""
+"""The keeper commits what came in, once, and nobody who hands something in waits for it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 
 from upplied.config import settings_for
 from upplied.errors import CatalogError
-from upplied.fleet import ledger
-from upplied.fleet.crew import Outcome
+from upplied.fleet import keeping
 from upplied.fleet.decisions import Job
+from upplied.fleet.planner import Outcome
 from upplied.records import Plan
 
 PATIENCE_S = 60.0
@@ -44,12 +44,12 @@ def outcome(number: int) -> Outcome:
 
 @pytest.fixture
 def commits(monkeypatch) -> Commits:
-    monkeypatch.setattr(ledger, "BATCH", 3)
+    monkeypatch.setattr(keeping, "BATCH", 3)
     return Commits()
 
 
 def test_outcomes_come_in_while_others_are_committed(commits):
-    kept = ledger.Ledger(commits, "run")
+    kept = keeping.Keeper(commits, "run")
     commits.go_on.clear()
     slow = threading.Thread(target=lambda: [kept.add(outcome(number)) for number in range(3)])
     slow.start()
@@ -67,7 +67,7 @@ def test_outcomes_come_in_while_others_are_committed(commits):
 
 
 def test_what_could_not_be_committed_is_tried_again_at_the_end(commits):
-    kept = ledger.Ledger(commits, "run")
+    kept = keeping.Keeper(commits, "run")
     commits.full = True
     with pytest.raises(CatalogError, match="No space"):
         for number in range(3):

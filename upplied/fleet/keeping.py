@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from upplied.catalog import Catalog
-from upplied.fleet.crew import Outcome
 from upplied.fleet.decisions import Job
+from upplied.fleet.planner import Outcome
 from upplied.planning.correspondence.pair import METHOD_VERSION
 from upplied.provenance import recorded
 
@@ -22,7 +22,7 @@ BATCH = 100  # outcomes that are committed together at the latest
 EVERY_S = 10.0  # a killed run loses no more than this much work
 
 
-class Ledger:
+class Keeper:
     """Collects outcomes from any thread and commits them together.
 
     Parameters
@@ -30,10 +30,12 @@ class Ledger:
     catalog : Catalog
     run_id : str
         Of the run that plans, kept with every row.
+    engine : str
+        Whose processes plan, kept with every row.
     """
 
-    def __init__(self, catalog: Catalog, run_id: str) -> None:
-        self._catalog, self._run_id = catalog, run_id
+    def __init__(self, catalog: Catalog, run_id: str, engine: str = "local") -> None:
+        self._catalog, self._run_id, self._engine = catalog, run_id, engine
         self._waiting: list[Outcome] = []
         self._last = time.monotonic()
         self._lock = threading.Lock()  # of what waits, held for a moment
@@ -78,6 +80,7 @@ class Ledger:
         hashes = ("demonstration_sha256", "source_sha256", "target_sha256")
         return {
             "run_id": self._run_id,
+            "planned_on": f"{outcome.process}/{self._engine}",
             "method_version": METHOD_VERSION,
             **recorded(),
             "planning_s": outcome.seconds,

@@ -1,0 +1,106 @@
+"""Prefect's server behind a guard: it answers to its own name, and to no page of another site.
+
+Started by ``upplied serve``, with the factory `create_app`. Without the guard every page that a browser
+of this machine opens could ask the server to run something.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Awaitable, Callable, MutableMapping
+from typing import Any
+from urllib.parse import urlsplit
+
+HOSTS = "UPPLIED_HOSTS"  # names that the server is reached by besides this machine's, separated by commas
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+HEADERS = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"x-frame-options", b"DENY"),
+    (b"content-security-policy", b"frame-ancestors 'none'"),
+    (b"referrer-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
+
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+
+
+class Guard:
+    """ASGI middleware: what is asked under another name, or by another site's page, is refused.
+
+    Parameters
+    ----------
+    app : ASGI application
+    hosts : collection of str
+        Names that requests may use in their ``Host``.
+    """
+
+    def __init__(self, app: Callable[..., Awaitable[None]], hosts: frozenset[str]) -> None:
+        self.app, self.hosts = app, hosts
+
+    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+        elif reason := refusal(dict(scope["headers"]), self.hosts):
+            await refuse(scope["type"], reason, send)
+        else:
+            await self.app(scope, receive, with_headers(send))
+
+
+def refusal(headers: dict[bytes, bytes], hosts: frozenset[str]) -> str:
+    """Why a request is refused; empty where it is not."""
+    asked = headers.get(b"host", b"").decode("latin-1")
+    if host_name(asked) not in hosts:
+        return "This server does not answer to that name (UPPLIED_HOSTS)."
+    if b"origin" in headers:
+        origin = urlsplit(headers[b"origin"].decode("latin-1")).netloc
+        if origin.lower() != asked.lower():
+            return "Pages of another site are not answered."
+    return ""
+
+
+def host_name(host: str) -> str:
+    """The name in a ``Host`` header, without its port."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+async def refuse(kind: str, reason: str, send: Send) -> None:
+    """Answer 403, or do not open the socket."""
+    if kind == "websocket":
+        await send({"type": "websocket.close", "code": 1008, "reason": reason})
+        return
+    body = reason.encode()
+    length = (b"content-length", str(len(body)).encode())
+    await send({"type": "http.response.start", "status": 403, "headers": [length, *HEADERS]})
+    await send({"type": "http.response.body", "body": body})
+
+
+def with_headers(send: Send) -> Send:
+    """The same, with the security headers on every answer."""
+
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            message["headers"] = [*message.get("headers", ()), *HEADERS]
+        await send(message)
+
+    return sending
+
+
+def allowed_hosts() -> frozenset[str]:
+    """The names of this machine's loopback, and those that the environment declares."""
+    named = os.environ.get(HOSTS, "").split(",")
+    return frozenset(LOOPBACK) | {name.strip().lower() for name in named if name.strip()}
+
+
+def create_app() -> Guard:
+    """Prefect's application with the guard before it."""
+    from prefect.server.api import server
+
+    from . import notices  # noqa: F401  the server sends by our own kind of block, too
+
+    # Around it and not in it: its own services ask the same application, by a name of theirs.
+    return Guard(server.create_app(final=True), allowed_hosts())

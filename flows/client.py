@@ -1,0 +1,88 @@
+"""A run asked for by a person: submitted, followed, and its end told in words."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from prefect import get_client
+from prefect.client.orchestration import SyncPrefectClient
+from prefect.client.schemas.objects import FlowRun
+from prefect.deployments import run_deployment
+from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
+from prefect.utilities.urls import url_for
+
+DEPLOYMENT = "transfer-fleet/transfer-fleet"
+EVERY_S = 1.0
+
+
+class NotAccepted(Exception):
+    """The server did not take the run; the text says why."""
+
+
+def run_now(parameters: Sequence[str], watch: bool, say: Callable[[str], None]) -> bool:
+    """Submit transfer-fleet and follow it to its end.
+
+    Parameters
+    ----------
+    parameters : sequence of str
+        As NAME=VALUE, the value in JSON.
+    watch : bool
+        Wait for the end.
+    say : callable
+        Called with each line for the person.
+
+    Returns
+    -------
+    bool
+        Whether all went well, as far as it was waited for.
+
+    Raises
+    ------
+    NotAccepted
+        If the server refuses the run or does not know the deployment.
+    """
+    given = dict(map(_parameter, parameters))
+    try:
+        run = run_deployment(DEPLOYMENT, parameters=given, timeout=0, as_subflow=False)
+    except ObjectNotFound:
+        raise NotAccepted(f"there is no deployment {DEPLOYMENT}: upplied deploy") from None
+    except PrefectHTTPStatusError as error:
+        raise NotAccepted(_refusal(error)) from None
+    say(f"{run.name}: {url_for(run) or run.id}")
+    if not watch:
+        return True
+    with get_client(sync_client=True) as client:
+        ended = _followed(client, run, say)
+    return ended.state is not None and ended.state.is_completed() and ended.state.name == "Completed"
+
+
+def _parameter(text: str) -> tuple[str, Any]:
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise NotAccepted(f"{text!r} is no NAME=VALUE")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        raise NotAccepted(f"{name}: {value!r} is no JSON; text needs quotes: {name}='\"...\"'") from None
+
+
+def _refusal(error: PrefectHTTPStatusError) -> str:
+    try:
+        return str(error.response.json().get("detail") or error)
+    except ValueError:
+        return str(error)
+
+
+def _followed(client: SyncPrefectClient, run: FlowRun, say: Callable[[str], None]) -> FlowRun:
+    told = ""
+    while True:
+        run = client.read_flow_run(run.id)
+        if run.state is not None and run.state.name != told:
+            told = run.state.name or ""
+            say(f"{told}: {run.state.message}" if run.state.message else told)
+        if run.state is not None and run.state.is_final():
+            return run
+        time.sleep(EVERY_S)

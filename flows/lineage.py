@@ -1,0 +1,47 @@
+"""What is made of what, as assets of Prefect: structures, demonstrations, plans and publications."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+from urllib.parse import quote
+
+from prefect.assets import Asset, AssetProperties
+from prefect.tasks import MaterializingTask
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+SOMEWHERE = "file:///catalog"  # of a task that has not been told yet what it makes (`making`)
+MEANING = {
+    "structures": "The structures of a fleet, with their meshes.",
+    "demonstrations": "The flights of experts.",
+    "transfers": "The plans: every demonstration to every structure of its kind.",
+    "reports": "Plain Parquet, pages and pictures for people.",
+}
+
+
+def asset(location: str, name: str) -> Asset:
+    """A table of a catalog, or a publication, by where it lies.
+
+    Parameters
+    ----------
+    location : str
+        Folder or URI of the catalog; of reports, their own.
+    name : str
+        One of `MEANING`.
+    """
+    place = location if "://" in location else f"file://{quote(str(Path(location).absolute()))}"
+    key = place if name == "reports" else f"{place.rstrip('/')}/{name}"
+    return Asset(key=key, properties=AssetProperties(name=name, description=MEANING[name]))
+
+
+def source(location: str) -> str:
+    """The key of a file or folder that is read."""
+    return location if "://" in location else f"file://{quote(str(Path(location).absolute()))}"
+
+
+def making(task: MaterializingTask[P, R], made: Asset, of: Sequence[Asset | str]) -> MaterializingTask[P, R]:
+    """A task that says what it makes, and of what."""
+    return task.with_options(assets=[made], asset_deps=list(of))

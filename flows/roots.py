@@ -1,0 +1,55 @@
+"""Where a run may read and write: under the folders and object-store URIs that whoever serves declared."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from prefect import runtime
+
+from upplied.errors import SettingsError
+
+from .environment import ROOTS, home
+
+
+def check_roots(**locations: str) -> None:
+    """Refuse what lies elsewhere; where nothing was declared, a call from Python may go anywhere.
+
+    Parameters
+    ----------
+    **locations : str
+        Folder, file or URI by the name of the parameter; empty is nothing.
+
+    Raises
+    ------
+    SettingsError
+    """
+    roots = declared_roots()
+    for name, location in locations.items():
+        if location and roots and not any(_within(location, root) for root in roots):
+            raise SettingsError(
+                f"{name} {location!r}",
+                "lies outside the roots that runs may use",
+                f"one of {', '.join(roots)}, or under it",
+                f"declare it where the fleet is served: upplied serve --root, or {ROOTS}",
+            )
+
+
+def declared_roots() -> list[str]:
+    """The roots; a deployment's run has its own folder at least, a call from Python none."""
+    declared = [root.strip() for root in os.environ.get(ROOTS, "").split(",") if root.strip()]
+    return declared or ([str(home())] if runtime.deployment.id else [])
+
+
+def _within(location: str, root: str) -> bool:
+    """Whether a location is a root or under it, links followed."""
+    place, base = _plain(location), _plain(root)
+    if ("://" in place) != ("://" in base):
+        return False
+    if "://" in place:
+        return ".." not in place.split("/") and f"{place}/".startswith(f"{base}/")
+    return Path(place).resolve().is_relative_to(Path(base).resolve())
+
+
+def _plain(location: str) -> str:
+    return location.removeprefix("file://").rstrip("/") or "/"

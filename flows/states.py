@@ -1,0 +1,80 @@
+"""How a run ended, in a state that an alert can tell from another, and a message for people."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import wraps
+from inspect import signature
+from typing import TYPE_CHECKING, ParamSpec
+
+from prefect.states import Completed, Failed, State
+
+from upplied.errors import UppliedError
+
+if TYPE_CHECKING:
+    from .engines import Planned
+
+TROUBLED = "CompletedWithFailures"  # the run did its work, and some of it failed
+LAST_WORDS = 3  # of what failed, in a state's message; the artifact has them all
+
+P = ParamSpec("P")
+
+
+def told_in_words(flow: Callable[P, State]) -> Callable[P, State]:
+    """A flow whose errors that a person can mend end it in their own words, not in a traceback."""
+
+    @wraps(flow)
+    def run(*args: P.args, **kwargs: P.kwargs) -> State:
+        try:
+            return flow(*args, **kwargs)
+        except UppliedError as error:
+            return Failed(message=str(error))
+
+    # Prefect makes its form of the parameters from these, in whose module the names may not be known.
+    run.__signature__ = signature(flow, eval_str=True)  # type: ignore[attr-defined]
+    return run
+
+
+def planned(summary: str, made: Planned, problems: Sequence[str], most_lost: float) -> State:
+    """The state of a run that planned: failed where all of it failed, or the engine lost more than its share.
+
+    Parameters
+    ----------
+    summary : str
+        Counts, in a line.
+    made : Planned
+    problems : sequence of str
+        What went wrong besides: files that were not read, pages that were not drawn.
+    most_lost : float
+        Share of shards that the engine may lose.
+    """
+    failures = [f"{job}: {reason}" for job, status, reason in made.result.troubles if status == "failed"]
+    told = ". ".join(filter(None, (summary, made.told)))
+    if len(made.lost) > most_lost * made.shards:
+        return Failed(message=f"{told}. More than {most_lost:.0%} of the shards were lost")
+    return ended(told, [*failures, *problems], bool(failures) and len(failures) == made.result.total)
+
+
+def ingested(summary: str, files: Sequence[dict[str, str]]) -> State:
+    """The state of a run that read files: failed where none could be read."""
+    failures = [item["reason"] for item in files if item["status"] == "failed"]
+    return ended(summary, failures, bool(failures) and len(failures) == len(files))
+
+
+def of_shard(summary: str) -> State:
+    """The state of a shard: what failed is a row with its reason, and the run over the fleet tells of it."""
+    return Completed(message=summary)
+
+
+def troubles_of(runs: Sequence[State]) -> list[str]:
+    """What went wrong in runs within this one."""
+    return [run.message or run.name for run in runs if run.name != "Completed"]
+
+
+def ended(summary: str, problems: Sequence[str], all_failed: bool = False) -> State:
+    """Completed; completed with failures where there are problems, the first of which are told; or failed."""
+    if not problems:
+        return Completed(message=summary)
+    more = f"; and {len(problems) - LAST_WORDS} more" if len(problems) > LAST_WORDS else ""
+    message = f"{summary}. {'; '.join(problems[:LAST_WORDS])}{more}"
+    return Failed(message=message) if all_failed else Completed(name=TROUBLED, message=message)

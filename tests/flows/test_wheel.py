@@ -1,0 +1,101 @@
+"""The wheel in an empty folder, as a newcomer has it: nothing of the clone is on a path."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from upplied.catalog import open_catalog
+from upplied.flows.server import end_with_parent, free_port
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+
+pytestmark = [pytest.mark.slow, pytest.mark.server]
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory) -> Path:
+    """The built wheel, unpacked; its dependencies are those of this environment."""
+    place = tmp_path_factory.mktemp("wheel")
+    command = ["pip", "wheel", str(ROOT), "--no-deps", "--no-build-isolation", "--quiet", "-w", str(place)]
+    done = subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (wheel,) = place.glob("*.whl")
+    with zipfile.ZipFile(wheel) as packed:
+        names = packed.namelist()
+        packed.extractall(place / "site")
+    assert {name.split("/")[0] for name in names if "dist-info" not in name} == {"upplied"}
+    assert {"prefect.yaml", "requirements.lock"} <= {Path(name).name for name in names}
+    return place / "site"
+
+
+def upplied(
+    installed: Path, folder: Path, *words: str, timeout: float = 300
+) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "upplied", *words],
+        env=told(installed),
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=timeout,
+    )
+
+
+def told(installed: Path) -> dict[str, str]:
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT", "UPPLIED"))}
+    return kept | {"PYTHONPATH": str(installed)}
+
+
+@pytest.mark.ci
+def test_a_fleet_is_served_from_an_empty_folder(installed, tmp_path):
+    port = free_port()
+    assert "0.2" in upplied(installed, tmp_path, "--version").stdout
+    log = tmp_path.with_name("serve.log")
+    with log.open("wb") as file:
+        service = subprocess.Popen(
+            [sys.executable, "-m", "upplied", "serve", "--port", str(port)],
+            env=told(installed),
+            cwd=tmp_path,
+            stdout=file,
+            stderr=file,
+            preexec_fn=end_with_parent,
+        )
+    try:
+        deadline = time.monotonic() + 240
+        while b"Run now" not in log.read_bytes():
+            assert service.poll() is None and time.monotonic() < deadline, log.read_text()
+            time.sleep(0.5)
+        catalog = open_catalog(tmp_path / "catalog")
+        cube = member("cube-v1").structure
+        catalog.add_structures([cube, random_member("box", 1).structure])
+        catalog.add_demonstrations([fly(cube, "sides")])
+        ran = upplied(installed, tmp_path, "fleet", "run", 'presets=["baseline"]')
+        assert "Completed: 1 ok, 0 refused, 0 failed, 0 unchanged" in ran.stdout, ran.stderr + log.read_text()
+        assert ran.returncode == 0
+        assert (tmp_path / "reports" / "index.html").is_file()
+        assert upplied(installed, tmp_path, "deploy").returncode == 0
+        again = upplied(installed, tmp_path, "serve", "--port", str(free_port()))
+        assert (again.returncode, "Another service" in again.stdout) == (1, True), again.stdout + again.stderr
+        service.send_signal(signal.SIGTERM)
+        assert service.wait(60) == 0
+    finally:
+        service.kill()
+        service.wait()
+    assert {path.name for path in tmp_path.iterdir()} == {".cache", "catalog", "reports"}
+
+
+def test_the_quickstart_runs_in_an_empty_folder(installed, tmp_path):
+    done = upplied(installed, tmp_path, "quickstart", timeout=1500)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "reports" / "transfers.parquet").is_file()

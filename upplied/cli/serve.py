@@ -1,0 +1,105 @@
+"""`upplied serve`, `deploy` and `watch`: a fleet by Prefect, from any folder."""
+
+from __future__ import annotations
+
+import os
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import App, Parameter
+
+from upplied.cli.terminal import errors
+from upplied.extras import extra
+
+serving = App(name="serve", help="Run Prefect's server, a worker and the reports here, until Ctrl-C.")
+deploying = App(name="deploy", help="Tell Prefect's server of the deployments.")
+watching = App(name="watch", help="Tell Prefect of every log that lands in a folder.")
+
+PortOption = Annotated[
+    int, Parameter(name="--port", env_var="UPPLIED_PORT", help="Of the server; the reports have the next.")
+]
+RootOption = Annotated[
+    tuple[str, ...],
+    Parameter(name="--root", negative="", help="Folder or URI that runs may use as well; repeatable."),
+]
+PartOption = Annotated[
+    Literal["server", "worker", "reports"] | None,
+    Parameter(name="--only", help="One part of it, for systemd or compose."),
+]
+
+
+@serving.default
+def serve(*, port: PortOption = 4200, root: RootOption = (), only: PartOption = None) -> int:
+    """Serve the fleet of this folder on this machine."""
+    flows_wanted()
+    from upplied.flows import serve as service
+    from upplied.flows.server import ServerError
+
+    try:
+        return service.only(only, port, root) if only else service.serve(port, root)
+    except ServerError as error:
+        errors.print(str(error), markup=False, soft_wrap=True)
+        return 1
+
+
+@deploying.default
+def deploy(*, port: PortOption = 4200) -> int:
+    """Apply prefect.yaml, this folder's or the one that came with the program, to the server."""
+    flows_wanted()
+    from upplied.flows import environment, serve
+    from upplied.flows.server import ServerError, answers
+
+    told = environment.client(port)
+    if not answers(told["PREFECT_API_URL"]):
+        return no_server(told["PREFECT_API_URL"])
+    try:
+        serve.deploy(told)
+    except ServerError as error:
+        errors.print(str(error), markup=False, soft_wrap=True)
+        return 1
+    return 0
+
+
+@watching.default
+def watch(folder: Path, *, port: PortOption = 4200) -> int:
+    """Emit the event that starts ingest-demonstrations for each log, once it has come whole.
+
+    Parameters
+    ----------
+    folder : Path
+        Watched with its subfolders; what lies there at the start is told too.
+    """
+    if not folder.is_dir():
+        errors.print(f"error: {folder} is no folder", markup=False, soft_wrap=True)
+        return 2
+    flows_wanted()
+    from upplied.flows import environment
+    from upplied.flows.server import answers
+
+    told = environment.client(port)
+    if not answers(told["PREFECT_API_URL"]):
+        return no_server(told["PREFECT_API_URL"])
+    os.environ.update(told)
+    from upplied.flows.watch import watch as tell
+
+    tell(folder)
+    return 0
+
+
+def flows_wanted() -> None:
+    """Say what to install where the flows are not there."""
+    with extra("fleet"):
+        if find_spec("prefect") is None:
+            raise ModuleNotFoundError(name="prefect")
+
+
+def no_server(address: str) -> int:
+    """Say that nobody answers, and what to do."""
+    errors.print(
+        f"error: no Prefect server answers at {address}. "
+        "Start one (`upplied serve`), or set PREFECT_API_URL to the address of yours.",
+        markup=False,
+        soft_wrap=True,
+    )
+    return 1

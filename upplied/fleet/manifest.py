@@ -1,0 +1,94 @@
+"""The shards of a run, written beside its catalog: a machine is told where they lie, and reads its own.
+
+Parameters of a run of Prefect's are bounded (512 KiB), and the jobs of a large fleet are not. One Parquet
+file to a shard holds what cannot be said shorter; settings are stored once to a preset.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from io import BytesIO
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from upplied.catalog import Catalog, open_catalog
+from upplied.catalog.schema.plan_rows import settings_text
+from upplied.catalog.store.files import FileStore
+from upplied.catalog.verbs.recipes import settings_of
+from upplied.checks import check_id
+from upplied.config import Settings
+from upplied.errors import CatalogError
+from upplied.fleet.decisions import Job
+from upplied.fleet.run import Shard
+
+FOLDER = "shards"
+_HASHES = ("demonstration_sha256", "source_sha256", "target_sha256")
+_NAMES = ("demonstration_id", "source_id", "target_id", "kind", "key", "why")
+
+
+def write_shards(catalog: Catalog, run_id: str, shards: Sequence[Shard]) -> list[str]:
+    """Write the jobs of each shard; returns their names, as `read_shard` takes them.
+
+    Raises
+    ------
+    CatalogError
+        If the catalog's place cannot be written.
+    """
+    store = _store(catalog)
+    names = [f"{check_id(run_id, 'run')}/{number:05}.parquet" for number in range(len(shards))]
+    try:
+        for name, shard in zip(names, shards, strict=True):
+            store.write(name, _encoded(shard))
+    except (OSError, pa.ArrowException) as error:
+        raise CatalogError(store.path(run_id), f"cannot be written: {error}") from None
+    return names
+
+
+def read_shard(location: str, name: str) -> list[Job]:
+    """The jobs of one shard.
+
+    Raises
+    ------
+    CatalogError
+        If it is not there, or is not what was written.
+    """
+    run_id, _, number = name.partition("/")
+    check_id(run_id, "run")
+    check_id(number.removesuffix(".parquet"), "shard")
+    store = _store(open_catalog(location))
+    try:
+        table = pq.read_table(BytesIO(store.read(name)))
+        plain = json.loads(table.schema.metadata[b"settings"])
+        settings = {preset: settings_of(text) for preset, text in plain.items()}
+        return [_job(row, settings[row["preset"]]) for row in table.to_pylist()]
+    except (OSError, pa.ArrowException, KeyError, TypeError, ValueError) as error:
+        raise CatalogError(store.path(name), f"cannot be read: {error}") from None
+
+
+def remove_shards(catalog: Catalog, run_id: str) -> None:
+    """Remove what a run wrote; what cannot be removed is left for maintenance."""
+    _store(catalog).remove_folder(check_id(run_id, "run"))
+
+
+def _store(catalog: Catalog) -> FileStore:
+    return FileStore(f"{str(catalog.location).rstrip('/')}/{FOLDER}")
+
+
+def _encoded(shard: Shard) -> bytes:
+    columns = {name: [getattr(job, name) for job in shard] for name in _NAMES}
+    columns["preset"] = [job.settings.preset for job in shard]
+    for at, name in enumerate(_HASHES):
+        columns[name] = [job.sha256[at] for job in shard]
+    settings = {job.settings.preset: settings_text(job.settings) for job in shard}
+    table = pa.table(columns).replace_schema_metadata({"settings": json.dumps(settings)})
+    sink = BytesIO()
+    pq.write_table(table, sink, compression="zstd")
+    return sink.getvalue()
+
+
+def _job(row: dict[str, str], settings: Settings) -> Job:
+    names = {name: row[name] for name in _NAMES}
+    first, second, third = (row[name] for name in _HASHES)
+    return Job(**names, settings=settings, sha256=(first, second, third))

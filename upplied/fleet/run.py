@@ -1,0 +1,198 @@
+"""One run over the fleet: jobs in shards, shards to guarded workers, outcomes to the catalog.
+
+From a task of an engine to a plan it is three calls: `Run.plan` of a shard, `Workers.run` of a job, and
+`plan_job` in the worker process.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import groupby, zip_longest
+
+from upplied.catalog import Catalog, open_catalog
+from upplied.fleet.decisions import Job
+from upplied.fleet.keeping import Keeper, Result, kept
+from upplied.fleet.planner import Outcome, plan_job, prepare, this_process, without_path
+from upplied.fleet.workers import JobKilled, Limits, Workers
+
+SINGLE_TARGETS = 1000  # up to here an engine's task is one target: 3 ms each, and it records them all
+SHARD_TARGETS = 64  # beyond, a task is this many targets
+
+Shard = tuple[Job, ...]
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What a run may use: processes (0: one per core) and the limits of each job."""
+
+    workers: int = 0
+    limits: Limits = field(default_factory=Limits)
+
+
+class Run:
+    """Plans jobs from one catalog; shards may be worked from any thread.
+
+    Parameters
+    ----------
+    catalog : Catalog
+        Holds the demonstrations and structures, and receives the plans.
+    jobs : sequence of Job
+        From `upplied.fleet.decide`.
+    run_id : str
+        Kept with every row.
+    resources : Resources
+    progress : callable
+        Called with each outcome, in the order they come.
+    engine : str
+        Whose processes these are, kept with every row.
+    """
+
+    def __init__(
+        self,
+        catalog: Catalog,
+        jobs: Sequence[Job],
+        run_id: str,
+        resources: Resources | None = None,
+        progress: Callable[[Outcome], None] = lambda outcome: None,
+        engine: str = "local",
+    ) -> None:
+        resources = resources or Resources()
+        self.count = max(1, min(resources.workers or cores(), len(jobs)))
+        self.progress = progress
+        self.total = len(jobs)
+        self.shards = shards(jobs, self.count)
+        self._workers = Workers(self.count, prepare, (str(catalog.location),), resources.limits)
+        self._keeper = Keeper(catalog, run_id, engine)
+
+    def __enter__(self) -> Run:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._workers.close()
+        self._keeper.close()
+
+    @property
+    def threads(self) -> int:
+        """How many shards to work at a time: a little more than there are workers, so none waits."""
+        return max(1, min(len(self.shards), self.count + 2))
+
+    @property
+    def result(self) -> Result:
+        """Counts so far."""
+        return self._keeper.result
+
+    def plan(self, index: int) -> None:
+        """Plan the jobs of one shard, one after the other, and wait for them."""
+        for job in self.shards[index]:
+            outcome = attempt(self._workers, job)
+            self._keeper.add(outcome)
+            self.progress(outcome)
+
+
+def transfer(
+    catalog: Catalog,
+    jobs: Sequence[Job],
+    run_id: str,
+    resources: Resources | None = None,
+    progress: Callable[[Outcome], None] = lambda outcome: None,
+) -> Result:
+    """Plan every job and keep the outcomes, without any engine; parameters as those of `Run`.
+
+    What is kept does not depend on the number of workers.
+    """
+    run = Run(catalog, jobs, run_id, resources, progress)
+    with ThreadPoolExecutor(run.threads) as threads, run:
+        for _ in threads.map(run.plan, range(len(run.shards))):
+            pass
+    return run.result
+
+
+def plan_here(
+    location: str, jobs: Sequence[Job], run_id: str, engine: str, limits: Limits | None = None
+) -> Result:
+    """Plan jobs one after the other for a process of somebody else's engine, and count the outcomes.
+
+    The engine decides where, the catalog keeps what comes of it. Jobs that were kept meanwhile, by
+    whomever, are left out, so a shard that an engine starts twice is planned once. The planning is done
+    in a guarded process beside this one, which stays for the next shard.
+    """
+    catalog = open_catalog(location)
+    keeper = Keeper(catalog, run_id, engine)
+    workers = _beside(location, limits or Limits())
+    _, left = kept(catalog, jobs, run_id)
+    try:
+        for job in left:
+            keeper.add(attempt(workers, job))
+    finally:
+        keeper.close()
+    return keeper.result
+
+
+@lru_cache(maxsize=1)
+def _beside(location: str, limits: Limits) -> Workers:
+    return Workers(1, prepare, (location,), limits)
+
+
+def attempt(workers: Workers, job: Job) -> Outcome:
+    """Plan one job and wait for it; whatever happens to it, an outcome comes back.
+
+    Raises
+    ------
+    WorkersClosed
+        If the workers were closed meanwhile.
+    """
+    began = time.monotonic()
+    try:
+        return workers.run(plan_job, job)
+    except JobKilled as death:
+        lost = without_path(job, "failed", str(death))
+        return Outcome(job, lost, time.monotonic() - began, process=this_process())
+
+
+def cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def shards(jobs: Sequence[Job], workers: int) -> list[Shard]:
+    """Group jobs into what one task of an engine does, in an order that does not depend on timing.
+
+    Jobs on one target share its clouds and its registration through the cache, so they follow one
+    another. Where targets are too few to keep the workers busy, every job is a shard of its own, and
+    the first job of every target comes before the second of any.
+    """
+    targets = _by_target(jobs)
+    if len(targets) < 4 * workers:
+        return [(job,) for row in zip_longest(*targets) for job in row if job is not None]
+    if len(targets) <= SINGLE_TARGETS:
+        return targets
+    return bundles(jobs, SHARD_TARGETS)
+
+
+def bundles(jobs: Sequence[Job], size: int) -> list[Shard]:
+    """Group jobs by so many targets; the jobs on one target stay together."""
+    targets = _by_target(jobs)
+    starts = range(0, len(targets), size)
+    return [tuple(job for target in targets[at : at + size] for job in target) for at in starts]
+
+
+def _by_target(jobs: Sequence[Job]) -> list[Shard]:
+    ordered = sorted(jobs, key=lambda job: (*_pair(job), job.demonstration_id, job.settings.preset, job.key))
+    return [tuple(group) for _, group in groupby(ordered, key=_pair)]
+
+
+def _pair(job: Job) -> tuple[str, str]:
+    return job.source_id, job.target_id
+
+
+def shard_name(shard: Shard) -> str:
+    """What a shard does, in words."""
+    if len(shard) == 1:
+        return str(shard[0])
+    first, last = shard[0].target_id, shard[-1].target_id
+    return f"{len(shard)} plans to {first}" + ("" if first == last else f" ... {last}")
