@@ -207,27 +207,25 @@ def test_published_files_hold_the_current_rows(catalog, tmp_path):
     assert set(read["waypoints"]["transfer_id"]) == set(
         read["transfers"].query("status == 'ok'")["transfer_id"]
     )
-    assert sorted(path.name for path in (tmp_path / "reports").iterdir()) == sorted(
-        f"{n}.parquet" for n in TABLES
-    )
+    assert {path.name for path in (tmp_path / "reports").glob("[!.]*")} == {
+        "tables",
+        *(f"{name}.parquet" for name in TABLES),
+    }
 
 
 def test_published_files_say_units_and_version(catalog, tmp_path):
     export_tables(catalog, tmp_path)
-    schema = pa.parquet.read_schema(tmp_path / "waypoints.parquet")
-    assert schema.field("t_s").metadata[b"unit"] == b"s"
-    assert schema.metadata[b"schema_version"] == b"2"
-    generations = {
-        pa.parquet.read_schema(tmp_path / f"{name}.parquet").metadata[b"generation"] for name in TABLES
-    }
-    assert len(generations) == 1
+    for path in (tmp_path / "waypoints.parquet").rglob("*.parquet"):
+        schema = pa.parquet.read_schema(path)
+        assert schema.field("t_s").metadata[b"unit"] == b"s"
+        assert schema.metadata[b"schema_version"] == b"2"
 
 
 def test_publishing_in_pieces_gives_the_same(catalog, tmp_path, monkeypatch):
-    from upplied.catalog.verbs import published
+    from upplied.catalog.verbs import owned
 
     export_tables(catalog, tmp_path / "whole")
-    monkeypatch.setattr(published, "_CHUNK", 70)
+    monkeypatch.setattr(owned, "CHUNK", 70)
     export_tables(catalog, tmp_path / "pieces")
     for name in TABLES:
         left, right = (pd.read_parquet(tmp_path / at / f"{name}.parquet") for at in ("whole", "pieces"))
@@ -236,7 +234,8 @@ def test_publishing_in_pieces_gives_the_same(catalog, tmp_path, monkeypatch):
 
 def test_a_publication_that_fails_leaves_what_was_there(catalog, tmp_path):
     export_tables(catalog, tmp_path)
-    before = {path.name: path.read_bytes() for path in tmp_path.glob("*.parquet")}
+    before = {path: path.read_bytes() for path in tmp_path.rglob("tables/*/**/*") if path.is_file()}
+    assert len(before) > 5
     catalog.tables["waypoints"].append(catalog.tables["waypoints"].read().slice(0, 1))
     catalog.add_plans([(key_of("late"), plan("t0", 77), {})])
     with pytest.raises(CatalogError):
@@ -244,5 +243,6 @@ def test_a_publication_that_fails_leaves_what_was_there(catalog, tmp_path):
     rewrite(catalog, "waypoints", lambda rows: rows.iloc[:0])
     with pytest.raises(CatalogError, match="catalog verify"):
         export_tables(catalog, tmp_path)
-    assert {path.name: path.read_bytes() for path in tmp_path.glob("*.parquet")} == before
-    assert not list(tmp_path.glob(".*"))
+    after = {path: path.read_bytes() for path in tmp_path.rglob("tables/*/**/*") if path.is_file()}
+    assert after == before
+    assert not list(tmp_path.rglob("*.draft"))

@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from catalog_records import key_of, plan
 
-from upplied.catalog import compact, export_tables, open_catalog, vacuum
+from upplied.catalog import compact, export_tables, open_catalog, published_tables, vacuum
 from upplied.catalog.database import Catalog
 
 BATCH = 5
@@ -60,9 +60,8 @@ def read(catalog: Catalog, place: Path, seed: int) -> Callable[[], None]:
         rows = len(found)
         for name in rng.choice(found["transfer_id"], min(3, rows), replace=False):
             assert len(catalog.trajectory(name)) == POINTS
-        if (place / "reports" / "transfers.parquet").exists():
-            transfers = published_ids(place / "reports" / "transfers.parquet")
-            points = published_ids(place / "reports" / "waypoints.parquet")
+        if (place / "reports" / "tables" / "current").exists():
+            transfers, points = published_ids(place / "reports")
             assert len(transfers) >= published, f"{len(transfers)} published rows after {published}"
             counts = points["transfer_id"].value_counts()
             assert (counts.reindex(transfers["transfer_id"], fill_value=0) == POINTS).all()
@@ -74,10 +73,17 @@ def read(catalog: Catalog, place: Path, seed: int) -> Callable[[], None]:
     return once
 
 
-def published_ids(path: Path) -> pd.DataFrame:
-    """From one opened file: given a path, pandas opens it twice, and it may be replaced in between."""
-    with path.open("rb") as file:
-        return pd.read_parquet(file, columns=["transfer_id"])
+def published_ids(place: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Of one generation: two were published since where it is gone before it is read."""
+    while True:
+        tables = published_tables(place)
+        try:
+            transfers, points = (
+                pd.read_parquet(tables[name], columns=["transfer_id"]) for name in ("transfers", "waypoints")
+            )
+        except (FileNotFoundError, KeyError):
+            continue
+        return transfers, points
 
 
 def publish(catalog: Catalog, place: Path, seed: int) -> Callable[[], None]:

@@ -173,16 +173,22 @@ WRITES = {
 }
 
 
+def files_of(place: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+
+
 @pytest.mark.parametrize("what", WRITES)
 def test_a_full_disk_is_said_and_changes_nothing(tmp_path, what):
-    before = filled(tmp_path / "catalog")
-    published = {path.name: path.read_bytes() for path in (tmp_path / "reports").iterdir()}
+    filled(tmp_path / "catalog")
+    open_catalog(tmp_path / "catalog").add_plans([(key_of("large"), plan("boxy", 9, 3000), {})])
+    before = rows(tmp_path / "catalog")
+    published = files_of(tmp_path / "reports")
     done = in_a_child(WRITES[what], tmp_path / "catalog", NO_SPACE)
     assert done.returncode == 1
     assert done.stderr.startswith("told: "), done.stderr
     assert "free" in done.stderr.lower()
     assert rows(tmp_path / "catalog") == before
-    assert {path.name: path.read_bytes() for path in (tmp_path / "reports").iterdir()} == published
+    assert files_of(tmp_path / "reports") == published
     if what == "plans":
         assert in_a_child(WRITES[what], tmp_path / "catalog").returncode == 0  # with space again, it works
         assert rows(tmp_path / "catalog")["transfers"] == before["transfers"] + 20

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from upplied.catalog.verbs.exchange import export_dataset, import_dataset
     from upplied.catalog.verbs.lerobot import export_lerobot
     from upplied.catalog.verbs.maintenance import compact, vacuum
-    from upplied.catalog.verbs.published import export_tables
+    from upplied.catalog.verbs.published import export_tables, published_tables
     from upplied.catalog.verbs.queries import PlannedTrajectory
     from upplied.catalog.verbs.recipes import Recipe, recipe
     from upplied.catalog.verbs.verification import Finding, verify
@@ -32,6 +32,7 @@ __all__ = [
     "history",
     "import_dataset",
     "open_catalog",
+    "published_tables",
     "recipe",
     "runs",
     "vacuum",
@@ -46,7 +47,7 @@ _HOME = {
     "verbs.exchange": ("export_dataset", "import_dataset"),
     "verbs.lerobot": ("export_lerobot",),
     "verbs.maintenance": ("compact", "vacuum"),
-    "verbs.published": ("export_tables",),
+    "verbs.published": ("export_tables", "published_tables"),
     "verbs.queries": ("PlannedTrajectory",),
     "verbs.recipes": ("Recipe", "recipe"),
     "verbs.verification": ("Finding", "verify"),

@@ -21,18 +21,24 @@ FileOption = Annotated[
 
 @app.default
 def report(
-    folder: Path | None = None,
+    folder: str | None = None,
     *,
     self_contained: FileOption = None,
     demonstration: Annotated[str | None, Parameter(help="Of the one file: this demonstration only.")] = None,
     target: Annotated[str | None, Parameter(help="Of the one file: this target only.")] = None,
+    force: Annotated[
+        bool,
+        Parameter(
+            negative="", help="Also replace what is newer, another catalog's, or would shrink to nothing."
+        ),
+    ] = False,
     catalog: CatalogOption = "catalog",
 ) -> int:
     """Publish the catalog as plain Parquet, HTML pages and pictures, or as one file for mail.
 
     Parameters
     ----------
-    folder : Path
+    folder : str
         Where to, `reports` if neither a folder nor a file is named; only what changed is made anew.
     """
     from upplied import fleet
@@ -42,7 +48,8 @@ def report(
     problems: tuple[str, ...] = ()
     if folder is not None or self_contained is None:
         with progress("publishing", pairs_in(store)) as advance:
-            published = fleet.publish(store, folder or Path("reports"), progress=lambda _: advance())
+            place = folder or "reports"
+            published = fleet.publish(store, place, progress=lambda _: advance(), force=force)
         console.print(str(published.index), markup=False, soft_wrap=True)
         problems = published.problems
     if self_contained is not None:

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from upplied import __version__
-from upplied.catalog import Catalog, export_tables
+from upplied.catalog import Catalog
+from upplied.catalog.store.locking import locked
+from upplied.catalog.verbs.published import local_folder, publish_generation
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import SettingsError, UppliedError
@@ -49,9 +51,13 @@ class _Folder:
         """Make a file unless it stands there, made from the same."""
         if name in self.now:
             return
-        if self.before.get(name) != key or not (self.root / name).is_file():
-            replace_file(self.root / name, make())
-            self.written.append(name)
+        path = self.root / name
+        if self.before.get(name) != key or not path.is_file():
+            made = make()
+            content = made.encode() if isinstance(made, str) else made
+            if not path.is_file() or path.read_bytes() != content:
+                replace_file(path, content)
+                self.written.append(name)
         self.now[name] = key
 
     def remove_others(self) -> list[str]:
@@ -69,6 +75,7 @@ def publish(
     title: str = TITLE,
     pictures: int = PICTURES,
     progress: Callable[[str], None] = lambda _: None,
+    force: bool = False,
 ) -> Published:
     """Write tables, pages and pictures of everything in a catalog.
 
@@ -83,9 +90,16 @@ def publish(
         Of how many pairs a PNG is made for documents: those first that need a person.
     progress : callable
         Told the name of each pair when it is done.
+    force : bool
+        Also replace a publication that is newer, of another catalog, or would shrink to nothing.
     """
-    export_tables(catalog, folder)
-    return publish_pages(catalog, folder, title=title, pictures=pictures, progress=progress)
+    catalog.identity.required()
+    place = local_folder(folder)
+    with locked(place):
+        for left in place.glob("**/.*.partial"):
+            left.unlink(missing_ok=True)  # of a publisher that was stopped
+        publish_generation(catalog, place, force)
+        return publish_pages(catalog, place, title=title, pictures=pictures, progress=progress)
 
 
 def publish_pages(

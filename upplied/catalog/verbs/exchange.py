@@ -28,7 +28,8 @@ from upplied.catalog.store.files import replace_file
 from upplied.catalog.store.surfaces import SURFACES, Samples, States
 from upplied.catalog.verbs import adding
 from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, describe
-from upplied.catalog.verbs.published import checked_steps, write_tables
+from upplied.catalog.verbs.owned import checked_steps
+from upplied.catalog.verbs.plain import write_tables
 from upplied.catalog.verbs.verification import broken_values
 from upplied.checks import check_id
 from upplied.errors import CatalogError, InputError
@@ -90,7 +91,6 @@ def export_dataset(
             "transfers": iter([_table("transfers", plans)]),
             "waypoints": checked_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0]),
         },
-        generation=name,
     )
     for sha256 in sorted(set(structures["mesh_sha256"])):
         replace_file(place / "meshes" / f"{sha256}.parquet", codec.encode(catalog.meshes.get(sha256)))

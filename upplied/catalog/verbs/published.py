@@ -1,16 +1,25 @@
-"""The plain Parquet that a run publishes: one file per table, current rows only, for any program.
+"""The plain Parquet that a run publishes: current rows only, for any program, one generation at a time.
 
-``pd.read_parquet("transfers.parquet")`` is right: a file is replaced in one step, and all five are
-replaced together once every one is written. (Pandas opens a path twice; who reads while a run may be
-publishing opens the file himself.) Each carries the unit and meaning of its columns, and the schema
-version and generation (the newest commit) in its metadata.
+``tables/`` holds generations, each a folder with all tables, and ``current``, a link to one of them that
+is switched in one step once everything is written; ``transfers.parquet`` and the others lead through it.
+What did not change is not written again but linked from the generation before. Waypoints and poses are
+folders of files by kind and month (and by target, where those are many), each named by what it holds.
+The generation before stays for those who are reading it.
+
+(Who reads more than one table while a run may be publishing asks `published_tables` for the paths, which
+are those of one generation.)
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
+import re
+import shutil
 import uuid
+import zlib
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,30 +29,42 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from upplied.catalog.schema.columns import Table
-from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES
+from upplied.catalog.store.locking import locked
+from upplied.catalog.verbs import owned
+from upplied.catalog.verbs.generations import Generation, check, clean, current, linked, switch
+from upplied.checks import check_id
+from upplied.config import digest
 from upplied.errors import CatalogError
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
 _ROW_GROUP = 65_536
-_CHUNK = 4_000_000  # steps held in memory at once
+_PART_STEPS = 1_000_000  # of a file of waypoints, about: what a changed plan makes us write again
 
 
-def export_tables(catalog: Catalog, folder: str | os.PathLike[str]) -> dict[str, int]:
-    """Write the current rows of every table as ``<table>.parquet``, replacing what was there.
+def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool = False) -> dict[str, int]:
+    """Publish the current rows of every table as Parquet: ``transfers.parquet`` and so on.
 
     Parameters
     ----------
     catalog : Catalog
     folder : path
         Made where it does not exist.
+    force : bool
+        Also replace a publication that is newer, of another catalog, or would shrink to nothing.
 
     Returns
     -------
     dict
-        Rows written, by table.
+        Rows published, by table.
+
+    Raises
+    ------
+    CatalogError
+        If the folder cannot be written, holds what must not be replaced, or a trajectory is damaged.
+        What was published still is.
 
     Notes
     -----
@@ -51,6 +72,45 @@ def export_tables(catalog: Catalog, folder: str | os.PathLike[str]) -> dict[str,
     catalog. Waypoints and poses are those of the published rows. The rows that name steps are read
     before the steps, so no trajectory is published without its points.
     """
+    catalog.identity.required()
+    place = local_folder(folder)
+    with locked(place):
+        return publish_generation(catalog, place, force)
+
+
+def local_folder(folder: str | os.PathLike[str]) -> Path:
+    """A folder to publish into; object stores are refused."""
+    text = os.fspath(folder)
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", text):
+        raise CatalogError(
+            text,
+            "is no folder",
+            "reports are published into a folder",
+            "publish into a folder and copy it there, as with: aws s3 sync",
+        )
+    return Path(text)
+
+
+def published_tables(folder: str | os.PathLike[str]) -> dict[str, Path]:
+    """Where the tables of the current generation lie: paths that stay as they are while others publish.
+
+    Raises
+    ------
+    CatalogError
+        If nothing is published there.
+    """
+    current = Path(folder) / "tables" / "current"
+    if not current.exists():
+        raise CatalogError(str(folder), "nothing is published there")
+    place = current.resolve()
+    return {name: path for name in TABLES if (path := place / f"{name}.parquet").exists()}
+
+
+def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, int]:
+    """As `export_tables`, by who holds the lock of the folder."""
+    before = current(place)
+    # Asked before the rows are read: what is published is at least as new as it says.
+    versions = {name: -1 if (d := t.delta()) is None else d.version() for name, t in catalog.tables.items()}
     transfers, demonstrations = catalog.transfers(), catalog.demonstrations()
     frames = {
         "transfers": transfers,
@@ -58,87 +118,126 @@ def export_tables(catalog: Catalog, folder: str | os.PathLike[str]) -> dict[str,
         "structures": catalog.structures(),
         "flights": catalog.flights(),
     }
-    generation = max([str(frame["commit_id"].max()) for frame in frames.values() if len(frame)], default="")
-    parts: dict[str, Iterator[pa.Table]] = {
-        "waypoints": checked_steps(catalog, "waypoints", transfers[transfers["n_waypoints"] > 0]),
-        "poses": checked_steps(catalog, "poses", demonstrations),
+    now = Generation(catalog.identity.required(), versions)
+    if before is not None and not force:
+        check(place, before, now, len(transfers))
+    kinds = dict(zip(frames["structures"]["structure_id"], frames["structures"]["kind"], strict=True))
+    steps = {
+        "waypoints": _parts(transfers[transfers["n_waypoints"] > 0], "waypoints", "planned_at", None),
+        "poses": _parts(demonstrations, "poses", "added_at", kinds),
     }
-    for name, frame in frames.items():
-        parts[name] = iter([pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)])
-    return write_tables(Path(folder), parts, generation)
-
-
-def write_tables(folder: Path, parts: dict[str, Iterator[pa.Table]], generation: str) -> dict[str, int]:
-    """Write tables as Parquet files, all of them before the first replaces what was there."""
-    counts: dict[str, int] = {}
-    drafts: dict[str, Path] = {}
+    tables = place / "tables"
+    draft = tables / f".{uuid.uuid4().hex[:8]}.draft"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, tables in parts.items():
-            drafts[name] = folder / f".{name}.{uuid.uuid4().hex[:8]}.draft"
-            counts[name] = _write(drafts[name], TABLES[name], tables, generation)
-        for name, draft in drafts.items():
-            os.replace(draft, folder / f"{name}.parquet")
+        clean(tables)
+        draft.mkdir(parents=True)
+        for name, frame in frames.items():
+            now.rows[name] = len(frame)
+            _put_frame(tables, draft, name, frame, before, now)
+        for name, parts in steps.items():
+            parts = parts or {f"{name}.parquet/none.parquet": _no_owners(name)}
+            now.rows[name] = int(sum(part[f"n_{name}"].sum() for part in parts.values()))
+            _put_steps(catalog, tables, draft, name, parts, before, now)
+        if before is not None and before.parts == now.parts and before.catalog == now.catalog:
+            return _in_order(now.rows)  # what is published says the same
+        switch(place, draft, now)
     except OSError as error:
         raise CatalogError(
-            str(folder), f"cannot be written: {error}", "", "free space or rights; what was there still is"
+            str(place), f"cannot be written: {error}", "", "free space or rights; what was there still is"
         ) from None
     finally:
-        for draft in drafts.values():
-            draft.unlink(missing_ok=True)
-    return counts
+        shutil.rmtree(draft, ignore_errors=True)
+    return _in_order(now.rows)
 
 
-def _write(path: Path, declared: Table, tables: Iterator[pa.Table], generation: str) -> int:
-    metadata = {
-        "schema_version": str(SCHEMA_VERSION),
-        "generation": generation,
-        "table": declared.name,
-        "meaning": declared.meaning,
-    }
-    schema = declared.schema.with_metadata(metadata)
+def _in_order(rows: dict[str, int]) -> dict[str, int]:
+    return {name: rows[name] for name in TABLES if name in rows}
+
+
+def _no_owners(name: str) -> pd.DataFrame:
+    """No owners: their file of steps has the columns and no rows."""
+    return pd.DataFrame({TABLES[name].names[0]: [], "commit_id": [], f"{name}_sha256": [], f"n_{name}": []})
+
+
+def _parts(
+    owners: pd.DataFrame, name: str, when: str, kinds: dict[str, str] | None
+) -> dict[str, pd.DataFrame]:
+    """The owners of each file of steps: by kind and month, and by target where those are many."""
+    key, target = TABLES[name].names[0], "target_id" if kinds is None else "structure_id"
+    kind = owners["kind"] if kinds is None else owners["structure_id"].map(kinds).fillna("unknown")
+    month = owners[when].dt.strftime("%Y-%m")
+    found: dict[str, pd.DataFrame] = {}
+    for (of, at), rows in owners.groupby([kind.rename("kind"), month.rename("month")]):
+        count = 1
+        while rows[f"n_{name}"].sum() > count * _PART_STEPS:
+            count *= 2
+        bucket = rows[target].map(lambda text, count=count: zlib.crc32(text.encode()) % count)
+        for number, part in rows.groupby(bucket):
+            part = part.sort_values([key, "commit_id"])
+            names = part[[key, "commit_id", f"{name}_sha256"]].to_numpy().tolist()
+            made_of = digest([SCHEMA_VERSION, TABLES[name].names, names])
+            path = f"{check_id(of, 'kind')}/{at}/{number + 1}-of-{count}-{made_of[:16]}.parquet"
+            found[f"{name}.parquet/{path}"] = part
+    return found
+
+
+def _put_frame(
+    tables: Path, draft: Path, name: str, frame: pd.DataFrame, before: Generation | None, now: Generation
+) -> None:
+    """Write a table that is one file, unless it was published just so."""
+    file = f"{name}.parquet"
+    rows = pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
+    now.parts[file] = digest([SCHEMA_VERSION, _content(rows)])
+    if not linked(tables, draft, file, before, now):
+        write(draft / file, TABLES[name], iter([rows]))
+
+
+def _content(rows: pa.Table) -> str:
+    """Hash of rows as they are encoded."""
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, rows.schema) as writer:
+        writer.write_table(rows.combine_chunks(), max_chunksize=_ROW_GROUP)
+    return hashlib.sha256(sink.getvalue()).hexdigest()
+
+
+def _put_steps(
+    catalog: Catalog,
+    tables: Path,
+    draft: Path,
+    name: str,
+    parts: dict[str, pd.DataFrame],
+    before: Generation | None,
+    now: Generation,
+) -> None:
+    """Write the files of steps whose owners changed, a bounded number of steps at a time."""
+    now.parts |= {path: Path(path).stem for path in parts}
+    changed = [path for path in sorted(parts) if not linked(tables, draft, path, before, now)]
+    key, read = TABLES[name].names[0], 0
+    batches = {}
+    for path in changed:
+        batches[path] = read // owned.CHUNK
+        read += int(parts[path][f"n_{name}"].sum())
+    for _, group in groupby(changed, batches.__getitem__):
+        paths = list(group)
+        owners = pd.concat([parts[path] for path in paths])
+        none = TABLES[name].schema.empty_table()
+        steps = pa.concat_tables([none, *owned.checked_steps(catalog, name, owners)])
+        for path in paths:
+            own = steps.filter(pc.is_in(steps[key], pa.array(list(parts[path][key]), pa.string())))
+            write(draft / path, TABLES[name], iter([own]))
+
+
+def write(path: Path, declared: Table, parts: Iterator[pa.Table]) -> int:
+    """Write a table as a Parquet file that is on the disk when this returns; its rows."""
+    said = {"schema_version": str(SCHEMA_VERSION), "table": declared.name, "meaning": declared.meaning}
+    schema = declared.schema.with_metadata(said)
     count = 0
+    path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         with pq.ParquetWriter(file, schema, compression="zstd") as writer:
-            for table in tables:
-                writer.write_table(table.cast(schema), row_group_size=_ROW_GROUP)
-                count += len(table)
+            for rows in parts:
+                writer.write_table(rows.cast(schema), row_group_size=_ROW_GROUP)
+                count += len(rows)
         file.flush()
         os.fsync(file.fileno())
     return count
-
-
-def checked_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
-    """The same, each trajectory compared with the hash in its row; one that differs is an error."""
-    key = TABLES[name].names[0]
-    hashes = dict(
-        zip(zip(owners[key], owners["commit_id"], strict=True), owners[f"{name}_sha256"], strict=True)
-    )
-    for steps in owned_steps(catalog, name, owners):
-        for row_id, wrong in unlike(name, steps, hashes):
-            remedy = "take the damaged files from a backup; nothing was written"
-            raise CatalogError(f"{name} of {row_id}", wrong, "", remedy)
-        yield steps
-
-
-def owned_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
-    """The steps that the given rows own, ordered by owner and sequence, a bounded number at a time."""
-    id_name, count_name = TABLES[name].names[0], f"n_{name}"
-    owners = owners.sort_values([id_name, "commit_id"])
-    chunk_of = owners[count_name].cumsum() // _CHUNK
-    for _, chunk in owners.groupby(chunk_of, sort=True):
-        first, last = chunk[id_name].iloc[0], chunk[id_name].iloc[-1]
-        ids = list(chunk[id_name])
-        within = (pc.field(id_name) >= first) & (pc.field(id_name) <= last) & pc.field(id_name).isin(ids)
-        stored = catalog.tables[name].read(within)
-        wanted = pa.table({id_name: ids, "commit_id": list(chunk["commit_id"])})
-        owned = stored.join(wanted, [id_name, "commit_id"], join_type="left semi")
-        owned = owned.sort_by([(column, "ascending") for column in (id_name, "commit_id", "seq")])
-        if len(owned) != chunk[count_name].sum():
-            raise CatalogError(
-                f"{name} of {first} to {last}",
-                f"{len(owned)} steps are stored, their rows say {chunk[count_name].sum()}",
-                "",
-                "run: upplied catalog verify",
-            )
-        yield owned

@@ -16,7 +16,7 @@ from upplied.catalog.schema.plan_rows import settings_text
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.surfaces import SURFACES
-from upplied.catalog.verbs.published import owned_steps
+from upplied.catalog.verbs.owned import owned_steps
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.errors import CatalogError, UppliedError
 

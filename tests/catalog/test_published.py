@@ -1,0 +1,245 @@
+"""Published tables: one generation at a time, only what changed, never older over newer."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from catalog_records import demonstration, key_of, plan, structure
+
+from upplied.catalog import compact, export_tables, open_catalog, published_tables
+from upplied.catalog.database import Catalog
+from upplied.catalog.verbs import published
+from upplied.cli import main
+from upplied.errors import CatalogError
+from upplied.outputs.publish import publish
+
+TESTS = str(Path(__file__).parents[1])
+
+
+@pytest.fixture
+def catalog(tmp_path) -> Catalog:
+    made = open_catalog(tmp_path / "catalog")
+    made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(6))])
+    made.add_demonstrations([demonstration()])
+    made.add_plans([(key_of(at), plan(f"t{at}", at), {"planned_at": night(at % 3)}) for at in range(6)])
+    return made
+
+
+def night(month: int) -> pd.Timestamp:
+    return pd.Timestamp(2026, 1 + month, 5, tz="UTC")
+
+
+def stamps(place: Path) -> dict[str, tuple[int, int]]:
+    """Inode and time of every table file that a reader finds."""
+    current = (place / "tables" / "current").resolve()
+    return {
+        str(path.relative_to(current)): (path.stat().st_ino, path.stat().st_mtime_ns)
+        for path in current.rglob("*.parquet")
+        if path.is_file()
+    }
+
+
+def whole(place: Path) -> int:
+    """How many plans are published, each with its points."""
+    tables = published_tables(place)
+    transfers = pd.read_parquet(tables["transfers"])
+    points = pd.read_parquet(tables["waypoints"])["transfer_id"].value_counts()
+    assert sorted(points.index) == sorted(transfers.query("n_waypoints > 0")["transfer_id"])
+    assert (points == 60).all()
+    return len(transfers)
+
+
+def test_any_program_reads_them(catalog, tmp_path):
+    import duckdb
+
+    export_tables(catalog, tmp_path / "out")
+    transfers = pd.read_parquet(tmp_path / "out" / "transfers.parquet")
+    pd.testing.assert_frame_equal(transfers, catalog.transfers(), check_dtype=False)
+    one = pd.read_parquet(
+        tmp_path / "out" / "waypoints.parquet", filters=[("transfer_id", "==", key_of(3)[:20])]
+    )
+    pd.testing.assert_frame_equal(one, catalog.waypoints(key_of(3)[:20]), check_dtype=False)
+    found = duckdb.sql(
+        f"SELECT count(*) FROM '{tmp_path}/out/waypoints.parquet/**/*.parquet' "
+        f"JOIN '{tmp_path}/out/transfers.parquet' USING (transfer_id)"
+    )
+    assert found.df().iloc[0, 0] == 360
+
+
+def test_what_did_not_change_is_not_written_again(catalog, tmp_path):
+    place = tmp_path / "out"
+    export_tables(catalog, place)
+    before = stamps(place)
+    assert sum(name.startswith("waypoints.parquet/box/") for name in before) == 3  # one a month
+    export_tables(catalog, place)
+    assert stamps(place) == before
+    compact(catalog)
+    export_tables(catalog, place)
+    assert stamps(place) == before
+    catalog.add_plans([(key_of("new"), plan("t1", 99), {"planned_at": night(3)})])
+    export_tables(catalog, place)
+    after = stamps(place)
+    assert whole(place) == 6
+    same = {name for name in after if before.get(name) == after[name]}
+    assert {name.split("/")[2] for name in same if name.startswith("waypoints")} == {"2026-01", "2026-03"}
+    assert {name for name in same if not name.startswith("waypoints")} >= {
+        "structures.parquet",
+        "demonstrations.parquet",
+        "flights.parquet",
+    }
+    assert before["transfers.parquet"] != after["transfers.parquet"]
+
+
+def test_many_plans_of_a_month_are_split_by_target(catalog, tmp_path, monkeypatch):
+    export_tables(catalog, tmp_path / "one")
+    monkeypatch.setattr(published, "_PART_STEPS", 50)
+    monkeypatch.setattr(published.owned, "CHUNK", 130)
+    place = tmp_path / "out"
+    export_tables(catalog, place)
+    assert len([name for name in stamps(place) if name.startswith("waypoints")]) > 3
+    assert whole(place) == 6
+    left, right = (
+        pd.read_parquet(at / "waypoints.parquet").sort_values(["transfer_id", "seq"]).reset_index(drop=True)
+        for at in (tmp_path / "one", place)
+    )
+    pd.testing.assert_frame_equal(left, right)
+
+
+def test_an_older_state_never_replaces_a_newer_one(catalog, tmp_path):
+    place = tmp_path / "out"
+    shutil.copytree(catalog.location, tmp_path / "backup")
+    catalog.add_plans([(key_of("new"), plan("boxy", 99), {})])
+    publish(catalog, place, pictures=0)
+    before = stamps(place)
+    older = open_catalog(tmp_path / "backup")
+    for act in (lambda: export_tables(older, place), lambda: publish(older, place, pictures=0)):
+        with pytest.raises(CatalogError, match=r"newer publication: .*transfers.*--force"):
+            act()
+    assert stamps(place) == before
+    assert (place / "transfers" / "flight--boxy.html").exists()
+    publish(older, place, pictures=0, force=True)
+    assert whole(place) == 6
+
+
+def test_another_catalog_and_an_empty_one_replace_nothing(catalog, tmp_path, capsys):
+    place = tmp_path / "out"
+    publish(catalog, place, pictures=0)
+    files = sorted(place.rglob("*"))
+    other = open_catalog(tmp_path / "other").create()
+    with pytest.raises(CatalogError, match="publication of another catalog"):
+        publish(other, place, pictures=0)
+    catalog.retire_structures([f"t{at}" for at in range(6)])
+    with pytest.raises(CatalogError, match="does not shrink to nothing"):
+        publish(catalog, place, pictures=0)
+    with pytest.raises(CatalogError, match="is no catalog"):
+        publish(open_catalog(tmp_path / "nothing"), place, pictures=0)
+    assert sorted(place.rglob("*")) == files
+    assert main(["report", str(place), "--catalog", catalog.location]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main(["report", str(place), "--catalog", catalog.location, "--force"]) == 0
+    assert whole(place) == 0
+
+
+@pytest.mark.parametrize("folder", ["s3://bucket/reports", "gs://b", "s3:/bucket/reports"])
+def test_an_object_store_is_refused(catalog, tmp_path, monkeypatch, folder, capsys):
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    for act in (export_tables, publish):
+        with pytest.raises(CatalogError, match="is no folder"):
+            act(catalog, folder)
+    assert main(["report", folder, "--catalog", catalog.location]) == 2
+    assert "is no folder" in capsys.readouterr().err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_publication_of_an_earlier_version_is_taken_over(catalog, tmp_path):
+    place = tmp_path / "out"
+    place.mkdir()
+    (place / "notes.txt").write_text("somebody's")
+    for name in ("transfers", "waypoints"):
+        (place / f"{name}.parquet").write_bytes(b"of an earlier version")
+    (place / ".waypoints.0123abcd.draft").write_bytes(b"left")
+    export_tables(catalog, place)
+    assert whole(place) == 6
+    assert len(pd.read_parquet(place / "transfers.parquet")) == 6
+    assert (place / "notes.txt").exists()
+
+
+PUBLISHER = """
+import sys; sys.path.insert(0, sys.argv[1])
+from upplied.catalog import export_tables, open_catalog
+catalog = open_catalog(sys.argv[2])
+print("ready", flush=True)
+while True:
+    export_tables(catalog, sys.argv[3])
+"""
+
+
+def test_a_publisher_that_is_killed_leaves_one_generation_whole(catalog, tmp_path):
+    place, rng = tmp_path / "out", random.Random(0)
+    export_tables(catalog, place)
+    seen = 6
+    for number in range(12):
+        catalog.add_plans([(key_of("more", number), plan("boxy", number, preset="paper"), {})])
+        catalog.add_plans([(key_of("next", number), plan(f"t{number % 6}", 50 + number), {})])
+        run = [sys.executable, "-c", PUBLISHER, TESTS, catalog.location, str(place)]
+        process = subprocess.Popen(run, stdout=subprocess.PIPE)
+        assert process.stdout.readline() == b"ready\n"
+        time.sleep(rng.uniform(0.0, 0.12))
+        process.kill()
+        process.wait()
+        now = whole(place)
+        assert now >= seen
+        seen = now
+    assert export_tables(catalog, place)["transfers"] == 7
+    assert whole(place) == 7
+    assert not [path for path in place.rglob("*") if path.name.endswith((".draft", ".partial"))]
+    assert len([path for path in (place / "tables").iterdir() if path.is_dir()]) <= 3
+
+
+def test_readers_and_publishers_at_once_see_one_generation(catalog, tmp_path):
+    place = tmp_path / "out"
+    export_tables(catalog, place)
+    run = [sys.executable, "-c", PUBLISHER, TESTS, catalog.location, str(place)]
+    processes = [subprocess.Popen(run, stdout=subprocess.PIPE) for _ in range(2)]
+    try:
+        for process in processes:
+            assert process.stdout.readline() == b"ready\n"
+        for number in range(8):
+            catalog.add_plans([(key_of("next", number), plan(f"t{number % 6}", 50 + number), {})])
+            assert whole(place) == 6
+            assert all(process.poll() is None for process in processes)
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def test_publishers_take_turns(catalog, tmp_path):
+    place = tmp_path / "out"
+    with ThreadPoolExecutor(4) as threads:
+        done = list(threads.map(lambda _: export_tables(open_catalog(catalog.location), place), range(8)))
+    assert all(counts == done[0] for counts in done)
+    assert whole(place) == 6
+    assert os.readlink(place / "tables" / "current") == "g000001"
+
+
+def test_what_is_published_says_of_which_catalog_and_when(catalog, tmp_path):
+    import json
+
+    export_tables(catalog, tmp_path / "out")
+    said = json.loads((tmp_path / "out" / "tables" / "current" / "published.json").read_text())
+    assert said["catalog"] == catalog.identity.id
+    assert said["versions"]["transfers"] == catalog.tables["transfers"].delta().version()
+    assert said["rows"]["waypoints"] == 360
+    with pytest.raises(CatalogError, match="nothing is published"):
+        published_tables(tmp_path / "nowhere")

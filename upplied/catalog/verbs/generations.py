@@ -1,0 +1,125 @@
+"""Generations of published tables: what one holds, which may follow, and how it becomes the current one.
+
+``published.json`` in a generation tells which catalog it is of, how far the catalog's tables had come,
+and what each file was made from.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import uuid
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.files import sync_path
+from upplied.errors import CatalogError
+
+_NAME = re.compile(r"g\d{6,}")
+_SAID = "published.json"
+
+
+@dataclass
+class Generation:
+    """What one generation holds."""
+
+    catalog: str = ""  # its name; empty where an older program made it
+    versions: dict[str, int] = field(default_factory=dict)  # of the catalog's tables, at least
+    rows: dict[str, int] = field(default_factory=dict)
+    parts: dict[str, str] = field(default_factory=dict)  # file -> what it was made from
+
+
+def check(place: Path, before: Generation, now: Generation, transfers: int) -> None:
+    """Refuse to replace what must not be replaced."""
+    remedy = "publish into another folder, or replace it with --force"
+    if before.catalog and now.catalog and before.catalog != now.catalog:
+        raise CatalogError(str(place), "holds the publication of another catalog", "", remedy)
+    newer = [name for name, version in before.versions.items() if version > now.versions.get(name, -1)]
+    if newer:
+        raise CatalogError(
+            str(place),
+            f"holds a newer publication: {', '.join(newer)} had come further than the catalog has now",
+            "an older state never replaces a newer one",
+            remedy,
+        )
+    if before.rows.get("transfers", 0) and not transfers:
+        found = f"holds {before.rows['transfers']} transfers, the catalog has none"
+        raise CatalogError(str(place), found, "a publication does not shrink to nothing", remedy)
+
+
+def linked(tables: Path, draft: Path, file: str, before: Generation | None, now: Generation) -> bool:
+    """Whether a file was published before, made from the same, and now is in the draft as well."""
+    old = tables / "current" / file
+    if before is None or before.parts.get(file) != now.parts[file] or not old.is_file():
+        return False
+    (draft / file).parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(old.resolve(), draft / file)
+    except OSError:  # a disk without links
+        shutil.copy2(old, draft / file)
+    return True
+
+
+def switch(place: Path, draft: Path, now: Generation) -> None:
+    """Make the draft the current generation, in one step once all of it is on the disk."""
+    tables = place / "tables"
+    with (draft / _SAID).open("w") as sink:
+        json.dump(asdict(now), sink, indent=1, sort_keys=True)
+        sink.flush()
+        os.fsync(sink.fileno())
+    for folder in [path for path in draft.rglob("*") if path.is_dir()] + [draft]:
+        sync_path(folder)
+    name = f"g{max([int(path.name[1:]) for path in _generations(tables)], default=0) + 1:06d}"
+    os.replace(draft, tables / name)
+    _link(tables / "current", name)
+    for table in TABLES:
+        file = place / f"{table}.parquet"
+        if not file.is_symlink():
+            _link(file, f"tables/current/{file.name}")
+    sync_path(tables)
+    clean(tables)
+
+
+def _link(path: Path, to: str) -> None:
+    """Make or turn a link in one step."""
+    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.draft")
+    os.symlink(to, draft)
+    os.replace(draft, path)
+
+
+def _generations(tables: Path) -> list[Path]:
+    """The folders of generations, oldest first."""
+    found = [path for path in tables.glob("g*") if _NAME.fullmatch(path.name) and path.is_dir()]
+    return sorted(found, key=lambda path: int(path.name[1:]))
+
+
+def clean(tables: Path) -> None:
+    """Remove what stopped publishers left, and all generations but the current one and the one before."""
+    for path in [*tables.glob(".*.draft"), *tables.parent.glob(".*.parquet.*.draft")]:
+        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
+    current = (tables / "current").resolve()
+    names = _generations(tables)
+    kept = names[max(0, names.index(current) - 1) :] if current in names else names
+    for path in names:
+        if path not in kept or (current in names and names.index(path) > names.index(current)):
+            shutil.rmtree(path)  # older, or never switched to
+
+
+def current(place: Path) -> Generation | None:
+    """What is published there; None where nothing is, or an older program published it."""
+    path = place / "tables" / "current" / _SAID
+    try:
+        said: Any = json.loads(path.read_text("utf-8"))
+        return Generation(
+            str(said["catalog"]), dict(said["versions"]), dict(said["rows"]), dict(said["parts"])
+        )
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CatalogError(
+            str(path), f"is damaged: {error}", "", f"remove {path.parents[1]} and publish again"
+        ) from None
