@@ -24,7 +24,8 @@ def house_page() -> str:
 
 
 def _page() -> Iterator[str]:
-    yield "# The tree\n\nWhat each part of the library is, in the order in which data walks through it. A room of"
+    yield "# The tree\n"
+    yield "What each part of the library is, in the order in which data walks through it. A room of"
     yield "planning uses those before it; a test reads the imports. A demonstration becomes a plan from the"
     yield "first room to the last, and `planning/plan.py` is the whole way on one page.\n"
     yield "## Planning: the rooms of the method\n"
