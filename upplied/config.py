@@ -138,6 +138,7 @@ class InspectionSettings:
     max_motion_px: float = 1.0  # of the picture during one exposure, unless the expert's own was more
     exposure_s: float = 1 / 500  # of one picture
     width_px: int = 4000  # of the pictures that the motion is counted in
+    about: str = ""  # what the flight was about: landmarks, part_3, box X Y Z X Y Z; empty: as inferred
 
     def sharp_radps(self, hfov_deg: float) -> float:
         """How fast a point may move near the middle of a camera's picture and still be sharp, rad/s."""
@@ -241,6 +242,8 @@ def _check_value(name: str, value: Any, wanted: Any) -> None:
     choices = get_args(wanted)
     if get_origin(wanted) is Literal:
         fits, rule = value in choices, f"one of {', '.join(map(repr, choices))}"
+    elif wanted is str:
+        fits, rule = isinstance(value, str) and len(value) <= 1000, "text of at most 1000 characters"
     elif wanted is bool:
         fits, rule = isinstance(value, bool), "true or false"
     elif wanted is int:

@@ -162,6 +162,7 @@ class Demonstration(Record):
     clock: str = ""  # which stamp was used: "header", "publish", "log"
     topic: str = ""
     notes: str = ""
+    about: str = ""  # what the user says it inspected (`planning.demonstration.about`); empty: inferred
 
     def __len__(self) -> int:
         return len(self.t_ns)

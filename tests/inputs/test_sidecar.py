@@ -101,3 +101,8 @@ def test_every_file_name_makes_an_id(name: str) -> None:
     safe = safe_id(name)
     assert check_id(safe, "id") == safe
     assert safe_id(safe) == safe
+
+
+def test_what_was_inspected_is_told_by_the_log_or_the_side_car(tmp_path: Path) -> None:
+    assert told(tmp_path, about="engine_left").about == "engine_left"
+    assert told(tmp_path, 'about = "box 0 0 0 1 1 1"', about="engine_left").about == "box 0 0 0 1 1 1"

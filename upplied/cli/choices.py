@@ -29,6 +29,9 @@ class Choices:
         Fly what was demonstrated on one part on each part of its kind, or on its mirror image too.
     clearance : float
         Least distance from the structure, m.
+    about : str
+        What the flight inspected, where that is not what was inferred: landmarks, part_3, or boxes as
+        "box X Y Z X Y Z", separated by commas.
     search : str
         Find how a target is turned, about the vertical or altogether.
     """
@@ -39,6 +42,7 @@ class Choices:
     counterpart: Pairs = ()
     repeat: Literal["each", "mirror"] | None = None
     clearance: float | None = None
+    about: Annotated[str, Parameter(show_default=False)] = ""
     search: Literal["none", "heading", "orientation"] | None = None
 
     def onto(self, stages: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -51,6 +55,7 @@ class Choices:
             ("correspondence", "repeat"): self.repeat,
             ("route", "clearance_m"): self.clearance,
             ("registration", "search"): self.search,
+            ("inspection", "about"): self.about or None,
         }
         made = {stage: dict(values) for stage, values in stages.items()}
         for (stage, name), value in chosen.items():

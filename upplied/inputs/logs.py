@@ -135,6 +135,7 @@ def _demonstration(
         camera=camera,
         operator=facts.operator,
         site=facts.site,
+        about=facts.about,
         breaks=broken,
         degraded=bool(recording.losses),
         dropped=dict(sorted(track.dropped.items())),

@@ -42,6 +42,7 @@ class LogOptions:
     site: str = ""
     kind: str = ""
     notes: str = ""
+    about: str = ""  # what was inspected: landmarks, part_3, box X Y Z X Y Z (m, structure frame), by commas
     # Which messages, and which part of the flight (s from the first pose, or ns of the source clock).
     topic: str = ""
     schema: str = ""  # where one topic carries several

@@ -30,6 +30,7 @@ def demonstration_data(demonstration: Demonstration, profile: Profile, origin: F
         "operator": demonstration.operator,
         "site": demonstration.site,
         "notes": demonstration.notes,
+        "about": demonstration.about,
         "poses": len(demonstration),
         "camera": {"hfov_deg": camera.hfov_deg, "vfov_deg": camera.vfov_deg, "range_m": camera.max_range_m},
         "path": path_data(profile, origin),

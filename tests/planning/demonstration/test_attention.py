@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from upplied.config import CloudSettings, InspectionSettings
+from upplied.errors import SettingsError
+from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.attention import Attention, attention
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
@@ -78,3 +80,29 @@ def test_who_sees_nothing_was_about_nothing() -> None:
     away = replace(flight, positions=flight.positions + np.array([1000.0, 0, 0]))
     found = attended(away, structure)
     assert not found.weight.any() and np.isnan(found.subject_m)
+
+
+def test_the_user_says_what_it_was_about() -> None:
+    structure = member("a320-v1").structure
+    cloud, skin = sampled(structure)
+    zone = zone_of("engine_left", structure, cloud, skin)
+    assert zone is not None and np.char.startswith(named("a320-v1")[zone], "engine_left").mean() > 0.8
+    box = zone_of("box 0 2 0 20 9 5, engine_right", structure, cloud, skin)
+    inside = ((cloud.points >= [0, 2, 0]) & (cloud.points <= [20, 9, 5])).all(axis=1)
+    assert box is not None and box[inside].all()
+    assert np.char.startswith(named("a320-v1")[box & ~inside], "engine_right").mean() > 0.8
+    assert zone_of(" ", structure, cloud, skin) is None
+    flight = fly(structure, "fuselage", seed=11)
+    shown = views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(structure))
+    facts = (flight.trajectory, flight.breaks, flight.camera, cloud, shown, skin, InspectionSettings())
+    found = attention(*facts, zone)
+    assert found.weight[zone].max() > 0.9 and not found.weight[~zone].any()
+
+
+@pytest.mark.parametrize(
+    "bad", ["engine_middle", "box 1 2 3", "box a b c d e f", "part_999", "box 0 0 900 1 1 901"]
+)
+def test_what_names_nothing_is_refused_in_words(bad: str) -> None:
+    structure = member("a320-v1").structure
+    with pytest.raises(SettingsError, match="about"):
+        zone_of(bad, structure, *sampled(structure))

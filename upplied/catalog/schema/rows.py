@@ -104,6 +104,7 @@ def demonstration_row(demonstration: Demonstration) -> Row:
         "operator": demonstration.operator,
         "site": demonstration.site,
         "notes": demonstration.notes,
+        "about": demonstration.about,
         "sha256": demonstration.sha256,
         "poses_sha256": poses_sha256(demonstration.t_ns, demonstration.positions, demonstration.quat_xyzw),
         "n_poses": len(demonstration),
@@ -148,6 +149,7 @@ def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
         clock=row["clock"],
         topic=row["topic"],
         notes=row["notes"],
+        about=row["about"] or "",
     )
 
 

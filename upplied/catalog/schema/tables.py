@@ -98,6 +98,7 @@ DEMONSTRATIONS = Table(
         Column("operator", TEXT, "", "who flew"),
         Column("site", TEXT, "", "where, in words"),
         Column("notes", TEXT, "", "free text, and what salvage lost"),
+        Column("about", TEXT, "", "what the user says it inspected: parts and boxes; empty: inferred"),
         Column("sha256", TEXT, "", "hash of the bytes of the log and of what its side-car and options say"),
         _id("poses_sha256", "hash of the stored poses"),
         Column("n_poses", WHOLE, "1", "rows in `poses`", required=True, low=1),

@@ -53,6 +53,7 @@ def attention(
     shown: Views,
     part: Ints,
     settings: InspectionSettings,
+    zone: Bools | None = None,
 ) -> Attention:
     """Weight each surface sample by how much the flight was about it.
 
@@ -71,6 +72,9 @@ def attention(
         The part of the skin that each lies on (`surface.skin`).
     settings : InspectionSettings
         When a picture is sharp.
+    zone : array of bool, shape (N,), optional
+        What the user says that the flight was about (`demonstration.about`): of that, all that it
+        shows counts, and of nothing else.
     """
     steps = moments(flight, breaks)
     number, parts = len(cloud), int(part.max(initial=0)) + 1
@@ -82,7 +86,9 @@ def attention(
     if not known.any():
         return Attention(np.zeros(number), part, np.zeros(parts), float("nan"))
     subject = _subject(steps, depth, known)
-    limit = np.where(known & (depth <= _APPROACH * subject), _DEPTH * depth, 0.0)
+    limit = np.full(len(depth), np.inf)
+    if zone is None:
+        limit = np.where(known & (depth <= _APPROACH * subject), _DEPTH * depth, 0.0)
     gaze, time = _gazed(
         *arguments, limit, steps.step_s, *_motion(steps), settings.sharp_radps(camera.hfov_deg)
     )
@@ -93,7 +99,8 @@ def attention(
         return Attention(np.zeros(number), part, np.zeros(parts), subject)
     complete /= float((area * gazed) @ complete[part]) / whole
     share = np.clip((complete - _COMPLETE[0]) / (_COMPLETE[1] - _COMPLETE[0]), 0, 1)
-    weight = (share**2 * (3 - 2 * share))[part] * seen
+    meant = (share**2 * (3 - 2 * share))[part] if zone is None else zone.astype(float)
+    weight = meant * seen
     looks = _looks(*arguments, step_s=steps.step_s, moving=_motion(steps), weight=weight, area=area)
     return Attention(weight, part, complete, subject, *looks)
 

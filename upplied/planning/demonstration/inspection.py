@@ -8,6 +8,7 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.correspondence.pair import Memo, Pair, content_key, no_memo, remembering
+from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.attention import Attention, attention
 from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.viewpoints import find_viewpoints
@@ -83,7 +84,7 @@ def inspect_demonstration(
         attention=memo(
             "attention",
             Attention,
-            content_key("attention", *facts, settings.inspection),
+            content_key("attention", *facts, settings.inspection, demonstration.about),
             lambda: _attended(demonstration, pair, truly, settings, memo),
         ),
         logged=whole,
@@ -111,6 +112,7 @@ def _attended(
         truly,
         skin.label,
         settings.inspection,
+        zone_of(settings.inspection.about or demonstration.about, source, cloud, skin.label),
     )
 
 

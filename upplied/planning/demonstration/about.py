@@ -1,0 +1,71 @@
+"""What the user says a flight was about: names of parts, and boxes."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.errors import SettingsError
+from upplied.planning.surface.parts import labels_of
+from upplied.records import Bools, Cloud, Floats, Ints, Structure
+
+_VOTES = 25  # samples nearest to a landmark, that say which part of the skin it lies in
+_RULE = "landmarks, part_0, part_1, ... or 'box X Y Z X Y Z' (two corners, m), separated by commas"
+
+
+def zone_of(about: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools | None:
+    """Which surface samples (N,) a text names; None where it names none.
+
+    Parameters
+    ----------
+    about : str
+        Landmarks of the structure (the part of the skin there), ``part_3`` of a summary, or
+        ``box 10 2 1 14 6 4``: two corners in the structure's frame, m. Separated by commas.
+    structure : Structure
+    cloud : Cloud
+        Its N surface samples.
+    skin : array of int, shape (N,)
+        The part of the skin that each lies on.
+
+    Raises
+    ------
+    SettingsError
+        If a name is unknown, a box has no six numbers, or nothing of the surface is named.
+    """
+    wanted = [word.strip() for word in about.split(",") if word.strip()]
+    if not wanted:
+        return None
+    zone = np.zeros(len(cloud), bool)
+    for word in wanted:
+        zone |= _zone(word, structure, cloud, skin)
+    if not zone.any():
+        raise SettingsError(f"about {about[:80]!r}", "names no surface of the structure", _RULE)
+    return zone
+
+
+def _zone(word: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools:
+    if word.lower().startswith("box "):
+        corners = _corners(word)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        return np.asarray(((cloud.points >= low) & (cloud.points <= high)).all(axis=1), bool)
+    if word in structure.landmarks:
+        count = min(_VOTES, len(cloud))
+        near = cKDTree(cloud.points).query(np.array(structure.landmarks[word]), k=count)[1]
+        return np.asarray(skin == np.bincount(skin[np.atleast_1d(near)]).argmax(), bool)
+    label = labels_of(cloud)
+    number = word.removeprefix("part_")
+    if word.startswith("part_") and number.isdecimal() and int(number) <= int(label.max()):
+        return np.asarray(label == int(number), bool)
+    known = ", ".join(sorted(structure.landmarks)) or "none"
+    found = f"is unknown; landmarks of {structure.structure_id}: {known}"
+    raise SettingsError(f"about {word[:60]!r}", found, _RULE)
+
+
+def _corners(word: str) -> Floats:
+    try:
+        numbers = np.array([float(part) for part in word.split()[1:]])
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) != 6 or not np.isfinite(numbers).all():
+        raise SettingsError(f"about {word[:60]!r}", "cannot be read as a box", _RULE)
+    return numbers.reshape(2, 3)
