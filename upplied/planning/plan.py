@@ -64,6 +64,7 @@ def plan_transfer(
         plan,
         trajectory=trajectory_from(there, plan.trajectory),
         surface=surface_from(there, plan.surface),
+        inspected=surface_from(here, plan.inspected),
         registration=registration_from(here, there, plan.registration),
     )
 

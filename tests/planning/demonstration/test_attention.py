@@ -12,10 +12,11 @@ from upplied.config import CloudSettings, InspectionSettings
 from upplied.errors import SettingsError
 from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.attention import Attention, attention
+from upplied.planning.surface.frames import structure_in
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.planning.visibility.path_views import TRULY, views
-from upplied.records import Cloud, Demonstration, Floats, Ints, Structure
+from upplied.records import Cloud, Demonstration, Floats, Frame, Ints, Structure
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.scene import scene_of
@@ -106,3 +107,14 @@ def test_what_names_nothing_is_refused_in_words(bad: str) -> None:
     structure = member("a320-v1").structure
     with pytest.raises(SettingsError, match="about"):
         zone_of(bad, structure, *sampled(structure))
+
+
+def test_a_box_is_meant_in_the_declared_frame() -> None:
+    structure = member("a320-v1").structure
+    turned = structure_in(Frame(0.7, np.array([3.0, 1.0, 0.0])), structure)
+    word = "box 0 2 0 20 9 5"
+    declared, inside = (
+        zone_of(word, one, Cloud(one.vertices, np.zeros_like(one.vertices)), np.zeros(len(one.vertices), int))
+        for one in (structure, turned)
+    )
+    assert declared is not None and declared.any() and (declared == inside).all()

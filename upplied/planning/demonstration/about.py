@@ -20,8 +20,9 @@ def zone_of(about: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools
     ----------
     about : str
         Landmarks of the structure (the part of the skin there), ``part_3`` of a summary, or
-        ``box 10 2 1 14 6 4``: two corners in the structure's frame, m. Separated by commas.
+        ``box 10 2 1 14 6 4``: two corners in the structure's declared frame, m. Separated by commas.
     structure : Structure
+        In whatever frame it is planned in.
     cloud : Cloud
         Its N surface samples.
     skin : array of int, shape (N,)
@@ -47,7 +48,8 @@ def _zone(word: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools:
     if word.lower().startswith("box "):
         corners = _corners(word)
         low, high = corners.min(axis=0), corners.max(axis=0)
-        return np.asarray(((cloud.points >= low) & (cloud.points <= high)).all(axis=1), bool)
+        points = structure.frame.to_declared(cloud.points)
+        return np.asarray(((points >= low) & (points <= high)).all(axis=1), bool)
     if word in structure.landmarks:
         count = min(_VOTES, len(cloud))
         near = cKDTree(cloud.points).query(np.array(structure.landmarks[word]), k=count)[1]
