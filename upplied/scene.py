@@ -88,7 +88,8 @@ class Scene:
 
     def __init__(self, vertices: Floats, triangles: Ints, threads: int = 0, grain_m: float = 0.0) -> None:
         core = open3d().core
-        self.origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        self.box = vertices.min(axis=0), vertices.max(axis=0)
+        self.origin = (self.box[0] + self.box[1]) / 2
         self.threads = threads or int(os.environ.get("UPPLIED_THREADS", "0"))
         self.grain_m = grain_m
         self._scene = open3d().t.geometry.RaycastingScene(nthreads=self.threads)

@@ -12,18 +12,19 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 from upplied.checks import check_id
+from upplied.inputs.passport.settings import PassportSettings
 from upplied.errors import InputError
 from upplied.records import Placement
 
 MAX_TEXT = 2000  # characters
 MAX_SIDECAR_BYTES = 2**20
 BODY_FRAMES = ("camera", "optical", "body")
-_CHOICES = ("topic", "schema", "start_s", "stop_s")
+_CHOICES = ("topic", "schema", "publisher", "start_s", "stop_s")
 
 Vector = tuple[float, ...]
 
@@ -46,6 +47,7 @@ class LogOptions:
     # Which messages, and which part of the flight (s from the first pose, or ns of the source clock).
     topic: str = ""
     schema: str = ""  # where one topic carries several
+    publisher: str = ""  # where several publish on the topic: a frame's name, or #7 for the channel 7
     start_s: float | None = None
     stop_s: float | None = None
     start_ns: int | None = None
@@ -62,6 +64,7 @@ class LogOptions:
     structure_datum: str = ""  # of the altitude: "ellipsoid" or "amsl"
     geoid_undulation_m: float | None = None  # ellipsoid minus mean sea level, where datums differ
     # What the poses are of, and the camera.
+    convention: str = ""  # in which the poses are written, where it is not what the schema says
     body_frame: str = ""  # "camera" (x forward), "optical" (z forward) or "body" (x forward, with a mount)
     body_T_camera_position_m: Vector | None = None
     body_T_camera_quat_xyzw: Vector | None = None
@@ -74,9 +77,13 @@ class LogOptions:
     gap_s: float = 0.5  # a longer silence breaks the flight
     max_dropped: float = 0.05  # share of the samples
     min_duration_s: float = 5.0
+    # Rules of the passport that are overruled, by name; whether what is odd is refused too; the bounds.
+    allow: tuple[str, ...] = ()
+    strict: bool = False
+    passport: PassportSettings = field(default_factory=PassportSettings)
 
 
-_READER_ONLY = ("gap_s", "max_dropped", "min_duration_s")
+_READER_ONLY = ("gap_s", "max_dropped", "min_duration_s", "allow", "strict", "passport")
 _VECTORS = {
     "structure_position_m": 3,
     "structure_quat_xyzw": 4,
@@ -239,6 +246,10 @@ def _checked(facts: LogOptions, what: str) -> LogOptions:
         low, high = _BOUNDS.get(item.name, (-math.inf, math.inf))
         if isinstance(value, float | int) and not low <= value <= high:
             raise InputError(f"{what}, {item.name}", f"got {value}", f"{low} to {high}")
+    if facts.convention and facts.convention not in CONVENTIONS:
+        raise InputError(
+            f"{what}, convention", f"got {facts.convention[:40]!r}", f"one of {', '.join(CONVENTIONS)}"
+        )
     if facts.body_frame not in ("", *BODY_FRAMES):
         raise InputError(
             f"{what}, body_frame", f"got {facts.body_frame[:40]!r}", f"one of {', '.join(BODY_FRAMES)}"

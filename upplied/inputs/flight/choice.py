@@ -9,6 +9,7 @@ import numpy as np
 
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
+from upplied.inputs.flight.publishers import chosen
 from upplied.inputs.flight.tracks import Track, at_times
 from upplied.inputs.schemas import foxglove, geodetic, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions
@@ -64,7 +65,9 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
     if not usable:
         return None, []
     others = len(found) > 1 and not facts.topic
-    return usable[0], [f"poses of {usable[0].channel.topic}, one of {len(found)} sources"] if others else []
+    same = (usable[0].channel.topic, usable[0].schema)
+    table = chosen([it for it in tables if (it.channel.topic, it.schema) == same], facts, what)
+    return table, [f"poses of {table.channel.topic}, one of {len(found)} sources"] if others else []
 
 
 def listed(tables: Sequence[Table]) -> str:

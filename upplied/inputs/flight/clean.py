@@ -9,6 +9,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from upplied.errors import InputError
+from upplied.inputs.flight.clock import steady
 from upplied.inputs.flight.tracks import AT_THE_ENDS, Track, are_unit
 from upplied.inputs.sidecar import LogOptions
 from upplied.poses import normalised
@@ -38,7 +39,7 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
     InputError
         If more than the allowed share was dropped, or nothing is left.
     """
-    track = timed(track)
+    track = steady(timed(track))
     track = track.keep(_finite(track), "not a number")
     track = track.keep(
         np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M, "position off the Earth"
@@ -82,7 +83,11 @@ def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
     gaps = step_s > gap_s
     resets = np.zeros(len(step_s), bool) if track.epoch is None else np.diff(track.epoch) != 0
     jumps = _jumps(track) & ~gaps & ~resets
-    counts = {"gap": gaps.sum(), "jump": jumps.sum(), "estimator reset": resets.sum()}
+    counts = {
+        "gap": gaps.sum(),
+        "jump": jumps.sum(),
+        "estimator reset": resets.sum() - min(track.clock_steps, resets.sum()),
+    }
     words = [f"{number} {kind}{'s' if number > 1 else ''}" for kind, number in counts.items() if number]
     return np.flatnonzero(gaps | jumps | resets) + 1, words
 

@@ -18,6 +18,7 @@ from upplied.records import Bools, Floats, Ints
 # Optical frames (ROS, REP-103) are z forward, x right, y down; ours is x forward, y left, z up.
 OPTICAL_R_CAMERA = Rotation.from_matrix([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 _NOWHERE = np.zeros(3)
+NO_MOUNT = "no camera mount in the log: the camera is taken to look along the body's x axis"
 
 
 def camera_poses(
@@ -39,9 +40,10 @@ def camera_poses(
         return _on_gimbal(track, gimbal, offset, turn, facts)
     if facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None:
         return mounted(track, offset, turn)
-    if body := _body(track.child, tree, camera_frame):
+    camera_frame = camera_frame or tree.camera()
+    if body := _body(track, tree, camera_frame):
         return _on_tree(track, tree, body, camera_frame, facts)
-    return _noted(track, "no camera mount in the log: the camera is taken to look along the body's x axis")
+    return _noted(track, NO_MOUNT)
 
 
 def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
@@ -56,12 +58,12 @@ def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
     if not wanted or track.parent in ("", wanted, STRUCTURE):
         return track
     if not tree.path(track.parent, wanted):
-        if not _is_placed(facts):
-            return track
+        if "frame-unconnected" in facts.allow:
+            return _noted(track, f"no transform from {track.parent} to {wanted}: allowed")
         raise InputError(
             what,
             f"gives poses in the frame {track.parent!r}, the structure is placed in {wanted!r}",
-            "one frame, or transforms between them",
+            "frame-unconnected: one frame, or transforms between them",
             "place the structure in the frame of the poses",
         )
     fixed = tree.fixed(track.parent, wanted)
@@ -104,10 +106,18 @@ def _given(facts: LogOptions) -> tuple[Floats, Rotation]:
     return position, Rotation.from_quat(facts.body_T_camera_quat_xyzw or (0.0, 0.0, 0.0, 1.0))
 
 
-def _body(tracked: str, tree: Tree, camera_frame: str) -> str:
-    """The tracked frame if the tree leads from it to the camera; its usual names where it has none."""
-    names = (tracked,) if tracked else ("base_link", "body", "imu")
-    return next((name for name in names if camera_frame and tree.path(camera_frame, name)), "")
+def _body(track: Track, tree: Tree, camera_frame: str) -> str:
+    """The frame of the body that carries the camera, whatever it is called.
+
+    The tracked frame where the tree leads from it to the camera. Else the top of what is rigidly
+    mounted: the frame that the camera hangs on by static links alone, unless that is the world.
+    """
+    if not camera_frame:
+        return ""
+    if track.child and tree.path(camera_frame, track.child):
+        return track.child
+    rigid = tree.rigid(camera_frame)
+    return next((frame for frame in rigid[::-1] if frame not in (track.parent, camera_frame)), "")
 
 
 def _on_gimbal(track: Track, gimbal: Gimbal, offset: Floats, turn: Rotation, facts: LogOptions) -> Track:
@@ -121,11 +131,14 @@ def _on_gimbal(track: Track, gimbal: Gimbal, offset: Floats, turn: Rotation, fac
 
 def _on_tree(track: Track, tree: Tree, body: str, camera_frame: str, facts: LogOptions) -> Track:
     note = f"camera mounted as the transforms {body} -> {camera_frame} say"
+    if track.child not in ("", body):
+        note += f", {body} taken for {track.child}"
+    sensor = Rotation.identity() if camera_frame.endswith("_link") else OPTICAL_R_CAMERA  # REP-103
     fixed = tree.fixed(camera_frame, body)
     if fixed is not None:
-        return _noted(mounted(track, fixed[0], fixed[1] * OPTICAL_R_CAMERA), note)
+        return _noted(mounted(track, fixed[0], fixed[1] * sensor), note)
     positions, quats, known = _at(tree, camera_frame, body, track.t_ns, facts)
-    moving = mounted(track, positions, Rotation.from_quat(quats) * OPTICAL_R_CAMERA)
+    moving = mounted(track, positions, Rotation.from_quat(quats) * sensor)
     return _noted(moving.during(known, "transform to the camera"), note)
 
 

@@ -8,12 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from upplied.errors import InputError
 from upplied.inputs.tables import Table
 from upplied.poses import normalised
 from upplied.records import Bools, Floats, Ints, Record
 
 MAX_NORM_ERROR = 1e-2  # of a quaternion; a rounded or single-precision one is far within
 AT_THE_ENDS = " yet or any more"  # what was dropped for such a reason is not held against the log
+_FEW = 0.05  # of the poses
 HOLD_NS = 100_000_000  # how long the first and the last pose are held for another topic's stamps
 
 
@@ -35,6 +37,8 @@ class Track(Record):
     epoch: Ints | None = None  # (N,) number that changes where the estimator was reset
     dropped: Counter[str] = field(default_factory=Counter)
     notes: tuple[str, ...] = ()
+    clock_steps: int = 0
+    long_gaps: Ints = field(default_factory=lambda: np.empty(0, np.int64))  # first sample after each
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -145,7 +149,9 @@ def pose_paths(position: str, rotation: str) -> tuple[str, ...]:
     return (*(f"{position}.{axis}" for axis in _AXES), *(f"{rotation}.{turn}" for turn in _TURNS))
 
 
-def pose_track(table: Table, stamp: str, position: str, rotation: str, parent: str, child: str = "") -> Track:
+def pose_track(
+    table: Table, stamp: str, position: str, rotation: str, parent: str, child: str = "", only: str = ""
+) -> Track:
     """The track of a table that holds one pose a row; poses of other frames than most are dropped.
 
     Parameters
@@ -153,6 +159,13 @@ def pose_track(table: Table, stamp: str, position: str, rotation: str, parent: s
     table : Table
     stamp, position, rotation, parent, child : str
         Paths of the stamp, the two parts of the pose and the names of its frames.
+    only : str
+        Name of the frame, parent or child, whose poses are meant where there are several.
+
+    Raises
+    ------
+    InputError
+        If there are several bodies, and none is named.
     """
     times, clock = source_times(table, stamps(table, stamp))
     parents, children = names(table, parent), names(table, child)
@@ -163,7 +176,21 @@ def pose_track(table: Table, stamp: str, position: str, rotation: str, parent: s
     if not len(table):
         return track
     groups = groups_of(parents, children)
+    if named := {pair: rows for pair, rows in groups.items() if only and only.lstrip("/") in pair}:
+        track = track.take(np.sort(np.concatenate(list(named.values()))))
+        return replace(track, parent=next(iter(named))[0], child=next(iter(named))[1])
     most = max(groups, key=lambda pair: len(groups[pair]))
+    bodies = Counter({pair[1]: 0 for pair in groups})
+    for pair, rows in groups.items():
+        bodies[pair[1]] += len(rows)
+    if len([name for name, number in bodies.items() if number > _FEW * len(table)]) > 1:
+        listed = ", ".join(f"{name or 'without a name'} ({number})" for name, number in bodies.most_common(8))
+        raise InputError(
+            table.channel.topic,
+            f"holds the poses of several bodies: {listed}",
+            "several-publishers: one body",
+            "name one by publisher",
+        )
     if len(groups) > 1:
         good = np.zeros(len(table), bool)
         good[groups[most]] = True

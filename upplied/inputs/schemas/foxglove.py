@@ -23,4 +23,6 @@ SOURCES = tuple(FIELDS)
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     """The poses of one channel."""
     child = "child_frame_id" if table.schema == "foxglove.Odometry" else ""
-    return pose_track(table, "timestamp", "pose.position", "pose.orientation", "frame_id", child)
+    return pose_track(
+        table, "timestamp", "pose.position", "pose.orientation", "frame_id", child, facts.publisher
+    )

@@ -29,4 +29,4 @@ FIELDS = {
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     """The poses of one channel."""
     position, rotation, child = _PLACES[table.schema]
-    return pose_track(table, "header.stamp", position, rotation, "header.frame_id", child)
+    return pose_track(table, "header.stamp", position, rotation, "header.frame_id", child, facts.publisher)

@@ -6,6 +6,7 @@ busiest link; the others are interpolated, never across a gap; static links hold
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -85,6 +86,21 @@ class Tree:
             links.append((parents[frame], frame))
             frame = parents[frame]
         return links[::-1] if frame == root or not root else []
+
+    def rigid(self, leaf: str) -> list[str]:
+        """The frames above `leaf` that static links alone part from it, from below."""
+        above, parents, frame = [], self.parents(), leaf
+        while (parents.get(frame), frame) in self.static and len(above) < len(parents):
+            frame = parents[frame]
+            above.append(frame)
+        return above
+
+    def camera(self) -> str:
+        """The one frame on a static link that is called a camera's; empty where none or several are."""
+        named = [child for _, child in self.static if re.search(r"optical|cam", child, re.IGNORECASE)]
+        optical = [name for name in named if "optical" in name.lower()]
+        found = optical or named
+        return found[0] if len(found) == 1 else ""
 
     def moves(self, frame: str) -> bool:
         """Whether a moving link lies above a frame."""
@@ -223,13 +239,14 @@ def _cleaned(track: Track, limits: LogOptions) -> Track:
 def _merged(tracks: list[Track]) -> Track:
     if len(tracks) == 1:
         return tracks[0]
-    return replace(
+    together = replace(
         tracks[0],
         t_ns=np.concatenate([track.t_ns for track in tracks]),
         positions=np.concatenate([track.positions for track in tracks]),
         quat_xyzw=np.concatenate([track.quat_xyzw for track in tracks]),
         log_ns=np.concatenate([track.log_ns for track in tracks]),
     )
+    return together.take(np.argsort(together.log_ns, kind="stable"))  # as recorded
 
 
 def _hold(tree: Tree, link: Link, track: Track) -> None:

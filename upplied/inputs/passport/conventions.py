@@ -1,0 +1,278 @@
+"""Other conventions in which a log may have been written, and how well its poses would fit then.
+
+A wrong convention leaves traces that no pilot leaves: cameras in the ground or in the structure, and
+pictures of nothing. Each convention here is one mistake that recorders and exporters make. The fit of
+a convention is the share of the poses that could be of an inspection if it held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from upplied.inputs.flight.mounts import OPTICAL_R_CAMERA
+from upplied.inputs.flight.tracks import Track, are_unit
+from upplied.inputs.schemas.px4 import FRD_R_FLU, NED_R_ENU
+from upplied.records import Floats, Structure
+from upplied.scene import Scene
+
+_POSES = 96  # of a flight, spread evenly, on which conventions are compared
+
+Poses = tuple[Floats, Floats]  # positions (M, 3), quaternions (M, 4)
+Change = Callable[[Floats, Floats], Poses]
+
+
+@dataclass(frozen=True)
+class Convention:
+    """One way in which poses may have been meant, and what to write into the side-car then."""
+
+    name: str
+    words: str
+    change: Change
+    remedy: str = ""
+    of_camera: bool = False  # the camera's poses are changed, not those that were logged
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well a convention fits: the share of the poses that an inspection could hold."""
+
+    convention: Convention
+    share: float
+
+
+def _turned(positions: Floats, quats: Floats, left: Rotation, right: Rotation | None = None) -> Poses:
+    turns = left * Rotation.from_quat(quats)
+    return left.apply(positions), (turns if right is None else turns * right).as_quat()
+
+
+def _looking(positions: Floats, quats: Floats, right: Rotation) -> Poses:
+    return positions, (Rotation.from_quat(quats) * right).as_quat()
+
+
+def _heading(positions: Floats, quats: Floats, degrees: float) -> Poses:
+    left = Rotation.from_euler("z", degrees, degrees=True)
+    return positions, (left * Rotation.from_quat(quats)).as_quat()
+
+
+def _drifting(positions: Floats, quats: Floats, degrees: float, whole: bool) -> Poses:
+    left = Rotation.from_rotvec(np.linspace([0.0, 0, 0], [0, 0, np.radians(degrees)], len(positions)))
+    return (left.apply(positions) if whole else positions), (left * Rotation.from_quat(quats)).as_quat()
+
+
+def _scaled(positions: Floats, quats: Floats, factor: float) -> Poses:
+    return positions * factor, quats
+
+
+def _placed(positions: Floats, quats: Floats, matrix: Floats, poses: bool) -> Poses:
+    """Positions mirrored; `poses`: what is seen is mirrored with them."""
+    if not poses:
+        return positions @ matrix.T, quats
+    turns = matrix @ Rotation.from_quat(quats).as_matrix() @ np.diag([1.0, -1.0, 1.0])
+    return positions @ matrix.T, Rotation.from_matrix(turns).as_quat()
+
+
+def _moved(positions: Floats, quats: Floats, offset: Floats) -> Poses:
+    return positions + offset, quats
+
+
+def _inverse(positions: Floats, quats: Floats) -> Poses:
+    turns = Rotation.from_quat(quats).inv()
+    return -turns.apply(positions), turns.as_quat()
+
+
+_SWAP = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])
+_MIRROR_X, _MIRROR_Y = np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0])
+_Y_UP = Rotation.from_euler("x", 90, degrees=True)
+_CYCLIC = Rotation.from_matrix([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+_UNITS = {
+    "feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimetres": 0.001, "kilometres": 1000.0,
+    "yards": 0.9144, "metres read as feet": 1 / 0.3048,
+}  # fmt: skip
+
+#: What `convention` in a side-car may say, in the order of how often it is met.
+NAMED: dict[str, Convention] = {
+    item.name: item
+    for item in (
+        Convention(
+            "ned",
+            "north, east, down and forward, right, down",
+            lambda p, q: (NED_R_ENU.apply(p), (NED_R_ENU * Rotation.from_quat(q) * FRD_R_FLU).as_quat()),
+        ),
+        Convention("ned-flu", "north, east, down, but forward, left, up",
+                   partial(_turned, left=NED_R_ENU)),
+        Convention("nwu-frd", "forward, right, down in world and body",
+                   partial(_turned, left=FRD_R_FLU, right=FRD_R_FLU)),
+        Convention("w-first", "quaternions w x y z",
+                   lambda p, q: (p, q[:, [1, 2, 3, 0]])),
+        Convention("inverse-quaternion", "quaternions from the world to the body",
+                   lambda p, q: (p, Rotation.from_quat(q).inv().as_quat())),
+        Convention("inverse-pose", "the world's pose in the camera", _inverse),
+        Convention("swapped-xy", "x and y of the positions exchanged",
+                   partial(_placed, matrix=_SWAP, poses=False)),
+        Convention("swapped-xy-poses", "x and y exchanged, a left-handed frame",
+                   partial(_placed, matrix=_SWAP, poses=True)),
+        Convention("mirrored-x", "x of the positions mirrored",
+                   partial(_placed, matrix=_MIRROR_X, poses=False)),
+        Convention("mirrored-y", "y of the positions mirrored",
+                   partial(_placed, matrix=_MIRROR_Y, poses=False)),
+        Convention("mirrored-x-poses", "x mirrored, a left-handed frame",
+                   partial(_placed, matrix=_MIRROR_X, poses=True)),
+        Convention("mirrored-y-poses", "y mirrored, a left-handed frame",
+                   partial(_placed, matrix=_MIRROR_Y, poses=True)),
+        Convention("y-up", "y up and z towards the viewer", partial(_turned, left=_Y_UP)),
+        Convention("z-forward", "y up and z forward", partial(_turned, left=_CYCLIC)),
+        Convention("z-down", "heights as depths",
+                   partial(_placed, matrix=np.diag([1.0, 1.0, -1.0]), poses=False)),
+        *(Convention(name.replace(" ", "-"), f"lengths in {name}", partial(_scaled, factor=factor))
+          for name, factor in _UNITS.items()),
+    )
+}  # fmt: skip
+
+
+def converted(track: Track, name: str) -> Track:
+    """The track, read in another convention than its schema's."""
+    good = are_unit(track.quat_xyzw)
+    positions, quats = track.positions.copy(), track.quat_xyzw.copy()
+    positions[good], quats[good] = NAMED[name].change(positions[good], quats[good])
+    note = f"poses converted as asked: {NAMED[name].words}"
+    return replace(track, positions=positions, quat_xyzw=quats, notes=(*track.notes, note))
+
+
+def best_fits(
+    track: Track,
+    to_camera: Callable[[Track], Track],
+    structure: Structure,
+    scene: Scene,
+    ground_m: float,
+    reach_m: float,
+) -> tuple[float, list[Fit]]:
+    """How well the poses fit as they are, and the conventions in which they would fit better, best first.
+
+    Parameters
+    ----------
+    track : Track
+        Clean, as logged.
+    to_camera : callable
+        Makes of a track in the log's frame the camera's poses in the structure's.
+    structure : Structure
+    scene : Scene
+        Of the structure.
+    ground_m : float
+        Height of the ground, m, structure frame; minus infinity where it is not known.
+    reach_m : float
+        How far the camera sees, m.
+    """
+    thin = track.take(np.linspace(0, len(track) - 1, min(_POSES, len(track))).astype(np.int64))
+    plain = to_camera(thin)
+    given = plain.positions, plain.quat_xyzw
+    tried: list[tuple[Convention | None, Poses]] = [(None, given)]
+    for item in NAMED.values():
+        changed = to_camera(
+            replace(
+                thin,
+                **dict(
+                    zip(("positions", "quat_xyzw"), item.change(thin.positions, thin.quat_xyzw), strict=True)
+                ),
+            )
+        )
+        tried.append((item, (changed.positions, changed.quat_xyzw)))
+    tried += [(item, item.change(*given)) for item in (*_MOUNTS, *_turns(), *_offsets(given, scene))]
+    whole = [(item, poses) for item, poses in tried if len(poses[0]) == len(given[0])]
+    shares = fits(
+        np.stack([p for _, (p, _) in whole]), np.stack([q for _, (_, q) in whole]), scene, ground_m, reach_m
+    )
+    found = [Fit(item, float(share)) for (item, _), share in zip(whole, shares, strict=True) if item]
+    return float(shares[0]), sorted(found, key=lambda fit: -round(fit.share, 2))
+
+
+def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_m: float) -> Floats:
+    """Share (C,) of the poses (C, M, 3) and (C, M, 4) that could be of an inspection.
+
+    Such a camera is above the ground, outside the structure and not touching it, and its axis meets the
+    structure within reach.
+    """
+    from upplied.inputs.passport.sight import inside
+
+    count = positions.shape[:2]
+    flat = positions.reshape(-1, 3)
+    ahead = Rotation.from_quat(quats.reshape(-1, 4)).apply([1.0, 0.0, 0.0])
+    good = (flat[:, 2] >= ground_m) & (scene.cast(flat, ahead)[0] <= reach_m)
+    where = np.flatnonzero(good)
+    good[where] = scene.distance(flat[where]) >= 0.3
+    where = np.flatnonzero(good)
+    good[where] = ~inside(flat[where], scene)
+    return np.asarray(good.reshape(count).mean(axis=1))
+
+
+def _mounts() -> Sequence[Convention]:
+    """The camera along another axis of what was tracked, or the optical frame taken for it."""
+    found = [
+        Convention("optical", "poses of the camera's optical frame, z forward",
+                   partial(_looking, right=OPTICAL_R_CAMERA), 'body_frame = "optical"', True),
+        Convention("not-optical", "poses of the body, not of the optical frame",
+                   partial(_looking, right=OPTICAL_R_CAMERA.inv()), 'body_frame = "body"', True),
+    ]  # fmt: skip
+    for yaw in (0, 90, 180, -90):
+        for pitch in (0, 30, 45, 60, 90, -30, -45, -60, -90):
+            if (yaw, pitch) == (0, 0) or (abs(pitch) == 90 and yaw):
+                continue
+            turn = Rotation.from_euler("ZY", [yaw, pitch], degrees=True)
+            quat = ", ".join(f"{value:.4f}" for value in turn.as_quat())
+            found.append(
+                Convention(
+                    f"mount {yaw:+d} {-pitch:+d}",
+                    f"a camera turned {yaw:+d} deg to the left and {-pitch:+d} deg upwards on its body",
+                    partial(_looking, right=turn),
+                    f"body_T_camera_quat_xyzw = [{quat}]",
+                    True,
+                )
+            )
+    return found
+
+
+def _turns() -> Sequence[Convention]:
+    found = []
+    for degrees in range(10, 360, 10):
+        angle = (degrees + 180) % 360 - 180
+        left = Rotation.from_euler("z", angle, degrees=True)
+        quat = ", ".join(f"{value:.4f}" for value in left.inv().as_quat())
+        found += [
+            Convention(f"yaw offset {angle:+d} deg", f"the frame turned by {angle:+d} deg about the vertical",
+                       partial(_turned, left=left), f"structure_quat_xyzw = [{quat}]", True),
+            Convention(f"heading offset {angle:+d} deg", f"headings off by {angle:+d} deg, positions right",
+                       partial(_heading, degrees=float(angle)), "calibrate the compass", True),
+        ]  # fmt: skip
+    for degrees in (-180, -120, -90, -60, -40, -20, 20, 40, 60, 90, 120, 180):
+        found += [
+            Convention(f"yaw drift {degrees:+d} deg", f"headings that drift by {degrees:+d} deg over the flight",
+                       partial(_drifting, degrees=-degrees, whole=whole), "fly again, or correct the drift", True)
+            for whole in (False, True)
+        ]  # fmt: skip
+    return found
+
+
+def _offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
+    """Steps along the axes and their diagonals, some metres and some diagonals of the structure's box."""
+    steps = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
+    steps = steps[np.abs(steps).sum(axis=1) > 0]
+    away = (scene.box[0] + scene.box[1]) / 2 - np.median(given[0], axis=0)
+    found = [size * step for size in (3.0, 6.0, 12.0, 25.0, 50.0) for step in steps]
+    found += [away * (1, 1, 0), away * (0, 0, 1)]
+    return [
+        Convention(
+            "offset " + " ".join(f"{value:+.0f}" for value in offset) + " m",
+            "positions off by " + ", ".join(f"{-value:+.0f}" for value in offset) + " m",
+            partial(_moved, offset=offset),
+            "structure_position_m = [" + ", ".join(f"{-value:.1f}" for value in offset) + "]",
+            True,
+        )
+        for offset in found
+    ]
+
+
+_MOUNTS = _mounts()

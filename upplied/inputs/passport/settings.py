@@ -1,0 +1,63 @@
+"""The bounds of the rules that a flight is judged by when it is taken in, each with its default."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+from upplied.errors import SettingsError
+
+
+@dataclass(frozen=True)
+class PassportSettings:
+    """What a flight may be measured to be when it is taken in; no plan depends on it (docs/checks.md).
+
+    Sample flights of 28 structures keep 2.3 m of clearance, look at their structure in 88 % of the poses
+    or more, and would fit another convention by 7 % more at most; the bounds leave room beside that.
+    """
+
+    ground_slack_m: float = 1.0  # altitudes are no better
+    most_below_ground_pct: float = 1.0  # of the poses, deeper than the slack
+    most_inside_pct: float = 0.5  # of the poses, inside the structure
+    least_clearance_m: float = 0.3  # no vehicle is smaller
+    near_m: float = 0.5  # nearer is odd
+    least_axis_pct: float = 30.0  # of the poses, the camera's axis meeting the structure
+    odd_axis_pct: float = 70.0
+    least_shown_pct: float = 50.0  # of the pictures, showing the structure within the camera's range
+    fit_gain_pct: float = 15.0  # of the poses that would make sense in another convention alone
+    fit_least_pct: float = 80.0  # of the poses, in that convention
+    off_centre_m: float = 3.0  # a stand-off that changes with the side, as if the log lay this far off
+    max_speed_mps: float = 25.0  # in 99 % of the flight, over half a second
+    odd_speed_mps: float = 12.0
+    max_acceleration_mps2: float = 30.0
+    max_turn_degps: float = 720.0
+    max_clock_steps: int = 5
+    zoom_pct: float = 3.0  # of the field of view
+    long_gap_s: float = 5.0  # a longer silence is flown as a transit
+    least_recorded_pct: float = 50.0  # of the time from the first pose to the last
+    odd_recorded_pct: float = 95.0
+    hover_cap_s: float = 30.0  # of standing still with a still camera: more is cut
+    least_read_pct: float = 50.0  # of a damaged log
+
+
+def changed(said: tuple[str, ...]) -> PassportSettings:
+    """The defaults with bounds that are said as ``name=value``.
+
+    Raises
+    ------
+    SettingsError
+        If a name is unknown, or a value no number.
+    """
+    known = {item.name: item for item in fields(PassportSettings)}
+    values: dict[str, float] = {}
+    for text in said:
+        name, _, value = text.partition("=")
+        name = name.removeprefix("passport.")
+        if name not in known:
+            raise SettingsError(f"setting {name!r}", "is unknown", f"one of {', '.join(known)}")
+        try:
+            values[name] = int(value) if known[name].type == "int" else float(value)
+        except ValueError:
+            raise SettingsError(f"setting {name}", f"got {value!r}", "a number") from None
+        if not 0 <= values[name] < 1e9:
+            raise SettingsError(f"setting {name}", f"got {value!r}", "0 to 1e9")
+    return replace(PassportSettings(), **values)  # type: ignore[arg-type]
