@@ -157,12 +157,13 @@ class Demonstration(Record):
     site: str = ""
     sha256: str = ""  # of the bytes of the log and of what the side-car and options say of it
     breaks: Ints = field(default_factory=lambda: np.empty(0, np.int64))  # first index after each gap
-    degraded: bool = False  # the log was salvaged; `notes` say what was lost
+    degraded: bool = False  # salvaged; `notes` say what was lost
     dropped: Mapping[str, int] = field(default_factory=dict)  # samples dropped, by reason
     clock: str = ""  # which stamp was used: "header", "publish", "log"
     topic: str = ""
     notes: str = ""
     about: str = ""  # what the user says it inspected (`planning.demonstration.about`); empty: inferred
+    passport: Mapping[str, object] = field(default_factory=dict)  # figures and findings, plain values
 
     def __len__(self) -> int:
         return len(self.t_ns)

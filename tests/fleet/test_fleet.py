@@ -162,6 +162,7 @@ def test_a_bad_file_stops_itself_alone(tmp_path):
     pruned = fleet.ingest_structures(catalog, tmp_path / "structures.toml", 1, prune=True)
     assert [item.status for item in pruned] == ["failed", "unchanged", "retired"]
     assert catalog.structures()["structure_id"].tolist() == ["good"]
+    catalog.add_structures([cube])
     broken, flown = fleet.ingest_demonstrations(catalog, [tmp_path], 1)
     assert (broken.status, flown.status) == ("failed", "added")
     assert "broken.mcap" in broken.reason
@@ -177,6 +178,7 @@ def test_two_logs_of_one_name_do_not_hide_each_other(tmp_path):
     for name, seed in (("first", 0), ("second", 1)):
         write_log(tmp_path / f"{name}.mcap", fly(cube, "sides", seed), cube)
     catalog = open_catalog(tmp_path / "catalog").create()
+    catalog.add_structures([cube])
     first, second = fleet.ingest_demonstrations(catalog, [tmp_path], 1)
     assert (first.status, second.status) == ("added", "failed")
     assert "first.mcap" in second.reason
@@ -194,6 +196,7 @@ def test_what_is_unchanged_is_known_by_its_bytes_and_not_parsed(tmp_path, monkey
     write_log(tmp_path / "good.mcap", fly(cube, "sides"), cube)
     catalog = open_catalog(tmp_path / "catalog")
     fleet.ingest_structures(catalog, manifest, 1)
+    catalog.add_structures([cube])
     fleet.ingest_demonstrations(catalog, [tmp_path], 1)
 
     parsed = []

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json as text
 from pathlib import Path
+from typing import Annotated, Any
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
 from upplied.cli.terminal import (
     CatalogOption,
     JsonOption,
     WorkersOption,
+    console,
     ingested_report,
     next_step,
     opened,
@@ -19,10 +22,73 @@ from upplied.cli.terminal import (
 
 app = App(name="demonstrations", help="The demonstrations of the catalog.")
 
+LISTED = {
+    "demonstration_id": "demonstration",
+    "structure_id": "structure",
+    "verdict": "verdict",
+    "lowest_m": "lowest m",
+    "flown_clearance_m": "clear m",
+    "axis_pct": "on it %",
+    "recorded_pct": "recorded %",
+    "findings": "findings",
+}
+#: What `show` tells of a passport, with its unit.
+FIGURES = {
+    "lowest_m": "lowest height, m",
+    "min_clearance_m": "least clearance, m",
+    "inside_pct": "poses inside the structure, %",
+    "near_pct": "poses nearer than 0.5 m, %",
+    "axis_pct": "poses with the axis on the structure, %",
+    "shown_pct": "pictures that show the structure, %",
+    "range_m": "distance along the axis, m",
+    "fit_pct": "poses an inspection could hold, %",
+    "other": "best other convention",
+    "other_fit_pct": "poses it could hold then, %",
+    "speed_p99_mps": "speed, m/s",
+    "acceleration_p99_mps2": "acceleration, m/s2",
+    "turn_p99_degps": "turn rate, deg/s",
+    "clock": "clock",
+    "clock_steps": "steps of the clock",
+    "recorded_pct": "time recorded, %",
+    "gaps": "gaps",
+    "longest_gap_s": "longest gap, s",
+    "cut_gap_s": "cut of gaps, s",
+    "hover_s": "long hovering, s",
+    "cut_hover_s": "cut of it, s",
+    "hfov_deg": "fields of view, deg",
+    "frame": "frame of the log",
+    "child": "body in the log",
+    "frames": "how frames became ours",
+    "assumed": "assumed",
+    "read_pct": "log read, %",
+}
+AllowOption = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--allow", negative="", help="Overrule a rule by its name; repeatable.", show_default=False
+    ),
+]
+SetOption = Annotated[
+    tuple[str, ...],
+    Parameter(name="--set", negative="", help="A bound of a rule, as NAME=VALUE.", show_default=False),
+]
+StrictOption = Annotated[bool, Parameter(negative="", help="Refuse what is odd too.", show_default=False)]
+PublisherOption = Annotated[
+    str, Parameter(help="The body that is meant: a frame, or #7 for channel 7.", show_default=False)
+]
+
 
 @app.command
-def add(*logs: Path, catalog: CatalogOption = "catalog", workers: WorkersOption = 0) -> int:
-    """Read logs into the catalog.
+def add(
+    *logs: Path,
+    allow: AllowOption = (),
+    strict: StrictOption = False,
+    set_: SetOption = (),
+    publisher: PublisherOption = "",
+    catalog: CatalogOption = "catalog",
+    workers: WorkersOption = 0,
+) -> int:
+    """Read logs into the catalog; each is measured against its structure and judged (docs/checks.md).
 
     Parameters
     ----------
@@ -31,10 +97,15 @@ def add(*logs: Path, catalog: CatalogOption = "catalog", workers: WorkersOption 
     """
     from upplied import fleet
     from upplied.fleet.ingest import find_logs
+    from upplied.inputs.passport.settings import changed
+    from upplied.inputs.sidecar import LogOptions
 
+    options = LogOptions(allow=tuple(allow), strict=strict, passport=changed(set_), publisher=publisher)
     found = find_logs(logs)
     with progress("reading logs", len(found)) as advance:
-        ingested = fleet.ingest_demonstrations(opened(catalog), found, workers, lambda _: advance())
+        ingested = fleet.ingest_demonstrations(
+            opened(catalog), found, workers, lambda _: advance(), options=options
+        )
     code = ingested_report(ingested)
     names = [item.name for item in ingested if item.status in ("added", "unchanged")]
     if not code and names:
@@ -44,7 +115,44 @@ def add(*logs: Path, catalog: CatalogOption = "catalog", workers: WorkersOption 
 
 @app.command(name="list")
 def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """List the demonstrations of the catalog."""
-    table = opened(catalog).demonstrations()
-    show("demonstrations", table[["demonstration_id", "structure_id"]].to_dict("records"), json)
+    """List the demonstrations of the catalog, and what was found about each."""
+    table = opened(catalog).demonstrations()[list(LISTED)]
+    rows: list[dict[str, Any]] = table.astype(object).where(table.notna(), None).to_dict("records")
+    if not json:
+        rows = [{LISTED[name]: _short(value) for name, value in row.items()} for row in rows]
+    show("demonstrations", rows, json, ("on it %", "recorded %", "lowest m", "clear m"))
     return 0
+
+
+@app.command(name="show")
+def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+    """Show the passport of a demonstration: what was measured, and the rules it breaks.
+
+    Parameters
+    ----------
+    demonstration : str
+        Its id.
+    """
+    passport: Any = opened(catalog).demonstration(demonstration).passport
+    if json:
+        console.print_json(text.dumps(passport))
+        return 0
+    if not passport:
+        console.print(f"{demonstration}: taken in without a passport; add its log again")
+        return 0
+    rows = [
+        {"measured": words, "value": _short(passport["measured"][name])} for name, words in FIGURES.items()
+    ]
+    show(f"{demonstration}: {passport['verdict']}", rows, False)
+    for item in passport["findings"]:
+        said = f"{item['verdict']}: {item['rule']}: {item['found']} ({item['remedy']})"
+        console.print(said, markup=False, soft_wrap=True)
+    return 0
+
+
+def _short(value: Any) -> Any:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return "; ".join(str(_short(item)) for item in value)
+    return "" if value is None else value

@@ -112,6 +112,8 @@ def ingested_report(ingested: Sequence[Ingested]) -> int:
     for item in ingested:
         if item.status == "failed":
             errors.print(f"failed: {item.reason}", markup=False, soft_wrap=True)
+        for finding in item.findings:
+            console.print(f"{item.name}: {finding}", markup=False, soft_wrap=True)
     counts = {
         status: sum(item.status == status for item in ingested)
         for status in ("added", "unchanged", "retired", "failed")

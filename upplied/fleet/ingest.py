@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -27,6 +27,8 @@ from upplied.inputs import logs as log_reader
 from upplied.inputs import meshes
 from upplied.inputs.concerns import nominal_problems
 from upplied.inputs.manifests import StructureEntry, read_manifest
+from upplied.inputs.passport.passport import check_names
+from upplied.inputs.sidecar import LogOptions
 from upplied.records import Demonstration, Placement, Structure
 
 BATCH = 50  # files read before what they hold is committed together
@@ -43,6 +45,7 @@ class Ingested:
     name: str  # the id, or the file where no id is known
     status: str  # "added", "unchanged", "retired" or "failed"
     reason: str = ""
+    findings: tuple[str, ...] = ()  # what is odd about it, or was overruled, in words
 
 
 Progress = Callable[[Ingested], None]
@@ -93,13 +96,34 @@ def ingest_structures(
 
 
 def ingest_demonstrations(
-    catalog: Catalog, logs: Iterable[str | Path], workers: int = 0, progress: Progress = _silent
+    catalog: Catalog,
+    logs: Iterable[str | Path],
+    workers: int = 0,
+    progress: Progress = _silent,
+    options: LogOptions | None = None,
 ) -> list[Ingested]:
-    """Read logs, or folders of them, and keep those that are new or changed; parameters as above."""
+    """Read logs, or folders of them, and keep those that are new or changed.
+
+    Parameters
+    ----------
+    catalog, workers, progress
+        As above.
+    logs : paths
+        MCAP files, or folders of them.
+    options : LogOptions, optional
+        What may be said of all of them; among it the rules of their passports that are overruled.
+
+    Raises
+    ------
+    InputError, SettingsError
+        If there is no log, or a rule that is to be overruled does not exist.
+    """
+    options = options or LogOptions()
+    check_names(options.allow)
     known = _hashes(catalog.demonstrations(), "demonstration_id")
     placements = _placements(catalog.structures())
-    read = partial(learnt_flight, *_place(catalog), placements)
-    same = partial(_same_log, known, placements)
+    read = partial(learnt_flight, *_place(catalog), placements, options=options)
+    same = partial(_same_log, known, placements, options)
     reads = _each(read, find_logs(logs), str, workers, same)
     ingested = _keep(reads, known, lambda it: it.demonstration_id, catalog.add_demonstrations, progress)
     gather(catalog)
@@ -170,11 +194,13 @@ class _Stored:
         return Ingested(name, "unchanged")
 
 
-def _same_log(known: Mapping[str, str], placements: Mapping[str, Placement], path: Path) -> Ingested | None:
+def _same_log(
+    known: Mapping[str, str], placements: Mapping[str, Placement], options: LogOptions, path: Path
+) -> Ingested | None:
     """Whether a log and what is said of it are as they were."""
     if not known:
         return None
-    name, sha256 = log_reader.fingerprint(path, placements=placements)
+    name, sha256 = log_reader.fingerprint(path, options, placements)
     return Ingested(name, "unchanged") if known.get(name) == sha256 else None
 
 
@@ -217,6 +243,14 @@ def _each(
             yield from threads.map(one, batch)
 
 
+def _findings(read: Structure | Demonstration) -> tuple[str, ...]:
+    """What is odd about a flight, or was overruled; a structure says nothing yet."""
+    found: Any = read.passport.get("findings", ()) if isinstance(read, Demonstration) else ()
+    return tuple(
+        f"{item['rule']}: {item['found']}{' (allowed)' * (item['verdict'] == 'allowed')}" for item in found
+    )
+
+
 def _keep(
     reads: Iterator[tuple[str, Kept | Ingested | str]],
     known: Mapping[str, str],
@@ -236,7 +270,7 @@ def _keep(
         elif isinstance(read, Ingested) or known.get(item) == read.sha256:
             ingested.append(Ingested(item, "unchanged"))
         else:
-            ingested.append(Ingested(item, "added"))
+            ingested.append(Ingested(item, "added", findings=_findings(read)))
             waiting.append(read)
         progress(ingested[-1])
         if len(waiting) >= BATCH:

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 
 from upplied.catalog import Catalog, open_catalog
-from upplied.inputs.logs import read_demonstration
+from upplied.errors import InputError
+from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
 from upplied.recommend.shapes import Shapes, content_of
@@ -28,17 +30,37 @@ def learnt_structure(location: str, cache: Path, entry: StructureEntry) -> Struc
 
 
 def learnt_flight(
-    location: str, cache: Path, placements: Mapping[str, Placement], path: Path
+    location: str,
+    cache: Path,
+    placements: Mapping[str, Placement],
+    path: Path,
+    options: LogOptions | None = None,
 ) -> Demonstration:
-    """The demonstration of one log; what it saw is remembered where its structure is in the catalog."""
-    flight = read_demonstration(path, placements=placements)
+    """The demonstration of one log with its passport; what it saw is remembered.
 
-    def learn() -> None:
-        catalog = open_catalog(location, cache)
-        if flight.structure_id in set(catalog.structures()["structure_id"]):
-            Shapes(catalog).learn_flight(flight, catalog.structure(flight.structure_id))
+    Raises
+    ------
+    InputError
+        If its structure is not in the catalog, or it breaks a rule that is not overruled.
+    """
+    catalog = open_catalog(location, cache)
+    found: list[Structure] = []
 
-    _tried(learn, flight.demonstration_id)
+    def structure_of(structure_id: str) -> Structure:
+        known = sorted(catalog.structures()["structure_id"])
+        if structure_id not in known:
+            near = get_close_matches(structure_id, known, 3) or known[:8]
+            raise InputError(
+                str(path),
+                f"was flown on {structure_id!r}, which is not in the catalog",
+                f"a structure of the catalog: {', '.join(near) or 'it holds none'}",
+                "add the structure first, or correct structure_id",
+            )
+        found.append(catalog.structure(structure_id))
+        return found[0]
+
+    flight = read_demonstration(path, options, placements, structure_of)
+    _tried(lambda: Shapes(catalog).learn_flight(flight, found[0]), flight.demonstration_id)
     return flight
 
 

@@ -8,27 +8,37 @@ can be saved of a damaged one, is in `upplied.inputs.mcap`; what happens to the 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from upplied.config import digest
 from upplied.errors import InputError
 from upplied.inputs.flight import window
 from upplied.inputs.flight.choice import NOTHING, READERS, choose, nothing
 from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, timed
+from upplied.inputs.flight.clock import steady
 from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame
+from upplied.inputs.flight.pace import paced
+from upplied.inputs.flight.publishers import check_one
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.mcap.messages import read_tables
 from upplied.inputs.mcap.recording import Channel, Recording, open_recording
+from upplied.inputs.passport.conventions import converted
+from upplied.inputs.passport.measured import Reading
+from upplied.inputs.passport.passport import passport_of
 from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions, inspection, placed
 from upplied.inputs.tables import Table
 from upplied.poses import normalised
-from upplied.records import Demonstration, Placement
+from upplied.records import Demonstration, Placement, Structure
 
 __all__ = ["LogOptions", "read_demonstration"]
+
+# Neither changes what was flown; and what was not asked yet when logs were taken in leaves their hash alone.
+_UNSAID, _LATER = ("demonstration_id", "allow", "strict", "passport"), ("publisher", "convention")
 
 FIELDS = {
     schema: paths
@@ -41,6 +51,7 @@ def read_demonstration(
     path: str | Path,
     options: LogOptions | None = None,
     placements: Mapping[str, Placement] | None = None,
+    structures: Callable[[str], Structure] | None = None,
 ) -> Demonstration:
     """The demonstration that a log holds.
 
@@ -51,6 +62,9 @@ def read_demonstration(
     options : LogOptions, optional
     placements : mapping of structure id to Placement, optional
         Where structures stand, for logs of satellite positions that do not say it themselves.
+    structures : callable, optional
+        Gives the structure of an id, or raises. With it the flight is measured against its structure and
+        judged (`upplied.inputs.passport`); without, it is only read.
 
     Returns
     -------
@@ -68,7 +82,9 @@ def read_demonstration(
     with ThreadPoolExecutor(1) as beside:  # hashing a large log takes longer than reading its poses
         sha256 = beside.submit(_sha256_of, path)
         try:
-            found, facts = _demonstration(path, recording, options or LogOptions(), placements or {})
+            found, facts = _demonstration(
+                path, recording, options or LogOptions(), placements or {}, structures
+            )
             log = sha256.result()
         except InputError as error:
             raise _in_context(error, path, recording) from None
@@ -98,12 +114,20 @@ def fingerprint(
 
 def _digest(log: str, facts: LogOptions) -> str:
     """Of the bytes of the log and of all that is said of it."""
-    said = {name: value for name, value in vars(facts).items() if name != "demonstration_id"}
+    said = {
+        name: value
+        for name, value in vars(facts).items()
+        if name not in _UNSAID and (value or name not in _LATER)
+    }
     return digest({"log": log, "said": said})
 
 
 def _demonstration(
-    path: Path, recording: Recording, options: LogOptions, placements: Mapping[str, Placement]
+    path: Path,
+    recording: Recording,
+    options: LogOptions,
+    placements: Mapping[str, Placement],
+    structures: Callable[[str], Structure] | None,
 ) -> tuple[Demonstration, LogOptions]:
     """The procedure: one pass over the messages that matter, then poses from end to end."""
     what = str(path)
@@ -111,21 +135,39 @@ def _demonstration(
     # What is known besides: side-car, metadata, options.
     facts, notes = inspection(path, recording.metadata, options)
     _check_structure(facts, path)
+    structure = None if structures is None else structures(facts.structure_id)
     facts = placed(facts, placements.get(facts.structure_id))
-    camera, camera_frame, more = cameras.camera_of(tables, facts, what)
+    camera, camera_frame, more, zoom = cameras.camera_of(tables, facts, what)
     tree = tf.tree_of(tables, facts)
     # One source of poses: a topic, or the transforms.
     track, topic, chosen = _source(tables, tree, facts, camera_frame, what)
     # The inspection alone; what is no pose dropped and counted.
-    track, cut = window.inspected(timed(track), tables, facts, what)
+    track, cut = window.inspected(steady(timed(track)), tables, facts, what)
     track = clean(track, facts, f"{what}, {topic}")
+    check_one(track, facts, f"{what}, {topic}")
+    track = converted(track, facts.convention) if facts.convention else track
+    camera = cameras.through(camera, zoom, track, facts, what)
+    pointing = gimbal.gimbal(tables, facts)
+
     # From the body to the camera, from the log's frame to the structure's.
-    track = camera_poses(track, facts, tree, camera_frame, gimbal.gimbal(tables, facts))
-    check_dropped(track, facts, f"{what}, {topic}")
-    track = in_structure_frame(in_frame(track, facts, tree, f"{what}, {topic}"), facts)
-    _check_length(track, facts, what)
-    broken, how = breaks(track, facts.gap_s)
-    notes += [*more, *chosen, *cut, *track.notes, *how]
+    def to_camera(logged: Track) -> Track:
+        seen = camera_poses(logged, facts, tree, camera_frame, pointing)
+        return in_structure_frame(in_frame(seen, facts, tree, f"{what}, {topic}"), facts)
+
+    flown = to_camera(track)
+    check_dropped(flown, facts, f"{what}, {topic}")
+    _check_length(flown, facts, what)
+    kept, pace = paced(flown, facts.gap_s, facts.passport)
+    broken, how = breaks(kept, facts.gap_s)
+    notes += [*more, *chosen, *cut, *kept.notes, *how, *pace.words]
+    passport: Mapping[str, Any] = {}
+    if structure is not None:
+        part = zoom and zoom.during(int(flown.t_ns[0]), int(flown.t_ns[-1]))
+        reading = Reading(
+            recording, track, flown, kept, pace, camera, part, to_camera, facts.gap_s, tuple(notes)
+        )
+        passport = passport_of(reading, structure, facts, what)
+    track = kept
     found = Demonstration(
         demonstration_id=facts.demonstration_id,
         structure_id=facts.structure_id,
@@ -142,6 +184,7 @@ def _demonstration(
         clock=track.clock,
         topic=topic,
         notes="; ".join([*filter(None, [facts.notes]), *notes, *recording.losses]),
+        passport=passport,
     )
     return found, facts
 

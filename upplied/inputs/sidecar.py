@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from upplied.checks import check_id
-from upplied.inputs.passport.settings import PassportSettings
 from upplied.errors import InputError
+from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings
 from upplied.records import Placement
 
 MAX_TEXT = 2000  # characters

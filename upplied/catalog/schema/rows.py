@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -22,6 +23,18 @@ from upplied.records import (
 
 Row = dict[str, Any]
 
+#: Figures of a passport that are columns of their own.
+PASSPORT = (
+    "lowest_m",
+    "inside_pct",
+    "axis_pct",
+    "shown_pct",
+    "fit_pct",
+    "speed_p99_mps",
+    "recorded_pct",
+    "longest_gap_s",
+    "hover_s",
+)
 ADDED = (
     "version",
     "added_at",
@@ -116,7 +129,22 @@ def demonstration_row(demonstration: Demonstration) -> Row:
         "breaks_json": json_text(demonstration.breaks.tolist()),
         "dropped_json": json_text(dict(demonstration.dropped)),
         "degraded": demonstration.degraded,
+        **_passport_columns(demonstration.passport),
         "retired": False,
+    }
+
+
+def _passport_columns(passport: Mapping[str, Any]) -> Row:
+    """What is often asked of a passport, and all of it as JSON; empty where there is none."""
+    if not passport:
+        return {"verdict": "", "passport_json": ""}
+    measured = passport["measured"]
+    return {
+        "verdict": passport["verdict"],
+        "findings": "; ".join(f"{item['rule']}: {item['found']}" for item in passport["findings"]),
+        **{name: measured[name] for name in PASSPORT},
+        "flown_clearance_m": measured["min_clearance_m"],
+        "passport_json": json_text(passport),
     }
 
 
@@ -150,6 +178,7 @@ def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
         topic=row["topic"],
         notes=row["notes"],
         about=row["about"] or "",
+        passport=json.loads(row["passport_json"] or "{}"),
     )
 
 

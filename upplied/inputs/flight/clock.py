@@ -59,11 +59,11 @@ def steady(track: Track) -> Track:
 def _backwards(t_ns: Ints) -> Ints:
     """Last sample before each step back from which the stamps run on: late messages jump ahead again."""
     step = np.diff(t_ns)
-    found = []
+    found: list[int] = []
     for at in np.flatnonzero(step < -_TOLERANCE_NS):
         soon = step[at + 1 : at + 1 + _LATE]
         if not (soon > -step[at] / 2).any() and at + 1 - (found[-1] if found else -2) > 1:
-            found.append(at)
+            found.append(int(at))
     return np.array(found, np.int64)
 
 

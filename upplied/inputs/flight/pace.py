@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.flight.tracks import Track
+from upplied.inputs.passport.settings import PassportSettings
 from upplied.poses import angle_between
 from upplied.records import Bools, Ints
 
@@ -112,7 +112,7 @@ def _hovers(track: Track, gap: Bools, cap_s: float) -> tuple[Bools, float]:
     while at < len(ticks) - 1:
         start = ticks[at]
         length, look = 0, 64
-        while length < look and at + 1 + length < len(ticks):  # ever farther, while it stands still
+        while True:  # ever farther, while it stands still
             look *= 4
             later = ticks[at + 1 : at + 1 + look]
             near = np.linalg.norm(track.positions[later] - track.positions[start], axis=1) < _STILL_M
@@ -121,7 +121,7 @@ def _hovers(track: Track, gap: Bools, cap_s: float) -> tuple[Bools, float]:
             if still[0]:
                 still &= angle_between(track.quat_xyzw[later], same) < _STILL_RAD
             length = len(still) if still.all() else int(np.argmin(still))
-            if length < len(still):
+            if length < look:
                 break
         if length:
             stop = ticks[at + length]

@@ -89,6 +89,8 @@ class Recording:
     loose: list[Ref] = field(default_factory=list)  # messages outside of chunks
     counts: Mapping[int, int] = field(default_factory=dict)  # messages by channel, as the statistics say
     losses: list[str] = field(default_factory=list)
+    read_to: int = 0  # byte at which a salvaged log ends
+    lost_bytes: int = 0  # of damaged chunks
 
     def budget(self) -> Budget:
         """How often a reader of all its records may read."""
@@ -152,6 +154,7 @@ class Recording:
                                 break
                 except DAMAGE as error:
                     lost[str(error) or type(error).__name__] += 1
+                    self.lost_bytes += min(ref.stop - ref.start, self.size)
                 self.check(self.limit(MAX_RECORDS) - budget.reads // 8, MAX_RECORDS, "records")
                 yield
         for reason, number in lost.items():
@@ -210,14 +213,14 @@ def open_recording(path: Path) -> Recording:
             start = stream.read(10)
             if not start.startswith(MAGIC):
                 raise _not_mcap(path, start)
-            recording = Recording(path, size)
+            recording = Recording(path, size, read_to=size)
             try:
                 _read_summary(stream, recording)
             except _NoIndexError:
                 recording.metadata.clear()  # the scan meets them again
                 scan(stream, recording, "")
             except DAMAGE as error:
-                recording = Recording(path, size)
+                recording = Recording(path, size, read_to=size)
                 why = str(error) if isinstance(error, DamagedError) else "the summary cannot be read"
                 scan(stream, recording, why)
             return recording

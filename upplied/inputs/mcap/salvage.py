@@ -52,7 +52,9 @@ def scan(stream: BinaryIO, recording: Recording, why: str) -> None:
         found = _next_chunk(stream, max(at, found + 1), recording.size)
         if found is not None:
             recording.losses.append(f"{found - at} bytes lost at byte {at}")
+            recording.lost_bytes += found - at
             at = found
+    recording.read_to = at
     recording.losses.append(f"{why or 'the data is cut off'}; read up to byte {at} of {recording.size}")
 
 

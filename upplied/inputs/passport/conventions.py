@@ -16,10 +16,15 @@ from scipy.spatial.transform import Rotation
 
 from upplied.inputs.flight.mounts import OPTICAL_R_CAMERA
 from upplied.inputs.flight.tracks import Track, are_unit
+from upplied.inputs.passport.sight import inside
 from upplied.inputs.schemas.px4 import FRD_R_FLU, NED_R_ENU
-from upplied.records import Floats, Structure
+from upplied.records import Floats
 from upplied.scene import Scene
 
+_ASIDE = np.radians(8.0)  # from the axis: the middle of the picture
+_MIDDLE = np.array(
+    [[1.0, y, z] for y, z in np.tan(_ASIDE) * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])]
+)
 _POSES = 96  # of a flight, spread evenly, on which conventions are compared
 
 Poses = tuple[Floats, Floats]  # positions (M, 3), quaternions (M, 4)
@@ -33,8 +38,14 @@ class Convention:
     name: str
     words: str
     change: Change
-    remedy: str = ""
-    of_camera: bool = False  # the camera's poses are changed, not those that were logged
+    remedy: str = ""  # empty: `convention` with its name
+    rare: float = 0.0  # by how much better it must fit than a mistake that is met more often
+
+    @property
+    def advice(self) -> str:
+        """What to write into the side-car if it is so."""
+        said = self.remedy or f'convention = "{self.name}"'
+        return f"if it is so, write {said} into the side-car" if "=" in said else said
 
 
 @dataclass(frozen=True)
@@ -91,7 +102,7 @@ _Y_UP = Rotation.from_euler("x", 90, degrees=True)
 _CYCLIC = Rotation.from_matrix([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 _UNITS = {
     "feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimetres": 0.001, "kilometres": 1000.0,
-    "yards": 0.9144, "metres read as feet": 1 / 0.3048,
+    "metres read as feet": 1 / 0.3048,
 }  # fmt: skip
 
 #: What `convention` in a side-car may say, in the order of how often it is met.
@@ -146,7 +157,6 @@ def converted(track: Track, name: str) -> Track:
 def best_fits(
     track: Track,
     to_camera: Callable[[Track], Track],
-    structure: Structure,
     scene: Scene,
     ground_m: float,
     reach_m: float,
@@ -159,7 +169,6 @@ def best_fits(
         Clean, as logged.
     to_camera : callable
         Makes of a track in the log's frame the camera's poses in the structure's.
-    structure : Structure
     scene : Scene
         Of the structure.
     ground_m : float
@@ -172,14 +181,8 @@ def best_fits(
     given = plain.positions, plain.quat_xyzw
     tried: list[tuple[Convention | None, Poses]] = [(None, given)]
     for item in NAMED.values():
-        changed = to_camera(
-            replace(
-                thin,
-                **dict(
-                    zip(("positions", "quat_xyzw"), item.change(thin.positions, thin.quat_xyzw), strict=True)
-                ),
-            )
-        )
+        positions, quats = item.change(thin.positions, thin.quat_xyzw)
+        changed = to_camera(replace(thin, positions=positions, quat_xyzw=quats))
         tried.append((item, (changed.positions, changed.quat_xyzw)))
     tried += [(item, item.change(*given)) for item in (*_MOUNTS, *_turns(), *_offsets(given, scene))]
     whole = [(item, poses) for item, poses in tried if len(poses[0]) == len(given[0])]
@@ -187,21 +190,22 @@ def best_fits(
         np.stack([p for _, (p, _) in whole]), np.stack([q for _, (_, q) in whole]), scene, ground_m, reach_m
     )
     found = [Fit(item, float(share)) for (item, _), share in zip(whole, shares, strict=True) if item]
-    return float(shares[0]), sorted(found, key=lambda fit: -round(fit.share, 2))
+    return float(shares[0]), sorted(found, key=lambda fit: fit.convention.rare - round(fit.share, 2))
 
 
 def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_m: float) -> Floats:
     """Share (C,) of the poses (C, M, 3) and (C, M, 4) that could be of an inspection.
 
-    Such a camera is above the ground, outside the structure and not touching it, and its axis meets the
-    structure within reach.
+    Such a camera is above the ground, outside the structure and not touching it, and the structure is in
+    the middle of its picture, within reach.
     """
-    from upplied.inputs.passport.sight import inside
-
     count = positions.shape[:2]
     flat = positions.reshape(-1, 3)
-    ahead = Rotation.from_quat(quats.reshape(-1, 4)).apply([1.0, 0.0, 0.0])
-    good = (flat[:, 2] >= ground_m) & (scene.cast(flat, ahead)[0] <= reach_m)
+    good = flat[:, 2] >= ground_m
+    where = np.flatnonzero(good)
+    rays = (Rotation.from_quat(quats.reshape(-1, 4)[where]).as_matrix() @ _MIDDLE.T).swapaxes(1, 2)
+    range_m = scene.cast(np.repeat(flat[where], len(_MIDDLE), axis=0), rays.reshape(-1, 3))[0]
+    good[where] = range_m.reshape(-1, len(_MIDDLE)).min(axis=1) <= reach_m
     where = np.flatnonzero(good)
     good[where] = scene.distance(flat[where]) >= 0.3
     where = np.flatnonzero(good)
@@ -213,9 +217,9 @@ def _mounts() -> Sequence[Convention]:
     """The camera along another axis of what was tracked, or the optical frame taken for it."""
     found = [
         Convention("optical", "poses of the camera's optical frame, z forward",
-                   partial(_looking, right=OPTICAL_R_CAMERA), 'body_frame = "optical"', True),
+                   partial(_looking, right=OPTICAL_R_CAMERA), 'body_frame = "optical"'),
         Convention("not-optical", "poses of the body, not of the optical frame",
-                   partial(_looking, right=OPTICAL_R_CAMERA.inv()), 'body_frame = "body"', True),
+                   partial(_looking, right=OPTICAL_R_CAMERA.inv()), 'body_frame = "body"'),
     ]  # fmt: skip
     for yaw in (0, 90, 180, -90):
         for pitch in (0, 30, 45, 60, 90, -30, -45, -60, -90):
@@ -229,7 +233,7 @@ def _mounts() -> Sequence[Convention]:
                     f"a camera turned {yaw:+d} deg to the left and {-pitch:+d} deg upwards on its body",
                     partial(_looking, right=turn),
                     f"body_T_camera_quat_xyzw = [{quat}]",
-                    True,
+                    0.03,
                 )
             )
     return found
@@ -243,14 +247,14 @@ def _turns() -> Sequence[Convention]:
         quat = ", ".join(f"{value:.4f}" for value in left.inv().as_quat())
         found += [
             Convention(f"yaw offset {angle:+d} deg", f"the frame turned by {angle:+d} deg about the vertical",
-                       partial(_turned, left=left), f"structure_quat_xyzw = [{quat}]", True),
+                       partial(_turned, left=left), f"structure_quat_xyzw = [{quat}]", 0.05),
             Convention(f"heading offset {angle:+d} deg", f"headings off by {angle:+d} deg, positions right",
-                       partial(_heading, degrees=float(angle)), "calibrate the compass", True),
+                       partial(_heading, degrees=float(angle)), "calibrate the compass", 0.05),
         ]  # fmt: skip
     for degrees in (-180, -120, -90, -60, -40, -20, 20, 40, 60, 90, 120, 180):
         found += [
-            Convention(f"yaw drift {degrees:+d} deg", f"headings that drift by {degrees:+d} deg over the flight",
-                       partial(_drifting, degrees=-degrees, whole=whole), "fly again, or correct the drift", True)
+            Convention(f"yaw drift {degrees:+d} deg", f"a yaw that drifts by {degrees:+d} deg",
+                       partial(_drifting, degrees=-degrees, whole=whole), "correct the drift", 0.06)
             for whole in (False, True)
         ]  # fmt: skip
     return found
@@ -269,7 +273,7 @@ def _offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
             "positions off by " + ", ".join(f"{-value:+.0f}" for value in offset) + " m",
             partial(_moved, offset=offset),
             "structure_position_m = [" + ", ".join(f"{-value:.1f}" for value in offset) + "]",
-            True,
+            0.06,
         )
         for offset in found
     ]

@@ -6,6 +6,14 @@ from dataclasses import dataclass, fields, replace
 
 from upplied.errors import SettingsError
 
+#: In which a log may be written, see `upplied.inputs.passport.conventions`.
+CONVENTIONS = (
+    "ned", "ned-flu", "nwu-frd", "w-first", "inverse-quaternion", "inverse-pose", "swapped-xy",
+    "swapped-xy-poses", "mirrored-x", "mirrored-y", "mirrored-x-poses", "mirrored-y-poses", "y-up",
+    "z-forward", "z-down", "feet", "inches", "centimetres", "millimetres", "kilometres",
+    "metres-read-as-feet",
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class PassportSettings:

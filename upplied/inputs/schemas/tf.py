@@ -89,7 +89,8 @@ class Tree:
 
     def rigid(self, leaf: str) -> list[str]:
         """The frames above `leaf` that static links alone part from it, from below."""
-        above, parents, frame = [], self.parents(), leaf
+        parents, frame = self.parents(), leaf
+        above: list[str] = []
         while (parents.get(frame), frame) in self.static and len(above) < len(parents):
             frame = parents[frame]
             above.append(frame)

@@ -1,0 +1,56 @@
+"""Logs that went wrong are refused or named; logs that are right are taken."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_flights import FAULTS, NAMED, Made, right
+
+from upplied.errors import UppliedError
+from upplied.inputs.logs import LogOptions, read_demonstration
+
+
+def verdict(log: Made, path: Path) -> tuple[str, str]:
+    """What is said of a log: "refused" and why, or the verdict and the rules it breaks."""
+    try:
+        found = read_demonstration(log.write(path), LogOptions(), structures=lambda _: log.structure)
+    except UppliedError as error:
+        return "refused", str(error)
+    said = " ".join(item["rule"] for item in found.passport["findings"])
+    return str(found.passport["verdict"]), said
+
+
+def caught(fault: str, number: int, path: Path) -> bool:
+    """Whether the log of this number with this fault is refused, or its fault is named."""
+    log = FAULTS[fault](right(number), np.random.default_rng([number, 11]))
+    what, said = verdict(log, path)
+    return what == "refused" or (fault in NAMED and NAMED[fault] in said)
+
+
+@pytest.mark.parametrize("fault", sorted(FAULTS))
+def test_a_fault_is_refused_or_named(tmp_path: Path, fault: str) -> None:
+    assert sum(caught(fault, number, tmp_path / "a.mcap") for number in (0, 4, 6)) >= 2
+
+
+@pytest.mark.slow
+def test_of_500_wrong_logs_98_percent_are_refused_or_named(tmp_path: Path) -> None:
+    names = sorted(FAULTS)
+    missed = [
+        (names[number % len(names)], number)
+        for number in range(504)
+        if not caught(names[number % len(names)], number // len(names), tmp_path / "a.mcap")
+    ]
+    assert len(missed) <= 10, missed
+
+
+@pytest.mark.slow
+def test_of_200_right_logs_one_percent_is_refused_at_most(tmp_path: Path) -> None:
+    refused = [
+        (number, said)
+        for number in range(200)
+        for what, said in [verdict(right(number), tmp_path / "a.mcap")]
+        if what == "refused"
+    ]
+    assert len(refused) <= 2, refused

@@ -1,0 +1,254 @@
+"""What a flight is measured to be, and that each rule is what refuses or names what it is for."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_flights import FAULTS, Made, flights, made, right
+
+from upplied.errors import InputError, SettingsError
+from upplied.inputs.logs import LogOptions, read_demonstration
+from upplied.inputs.passport import conventions, rules
+from upplied.inputs.passport.measured import Measured
+from upplied.inputs.passport.passport import check_names
+from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings, changed
+from upplied.inputs.passport.sight import inside
+from upplied.records import Demonstration
+from upplied.samples.fleet import member
+from upplied.scene import scene_of
+
+BREAKS = {  # of each rule, figures that break it
+    "fits-otherwise": {"other_fit_pct": 95.0, "fit_pct": 40.0, "other": "ned", "other_words": "north"},
+    "below-ground": {"below_ground_pct": 30.0, "lowest_m": -9.0},
+    "inside-structure": {"inside_pct": 3.0},
+    "touches-structure": {"min_clearance_m": 0.1},
+    "looks-away": {"axis_pct": 12.0},
+    "shows-nothing": {"shown_pct": 20.0},
+    "off-centre": {"off_centre_m": (5.0, 0.0), "off_centre_sure": 0.95},
+    "frame-name": {"frame": "local_origin_ned"},
+    "too-fast": {"speed_p99_mps": 60.0},
+    "too-jerky": {"acceleration_p99_mps2": 90.0},
+    "turns-too-fast": {"turn_p99_degps": 2000.0},
+    "clock-steps": {"clock_steps": 9},
+    "mostly-missing": {"recorded_pct": 20.0, "gaps": 9},
+    "mostly-unread": {"read_pct": 10.0},
+    "clock-stepped": {"clock_steps": 1},
+    "near-structure": {"near_pct": 1.0},
+    "looks-aside": {"axis_pct": 60.0},
+    "fast": {"speed_p99_mps": 14.0},
+    "gaps": {"gaps": 2, "long_gaps": 1, "recorded_pct": 97.0},
+    "hovering": {"hover_s": 200.0, "cut_hover_s": 170.0},
+    "frozen": {"frozen_s": 90.0, "span_s": 100.0},
+    "assumed": {"assumed": ("a camera of 75 x 75 deg",)},
+    "salvaged": {"losses": ("the log was not closed",)},
+}
+GOOD = replace(Measured(), axis_pct=98.0, shown_pct=100.0, fit_pct=99.0, other_fit_pct=100.0, lowest_m=3.0)
+ODD = {
+    "below-ground": "near",
+    "looks-away": "looks-aside",
+    "too-fast": "fast",
+    "clock-steps": "clock-stepped",
+}
+
+
+def taken(log: Made, path: Path, **options) -> Demonstration:
+    """The demonstration with its passport."""
+    return read_demonstration(log.write(path), LogOptions(**options), structures=lambda name: log.structure)
+
+
+def test_a_flight_that_breaks_no_rule_is_good() -> None:
+    assert rules.judged(GOOD, PassportSettings()) == []
+
+
+@pytest.mark.parametrize("rule", rules.RULES, ids=lambda rule: rule.name)
+def test_each_rule_finds_what_it_is_for_and_nothing_else_does(rule: rules.Rule) -> None:
+    spoilt = replace(GOOD, **BREAKS[rule.name])
+    found = {item.rule: item.verdict for item in rules.judged(spoilt, PassportSettings())}
+    assert found.pop(rule.name) == {"refuse": "refused", "warn": "warned"}[rule.severity]
+    assert set(found) <= {ODD.get(rule.name), "gaps"}
+    allowed = rules.judged(spoilt, PassportSettings(), allow=(rule.name,))
+    assert {item.rule: item.verdict for item in allowed}[rule.name] == "allowed"
+    strict = rules.judged(spoilt, PassportSettings(), strict=True)
+    assert {item.verdict for item in strict} == {"refused"}
+
+
+@pytest.mark.parametrize("rule", rules.RULES, ids=lambda rule: rule.name)
+def test_the_bounds_of_a_rule_are_settings_that_move_it(rule: rules.Rule) -> None:
+    names = {item.name for item in fields(PassportSettings)}
+    assert set(rule.bounds) <= names
+    numbers = {name: getattr(PassportSettings(), name) for name in rule.bounds}
+    if rule.name in ("hovering", "gaps", "fits-otherwise"):
+        return  # their bounds act where time and fit are measured
+    spoilt = replace(GOOD, **BREAKS[rule.name])
+    for name, value in numbers.items():
+        loose = 0.0 if name.startswith(("least", "odd_axis")) or name == "near_m" else 1e6 * (value + 1)
+        bounds = replace(PassportSettings(), **{name: loose})
+        if name not in ("ground_slack_m", "near_m"):
+            assert rule.name not in [item.rule for item in rules.judged(spoilt, bounds)], name
+
+
+def test_rules_and_bounds_are_named_or_refused() -> None:
+    check_names(("below-ground", "zoom"))
+    with pytest.raises(SettingsError, match="below-grund"):
+        check_names(("below-grund",))
+    assert changed(("max_speed_mps=9",)).max_speed_mps == 9
+    for wrong in ("speed=9", "max_speed_mps=fast", "max_speed_mps=nan", "max_speed_mps"):
+        with pytest.raises(SettingsError):
+            changed((wrong,))
+
+
+def test_every_convention_of_a_side_car_is_known() -> None:
+    assert tuple(conventions.NAMED) == CONVENTIONS
+
+
+def test_inside_is_inside(tmp_path: Path) -> None:
+    cube = member("cube-v1").structure
+    low, high = cube.vertices.min(axis=0), cube.vertices.max(axis=0)
+    rng = np.random.default_rng(0)
+    points = rng.uniform(low - 4, high + 4, (400, 3))
+    truth = ((points > low) & (points < high)).all(axis=1)
+    assert np.array_equal(inside(points, scene_of(cube)), truth)
+
+
+def test_the_passport_says_what_is_so(tmp_path: Path) -> None:
+    structure, flown = flights("box", 0)
+    log = made(structure, flown, np.random.default_rng(1))
+    found = taken(log, tmp_path / "a.mcap")
+    measured = found.passport["measured"]
+    distance = scene_of(structure).distance(found.positions)
+    assert measured["min_clearance_m"] == pytest.approx(distance.min(), abs=2e-3)
+    assert measured["lowest_m"] == pytest.approx(found.positions[:, 2].min(), abs=0.1)
+    assert measured["axis_pct"] > 95 and measured["inside_pct"] == 0
+    assert measured["frame"] == "map" and found.passport["structure_sha256"] == structure.sha256
+
+
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [
+        ("ned", r"ned\)"),
+        ("w_first", "w-first"),
+        ("optical", "optical"),
+        ("swapped", "swapped-xy"),
+        ("feet", "feet"),
+        ("mirrored", "mirrored|inverse-quaternion"),
+        ("two_vehicles", "several"),
+        ("zoom", "zoom: the field of view changes"),
+        ("unconnected", "frame-unconnected"),
+        ("many_gaps", "mostly-missing"),
+        ("yaw_drift", "yaw drift|heading offset|offset"),
+    ],
+)
+def test_a_refusal_names_what_is_wrong_and_what_to_do(tmp_path: Path, fault: str, named: str) -> None:
+    rng = np.random.default_rng(3)
+    log = FAULTS[fault](made(*flights("box", 0), rng), rng)
+    with pytest.raises(InputError, match=named):
+        taken(log, tmp_path / "a.mcap")
+
+
+def test_what_a_refusal_names_makes_the_log_right(tmp_path: Path) -> None:
+    """NED in the side-car: the poses are those of the log that was right."""
+    structure, flown = flights("airliner", 1)
+    log = made(structure, flown, np.random.default_rng(2))
+    plain = taken(log, tmp_path / "plain.mcap")
+    wrong = FAULTS["ned"](log, np.random.default_rng(0))
+    with pytest.raises(InputError, match='convention = "ned"'):
+        taken(wrong, tmp_path / "a.mcap")
+    (tmp_path / "a.toml").write_text('[inspection]\nconvention = "ned"\n')
+    found = taken(wrong, tmp_path / "a.mcap")
+    assert np.allclose(found.positions, plain.positions, atol=1e-6)
+    assert found.passport["verdict"] == plain.passport["verdict"]
+    assert "converted as asked" in found.notes
+
+
+def test_a_rule_is_overruled_by_name_and_that_is_stored(tmp_path: Path) -> None:
+    log = made(*flights("box", 0), np.random.default_rng(1))
+    low = replace(log, positions=log.positions - [0, 0, 12.0])
+    with pytest.raises(InputError, match="--allow below-ground"):
+        taken(low, tmp_path / "a.mcap")
+    rule_names = tuple(rule.name for rule in rules.RULES)
+    found = taken(low, tmp_path / "a.mcap", allow=rule_names)
+    assert found.passport["verdict"] == "overruled"
+    assert "below-ground" in found.passport["allowed"]
+
+
+def test_strict_refuses_what_is_odd(tmp_path: Path) -> None:
+    log = replace(made(*flights("box", 0), np.random.default_rng(1)), hfov_deg=None)
+    assert taken(log, tmp_path / "a.mcap").passport["verdict"] == "warned"
+    with pytest.raises(InputError, match="assumed"):
+        taken(log, tmp_path / "a.mcap", strict=True)
+
+
+@pytest.mark.parametrize("fault", ["clock_back", "clock_ahead"])
+def test_a_step_of_the_clock_splits_the_log_there(tmp_path: Path, fault: str) -> None:
+    """Every pose comes in the order in which it was recorded, with a break at the step."""
+    structure, flown = flights("box", 0)
+    log = made(structure, flown, np.random.default_rng(4))
+    wrong = FAULTS[fault](log, np.random.default_rng(5))
+    step = int(np.argmax(np.abs(np.diff(wrong.t_ns - log.t_ns)))) + 1
+    found = taken(wrong, tmp_path / "a.mcap")
+    assert np.array_equal(found.positions, log.positions)
+    assert found.breaks.tolist() == [step]
+    assert (np.diff(found.t_ns) > 0).all()
+    assert abs((found.t_ns[-1] - found.t_ns[0]) - (log.t_ns[-1] - log.t_ns[0])) < 1e9
+
+
+def test_messages_that_are_late_are_sorted_and_no_step(tmp_path: Path) -> None:
+    log = made(*flights("box", 0), np.random.default_rng(4))
+    order = np.arange(len(log))
+    order[100:104] = [101, 103, 100, 102]
+    order[400:430] = order[400:430][::-1]
+    late = replace(log.take(order), log_ns=log.log_ns)
+    found = taken(late, tmp_path / "a.mcap")
+    assert np.array_equal(found.positions, log.positions) and not len(found.breaks)
+
+
+def test_a_long_gap_is_flown_as_a_transit(tmp_path: Path) -> None:
+    log = made(*flights("box", 0), np.random.default_rng(4))
+    lasted = float(log.t_ns[-1] - log.t_ns[0]) * 1e-9
+    found = taken(
+        FAULTS["long_gap"](log, np.random.default_rng(6)), tmp_path / "a.mcap", allow=("mostly-missing",)
+    )
+    assert len(found.breaks) == 1 and len(found) == len(log)
+    assert found.trajectory.t_s[-1] < lasted + 5
+    assert "joined by transits" in found.notes
+
+
+def test_hovering_is_cut_to_the_cap_that_is_said(tmp_path: Path) -> None:
+    log = made(*flights("box", 0), np.random.default_rng(4))
+    wrong = FAULTS["hovering"](log, np.random.default_rng(6))
+    lasted = float(log.t_ns[-1] - log.t_ns[0]) * 1e-9
+    for cap in (30.0, 100.0):
+        found = taken(wrong, tmp_path / "a.mcap", passport=PassportSettings(hover_cap_s=cap))
+        assert lasted + cap - 10 < found.trajectory.t_s[-1] < lasted + cap + 20
+        assert (np.diff(found.t_ns) > 0).all()
+    assert found.passport["measured"]["hover_s"] > 1400
+
+
+def test_a_zoom_may_be_allowed_and_then_the_narrowest_counts(tmp_path: Path) -> None:
+    log = made(*flights("box", 0), np.random.default_rng(4))
+    wrong = replace(log, hfov_deg=np.where(np.arange(len(log)) < len(log) // 2, 75.0, 50.0))
+    found = taken(wrong, tmp_path / "a.mcap", allow=("zoom",))
+    assert found.camera.hfov_deg == pytest.approx(50.0, abs=1e-3)
+    assert found.passport["measured"]["hfov_deg"] == pytest.approx([75.0, 50.0], abs=1e-2)
+    part = taken(wrong, tmp_path / "a.mcap", stop_s=float(log.t_ns[len(log) // 3] - log.t_ns[0]) * 1e-9)
+    assert part.camera.hfov_deg == pytest.approx(75.0, abs=1e-3)
+
+
+def test_one_of_two_publishers_may_be_named(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    log = replace(made(*flights("box", 0), rng), schema="nav_msgs/msg/Odometry", hfov_deg=None)
+    both = FAULTS["two_vehicles"](log, np.random.default_rng(0))
+    children = ["one" if i % 2 == 0 else "two" for i in range(len(both))]
+    both = replace(both, children=children)
+    with pytest.raises(InputError, match=r"one .*two|two .*one"):
+        taken(both, tmp_path / "a.mcap")
+    found = taken(both, tmp_path / "a.mcap", publisher="one")
+    assert np.array_equal(found.positions, log.positions)
+
+
+def test_a_right_log_is_taken(tmp_path: Path) -> None:
+    for number in range(6):
+        assert taken(right(number), tmp_path / "a.mcap").passport["verdict"] in ("good", "warned")

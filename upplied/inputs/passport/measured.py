@@ -1,0 +1,240 @@
+"""What is measured of a flight: against its structure, against what a vehicle can do, and of its log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from upplied.inputs.flight.mounts import NO_MOUNT
+from upplied.inputs.flight.pace import Pace
+from upplied.inputs.flight.tracks import Track
+from upplied.inputs.mcap.recording import Recording
+from upplied.inputs.passport.conventions import Fit, best_fits
+from upplied.inputs.passport.settings import PassportSettings
+from upplied.inputs.passport.sight import Sight, ground_of, sight_of
+from upplied.inputs.schemas.cameras import NO_CALIBRATION, Zoom
+from upplied.poses import angle_between
+from upplied.records import Camera, Floats, Structure
+from upplied.scene import scene_of
+
+_LOOKS = 500  # poses of a flight that are measured against the structure, spread evenly over it
+_REACH = 1.2  # of the camera's range: a little beyond is no other convention
+_SPAN_S = 0.5  # over which speed is measured: shorter ones are noise of the sensors
+_TURNING = 0.5  # least share of the directions round the vertical that a closed flight looks in
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the reader knows of a log and its flight, for the passport."""
+
+    recording: Recording
+    logged: Track  # clean, as logged, in its own frame
+    flown: Track  # the camera's poses, structure frame, before its time was changed
+    kept: Track  # after
+    pace: Pace
+    camera: Camera
+    zoom: Zoom | None
+    to_camera: Callable[[Track], Track]
+    gap_s: float
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The figures of a passport; NaN where one could not be measured."""
+
+    poses: int = 0
+    ground_declared: bool = False
+    lowest_m: float = float("nan")  # over the ground, or over the structure's lowest point
+    below_ground_pct: float = 0.0  # deeper than the slack
+    inside_pct: float = 0.0
+    near_pct: float = 0.0  # of the poses, nearer than `near_m`
+    min_clearance_m: float = float("nan")
+    axis_pct: float = 0.0  # of the poses, the axis meeting the structure
+    shown_pct: float = 0.0  # of the pictures, showing the structure within the camera's range
+    range_m: float = float("nan")  # along the axis, median
+    fit_pct: float = 0.0  # of the poses that an inspection could hold
+    other: str = ""  # convention that fits best besides
+    other_words: str = ""
+    other_advice: str = ""
+    other_fit_pct: float = 0.0
+    off_centre_m: tuple[float, float] = (0.0, 0.0)  # as the stand-off tells, horizontally
+    off_centre_sure: float = 0.0  # share of the stand-off's variance that it explains
+    speed_p99_mps: float = 0.0
+    acceleration_p99_mps2: float = 0.0
+    turn_p99_degps: float = 0.0
+    clock: str = ""
+    clock_steps: int = 0
+    span_s: float = 0.0
+    recorded_pct: float = 100.0
+    gaps: int = 0
+    long_gaps: int = 0
+    longest_gap_s: float = 0.0
+    skipped_m: float = 0.0
+    cut_gap_s: float = 0.0
+    hover_s: float = 0.0
+    cut_hover_s: float = 0.0
+    frozen_s: float = 0.0
+    hfov_deg: tuple[float, ...] = ()  # in time
+    hfov_from_s: tuple[float, ...] = ()
+    assumed: tuple[str, ...] = ()
+    frame: str = ""  # as logged
+    child: str = ""
+    frames: tuple[str, ...] = ()  # how they became the structure's and the camera's
+    read_pct: float = 100.0
+    losses: tuple[str, ...] = field(default=())
+
+
+def measure(reading: Reading, structure: Structure, settings: PassportSettings) -> Measured:
+    """All figures of a flight's passport."""
+    flown, pace = reading.flown, reading.pace
+    scene = scene_of(structure)
+    spread = np.unique(np.linspace(0, len(flown) - 1, min(_LOOKS, len(flown))).astype(np.int64))
+    places, turns = flown.positions[spread], flown.quat_xyzw[spread]
+    sight = sight_of(places, turns, reading.camera, structure, scene)
+    declared = structure.surroundings.ground_z_m is not None
+    floor = ground_of(structure) - settings.ground_slack_m if declared else -np.inf
+    given, others = best_fits(
+        reading.logged, reading.to_camera, scene, floor, _REACH * reading.camera.max_range_m
+    )
+    best = others[0] if others else None
+    off, sure = _off_centre(sight, turns)
+    speed, acceleration, turning = _motion(flown, reading.gap_s)
+    zoom = reading.zoom
+    return Measured(
+        poses=len(reading.kept),
+        ground_declared=declared,
+        lowest_m=float(sight.height_m.min()),
+        below_ground_pct=_pct(sight.height_m < -settings.ground_slack_m) if declared else 0.0,
+        inside_pct=_pct(sight.inside),
+        near_pct=_pct(sight.clearance_m < settings.near_m),
+        min_clearance_m=_least_clearance(flown, spread, sight, scene.distance),
+        axis_pct=_pct(sight.meets),
+        shown_pct=_pct(sight.shown > 0),
+        range_m=float(np.median(sight.range_m[sight.meets])) if sight.meets.any() else float("nan"),
+        fit_pct=100 * given,
+        **_named(best),
+        off_centre_m=(round(off[0], 1), round(off[1], 1)),
+        off_centre_sure=sure,
+        speed_p99_mps=speed,
+        acceleration_p99_mps2=acceleration,
+        turn_p99_degps=turning,
+        clock=flown.clock,
+        clock_steps=reading.logged.clock_steps,
+        span_s=pace.span_s,
+        recorded_pct=100 * pace.recorded_s / pace.span_s if pace.span_s else 100.0,
+        **{
+            name: getattr(pace, name)
+            for name in (
+                "gaps", "long_gaps", "longest_gap_s", "skipped_m", "cut_gap_s", "hover_s", "cut_hover_s",
+                "frozen_s",
+            )
+        },
+        hfov_deg=tuple(zoom.hfov_deg[:20].tolist()) if zoom else (reading.camera.hfov_deg,),
+        hfov_from_s=tuple(((zoom.t_ns[:20] - flown.t_ns[0]) * 1e-9).tolist()) if zoom else (0.0,),
+        assumed=_assumed(reading),
+        frame=reading.logged.parent,
+        child=reading.logged.child,
+        frames=tuple(note for note in flown.notes if "frame" in note or "mount" in note or "camera" in note),
+        read_pct=_read_pct(reading.recording),
+        losses=tuple(reading.recording.losses),
+    )  # fmt: skip
+
+
+def _pct(good: np.ndarray) -> float:
+    return float(100 * np.mean(good)) if len(good) else 0.0
+
+
+def _named(best: Fit | None) -> dict[str, Any]:
+    if best is None:
+        return {}
+    item = best.convention
+    return {
+        "other": item.name,
+        "other_words": item.words,
+        "other_advice": item.advice,
+        "other_fit_pct": 100 * best.share,
+    }
+
+
+def _least_clearance(
+    flown: Track, spread: np.ndarray, sight: Sight, distance: Callable[[Floats], Floats]
+) -> float:
+    """The least distance of the whole path: between the poses that were measured, all are near the least."""
+    least = float(sight.clearance_m.min())
+    reach = np.linalg.norm(np.diff(flown.positions[spread], axis=0), axis=1)
+    lowest = np.minimum(sight.clearance_m[:-1], sight.clearance_m[1:]) - reach
+    between = [
+        np.arange(spread[at] + 1, spread[at + 1]) for at in np.argsort(lowest)[:40] if lowest[at] < least
+    ]
+    some = np.concatenate(between) if between else np.empty(0, np.int64)
+    return min(least, float(distance(flown.positions[some]).min())) if len(some) else least
+
+
+def _off_centre(sight: Sight, turns: Floats) -> tuple[tuple[float, float], float]:
+    """How far the log seems to lie off its structure, m, and how much of the stand-off that explains.
+
+    A pilot who circles keeps his distance; if it grows steadily from one side to the other, the log lies
+    off. Told only of flights that look at the structure from most sides.
+    """
+    meets = sight.meets & (sight.range_m < 1e4)
+    ahead = Rotation.from_quat(turns[meets]).apply([1.0, 0.0, 0.0]) if meets.sum() > 30 else np.empty((0, 3))
+    sides = np.unique(np.arctan2(ahead[:, 1], ahead[:, 0]) // (np.pi / 6))
+    if len(sides) < 12 * _TURNING:
+        return (0.0, 0.0), 0.0
+    far = sight.range_m[meets]
+    far_enough = far < 4 * np.median(far)  # beside an edge the axis meets what stands behind
+    rows = np.column_stack([np.ones(len(far)), ahead[:, :2]])[far_enough]
+    found = np.linalg.lstsq(rows, far[far_enough], rcond=None)[0]
+    left = far[far_enough] - rows @ found
+    variance = float(np.var(far[far_enough]))
+    sure = 1 - float(np.var(left)) / variance if variance > 1e-9 else 0.0
+    return (-float(found[1]), -float(found[2])), sure
+
+
+def _motion(track: Track, gap_s: float) -> tuple[float, float, float]:
+    """Speed, m/s, acceleration, m/s2, and turn rate, deg/s, that 99 % of the flight keep."""
+    if len(track) < 4:
+        return 0.0, 0.0, 0.0
+    seconds = (track.t_ns - track.t_ns[0]) * 1e-9
+    stride = max(1, round(_SPAN_S / max(float(np.median(np.diff(seconds))), 1e-4)))
+    at = np.arange(0, len(track), stride)
+    if len(at) < 4:
+        return 0.0, 0.0, 0.0
+    broken = np.cumsum(np.append(0, np.diff(seconds) > gap_s))
+    if track.epoch is not None:
+        broken = broken + np.cumsum(np.append(0, np.diff(track.epoch) != 0))
+    lasted, whole = np.diff(seconds[at]), np.diff(broken[at]) == 0
+    if not whole.any():
+        return 0.0, 0.0, 0.0
+    velocity = np.diff(track.positions[at], axis=0) / lasted[:, None]
+    turned = np.degrees(angle_between(track.quat_xyzw[at][1:], track.quat_xyzw[at][:-1])) / lasted
+    both = whole[1:] & whole[:-1]
+    gained = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / ((lasted[1:] + lasted[:-1]) / 2)
+    return (
+        float(np.percentile(np.linalg.norm(velocity[whole], axis=1), 99)),
+        float(np.percentile(gained[both], 99)) if both.any() else 0.0,
+        float(np.percentile(turned[whole], 99)),
+    )
+
+
+def _assumed(reading: Reading) -> tuple[str, ...]:
+    camera = reading.camera
+    said = []
+    if NO_CALIBRATION in reading.notes:
+        said.append(f"a camera of {camera.hfov_deg:g} x {camera.vfov_deg:g} deg")
+    if NO_MOUNT in reading.flown.notes:
+        said.append("a camera that looks along the body's x axis")
+    if not reading.logged.parent:
+        said.append("a frame with z up (the log names none)")
+    return tuple(said)
+
+
+def _read_pct(recording: Recording) -> float:
+    total = sum(ref.stop - ref.start for ref in recording.chunks) or recording.size
+    missing = max(recording.size - recording.read_to, 0) if recording.losses else 0
+    return float(100 * max(1 - recording.lost_bytes / total - missing / max(recording.size, 1), 0))
