@@ -25,7 +25,7 @@ BREAKS = {  # of each rule, figures that break it
     "below-ground": {"below_ground_pct": 30.0, "lowest_m": -9.0},
     "inside-structure": {"inside_pct": 3.0},
     "touches-structure": {"min_clearance_m": 0.1},
-    "looks-away": {"axis_pct": 12.0},
+    "looks-away": {"axis_pct": 12.0, "fit_pct": 12.0, "other_fit_pct": 20.0},
     "shows-nothing": {"shown_pct": 20.0},
     "off-centre": {"off_centre_m": (5.0, 0.0), "off_centre_sure": 0.95},
     "frame-name": {"frame": "local_origin_ned"},

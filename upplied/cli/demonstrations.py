@@ -32,36 +32,6 @@ LISTED = {
     "recorded_pct": "recorded %",
     "findings": "findings",
 }
-#: What `show` tells of a passport, with its unit.
-FIGURES = {
-    "lowest_m": "lowest height, m",
-    "min_clearance_m": "least clearance, m",
-    "inside_pct": "poses inside the structure, %",
-    "near_pct": "poses nearer than 0.5 m, %",
-    "axis_pct": "poses with the axis on the structure, %",
-    "shown_pct": "pictures that show the structure, %",
-    "range_m": "distance along the axis, m",
-    "fit_pct": "poses an inspection could hold, %",
-    "other": "best other convention",
-    "other_fit_pct": "poses it could hold then, %",
-    "speed_p99_mps": "speed, m/s",
-    "acceleration_p99_mps2": "acceleration, m/s2",
-    "turn_p99_degps": "turn rate, deg/s",
-    "clock": "clock",
-    "clock_steps": "steps of the clock",
-    "recorded_pct": "time recorded, %",
-    "gaps": "gaps",
-    "longest_gap_s": "longest gap, s",
-    "cut_gap_s": "cut of gaps, s",
-    "hover_s": "long hovering, s",
-    "cut_hover_s": "cut of it, s",
-    "hfov_deg": "fields of view, deg",
-    "frame": "frame of the log",
-    "child": "body in the log",
-    "frames": "how frames became ours",
-    "assumed": "assumed",
-    "read_pct": "log read, %",
-}
 AllowOption = Annotated[
     tuple[str, ...],
     Parameter(
@@ -119,7 +89,9 @@ def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> in
     table = opened(catalog).demonstrations()[list(LISTED)]
     rows: list[dict[str, Any]] = table.astype(object).where(table.notna(), None).to_dict("records")
     if not json:
-        rows = [{LISTED[name]: _short(value) for name, value in row.items()} for row in rows]
+        from upplied.outputs.passport_page import short
+
+        rows = [{LISTED[name]: short(value) for name, value in row.items()} for row in rows]
     show("demonstrations", rows, json, ("on it %", "recorded %", "lowest m", "clear m"))
     return 0
 
@@ -133,6 +105,8 @@ def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: Js
     demonstration : str
         Its id.
     """
+    from upplied.outputs.passport_page import rows_of
+
     passport: Any = opened(catalog).demonstration(demonstration).passport
     if json:
         console.print_json(text.dumps(passport))
@@ -140,19 +114,9 @@ def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: Js
     if not passport:
         console.print(f"{demonstration}: taken in without a passport; add its log again")
         return 0
-    rows = [
-        {"measured": words, "value": _short(passport["measured"][name])} for name, words in FIGURES.items()
-    ]
+    rows = [{"measured": words, "value": value} for words, value in rows_of(passport)]
     show(f"{demonstration}: {passport['verdict']}", rows, False)
     for item in passport["findings"]:
         said = f"{item['verdict']}: {item['rule']}: {item['found']} ({item['remedy']})"
         console.print(said, markup=False, soft_wrap=True)
     return 0
-
-
-def _short(value: Any) -> Any:
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, list | tuple):
-        return "; ".join(str(_short(item)) for item in value)
-    return "" if value is None else value

@@ -141,6 +141,13 @@ def demonstrated_panel(
     )
 
 
+def demonstration_png(source: Structure, demonstration: Demonstration, width: int = _WIDTH) -> bytes:
+    """PNG of a demonstration round its structure, with cameras."""
+    panel = demonstrated_panel(source, demonstration, width=2 * width)
+    legend = [("demonstrated path", DEMONSTRATED, "line")]
+    return sheet_png([panel], legend, demonstration.demonstration_id, "")
+
+
 def comparison_png(
     target: Structure,
     plans: Sequence[Plan],

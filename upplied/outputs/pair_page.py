@@ -32,9 +32,17 @@ def demonstration_data(demonstration: Demonstration, profile: Profile, origin: F
         "notes": demonstration.notes,
         "about": demonstration.about,
         "poses": len(demonstration),
+        "passport": _passport(demonstration.passport),
         "camera": {"hfov_deg": camera.hfov_deg, "vfov_deg": camera.vfov_deg, "range_m": camera.max_range_m},
         "path": path_data(profile, origin),
     }
+
+
+def _passport(passport: Mapping[str, Any]) -> str:
+    if not passport:
+        return ""
+    findings = [f"{item['rule']}: {item['found']}" for item in passport["findings"]]
+    return "; ".join([passport["verdict"], *findings])
 
 
 def pair_data(

@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from upplied import __version__
 from upplied.catalog import Catalog
 from upplied.catalog.store.locking import locked
@@ -125,6 +127,7 @@ def publish_pages(
         except UppliedError as error:
             problems[pair.name] = f"{pair.name}: {error}"
         progress(pair.name)
+    _put_passports(place, reader, source.demonstrations(), code, problems)
     data = {"fleet": fleet_data(pairs, title, problems)}
     fallback = (
         f"{title}: {len(pairs)} transfers. The tables are in transfers.parquet; this page needs scripts."
@@ -190,6 +193,20 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
     place.put(f"transfers/{pair.name}.html", told, lambda: _pair_html(reader, pair, scripts))
     if picture:
         place.put(f"pictures/{pair.name}.png", key, lambda: reader.picture(pair))
+
+
+def _put_passports(
+    place: _Folder, reader: Reader, demonstrations: pd.DataFrame, code: str, problems: dict[str, str]
+) -> None:
+    """A page for each demonstration: what was measured of it, and what was found."""
+    for row in demonstrations.to_dict("records"):
+        name = check_id(str(row["demonstration_id"]), "demonstration_id")
+        known = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
+        key = digest([code, name, *known, reader.sha256("structures", str(row["structure_id"]))])
+        try:
+            place.put(f"demonstrations/{name}.html", key, partial(reader.passport, name))
+        except UppliedError as error:
+            problems[name] = f"{name}: {error}"
 
 
 def _structure_script(reader: Reader, structure_id: str) -> str:

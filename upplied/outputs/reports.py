@@ -23,6 +23,7 @@ from upplied.outputs.display import (
 from upplied.outputs.flown import Flights, flown_data, flown_sentence
 from upplied.outputs.pair_page import demonstration_data, pair_data, path_data, planned_data
 from upplied.outputs.pairs import Pair, number
+from upplied.outputs.passport_page import passport_page
 from upplied.records import Demonstration, Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
 from upplied.scene import Scene, scene_of
 
@@ -112,6 +113,12 @@ class Reader:
         source, target = self.structure(pair.source_id), self.structure(pair.target_id)
         demonstration = self.demonstration(pair.demonstration_id)
         return figures.transfer_png(source, target, demonstration, plan, width=width)
+
+    def passport(self, demonstration_id: str) -> str:
+        """The page of a demonstration, with its passport and a picture."""
+        flown = self.demonstration(demonstration_id)
+        picture = figures.demonstration_png(self.structure(flown.structure_id), flown)
+        return passport_page(flown, picture)
 
     def _states(self, row: Any, target_id: str) -> np.ndarray | None:
         surface = self.source.surface(str(row["transfer_id"]))

@@ -196,20 +196,21 @@ def best_fits(
 def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_m: float) -> Floats:
     """Share (C,) of the poses (C, M, 3) and (C, M, 4) that could be of an inspection.
 
-    Such a camera is above the ground, outside the structure and not touching it, and the structure is in
-    the middle of its picture, within reach.
+    Such a camera is above the ground, outside the structure and not touching it, and its axis meets the
+    structure within reach; a pose counts half where only what is beside the axis does.
     """
     count = positions.shape[:2]
     flat = positions.reshape(-1, 3)
-    good = flat[:, 2] >= ground_m
+    good = np.where(flat[:, 2] >= ground_m, 1.0, 0.0)
     where = np.flatnonzero(good)
     rays = (Rotation.from_quat(quats.reshape(-1, 4)[where]).as_matrix() @ _MIDDLE.T).swapaxes(1, 2)
     range_m = scene.cast(np.repeat(flat[where], len(_MIDDLE), axis=0), rays.reshape(-1, 3))[0]
-    good[where] = range_m.reshape(-1, len(_MIDDLE)).min(axis=1) <= reach_m
+    met = range_m.reshape(-1, len(_MIDDLE)) <= reach_m
+    good[where] = np.mean([met[:, 0], met.any(axis=1)], axis=0)
     where = np.flatnonzero(good)
-    good[where] = scene.distance(flat[where]) >= 0.3
+    good[where] *= scene.distance(flat[where]) >= 0.3
     where = np.flatnonzero(good)
-    good[where] = ~inside(flat[where], scene)
+    good[where] *= ~inside(flat[where], scene)
     return np.asarray(good.reshape(count).mean(axis=1))
 
 

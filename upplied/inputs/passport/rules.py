@@ -62,9 +62,12 @@ def _near(m: Measured, s: PassportSettings) -> str:
 
 
 def _looks_away(m: Measured, s: PassportSettings) -> str:
-    if m.axis_pct >= s.least_axis_pct:
+    if m.axis_pct >= s.least_axis_pct and m.fit_pct >= s.least_fit_pct:
         return ""
-    return f"the camera's axis meets the structure in {m.axis_pct:.0f} % of the poses"
+    return (
+        f"the camera's axis meets the structure in {m.axis_pct:.0f} % of the poses,"
+        f" {m.fit_pct:.0f} % could be of an inspection"
+    )
 
 
 def _looks_aside(m: Measured, s: PassportSettings) -> str:
@@ -140,7 +143,7 @@ RULES: tuple[Rule, ...] = (
          "no vehicle flies in walls", "check where the structure stands in the log's frame", _inside),
     Rule("touches-structure", "refuse", ("least_clearance_m",),
          "a vehicle has a size", "check where the structure stands in the log's frame", _touches),
-    Rule("looks-away", "refuse", ("least_axis_pct",),
+    Rule("looks-away", "refuse", ("least_axis_pct", "least_fit_pct"),
          "an inspection looks at its structure", "check the attitude's convention and the camera's mount",
          _looks_away),
     Rule("shows-nothing", "refuse", ("least_shown_pct",),

@@ -29,10 +29,11 @@ class PassportSettings:
     least_clearance_m: float = 0.3  # no vehicle is smaller
     near_m: float = 0.5  # nearer is odd
     least_axis_pct: float = 30.0  # of the poses, the camera's axis meeting the structure
+    least_fit_pct: float = 50.0  # of the poses, such as an inspection could hold
     odd_axis_pct: float = 70.0
     least_shown_pct: float = 50.0  # of the pictures, showing the structure within the camera's range
     fit_gain_pct: float = 15.0  # of the poses that would make sense in another convention alone
-    fit_least_pct: float = 80.0  # of the poses, in that convention
+    fit_least_pct: float = 75.0  # of the poses, in that convention
     off_centre_m: float = 3.0  # a stand-off that changes with the side, as if the log lay this far off
     max_speed_mps: float = 25.0  # in 99 % of the flight, over half a second
     odd_speed_mps: float = 12.0

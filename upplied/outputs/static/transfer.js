@@ -177,10 +177,15 @@
     return plan.safety_m && Number.isFinite(values.min_clearance_m) ? values.min_clearance_m - plan.safety_m : null;
   }
 
+  function passport(data) {
+    const said = data.demonstration.passport || "not judged";
+    return data.back ? element("a", { href: "../demonstrations/" + data.demonstration.id + ".html" }, said) : said;
+  }
+
   function remarks(data) {
     const facts = (pairs) => element("dl", {}, pairs.filter(([, value]) => value).flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)]));
     return element("section", {}, element("h2", {}, "Where this comes from"),
-      facts([["Demonstration", data.demonstration.id + ", " + data.demonstration.poses + " poses"], ["Notes", data.demonstration.notes], ["About", data.demonstration.about || "inferred from the flight: the coloured surface on the left"]]),
+      facts([["Demonstration", data.demonstration.id + ", " + data.demonstration.poses + " poses"], ["Passport", passport(data)], ["Notes", data.demonstration.notes], ["About", data.demonstration.about || "inferred from the flight: the coloured surface on the left"]]),
       data.plans.map((plan) => element("details", { open: plan === data.plans[0] }, element("summary", {}, plan.preset),
         facts([["Counterparts", plan.counterparts], ["Warnings", plan.warnings], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
   }
