@@ -12,7 +12,7 @@ import math
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import MISSING, Field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -175,10 +175,14 @@ def _keys() -> Iterator[str]:
         yield f"| `{name}` | {'yes' if key.required else ''} | {key.meaning} |"
     yield "\n## Facts of a flight\n"
     yield "`[inspection]` of `flight.toml` beside `flight.mcap`, or a metadata record `inspection`"
-    yield "in the log. Metres and degrees. The last three are options of the reader alone.\n"
+    yield "in the log. Metres and degrees. The last six are options of the reader alone.\n"
     yield "| key | type | default |\n|---|---|---|"
     for item in fields(LogOptions):
-        yield f"| `{item.name}` | {str(item.type).replace(' | None', '')} | {item.default or ''} |"
+        yield f"| `{item.name}` | {str(item.type).replace(' | None', '')} | {_default(item)} |"
+
+
+def _default(item: Field[Any]) -> str:
+    return "" if item.default is MISSING or not item.default else str(item.default)
 
 
 def _commands() -> Iterator[str]:

@@ -105,6 +105,7 @@ def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: Js
     demonstration : str
         Its id.
     """
+    from upplied.inputs.passport.passport import findings_of
     from upplied.outputs.passport_page import rows_of
 
     passport: Any = opened(catalog).demonstration(demonstration).passport
@@ -116,7 +117,7 @@ def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: Js
         return 0
     rows = [{"measured": words, "value": value} for words, value in rows_of(passport)]
     show(f"{demonstration}: {passport['verdict']}", rows, False)
-    for item in passport["findings"]:
-        said = f"{item['verdict']}: {item['rule']}: {item['found']} ({item['remedy']})"
+    for item in findings_of(passport):
+        said = f"{item}. {item.remedy}"
         console.print(said, markup=False, soft_wrap=True)
     return 0

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -27,7 +27,9 @@ from upplied.inputs import logs as log_reader
 from upplied.inputs import meshes
 from upplied.inputs.concerns import nominal_problems
 from upplied.inputs.manifests import StructureEntry, read_manifest
-from upplied.inputs.passport.passport import check_names
+from upplied.inputs.passport.passport import findings_of
+from upplied.inputs.passport.rules import RULES
+from upplied.inputs.rules import check_allowed
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Demonstration, Placement, Structure
 
@@ -119,7 +121,7 @@ def ingest_demonstrations(
         If there is no log, or a rule that is to be overruled does not exist.
     """
     options = options or LogOptions()
-    check_names(options.allow)
+    check_allowed(options.allow, RULES)
     known = _hashes(catalog.demonstrations(), "demonstration_id")
     placements = _placements(catalog.structures())
     read = partial(learnt_flight, *_place(catalog), placements, options=options)
@@ -245,10 +247,7 @@ def _each(
 
 def _findings(read: Structure | Demonstration) -> tuple[str, ...]:
     """What is odd about a flight, or was overruled; a structure says nothing yet."""
-    found: Any = read.passport.get("findings", ()) if isinstance(read, Demonstration) else ()
-    return tuple(
-        f"{item['rule']}: {item['found']}{' (allowed)' * (item['verdict'] == 'allowed')}" for item in found
-    )
+    return tuple(map(str, findings_of(read.passport))) if isinstance(read, Demonstration) else ()
 
 
 def _keep(

@@ -43,7 +43,7 @@ FIGURES = {
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem}"
-    "img{max-width:100%}table{border-collapse:collapse}td{padding:.15rem .8rem .15rem 0;vertical-align:top}"
+    "figure{margin:1rem 0}table{border-collapse:collapse}td{padding:.15rem .8rem .15rem 0;vertical-align:top}"
     "td+td{font-variant-numeric:tabular-nums}.refused,.allowed{color:#b00020}.warned{color:#8a5a00}"
     "@media(prefers-color-scheme:dark){body{background:#16191d;color:#e4e6e8}.allowed{color:#ff8a80}"
     ".warned{color:#ffca6b}}"
@@ -72,8 +72,9 @@ def passport_page(demonstration: Demonstration, picture: bytes) -> str:
     source = html.escape(demonstration.structure_id)
     if passport:
         findings = "".join(
-            f'<li class="{html.escape(item["verdict"])}"><b>{html.escape(item["rule"])}</b>'
-            f" ({html.escape(item['verdict'])}): {html.escape(item['found'])}"
+            f'<li class="{"allowed" if item["overruled"] else "warned"}">'
+            f"<strong>{html.escape(item['rule'])}</strong>"
+            f"{' (overruled)' if item['overruled'] else ''}: {html.escape(item['found'])}"
             f" <i>{html.escape(item['remedy'])}</i></li>"
             for item in passport["findings"]
         )
@@ -82,10 +83,11 @@ def passport_page(demonstration: Demonstration, picture: bytes) -> str:
             for words, value in rows_of(passport)
         )
         verdict = html.escape(passport["verdict"])
-        said = f"<p>Verdict: <b>{verdict}</b></p><ul>{findings}</ul><table>{told}</table>"
+        said = f"<p>Verdict: <strong>{verdict}</strong></p><ul>{findings}</ul><table>{told}</table>"
     else:
         said = "<p>Taken in without a passport: add its log again to have it judged.</p>"
     image = base64.b64encode(picture).decode()
+    wide, high = (int.from_bytes(picture[at : at + 4]) for at in (16, 20))  # of a PNG
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{name}</title>'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
@@ -93,5 +95,6 @@ def passport_page(demonstration: Demonstration, picture: bytes) -> str:
         f'<p><a href="../index.html">All transfers</a></p><h1>{name}</h1><p>Flown on {source}'
         f"{' by ' + html.escape(demonstration.operator) if demonstration.operator else ''},"
         f" {len(demonstration)} poses. {html.escape(demonstration.notes)}</p>"
-        f'<img alt="{name} round {source}" src="data:image/png;base64,{image}">{said}</html>\n'
+        f'<figure role="img" aria-label="{name} round {source}" style="aspect-ratio:{wide}/{high};'
+        f'background:url(data:image/png;base64,{image}) 0/contain no-repeat"></figure>{said}</html>\n'
     )

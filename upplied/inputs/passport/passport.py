@@ -4,28 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
-from upplied.errors import InputError, SettingsError
 from upplied.inputs.passport.measured import Measured, Reading, measure
-from upplied.inputs.passport.rules import NAMES, Finding, judged
+from upplied.inputs.passport.rules import judged
+from upplied.inputs.rules import Verdict, refusals, refuse
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Structure
-
-VERDICTS = ("good", "warned", "overruled")
-
-
-def check_names(allow: tuple[str, ...]) -> None:
-    """Refuse the name of a rule that does not exist.
-
-    Raises
-    ------
-    SettingsError
-    """
-    for name in allow:
-        if name not in NAMES:
-            raise SettingsError(f"--allow {name}", "is no rule", f"one of {', '.join(NAMES)}")
 
 
 def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what: str) -> Mapping[str, Any]:
@@ -37,14 +23,12 @@ def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what:
         If a rule is broken that refuses and is not overruled.
     """
     measured = measure(reading, structure, facts.passport)
-    findings = judged(measured, facts.passport, facts.allow, facts.strict)
-    refused = [finding for finding in findings if finding.verdict == "refused"]
-    if refused:
-        raise _refusal(refused, measured, facts, what)
-    verdicts = {finding.verdict for finding in findings}
+    verdicts = judged(measured, facts.passport, facts.allow, facts.strict)
+    refuse(f"{what}, flown on {facts.structure_id}", _with_hint(verdicts, measured))
+    overruled = any(verdict.overruled for verdict in verdicts)
     return {
-        "verdict": "overruled" if "allowed" in verdicts else "warned" if findings else "good",
-        "findings": [asdict(finding) for finding in findings],
+        "verdict": "overruled" if overruled else "warned" if verdicts else "good",
+        "findings": [asdict(verdict) for verdict in verdicts],
         "allowed": sorted(facts.allow),
         "structure_sha256": structure.sha256,
         "measured": _plain(asdict(measured)),
@@ -52,19 +36,21 @@ def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what:
     }
 
 
-def _refusal(refused: list[Finding], measured: Measured, facts: LogOptions, what: str) -> InputError:
-    names = [finding.rule for finding in refused]
-    remedies = list(dict.fromkeys(filter(None, (finding.remedy for finding in refused))))
-    hint = ""
-    if "fits-otherwise" not in names and measured.other_fit_pct - measured.fit_pct >= 5:
+def findings_of(passport: Mapping[str, Any]) -> tuple[Verdict, ...]:
+    """The rules that a flight was found to break; none where it has no passport."""
+    return tuple(Verdict(**item) for item in passport.get("findings", ()))
+
+
+def _with_hint(verdicts: tuple[Verdict, ...], measured: Measured) -> list[Verdict]:
+    """What is refused, the last of it with the convention that comes nearest to making sense of it."""
+    found = list(verdicts)
+    names = {verdict.rule for verdict in refusals(verdicts)}
+    if names and "fits-otherwise" not in names and measured.other_fit_pct - measured.fit_pct >= 5:
         share = f"{measured.other_fit_pct:.0f} %, as given {measured.fit_pct:.0f} %"
         hint = f"; the nearest other convention, {measured.other_words} ({measured.other}), fits {share}"
-    return InputError(
-        f"{what}, flown on {facts.structure_id}",
-        "; ".join(map(str, refused)) + hint,
-        ", ".join(names),
-        f"{'; '.join(remedies[:3])}; or overrule: {' '.join(f'--allow {name}' for name in names)}",
-    )
+        last = max(at for at, verdict in enumerate(found) if verdict.rule in names)
+        found[last] = replace(found[last], found=found[last].found + hint)
+    return found
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:

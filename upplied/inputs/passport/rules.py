@@ -6,39 +6,29 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 from upplied.inputs.passport.measured import Measured
 from upplied.inputs.passport.settings import PassportSettings
+from upplied.inputs.rules import Rule, Severity, Verdict, broken, decided
 
-Severity = Literal["refuse", "warn"]
-Verdict = Literal["refused", "warned", "allowed"]
 _NED = re.compile(r"(^|[_/-])(ned|frd)([_/-]|$)", re.IGNORECASE)
 
-
-@dataclass(frozen=True)
-class Rule:
-    """What cannot be right (refuse) or is odd (warn), and what to do about it."""
-
-    name: str
-    severity: Severity
-    bounds: tuple[str, ...]  # names of the settings that it asks
-    reason: str
-    remedy: str
-    broken: Callable[[Measured, PassportSettings], str]  # in words, empty where the rule is kept
+Broken = Callable[[Measured, PassportSettings], str]  # in words, empty where the rule is kept
 
 
 @dataclass(frozen=True)
-class Finding:
-    """A rule that a flight breaks."""
+class FlightRule:
+    """A rule, the settings that it asks, and how it is told that a flight breaks it."""
 
-    rule: str
-    verdict: Verdict
-    found: str
-    remedy: str
+    rule: Rule
+    bounds: tuple[str, ...]
+    broken: Broken
 
-    def __str__(self) -> str:
-        return f"{self.rule}: {self.found}"
+
+def _rule(
+    name: str, severity: Severity, bounds: tuple[str, ...], reason: str, remedy: str, broken: Broken
+) -> FlightRule:
+    return FlightRule(Rule(name, severity, reason, remedy, ", ".join(bounds)), bounds, broken)
 
 
 def _below(m: Measured, s: PassportSettings) -> str:
@@ -126,91 +116,93 @@ def _hovering(m: Measured, s: PassportSettings) -> str:
     return f"{m.hover_s:.0f} s of hovering, {m.cut_hover_s:.0f} s of it cut" * (m.cut_hover_s > 0)
 
 
-def _above(value: str, bound: str, words: str) -> Callable[[Measured, PassportSettings], str]:
-    def broken(m: Measured, s: PassportSettings) -> str:
+def _above(value: str, bound: str, words: str) -> Broken:
+    def above(m: Measured, s: PassportSettings) -> str:
         return words.format(getattr(m, value)) * (getattr(m, value) > getattr(s, bound))
 
-    return broken
+    return above
 
 
 #: Every rule, in the order in which findings are told.
-RULES: tuple[Rule, ...] = (
-    Rule("fits-otherwise", "refuse", ("fit_gain_pct", "fit_least_pct"),
+CHECKS: tuple[FlightRule, ...] = (
+    _rule("fits-otherwise", "refuse", ("fit_gain_pct", "fit_least_pct"),
          "another convention makes sense of poses that make none as given", "", _fits_otherwise),
-    Rule("below-ground", "refuse", ("most_below_ground_pct", "ground_slack_m"),
+    _rule("below-ground", "refuse", ("most_below_ground_pct", "ground_slack_m"),
          "no vehicle flies in the ground", "check heights, axes and the declared ground", _below),
-    Rule("inside-structure", "refuse", ("most_inside_pct",),
+    _rule("inside-structure", "refuse", ("most_inside_pct",),
          "no vehicle flies in walls", "check where the structure stands in the log's frame", _inside),
-    Rule("touches-structure", "refuse", ("least_clearance_m",),
+    _rule("touches-structure", "refuse", ("least_clearance_m",),
          "a vehicle has a size", "check where the structure stands in the log's frame", _touches),
-    Rule("looks-away", "refuse", ("least_axis_pct", "least_fit_pct"),
+    _rule("looks-away", "refuse", ("least_axis_pct", "least_fit_pct"),
          "an inspection looks at its structure", "check the attitude's convention and the camera's mount",
          _looks_away),
-    Rule("shows-nothing", "refuse", ("least_shown_pct",),
+    _rule("shows-nothing", "refuse", ("least_shown_pct",),
          "an inspection shows its structure",
          "check units and place of the structure, or give camera_max_range_m", _shows_nothing),
-    Rule("off-centre", "refuse", ("off_centre_m",),
+    _rule("off-centre", "refuse", ("off_centre_m",),
          "a pilot who circles keeps his distance", "place the structure by structure_position_m",
          _off_centre),
-    Rule("frame-name", "refuse", (),
+    _rule("frame-name", "refuse", (),
          "a frame's name says its axes", 'if they are so, write convention = "ned" into the side-car',
          _frame_name),
-    Rule("too-fast", "refuse", ("max_speed_mps",),
+    _rule("too-fast", "refuse", ("max_speed_mps",),
          "no inspecting vehicle is as fast", "check units and stamps",
          _above("speed_p99_mps", "max_speed_mps", "{:.0f} m/s in the fastest hundredth of the flight")),
-    Rule("too-jerky", "refuse", ("max_acceleration_mps2",),
+    _rule("too-jerky", "refuse", ("max_acceleration_mps2",),
          "no vehicle accelerates so", "check units and stamps, and whether several bodies publish",
          _above("acceleration_p99_mps2", "max_acceleration_mps2", "accelerations of {:.0f} m/s2")),
-    Rule("turns-too-fast", "refuse", ("max_turn_degps",),
+    _rule("turns-too-fast", "refuse", ("max_turn_degps",),
          "no camera turns so", "check the attitude",
          _above("turn_p99_degps", "max_turn_degps", "turns of {:.0f} deg/s")),
-    Rule("clock-steps", "refuse", ("max_clock_steps",),
+    _rule("clock-steps", "refuse", ("max_clock_steps",),
          "a clock that steps often tells no time", "record with one clock",
          _above("clock_steps", "max_clock_steps", "the clock stepped {} times")),
-    Rule("mostly-missing", "refuse", ("least_recorded_pct",),
+    _rule("mostly-missing", "refuse", ("least_recorded_pct",),
          "what was not recorded cannot be flown again", "record the flight again", _seldom),
-    Rule("mostly-unread", "refuse", ("least_read_pct",),
+    _rule("mostly-unread", "refuse", ("least_read_pct",),
          "what is lost of a log is lost of the inspection", "copy the log again, or record the flight again",
          lambda m, s: f"{m.read_pct:.0f} % of the log could be read" * (m.read_pct < s.least_read_pct)),
-    Rule("clock-stepped", "warn", (),
+    _rule("clock-stepped", "warn", (),
          "the flight was split where its clock stepped", "check what the clock was set by",
          lambda m, s: f"the clock stepped {m.clock_steps} times: split there" * (m.clock_steps > 0)),
-    Rule("near-structure", "warn", ("near_m",),
+    _rule("near-structure", "warn", ("near_m",),
          "pilots stay farther away", "check where the structure stands in the log's frame", _near),
-    Rule("looks-aside", "warn", ("odd_axis_pct",),
+    _rule("looks-aside", "warn", ("odd_axis_pct",),
          "an inspection looks at its structure most of the time", "cut the log to the inspection",
          _looks_aside),
-    Rule("fast", "warn", ("odd_speed_mps",),
+    _rule("fast", "warn", ("odd_speed_mps",),
          "inspections are slow", "check units and stamps",
          _above("speed_p99_mps", "odd_speed_mps", "{:.1f} m/s in the fastest hundredth of the flight")),
-    Rule("gaps", "warn", ("long_gap_s", "odd_recorded_pct"),
+    _rule("gaps", "warn", ("long_gap_s", "odd_recorded_pct"),
          "what was not recorded is not flown", "record the flight again if it matters", _gaps),
-    Rule("hovering", "warn", ("hover_cap_s",),
+    _rule("hovering", "warn", ("hover_cap_s",),
          "plans do not repeat what shows nothing new", "raise hover_cap_s to keep it", _hovering),
-    Rule("frozen", "warn", (),
+    _rule("frozen", "warn", (),
          "a flying vehicle is never quite still", "check whether the estimator ran",
          lambda m, s: f"the pose did not change at all for {m.frozen_s:.0f} s"
          * (m.frozen_s > max(10.0, 0.2 * m.span_s))),
-    Rule("assumed", "warn", (),
+    _rule("assumed", "warn", (),
          "what a log does not say was assumed", "record it, or say it in the side-car",
          lambda m, s: ", ".join(m.assumed)),
-    Rule("salvaged", "warn", (),
+    _rule("salvaged", "warn", (),
          "a damaged log may lack part of the inspection", "copy the log again",
          lambda m, s: "; ".join(m.losses)),
 )  # fmt: skip
 
 #: Rules that the reader itself asks, before there is a flight to measure.
-READER_RULES = {
-    "several-publishers": "poses of one body on one topic, or a name for the one that is meant",
-    "zoom": "one field of view in the part that is taken",
-    "frame-unconnected": "poses in the frame in which the structure is placed, or transforms between them",
-}
-NAMES = (*(rule.name for rule in RULES), *READER_RULES)
+_READING = (
+    Rule("several-publishers", "refuse", "a path through two bodies is nobody's", "name one by publisher"),
+    Rule("zoom", "refuse", "no one camera saw what several fields of view show",
+         "take the part with one by start_s and stop_s", "zoom_pct"),
+    Rule("frame-unconnected", "refuse", "a structure cannot be placed in a frame that nothing leads to",
+         "place the structure in the frame of the poses"),
+)  # fmt: skip
+RULES: dict[str, Rule] = {rule.name: rule for rule in (*(check.rule for check in CHECKS), *_READING)}
 
 
 def judged(
     measured: Measured, settings: PassportSettings, allow: tuple[str, ...] = (), strict: bool = False
-) -> list[Finding]:
+) -> tuple[Verdict, ...]:
     """The rules that a flight breaks, in the order of the table.
 
     Parameters
@@ -222,11 +214,13 @@ def judged(
     strict : bool
         Whether what is odd is refused too.
     """
-    found = []
-    for rule in RULES:
-        words = rule.broken(measured, settings)
-        if words:
-            refused = rule.severity == "refuse" or strict
-            verdict: Verdict = "allowed" if rule.name in allow else "refused" if refused else "warned"
-            found.append(Finding(rule.name, verdict, words, rule.remedy or measured.other_advice))
-    return found
+    found = [(check, check.broken(measured, settings)) for check in CHECKS]
+    return decided(
+        [
+            broken(check.rule, words, remedy=check.rule.remedy or measured.other_advice)
+            for check, words in found
+            if words
+        ],
+        allow,
+        strict,
+    )
