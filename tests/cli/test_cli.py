@@ -117,7 +117,10 @@ def test_lists(location, capsys):
     assert {"structure_id": "cube-v1", "kind": "box"} in listed
     assert main(["demonstrations", "list", "--json", "--catalog", location]) == 0
     listed = json.loads(capsys.readouterr().out)
-    assert listed == [{"demonstration_id": "cube-sides-v1", "structure_id": "cube-v1"}]
+    assert [(row["demonstration_id"], row["structure_id"]) for row in listed] == [
+        ("cube-sides-v1", "cube-v1")
+    ]
+    assert listed[0]["verdict"] == "" and listed[0]["flown_clearance_m"] is None  # it came without a log
     assert main(["catalog", "info", "--json", "--catalog", location]) == 0
     assert {"what": "structures", "count": 2} in json.loads(capsys.readouterr().out)
 

@@ -40,7 +40,7 @@ FIGURES = {
     "assumed": "assumed",
     "read_pct": "log read, %",
 }
-_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+_POLICY = "default-src 'none'; script-src 'self'; img-src data:; style-src 'unsafe-inline'"
 _STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem}"
     "figure{margin:1rem 0}table{border-collapse:collapse}td{padding:.15rem .8rem .15rem 0;vertical-align:top}"
