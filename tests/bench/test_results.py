@@ -1,0 +1,60 @@
+"""Results do not move unless the version of the method is raised: the sample rows are kept as figures."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from upplied.planning.plan import METHOD_VERSION
+
+BENCH = Path(__file__).parents[2] / "bench"
+FAST = ("cube sides > cuboid", "cruise hull > yacht 2", "bridge 1 piers > bridge 2")
+RULE = "raise METHOD_VERSION in upplied/planning/correspondence/pair.py and run `python bench/results.py`"
+
+
+@pytest.fixture(scope="module")
+def results():
+    sys.path.insert(0, str(BENCH))
+    try:
+        yield importlib.import_module("results")
+    finally:
+        sys.path.remove(str(BENCH))
+
+
+def check(results, title: str, preset: str) -> None:
+    from transfers import transfers
+
+    kept = json.loads(results.KEPT.read_text(encoding="utf-8"))
+    (transfer,) = (each for each in transfers(only=title) if each.published.title == title)
+    moved = results.moved(kept["rows"][f"{title}, {preset}"], results.figures(transfer, preset))
+    assert not moved, f"{title}, {preset}: {'; '.join(moved)}. If that is meant: {RULE}"
+
+
+def test_the_figures_are_those_of_this_version(results):
+    kept = json.loads(results.KEPT.read_text(encoding="utf-8"))
+    assert kept["method_version"] == METHOD_VERSION, "the version was raised: run `python bench/results.py`"
+    assert {f"{title}, recommended" for title in FAST} <= set(kept["rows"])
+
+
+@pytest.mark.parametrize("title", FAST)
+def test_results_have_not_moved(results, title):
+    check(results, title, "recommended")
+
+
+@pytest.mark.slow
+def test_no_result_that_is_kept_has_moved(results):
+    for row in json.loads(results.KEPT.read_text(encoding="utf-8"))["rows"]:
+        check(results, *row.rsplit(", ", 1))
+
+
+def test_moved_figures_are_told(results):
+    kept = {"status": "ok", "duration_s": 100.0, "frechet_z": 0.5}
+    assert results.moved(kept, dict(kept)) == []
+    assert results.moved(kept, {**kept, "duration_s": 101.0}) == []
+    assert results.moved(kept, {**kept, "duration_s": 103.0}) == ["duration_s 100.0 became 103.0"]
+    assert results.moved(kept, {**kept, "status": "refused"}) == ["status ok became refused"]
+    assert results.moved(kept, {"status": "ok", "duration_s": 100.0}) == ["frechet_z 0.5 became None"]
