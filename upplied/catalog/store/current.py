@@ -8,7 +8,8 @@ import pyarrow.dataset as ds
 
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.store.delta import StoredTable, told
+from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.telling import told
 from upplied.catalog.verbs import queries
 
 _MOST_ROWS = 50_000  # kept at hand, a kilobyte each

@@ -7,26 +7,23 @@ would be lost.
 
 from __future__ import annotations
 
-import json
 import logging
 import random
 import threading
 import time
 import uuid
 from collections.abc import Callable
-from datetime import datetime, timedelta
 from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TypeVar
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 from deltalake import CommitProperties, DeltaTable, Transaction
 from deltalake import Schema as DeltaSchema
-from deltalake.exceptions import CommitFailedError, DeltaError, SchemaMismatchError, TableNotFoundError
+from deltalake.exceptions import CommitFailedError, TableNotFoundError
 from deltalake.transaction import AddAction
 
 from upplied.catalog.schema.columns import Table
@@ -34,6 +31,8 @@ from upplied.catalog.schema.migrations import SCHEMA_VERSION, needed, upgraded
 from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.files import FileStore, sync_path
 from upplied.catalog.store.identity import Heads, Identity
+from upplied.catalog.store.statistics import statistics
+from upplied.catalog.store.telling import told
 from upplied.errors import CatalogError
 
 log = logging.getLogger(__name__)
@@ -49,7 +48,6 @@ _PROPERTIES = {
 _ORDER = "upplied.rows"  # the transaction that numbers rows advance
 _PATIENCE_S = 60.0  # of conflicts, before a writer gives up
 _ROW_GROUP = 16_384
-_LONGEST_STATISTIC = 64
 
 
 class StoredTable:
@@ -197,7 +195,7 @@ class StoredTable:
         pq.write_table(rows, sink, row_group_size=_ROW_GROUP, compression="zstd")
         name = f"part-{uuid.uuid4()}.parquet"
         self._files.write(name, sink.getvalue())
-        return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, _statistics(rows))
+        return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, statistics(rows))
 
     def _append_next(self, rows: pa.Table) -> None:
         """Commit rows as the next in order; where another writer was faster, they are numbered anew.
@@ -322,53 +320,3 @@ def _has_commits(uri: str) -> bool:
     if "://" in uri or not log_folder.exists():
         return False
     return any(entry.suffix == ".json" for entry in log_folder.iterdir())
-
-
-def _statistics(rows: pa.Table) -> str:
-    """What readers may skip the file by: the range of each column, and its nulls.
-
-    Long texts have no range; moments are stated to the millisecond, so theirs is a little wider. A
-    column that is filtered by must have one (ids are short enough): pyarrow takes a missing range
-    for nulls.
-    """
-    low, high = {}, {}
-    for name in rows.column_names:
-        if pa.types.is_nested(rows.schema.field(name).type):
-            continue  # of a newer program; we have none
-        ends = pc.min_max(rows[name]).as_py()
-        least, most = ends["min"], ends["max"]
-        if most is None or len(str(most)) > _LONGEST_STATISTIC or most != most:
-            continue
-        if isinstance(most, datetime):
-            most += timedelta(milliseconds=1)
-            least, most = (when.isoformat(timespec="milliseconds") for when in (least, most))
-        low[name], high[name] = least, most
-    nulls = {name: rows[name].null_count for name in rows.column_names}
-    return json.dumps({"numRecords": len(rows), "minValues": low, "maxValues": high, "nullCount": nulls})
-
-
-def told(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:
-    """Do it; what the storage raises becomes an error that people read."""
-    try:
-        return act()
-    except passed:
-        raise
-    except CatalogError:
-        raise
-    except SchemaMismatchError as error:
-        raise CatalogError(what, f"has other columns: {_brief(error)}", "", "use a newer version") from None
-    except (DeltaError, OSError, pa.ArrowException) as error:
-        raise CatalogError(what, _brief(error), "", _remedy(str(error))) from None
-
-
-def _brief(error: Exception) -> str:
-    """The first line of what the storage said, at a length that fits a screen."""
-    return str(error).strip().split("\n")[0][:300]
-
-
-def _remedy(said: str) -> str:
-    if "No space" in said or "os error 28" in said or "File too large" in said:
-        return "free some space; nothing was changed"
-    if "ermission" in said or "ead-only" in said:
-        return "ask for the right to read and write there; nothing was changed"
-    return ""

@@ -6,6 +6,7 @@ that one trajectory lies in many row groups.
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import replace
 
@@ -14,6 +15,13 @@ from deltalake import CommitProperties, DeltaTable, Transaction
 from deltalake.transaction import RemoveAction
 
 from upplied.catalog.store.delta import StoredTable
+from upplied.errors import CatalogError
+
+log = logging.getLogger(__name__)
+
+TARGET_BYTES = 64 << 20  # of a data file; merging needs some eight times as much memory
+_LOOKED_AT = 16
+_MANY = 32
 
 
 def merge(table: StoredTable, size_bytes: int) -> int:
@@ -22,6 +30,23 @@ def merge(table: StoredTable, size_bytes: int) -> int:
     while done := table.change(lambda delta: _merge_oldest(table, delta, size_bytes)):
         merged += done
     return merged
+
+
+def tidy(table: StoredTable, size_bytes: int) -> None:
+    """Merge the small files of a table now and then, while it is written; questions stay quick.
+
+    Whoever makes every sixteenth commit looks, and merges where there are many. What hinders it is no
+    matter of the row that was added.
+    """
+    try:
+        delta = table.delta()
+        if delta is None or delta.version() % _LOOKED_AT:
+            return
+        sizes = pa.table(delta.get_add_actions())["size_bytes"].to_pylist()
+        if sum(size < size_bytes / 2 for size in sizes) >= _MANY:
+            table.change(lambda found: _merge_oldest(table, found, size_bytes))
+    except CatalogError as error:
+        log.warning("small files of %s were not merged: %s", table.uri, error)
 
 
 def removing() -> CommitProperties:

@@ -14,6 +14,7 @@ from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.merging import TARGET_BYTES, tidy
 from upplied.catalog.verbs import queries
 from upplied.checks import check_id
 from upplied.records import Demonstration, Plan, Structure, Trajectory
@@ -177,6 +178,7 @@ def _add(catalog: Catalog, name: str, made: list[Row], more: pa.Table | None = N
     new = new if more is None else pa.concat_tables([new, more], promote_options="default")
     if len(new):
         catalog.tables[name].append(new)
+        tidy(catalog.tables[name], TARGET_BYTES)
     return len(new)
 
 
@@ -186,6 +188,7 @@ def _add_steps(catalog: Catalog, name: str, build: Callable[[str], list[pa.Table
     steps = build(commit)
     if steps:
         catalog.tables[name].append(pa.concat_tables(steps))
+        tidy(catalog.tables[name], TARGET_BYTES)
     return commit
 
 

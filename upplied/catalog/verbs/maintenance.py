@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 from deltalake import DeltaTable
 
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.store.merging import merge, removing
+from upplied.catalog.store.merging import TARGET_BYTES, merge, removing
 from upplied.catalog.store.surfaces import SURFACES
 from upplied.errors import SettingsError
 
@@ -22,7 +22,6 @@ KEEP_DAYS = 30.0  # of versions that `version` can still ask for
 SHORTEST_KEEP_HOURS = 1.0  # a writer that takes longer between points and row would lose its points
 CACHE_BYTES = 20 << 30
 
-_TARGET_BYTES = 64 << 20  # of a data file; merging needs some eight times as much memory
 _OWNERS = {"waypoints": "transfers", "poses": "demonstrations"}
 
 
@@ -43,7 +42,7 @@ def compact(catalog: Catalog) -> dict[str, int]:
 
     Readers and writers go on meanwhile, and older versions can still be asked for.
     """
-    return {name: merge(table, _TARGET_BYTES) for name, table in catalog.tables.items()}
+    return {name: merge(table, TARGET_BYTES) for name, table in catalog.tables.items()}
 
 
 def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CACHE_BYTES) -> Kept:

@@ -1,0 +1,127 @@
+"""What a commit promises: on the disk before it is acknowledged, in pieces, of inputs that still are so."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from catalog_records import demonstration, key_of, plan, structure
+
+from upplied import fleet
+from upplied.catalog import history, open_catalog, verify
+from upplied.catalog.database import Catalog
+from upplied.fleet import ingest, planner
+
+
+@pytest.fixture
+def catalog(tmp_path) -> Catalog:
+    made = open_catalog(tmp_path / "catalog")
+    made.add_structures([structure("boxy"), structure("target", 1)])
+    made.add_demonstrations([demonstration()])
+    return made
+
+
+@pytest.fixture
+def synced(monkeypatch) -> list[tuple[str, int]]:
+    """Files and folders that were brought to the disk, each with the log entries that stood there then."""
+    if not Path("/proc/self/fd").exists():
+        pytest.skip("needs /proc to tell which file is brought to the disk")
+    found: list[tuple[str, int]] = []
+    fsync = os.fsync
+
+    def noted(handle: int) -> None:
+        name = os.readlink(f"/proc/self/fd/{handle}")
+        place = next((at for at in (Path(name), *Path(name).parents) if (at / "_delta_log").is_dir()), None)
+        found.append((name, len(list(place.glob("_delta_log/*.json"))) if place else 0))
+        fsync(handle)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    return found
+
+
+ADD = {
+    "transfers": lambda c: c.add_plans([(key_of(1), plan("target", 1), {})]),
+    "waypoints": lambda c: c.add_plans([(key_of(1), plan("target", 1), {})]),
+    "structures": lambda c: c.add_structures([structure("more", 3)]),
+    "poses": lambda c: c.add_demonstrations([demonstration("more", 3)]),
+}
+
+
+@pytest.mark.parametrize("table", ADD)
+def test_data_are_on_the_disk_before_their_commit_and_the_commit_before_it_is_acknowledged(
+    catalog, synced, table
+):
+    catalog.add_plans([(key_of(0), plan("target"), {})])
+    place = Path(catalog.location, table)
+    files, entries = set(place.glob("*.parquet")), set(place.glob("_delta_log/*.json"))
+    synced.clear()
+    ADD[table](catalog)
+    (file,) = set(place.glob("*.parquet")) - files
+    (entry,) = set(place.glob("_delta_log/*.json")) - entries
+    when = {Path(name): logged for name, logged in synced}
+    drafts = [logged for path, logged in when.items() if path.name.startswith(f".{file.name}.")]
+    assert drafts == [len(entries)], "the bytes of the data were not brought to the disk before the commit"
+    first = next(logged for path, logged in synced if Path(path) == place)
+    assert first == len(entries), "the name of the data file was not brought to the disk before the commit"
+    assert entry in when, "the commit was not brought to the disk"
+    assert entry.parent in when, "the name of the commit was not brought to the disk"
+
+
+@pytest.mark.parametrize("folder", ["meshes", "surfaces", "samples"])
+def test_what_rows_name_is_on_the_disk(catalog, synced, folder):
+    catalog.add_structures([structure("more", 5)])
+    catalog.add_plans([(key_of(5), plan("target", 5), {})])
+    assert any(f"/{folder}/." in name for name, _ in synced)
+    assert any(Path(name).name == folder for name, _ in synced)
+
+
+@pytest.mark.parametrize("changed", ["boxy", "target", "flight"])
+def test_a_job_whose_inputs_changed_is_not_planned(catalog, monkeypatch, changed):
+    """What would come of it would carry the hashes of other inputs."""
+    (job,) = fleet.decide(catalog, fleet.Wish(("baseline",))).jobs
+    if changed == "flight":
+        catalog.add_demonstrations([demonstration(seed=9)])
+    else:
+        catalog.add_structures([structure(changed, 9)])
+    monkeypatch.setattr(planner, "_catalog", open_catalog(catalog.location))
+    monkeypatch.setattr(planner, "plan_transfer", lambda *_: plan("target"))
+    for known in (planner._structure, planner._demonstration):
+        known.cache_clear()
+    try:
+        assert planner.plan_job(job).plan.status == "superseded"
+    finally:
+        for known in (planner._structure, planner._demonstration):
+            known.cache_clear()
+
+
+def test_files_are_taken_in_a_batch_at_a_time(monkeypatch):
+    """What was read so far is kept where the rest is stopped."""
+    monkeypatch.setattr(ingest, "BATCH", 2)
+    commits: list[list[str]] = []
+    found = [(f"f{at}", structure(f"s{at}", at)) for at in range(5)]
+    reads = iter([*found[:3], ("bad", "bad: is no mesh"), *found[3:]])
+    done = ingest._keep(
+        reads,
+        {},
+        lambda it: it.structure_id,
+        lambda items: commits.append([item.structure_id for item in items]),
+        lambda _: None,
+    )
+    assert commits == [["s0", "s1"], ["s2", "s3"], ["s4"]]
+    assert [item.status for item in done].count("added") == 5
+
+
+def test_small_files_are_merged_while_they_come(catalog):
+    for number in range(70):
+        catalog.add_plans([(key_of(number), plan(f"t{number}", number), {})])
+    for name in ("transfers", "waypoints"):
+        delta = catalog.tables[name].delta()
+        assert delta.get_add_actions().num_rows < 50, name
+    assert "maintenance" in set(history(catalog)["operation"])
+    assert len(catalog.transfers(every=True)) == 70
+    assert len(catalog.transfers(version=20, every=True)) > 15
+    assert [found for found in verify(catalog) if "is not in" not in found.found] == []
+    assert catalog.known_transfers([key_of(number) for number in range(70)]) == {
+        key_of(number) for number in range(70)
+    }
