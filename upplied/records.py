@@ -97,6 +97,8 @@ class Structure(Record):
     landmarks: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # name -> x y z, m
     symmetric: bool = False  # declared: no heading can be told from the shape
     notes: str = ""
+    # The rules that it broke when it was taken in, and what was overruled.
+    verdicts_json: str = field(default="", metadata={"later": True})
 
     @property
     def diagonal_m(self) -> float:

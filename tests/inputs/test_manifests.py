@@ -43,6 +43,7 @@ FULL = {
     "drop_outliers": False,
     "clip_ground": True,
     "notes": "as flown, 2024",
+    "allow": ["odd-size"],
 }
 LEAST = {key: FULL[key] for key in ("id", "kind", "path", "units", "up", "forward")}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
@@ -11,12 +11,30 @@ from upplied.cli.terminal import (
     CatalogOption,
     JsonOption,
     WorkersOption,
+    console,
     ingested_report,
     next_step,
     opened,
     progress,
     show,
 )
+
+if TYPE_CHECKING:
+    from upplied.catalog import Catalog
+    from upplied.fleet import Asked
+
+_SIZES = {"size_x_m": "length m", "size_y_m": "width m", "size_z_m": "height m"}
+AllowOption = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--allow", negative="", help="Overrule a rule by its name; repeatable.", show_default=False
+    ),
+]
+StrictOption = Annotated[bool, Parameter(negative="", help="Refuse what is odd too.", show_default=False)]
+SetOption = Annotated[
+    tuple[str, ...],
+    Parameter(name="--set", negative="", help="A bound of a rule, as NAME=VALUE.", show_default=False),
+]
 
 app = App(name="structures", help="The structures of the catalog.")
 
@@ -27,10 +45,13 @@ def add(
     /,
     *,
     prune: Annotated[bool, Parameter(negative="", help="Retire what the manifest no longer names.")] = False,
+    allow: AllowOption = (),
+    strict: StrictOption = False,
+    set_: SetOption = (),
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
 ) -> int:
-    """Read the meshes that a manifest names into the catalog.
+    """Read the meshes that a manifest names into the catalog; each is judged among its kind (docs/checks.md).
 
     Parameters
     ----------
@@ -40,9 +61,9 @@ def add(
     from upplied import fleet
     from upplied.inputs.manifests import read_manifest
 
-    store = opened(catalog)
+    store, asked = opened(catalog), _asked(allow, strict, set_)
     with progress("reading structures", len(read_manifest(manifest))) as advance:
-        ingested = fleet.ingest_structures(store, manifest, workers, lambda _: advance(), prune)
+        ingested = fleet.ingest_structures(store, manifest, workers, lambda _: advance(), prune, asked)
     code = ingested_report(ingested)
     if not code and len(store.demonstrations()):
         next_step("plan", "carry the demonstrations to what is new or changed", catalog)
@@ -53,9 +74,44 @@ def add(
 
 @app.command(name="list")
 def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """List the structures of the catalog."""
-    table = opened(catalog).structures()
-    show("structures", table[["structure_id", "kind"]].to_dict("records"), json)
+    """List the structures of the catalog, and what was found about each."""
+    table = opened(catalog).structures()[["structure_id", "kind", *_SIZES, "findings"]]
+    rows = table.rename(columns=_SIZES).to_dict("records") if not json else table.to_dict("records")
+    show("structures", rows, json, ("length m", "width m", "height m"))
+    return 0
+
+
+@app.command(name="show")
+def show_(structure: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+    """Show a structure: its size, what was repaired, and the rules that it breaks or overrules.
+
+    Parameters
+    ----------
+    structure : str
+        Its id.
+    """
+    from dataclasses import asdict
+
+    from upplied.inputs.rules import from_json
+
+    store = opened(catalog)
+    found = store.structure(structure)
+    size = (found.vertices.max(axis=0) - found.vertices.min(axis=0)).tolist()
+    verdicts = from_json(found.verdicts_json)
+    facts = {
+        "structure": structure,
+        "kind": found.kind,
+        "site": found.site,
+        "size": " x ".join(f"{side:.2f}" for side in size) + " m (length x width x height)",
+        "mesh": f"{len(found.triangles)} triangles, {len(found.vertices)} vertices",
+        "notes": found.notes,
+    }
+    if json:
+        show("structure", [facts | {"size_m": size, "verdicts": [asdict(one) for one in verdicts]}], True)
+        return 0
+    show(structure, [{"what": name, "found": value} for name, value in facts.items() if value])
+    for verdict in verdicts:
+        console.print(f"{verdict.severity}: {verdict}. {verdict.remedy}", markup=False, soft_wrap=True)
     return 0
 
 
@@ -66,6 +122,10 @@ def check(
     *,
     id: Annotated[str | None, Parameter(help="Of a manifest: tell all of this one structure.")] = None,
     png: Annotated[Path | None, Parameter(help="Picture of the one; else NAME-check.png here.")] = None,
+    allow: AllowOption = (),
+    strict: StrictOption = False,
+    set_: SetOption = (),
+    catalog: CatalogOption = "catalog",
     json: JsonOption = False,
     workers: WorkersOption = 0,
 ) -> int:
@@ -80,12 +140,38 @@ def check(
     from upplied.cli.health import check_entry, check_mesh
     from upplied.inputs.manifests import read_manifest
 
+    asked = _asked(allow, strict, set_)
     if file.suffix.lower() not in (".toml", ".csv"):
         return check_mesh(file, png)
+    others = _compared(catalog)
     if id is not None:
-        return check_entry(file, id, png)
+        return check_entry(file, id, png, others, asked)
 
     with progress("checking structures", len(read_manifest(file))) as advance:
-        found = fleet.check_structures(file, workers, lambda _: advance())
-    show("structures", [vars(item) for item in found], json)
+        found = fleet.check_structures(file, workers, lambda _: advance(), others, asked)
+    rows = [vars(item) for item in found]
+    if not json:
+        rows = [{**row, "findings": "; ".join(row["findings"])} for row in rows]
+    show("structures", rows, json)
     return int(any(item.status == "failed" for item in found))
+
+
+def _asked(allow: tuple[str, ...], strict: bool, said: tuple[str, ...]) -> Asked:
+    from upplied.fleet import Asked
+    from upplied.inputs.structure_rules import changed
+
+    return Asked(tuple(allow), strict, changed(said))
+
+
+def _compared(location: str) -> Catalog | None:
+    """The catalog whose structures others are compared with; none where none was said and none is there."""
+    from upplied.errors import CatalogError
+
+    try:
+        store = opened(location)
+        store.structures()
+        return store
+    except CatalogError:
+        if location != "catalog":
+            raise
+        return None

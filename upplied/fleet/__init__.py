@@ -12,10 +12,11 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from upplied.fleet.admission import Asked
+    from upplied.fleet.checking import check_structures
     from upplied.fleet.decisions import Decision, Job, Wish, decide
     from upplied.fleet.ingest import (
         Ingested,
-        check_structures,
         ingest_demonstrations,
         ingest_structures,
     )
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SHARD_TARGETS",
+    "Asked",
     "Decision",
     "Ingested",
     "Job",
@@ -65,8 +67,10 @@ logging.getLogger("upplied").addHandler(logging.NullHandler())
 
 # Loaded when first asked for: a process that plans needs neither what reads files nor what draws.
 _HOME = {
+    "upplied.fleet.admission": ("Asked",),
+    "upplied.fleet.checking": ("check_structures",),
     "upplied.fleet.decisions": ("Decision", "Job", "Wish", "decide"),
-    "upplied.fleet.ingest": ("Ingested", "check_structures", "ingest_demonstrations", "ingest_structures"),
+    "upplied.fleet.ingest": ("Ingested", "ingest_demonstrations", "ingest_structures"),
     "upplied.fleet.keeping": ("Result", "kept"),
     "upplied.fleet.run": (
         "SHARD_TARGETS",

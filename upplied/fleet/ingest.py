@@ -20,6 +20,7 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.errors import InputError, UppliedError
+from upplied.fleet.admission import Admission, Asked
 from upplied.fleet.learn import gather, learnt_flight, learnt_structure
 from upplied.fleet.run import cores
 from upplied.fleet.workers import JobKilled, Workers, WorkersBroken
@@ -29,7 +30,7 @@ from upplied.inputs.concerns import nominal_problems
 from upplied.inputs.manifests import StructureEntry, read_manifest
 from upplied.inputs.passport.passport import findings_of
 from upplied.inputs.passport.rules import RULES
-from upplied.inputs.rules import check_allowed
+from upplied.inputs.rules import check_allowed, from_json
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Demonstration, Placement, Structure
 
@@ -63,6 +64,7 @@ def ingest_structures(
     workers: int = 0,
     progress: Progress = _silent,
     prune: bool = False,
+    asked: Asked | None = None,
 ) -> list[Ingested]:
     """Read the structures of a manifest and keep those that are new or changed.
 
@@ -77,19 +79,22 @@ def ingest_structures(
         Called with what became of each file.
     prune : bool
         Retire structures that the manifest no longer names, and with them their plans; history stays.
+    asked : Asked, optional
+        Which rules are overruled, and their bounds.
 
     Raises
     ------
     InputError
         If the manifest itself cannot be read.
     """
-    entries = read_manifest(manifest)
+    entries = (asked or Asked()).of(read_manifest(manifest))
     table = catalog.create().structures()
     known = _hashes(table, "structure_id")
     stored = _Stored(known, dict(zip(table["structure_id"], table[_SIZES].to_numpy(), strict=True)))
     read = partial(learnt_structure, *_place(catalog))
-    reads = _each(read, entries, lambda entry: entry.structure_id, workers, stored.same)
-    ingested = _keep(reads, known, lambda it: it.structure_id, catalog.add_structures, progress)
+    reads = each(read, entries, lambda entry: entry.structure_id, workers, stored.same)
+    admitted = Admission(catalog).admitted(reads, {entry.structure_id: entry for entry in entries}, BATCH)
+    ingested = _keep(admitted, known, lambda it: it.structure_id, catalog.add_structures, progress)
     if prune:
         gone = sorted(known.keys() - {entry.structure_id for entry in entries})
         catalog.retire_structures(gone)
@@ -126,7 +131,7 @@ def ingest_demonstrations(
     placements = _placements(catalog.structures())
     read = partial(learnt_flight, *_place(catalog), placements, options=options)
     same = partial(_same_log, known, placements, options)
-    reads = _each(read, find_logs(logs), str, workers, same)
+    reads = each(read, find_logs(logs), str, workers, same)
     ingested = _keep(reads, known, lambda it: it.demonstration_id, catalog.add_demonstrations, progress)
     gather(catalog)
     return ingested
@@ -141,15 +146,6 @@ def _placements(structures: pd.DataFrame) -> dict[str, Placement]:
     placed = structures[structures["lat_deg"].notna()]
     columns = ["structure_id", "lat_deg", "lon_deg", "alt_m", "heading_deg", "datum"]
     return {row[0]: Placement(*row[1:]) for row in placed[columns].itertuples(index=False)}
-
-
-def check_structures(manifest: str | Path, workers: int = 0, progress: Progress = _silent) -> list[Ingested]:
-    """Read the structures of a manifest and say what is wrong; nothing is kept."""
-    found = []
-    for name, read in _each(_checked, read_manifest(manifest), lambda entry: entry.structure_id, workers):
-        found.append(Ingested(name, "failed", read) if isinstance(read, str) else read)
-        progress(found[-1])
-    return found
 
 
 def find_logs(logs: Iterable[str | Path]) -> list[Path]:
@@ -206,14 +202,7 @@ def _same_log(
     return Ingested(name, "unchanged") if known.get(name) == sha256 else None
 
 
-def _checked(entry: StructureEntry) -> Ingested:
-    structure = meshes.read_structure(entry)
-    length, width, height = structure.vertices.max(axis=0) - structure.vertices.min(axis=0)
-    size = f"{length:.1f} x {width:.1f} x {height:.1f} m, {len(structure.triangles)} triangles"
-    return Ingested(entry.structure_id, "good", size)
-
-
-def _each(
+def each(
     read: Callable[[Item], Read],
     items: Sequence[Item],
     name: Callable[[Item], str],
@@ -246,8 +235,10 @@ def _each(
 
 
 def _findings(read: Structure | Demonstration) -> tuple[str, ...]:
-    """What is odd about a flight, or was overruled; a structure says nothing yet."""
-    return tuple(map(str, findings_of(read.passport))) if isinstance(read, Demonstration) else ()
+    """What is odd about it, or was overruled, in words."""
+    if isinstance(read, Demonstration):
+        return tuple(map(str, findings_of(read.passport)))
+    return tuple(map(str, from_json(read.verdicts_json)))
 
 
 def _keep(

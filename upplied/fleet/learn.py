@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 def learnt_structure(location: str, cache: Path, entry: StructureEntry) -> Structure:
     """The structure of one entry; its shape is remembered in the cache of the catalog at a location."""
-    structure = read_structure(entry)
+    structure = read_structure(entry, judge=False)  # it is judged among others afterwards
     _tried(lambda: Shapes(open_catalog(location, cache)).learn(structure), entry.structure_id)
     return structure
 

@@ -1,4 +1,4 @@
-"""What looks odd in a structure and only a person can judge: units, axes, far coordinates, size."""
+"""What a structure shows by itself of the rules: units, axes, far coordinates, size, names of parts."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
+from upplied.inputs.rules import Verdict, broken
+from upplied.inputs.structure_rules import RULES
 from upplied.records import Floats
 
-NOMINAL_TOLERANCE = 0.07  # passes nearly every good model of a type and flags toys and wrong units
-_SMALLEST_M, _LARGEST_M = 0.5, 2000.0
 _FAR_M = 10_000.0  # from the origin: single precision is off by a millimetre there
 _EFFECT = re.compile(
     r"(?i)(?:^|[^a-z])(wake|lights?|flash|beacon|spots?|glow|billboard|halo|shadow)(?![a-z])"
@@ -20,35 +20,35 @@ _EFFECT = re.compile(
 _BESIDE = 0.05  # of the diagonal that a landmark may lie outside the box
 
 
-def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> tuple[str, ...]:
-    """Warnings about a structure (V, 3), m, in words."""
-    found = [
-        _units(raw, entry),
-        _up(raw, entry),
-        _scale(vertices),
-        _far(vertices, entry),
-        _below(vertices, entry),
-        _effects(raw),
-        *_landmarks(vertices, entry),
-    ]
-    return tuple(filter(None, found))
+def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> tuple[Verdict, ...]:
+    """The rules that a structure (V, 3), m, breaks by itself, whatever others there are."""
+    found = {
+        "declared-unit": _units(raw, entry),
+        "declared-up": _up(raw, entry),
+        **_extent(vertices, entry),
+        "far": _far(vertices),
+        "below-ground": _below(vertices, entry),
+        "effects": _effects(raw),
+    }
+    verdicts = [broken(RULES[name], words) for name, words in found.items() if words]
+    return (*verdicts, *(broken(RULES["landmark"], words) for words in _landmarks(vertices, entry)))
 
 
 def nominal_problems(
     vertices: Floats, entry: StructureEntry, outliers: tuple[Outlier, ...]
-) -> tuple[tuple[str, str, str], ...]:
-    """Where the size is not the nominal one: found, rule, remedy."""
-    remedy = "check units, up, forward and scale"
+) -> tuple[Verdict, ...]:
+    """Where the size is not the nominal one."""
+    remedy = RULES["nominal"].remedy
     if outliers and not entry.drop_outliers:
         remedy += f", or set drop_outliers = true: it has {outliers[0]}"
-    size = np.ptp(vertices, axis=0)
+    size, most = np.ptp(vertices, axis=0), entry.bounds.nominal_pct
     found = []
     for side, have, want in zip(
         ("length (x)", "width (y)", "height (z)"), size, entry.nominal_m, strict=True
     ):
-        if want is not None and abs(have / want - 1) > NOMINAL_TOLERANCE:
+        if want is not None and abs(have / want - 1) > most / 100:
             off = f"{side} is {have:.4g} m, {100 * (have / want - 1):+.0f} % off the nominal {want:g} m"
-            found.append((off, f"within {100 * NOMINAL_TOLERANCE:.0f} %", remedy))
+            found.append(broken(RULES["nominal"], off, f"within {most:g} %", remedy))
     return tuple(found)
 
 
@@ -65,14 +65,18 @@ def _up(raw: RawMesh, entry: StructureEntry) -> str:
     return f"the file says that {raw.up} is up, the manifest {entry.up}: the manifest wins"
 
 
-def _scale(vertices: Floats) -> str:
-    longest = float(np.ptp(vertices, axis=0).max())
-    if _SMALLEST_M <= longest <= _LARGEST_M:
-        return ""
-    return f"its longest side is {longest:.4g} m: are the units right?"
+def _extent(vertices: Floats, entry: StructureEntry) -> dict[str, str]:
+    longest, bounds = float(np.ptp(vertices, axis=0).max()), entry.bounds
+    for rule, low, high in (
+        ("extent", bounds.least_m, bounds.most_m),
+        ("odd-extent", bounds.odd_least_m, bounds.odd_most_m),
+    ):
+        if not low <= longest <= high:
+            return {rule: f"its longest side is {longest:.4g} m: are the units right?"}
+    return {}
 
 
-def _far(vertices: Floats, entry: StructureEntry) -> str:
+def _far(vertices: Floats) -> str:
     centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     if np.abs(centre).max() < _FAR_M:
         return ""

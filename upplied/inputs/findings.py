@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from upplied.inputs.outliers import Outlier
 from upplied.inputs.repair import Repairs
+from upplied.inputs.rules import Verdict, refusals
 from upplied.records import Record
 
 
@@ -28,5 +29,16 @@ class Findings(Record):
     nonmanifold_edges: int = 0
     outliers: tuple[Outlier, ...] = ()
     done: tuple[str, ...] = ()  # what was repaired, converted or dropped, in words
-    warnings: tuple[str, ...] = ()  # what a person should look at
-    problems: tuple[tuple[str, str, str], ...] = ()  # found, rule, remedy: why it is refused
+    assumed: tuple[str, ...] = ()  # where nothing declares the file
+    verdicts: tuple[Verdict, ...] = ()  # the rules that it breaks
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a person should look at, in words."""
+        odd = (verdict for verdict in self.verdicts if verdict.severity == "warn")
+        return (*self.assumed, *(verdict.found for verdict in odd))
+
+    @property
+    def problems(self) -> tuple[Verdict, ...]:
+        """Why it is refused."""
+        return refusals(self.verdicts)

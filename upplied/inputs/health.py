@@ -37,7 +37,7 @@ class HealthReport(Record):
     @property
     def problems(self) -> tuple[str, ...]:
         """Why it would be refused; empty where it would not."""
-        return tuple(f"{found} (rule: {rule}). {remedy}" for found, rule, remedy in self.findings.problems)
+        return tuple(f"{verdict}. {verdict.remedy}" for verdict in self.findings.problems)
 
     @property
     def text(self) -> str:
@@ -91,7 +91,7 @@ def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
         entry, assumed = _assumed(path, raw)
         structure, findings = normalise(entry, raw, sha256)
         where = "file" if raw.unit_m is not None else "assumed"
-        findings = replace(findings, unit_from=where, warnings=(*assumed, *findings.warnings))
+        findings = replace(findings, unit_from=where, assumed=assumed)
     size = np.ptp(structure.vertices, axis=0)
     suffix = entry.path.suffix.lower().removeprefix(".")
     return HealthReport(entry.path, suffix, structure, tuple(size.tolist()), findings)

@@ -11,6 +11,7 @@ import numpy as np
 
 from upplied.checks import check_id
 from upplied.errors import InputError
+from upplied.inputs.structure_rules import RULES
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "file": None}
 AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -161,6 +162,17 @@ def _landmarks(value: Any, what: str) -> dict[str, tuple[float, float, float]]:
     return {check_id(name, what): point(xyz, f"{what} {name}") for name, xyz in table.items()}
 
 
+def _rules(value: Any, what: str) -> tuple[str, ...]:
+    listed = isinstance(value, str) and value.lstrip().startswith("[")
+    try:
+        names = _decoded(value) if listed or not isinstance(value, str) else value.replace(",", " ").split()
+    except ValueError:
+        names = None
+    if not isinstance(names, list) or not all(isinstance(name, str) and name in RULES for name in names):
+        raise InputError(what, f"got {_shown(value)}", f"names of rules, of {', '.join(RULES)}")
+    return tuple(sorted(set(names)))
+
+
 def _decoded(value: Any) -> Any:
     try:
         return json.loads(value) if isinstance(value, str) else value
@@ -206,4 +218,5 @@ KEYS: dict[str, Key] = {
     "drop_outliers": Key(_flag, "drop parts far off the rest: billboards, wakes"),
     "clip_ground": Key(_flag, "cut off what lies below ground_z"),
     "notes": Key(_text, "anything else"),
+    "allow": Key(_rules, 'rules that are overruled for it, as in docs/checks.md: ["odd-size"]'),
 }

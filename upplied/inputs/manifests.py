@@ -20,6 +20,7 @@ import numpy as np
 from upplied.errors import InputError
 from upplied.inputs import manifest_keys as keys
 from upplied.inputs.files import read_regular
+from upplied.inputs.structure_rules import StructureSettings
 from upplied.records import Floats, Placement, Surroundings
 
 MAX_BYTES = 16 << 20  # a row is some 200 bytes: 80 000 structures
@@ -47,6 +48,9 @@ class StructureEntry:
     drop_outliers: bool = False  # drop parts far off the rest: billboards, wakes
     clip_ground: bool = False  # cut off what lies below the declared ground
     notes: str = ""
+    allow: tuple[str, ...] = ()  # rules that are overruled for it, by name
+    strict: bool = False  # what is odd is refused too
+    bounds: StructureSettings = field(default_factory=StructureSettings)
 
 
 def read_manifest(path: Path | str, allow_outside: bool = False) -> list[StructureEntry]:
@@ -152,6 +156,7 @@ def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool)
         drop_outliers=given.get("drop_outliers", False),
         clip_ground=given.get("clip_ground", False),
         notes=given.get("notes", ""),
+        allow=given.get("allow", ()),
     )
 
 

@@ -20,19 +20,23 @@ from upplied.inputs.outside import look
 from upplied.inputs.points import outward_normals
 from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import Repairs, clean, clip_below, compact, used_vertices
+from upplied.inputs.rules import broken, decided, refuse, to_json
+from upplied.inputs.structure_rules import RULES
 from upplied.inputs.topology import topology_of
 from upplied.records import Bools, Floats, Ints, Structure
 
 _FARTHEST_M = 1e9  # beyond, the file is damaged; single precision and squares stay in range below
 
 
-def read_structure(entry: StructureEntry) -> Structure:
+def read_structure(entry: StructureEntry, judge: bool = True) -> Structure:
     """The structure of a manifest entry.
 
     Parameters
     ----------
     entry : StructureEntry
         Says where the file lies and what its units and axes mean.
+    judge : bool
+        False: a rule that is broken is no error, and stands in `verdicts_json` for who asks others too.
 
     Returns
     -------
@@ -44,13 +48,13 @@ def read_structure(entry: StructureEntry) -> Structure:
     Raises
     ------
     InputError
-        Where the file is empty, truncated, mislabelled, of another format, or not of the nominal size.
+        Where the file is empty, truncated, mislabelled or of another format, or breaks a rule.
     """
     check_id(entry.structure_id, "structure id")
     raw, sha256 = read_raw(entry.path)
     structure, findings = normalise(entry, raw, sha256)
-    for found, rule, remedy in findings.problems:
-        raise InputError(f"{entry.path} ({entry.structure_id})", found, rule, remedy)
+    if judge:
+        refuse(f"{entry.path} ({entry.structure_id})", findings.verdicts)
     return structure
 
 
@@ -84,9 +88,10 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
         vertices, triangles, normals, findings = _mesh(vertices, raw, entry)
     else:
         vertices, triangles, normals, findings = _cloud(vertices, raw, entry)
-    problems = nominal_problems(vertices, entry, findings.outliers)
-    warnings = (*findings.warnings, *concerns(vertices, raw, entry))
-    findings = replace(findings, done=(*raw.remarks, *findings.done), warnings=warnings, problems=problems)
+    nominal = nominal_problems(vertices, entry, findings.outliers)
+    found = (*nominal, *findings.verdicts, *concerns(vertices, raw, entry))
+    verdicts = decided(found, entry.allow, entry.strict)
+    findings = replace(findings, done=(*raw.remarks, *findings.done), verdicts=verdicts)
     structure = Structure(
         structure_id=entry.structure_id,
         kind=entry.kind,
@@ -99,7 +104,8 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
         surroundings=entry.surroundings,
         landmarks=dict(entry.landmarks),
         symmetric=entry.symmetric,
-        notes="; ".join(filter(None, (entry.notes, *findings.done, *findings.warnings))),
+        notes="; ".join(filter(None, (entry.notes, *findings.done, *(v.found for v in verdicts)))),
+        verdicts_json=to_json(verdicts) if verdicts else "",
     )
     return structure, findings
 
@@ -161,16 +167,14 @@ def _mesh(
         done.append(f"{outside.inverted.sum()} triangles turned that showed outside their back")
     outliers = tuple(find_outliers(vertices, triangles, topology))
     drop: Bools = outside.hidden & entry.drop_hidden
-    warnings = []
+    verdicts = []
     if outside.hidden.any() and not entry.drop_hidden:
-        warnings.append(
-            f"{outside.hidden.sum()} of {len(triangles)} triangles lie in parts that nobody sees from outside"
-            " (drop_hidden = true drops them)"
-        )
+        found = f"{outside.hidden.sum()} of {len(triangles)} triangles lie in parts that nobody sees"
+        verdicts.append(broken(RULES["hidden"], f"{found} from outside (drop_hidden = true drops them)"))
     for outlier in outliers:
         drop[outlier.triangles] |= entry.drop_outliers
         if not entry.drop_outliers:
-            warnings.append(f"{outlier} (drop_outliers = true drops it)")
+            verdicts.append(broken(RULES["outlier"], f"{outlier} (drop_outliers = true drops it)"))
     if drop.any():
         done.append(f"{drop.sum()} triangles of hidden parts and outliers dropped")
         vertices, triangles = compact(vertices, triangles[~drop])
@@ -190,7 +194,7 @@ def _mesh(
         nonmanifold_edges=final.nonmanifold_edges,
         outliers=outliers,
         done=tuple(done),
-        warnings=tuple(warnings),
+        verdicts=tuple(verdicts),
     )
     return vertices, triangles, None, findings
 
@@ -219,8 +223,7 @@ def _cloud(
     findings = Findings(
         **_declared(raw, entry),
         repairs=Repairs(),
-        done=tuple(filter(None, done)),
-        warnings=("a point cloud: sizes and sight lines are as dense as its points",),
+        done=(*filter(None, done), "a point cloud: sizes and sight lines are as dense as its points"),
     )
     return points, np.empty((0, 3), np.int64), normals, findings
 

@@ -122,3 +122,29 @@ def _packed(grid: Bools) -> Ints:
 
 def _count(words: Ints) -> Ints:
     return np.asarray(np.bitwise_count(words.view(np.uint64)).sum(axis=-1), np.int64)
+
+
+def turned(shape: ShapeFeatures, turn: Floats) -> ShapeFeatures:
+    """The features of a structure that is turned by a quarter turn or several, without its samples.
+
+    Parameters
+    ----------
+    shape : ShapeFeatures
+    turn : array, shape (3, 3)
+        Proper, each entry -1, 0 or 1.
+    """
+    order, signs = np.argmax(np.abs(turn), axis=1), turn[np.arange(3), np.argmax(np.abs(turn), axis=1)]
+    flipped = tuple(np.flatnonzero(signs < 0).tolist())
+    occupied = np.flip(_unpacked(shape.occupied).transpose(order), axis=flipped)
+    facing = shape.facing.reshape(3, _FACES)[order]
+    facing[list(flipped)] = facing[list(flipped)][:, ::-1]
+    return ShapeFeatures(
+        extent_m=shape.extent_m[order],
+        occupied=_packed(occupied),
+        near=_packed(ndimage.binary_dilation(occupied)),
+        facing=facing.reshape(-1),
+    )
+
+
+def _unpacked(words: Ints) -> Bools:
+    return np.unpackbits(words.view(np.uint8)).reshape((_CELLS,) * 3).astype(bool)

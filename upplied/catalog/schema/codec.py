@@ -12,7 +12,7 @@ import json
 import math
 import types
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import Field, fields, is_dataclass
 from functools import lru_cache
 from io import BytesIO
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -114,7 +114,8 @@ def _plain(value: Any, path: str, arrays: dict[str, Array]) -> Any:
     if isinstance(value, np.generic):
         return _plain(value.item(), path, arrays)
     if is_dataclass(value) and not isinstance(value, type):
-        inner = {f.name: _plain(getattr(value, f.name), _join(path, f.name), arrays) for f in fields(value)}
+        kept = [f for f in fields(value) if not _left_out(f, getattr(value, f.name))]
+        inner = {f.name: _plain(getattr(value, f.name), _join(path, f.name), arrays) for f in kept}
         return {"fields": inner, "type": type(value).__name__}
     if isinstance(value, tuple | list):
         return {"items": [_plain(item, _join(path, str(i)), arrays) for i, item in enumerate(value)]}
@@ -125,6 +126,11 @@ def _plain(value: Any, path: str, arrays: dict[str, Array]) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise TypeError(f"{path}: a {type(value).__name__} cannot be kept")
+
+
+def _left_out(told: Field, value: Any) -> bool:
+    """Whether a field that came later says nothing: so records of before keep their hash."""
+    return bool(told.metadata.get("later")) and value == told.default
 
 
 def _record(plain: Any, hint: Any, path: str, arrays: Mapping[str, Array]) -> Any:

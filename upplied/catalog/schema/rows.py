@@ -75,8 +75,14 @@ def structure_row(structure: Structure, mesh_sha256: str) -> Row:
         ),
         "landmarks_json": json_text({name: list(map(float, at)) for name, at in structure.landmarks.items()}),
         "symmetric": structure.symmetric,
+        "findings": "; ".join(_found(item) for item in json.loads(structure.verdicts_json or "[]")),
+        "verdicts_json": structure.verdicts_json,
         "retired": False,
     }
+
+
+def _found(verdict: Row) -> str:
+    return f"{verdict['rule']}: {verdict['found']}" + " (overruled)" * verdict["overruled"]
 
 
 def structure_of(row: Row, mesh: Structure) -> Structure:
@@ -101,6 +107,7 @@ def structure_of(row: Row, mesh: Structure) -> Structure:
         landmarks={name: (x, y, z) for name, (x, y, z) in json.loads(row["landmarks_json"] or "{}").items()},
         symmetric=row["symmetric"],
         notes=row["notes"],
+        verdicts_json=row["verdicts_json"],
     )
 
 

@@ -83,6 +83,8 @@ STRUCTURES = Table(
         Column("surroundings_json", TEXT, "", "ground, keep-out boxes, geofence and ceiling, m"),
         Column("landmarks_json", TEXT, "", "named points, m, structure frame"),
         Column("symmetric", TRUTH, "", "declared: no heading can be told from the shape"),
+        Column("findings", TEXT, "", "the rules it breaks, and those overruled, in words"),
+        Column("verdicts_json", TEXT, "", "the same with what was found, allowed and to be done"),
         *_version_of("the fleet"),
     ),
     ("structure_id", "added_at"),

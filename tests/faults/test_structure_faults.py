@@ -1,0 +1,237 @@
+"""Wrong structures are refused or named, right ones are taken: each rule, its overruling, `--strict`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import bad_meshes
+import mesh_files
+import trimesh
+
+from upplied.cli import main
+from upplied.errors import InputError, SettingsError
+from upplied.fleet.admission import Admission, shape_of
+from upplied.fleet.members import Member, judged
+from upplied.inputs.manifests import StructureEntry, read_manifest
+from upplied.inputs.meshes import read_structure
+from upplied.inputs.rules import from_json
+from upplied.inputs.structure_rules import RULES, StructureSettings, changed
+from upplied.recommend.features import shape_features, turned
+from upplied.records import Cloud, Structure
+from upplied.samples.fleet import sample_structures
+
+BOUNDS = StructureSettings()
+KINDS = {"airliner": "b777-v1", "wind_turbine": "turbine-2-v1", "ship": "yacht-1-v1"}
+
+
+@cache
+def known() -> dict[str, Structure]:
+    return {one.structure_id: one for one in sample_structures() if one.kind in KINDS}
+
+
+@cache
+def member(name: str) -> Member:
+    return Member(name, known()[name].kind, shape_of(known()[name]))
+
+
+def among(structure: Structure, kind: str = "") -> tuple:
+    """What a structure breaks among the sample fleet, itself left out."""
+    new = Member(structure.structure_id, kind or structure.kind, shape_of(structure))
+    others = [member(name) for name in known() if name != structure.structure_id]
+    return judged(new, others, BOUNDS)
+
+
+def refused(verdicts: tuple) -> list[str]:
+    return [verdict.rule for verdict in verdicts if verdict.severity == "refuse"]
+
+
+# Among others ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("mistake", bad_meshes.SIZES)
+def test_a_structure_in_another_unit_never_passes_in_silence(kind: str, mistake: str) -> None:
+    wrong = bad_meshes.scaled(known()[KINDS[kind]], bad_meshes.SIZES[mistake])
+    found = among(wrong)
+    assert found, mistake
+    if mistake in bad_meshes.SURELY:
+        assert set(refused(found)) & {"size", "units"}
+        assert "looks like" in str(found[0])
+
+
+def test_millimetres_are_named_with_the_figure() -> None:
+    (found,) = among(bad_meshes.scaled(known()["b777-v1"], 1000))
+    assert found.rule == "size" and "looks like mm read as m: units = mm?" in found.found
+    assert "times larger than every airliner here (b747-v1" in found.found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("side", bad_meshes.SIDES)
+def test_a_structure_on_its_side_is_refused_and_the_right_axes_named(kind: str, side: str) -> None:
+    turn = bad_meshes.SIDES[side]
+    found = among(bad_meshes.on_its_side(known()[KINDS[kind]], turn))
+    assert "up-axis" in refused(found), found
+    verdict = next(one for one in found if one.rule == "up-axis")
+    true_up = ("-" if turn[:, 2].sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(turn[:, 2])))]
+    assert f"declare up = '{true_up}'" in verdict.remedy
+
+
+@pytest.mark.parametrize("name", ["yacht-1-v1", "turbine-2-v1", "cruise-v1"])
+def test_a_structure_of_another_kind_is_warned_of(name: str) -> None:
+    wrong = replace(known()[name], structure_id="other")
+    found = among(wrong, "airliner")
+    assert "kind" in [verdict.rule for verdict in found]
+    assert known()[name].kind in next(one.found for one in found if one.rule == "kind")
+
+
+@pytest.mark.parametrize("name", [one.structure_id for one in sample_structures()])
+def test_right_structures_are_not_refused(name: str) -> None:
+    if name in known():
+        assert not refused(among(known()[name]))
+
+
+def test_a_tail_for_a_nose_is_warned_of_and_not_where_no_heading_is_declared() -> None:
+    back = bad_meshes.on_its_side(known()["b777-v1"], np.diag([-1.0, -1.0, 1.0]))
+    new = Member("back", "airliner", shape_of(back))
+    others = [member(name) for name in known()]
+    found = judged(new, others, BOUNDS)
+    assert [one.rule for one in found] == ["forward-axis"] and "forward = '-x'" in found[0].remedy
+    assert not judged(new, others, BOUNDS, symmetric=True)
+
+
+def test_the_first_of_its_kind_is_compared_with_nothing() -> None:
+    assert judged(replace(member("b777-v1"), kind="zeppelin"), [member("cruise-v1")], BOUNDS) == ()
+
+
+def test_features_turn_as_their_samples_do() -> None:
+    structure = known()["b777-v1"]
+    rng = np.random.default_rng(0)
+    points = structure.vertices[rng.integers(0, len(structure.vertices), 500)] + rng.normal(size=(500, 3))
+    normals = rng.normal(size=(500, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    cloud = Cloud(points, normals, np.ones(500))
+    for turn in bad_meshes.SIDES.values():
+        here = turned(shape_features(cloud), turn)
+        there = shape_features(Cloud(points @ turn.T, normals @ turn.T, np.ones(500)))
+        assert np.array_equal(here.occupied, there.occupied) and np.array_equal(here.near, there.near)
+        assert np.allclose(here.facing, there.facing) and np.allclose(here.extent_m, there.extent_m)
+
+
+# Each rule ---------------------------------------------------------------------------------------
+
+ALONE = list(bad_meshes.odd_alone())
+
+
+@pytest.mark.parametrize("odd", ALONE, ids=lambda odd: odd.rule)
+def test_each_rule_is_broken_by_a_file_and_overruled_by_its_name(tmp_path: Path, odd: bad_meshes.Odd) -> None:
+    entry = bad_meshes.entry_of(odd, tmp_path, mesh_files.write(odd.vertices, odd.triangles, odd.suffix))
+    if RULES[odd.rule].severity == "refuse":
+        with pytest.raises(InputError, match=f"--allow {odd.rule}"):
+            read_structure(entry)
+    else:
+        found = from_json(read_structure(entry).verdicts_json)
+        assert [one.rule for one in found] == [odd.rule] and not found[0].overruled
+        with pytest.raises(InputError, match=f"--allow {odd.rule}"):
+            read_structure(replace(entry, strict=True))
+    kept = from_json(read_structure(replace(entry, allow=(odd.rule,), strict=True)).verdicts_json)
+    assert {one.rule for one in kept if one.overruled} == {odd.rule}
+
+
+def test_every_rule_has_a_test_here() -> None:
+    among_others = {"size", "units", "up-axis", "forward-axis", "odd-size", "kind"}
+    assert {odd.rule for odd in ALONE} | among_others == set(RULES)
+    assert all(rule.reason and rule.remedy for rule in RULES.values())
+    assert all(hasattr(BOUNDS, rule.limit) for rule in RULES.values() if rule.limit)
+
+
+def test_bounds_are_settings(tmp_path: Path) -> None:
+    wrong = bad_meshes.scaled(known()["b777-v1"], 20)
+    new, others = Member("x", "airliner", shape_of(wrong)), [member(name) for name in known()]
+    assert refused(judged(new, others, BOUNDS)) == ["size"]
+    assert "size" not in refused(judged(new, others, changed(["structures.size_ratio=50"])))
+    for said in ("nothing=1", "size_ratio=x", "size_ratio=-1"):
+        with pytest.raises(SettingsError):
+            changed([said])
+
+
+def test_units_and_odd_size_are_told_apart() -> None:
+    same = known()["a320-v1"]
+    feet = replace(bad_meshes.scaled(same, 3.28), structure_id="feet")
+    assert refused(among(feet)) == ["units"]
+    half = replace(bad_meshes.scaled(known()["turbine-1-v1"], 0.5), structure_id="half")
+    assert [one.rule for one in among(half)] == ["odd-size"]
+
+
+# From the command to the catalog -----------------------------------------------------------------
+
+
+def test_wrong_ones_are_refused_right_ones_taken_and_what_is_overruled_is_stored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = []
+    for name, factor, kind in (
+        ("a320-v1", 1.0, "airliner"),
+        ("b777-v1", 1.0, "airliner"),
+        ("b747-v1", 1000.0, "airliner"),
+        ("yacht-1-v1", 1.0, "airliner"),
+    ):
+        structure = known()[name]
+        mesh = trimesh.Trimesh(structure.vertices * factor, structure.triangles, process=False)
+        mesh.export(tmp_path / f"{name}.ply")
+        rows.append(f"{name},{kind},{name}.ply,m,z,x")
+    manifest = tmp_path / "structures.csv"
+    manifest.write_text("id,kind,path,units,up,forward\n" + "\n".join(rows) + "\n")
+    catalog = str(tmp_path / "catalog")
+    checked = main(["structures", "check", str(manifest), "--json", "--workers", "1"])
+    told = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    assert checked == 1 and told["b747-v1"]["status"] == "failed"
+    assert told["a320-v1"]["status"] == "good"
+    assert told["yacht-1-v1"]["status"] == "odd" and "kind" in str(told["yacht-1-v1"]["findings"])
+    assert main(["structures", "add", str(manifest), "--workers", "1", "--catalog", catalog]) == 1
+    said = capsys.readouterr()
+    assert (
+        "b747-v1" in said.err and "--allow extent --allow size" in said.err and "yacht-1-v1: kind" in said.out
+    )
+    assert main(["structures", "list", "--json", "--catalog", catalog]) == 0
+    listed = {row["structure_id"]: row for row in json.loads(capsys.readouterr().out)}
+    assert set(listed) == {"a320-v1", "b777-v1", "yacht-1-v1"} and "kind" in listed["yacht-1-v1"]["findings"]
+    # In centimetres as metres it is no longer absurd by itself, but among its kind.
+    manifest.write_text("id,kind,path,units,up,forward\nb747-v1,airliner,b747-v1.ply,0.05,z,x\n")
+    command = ["structures", "add", str(manifest), "--workers", "1", "--catalog", catalog]
+    assert main(command) == 1
+    assert "size: its diagonal" in capsys.readouterr().err
+    assert main([*command, "--allow", "sise"]) == 2 or "one of" in capsys.readouterr().err
+    assert main([*command, "--allow", "size"]) == 0
+    assert main(["structures", "show", "b747-v1", "--json", "--catalog", catalog]) == 0
+    out = capsys.readouterr().out
+    (shown,) = json.loads(out[out.index("[\n") :])
+    assert ("size", True) in [(one["rule"], one["overruled"]) for one in shown["verdicts"]]
+
+
+def test_a_manifest_overrules_by_name_and_knows_the_rules(tmp_path: Path) -> None:
+    head = '[[structure]]\nid = "a"\nkind = "b"\npath = "a.ply"\nunits = "m"\nup = "z"\nforward = "x"\n'
+    path = tmp_path / "structures.toml"
+    path.write_text(head + 'allow = ["odd-size", "kind"]\n')
+    assert read_manifest(path)[0].allow == ("kind", "odd-size")
+    path.write_text(head + 'allow = ["everything"]\n')
+    with pytest.raises(InputError, match="names of rules"):
+        read_manifest(path)
+
+
+def test_two_that_disagree_are_both_named_where_nothing_else_is_known() -> None:
+    entry = StructureEntry("x", "airliner", Path("x"))
+    small, large = (replace(member("b777-v1"), structure_id=name) for name in ("x", "y"))
+    grown = replace(large, shape=replace(large.shape, extent_m=large.shape.extent_m * 100))
+    admission = Admission(None)
+    for one in (small, grown):
+        assert refused(admission.verdicts(one, entry, [small, grown])) == ["size"]

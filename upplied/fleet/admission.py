@@ -1,0 +1,127 @@
+"""Structures that were read, judged among those that are known before they are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from typing import Any
+
+from upplied.catalog import Catalog
+from upplied.config import settings_for
+from upplied.errors import InputError
+from upplied.fleet.members import Member, judged
+from upplied.inputs.manifests import StructureEntry
+from upplied.inputs.rules import Verdict, check_allowed, decided, from_json, refuse, to_json
+from upplied.inputs.structure_rules import RULES, StructureSettings
+from upplied.planning.surface.samples import surface_samples
+from upplied.recommend.features import ShapeFeatures, shape_features
+from upplied.recommend.shapes import Shapes, content_of
+from upplied.records import Structure
+from upplied.scene import scene_of
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a person says of the rules for all structures of a manifest."""
+
+    allow: tuple[str, ...] = ()  # overruled, by name
+    strict: bool = False  # what is odd is refused too
+    bounds: StructureSettings = field(default_factory=StructureSettings)
+
+    def of(self, entries: Sequence[StructureEntry]) -> list[StructureEntry]:
+        """The entries, with that said of each."""
+        allow = check_allowed(self.allow, RULES)
+        return [
+            replace(entry, allow=(*entry.allow, *allow), strict=self.strict, bounds=self.bounds)
+            for entry in entries
+        ]
+
+
+class Admission:
+    """What a new structure is compared with: the catalog, and those that come with it.
+
+    Structures of a kind that the catalog does not know yet are compared with each other, so the
+    order in which they come does not matter.
+
+    Parameters
+    ----------
+    catalog : Catalog or None
+        None: only those that come together are compared.
+    """
+
+    def __init__(self, catalog: Catalog | None) -> None:
+        self._shapes = None if catalog is None else Shapes(catalog)
+        self._known = [] if catalog is None or self._shapes is None else _members(catalog, self._shapes)
+        self._kinds = {member.kind for member in self._known}
+
+    def verdicts(
+        self, new: Member, entry: StructureEntry, together: Sequence[Member] = ()
+    ) -> tuple[Verdict, ...]:
+        """The rules that a structure breaks among others, as they count for its entry."""
+        others = [one for one in self._known if one.structure_id != new.structure_id]
+        others += [
+            one for one in together if one.kind not in self._kinds and one.structure_id != new.structure_id
+        ]
+        axes = (entry.up, entry.forward)
+        return decided(judged(new, others, entry.bounds, axes, entry.symmetric), entry.allow, entry.strict)
+
+    def admitted(
+        self,
+        reads: Iterator[tuple[str, Any]],
+        entries: Mapping[str, StructureEntry],
+        batch: int,
+    ) -> Iterator[tuple[str, Any]]:
+        """The same, in their order; a structure that is refused becomes the reason."""
+        while waiting := list(islice(reads, batch)):
+            new = {name: self._member(read) for name, read in waiting if isinstance(read, Structure)}
+            for name, read in waiting:
+                if isinstance(read, Structure):
+                    yield name, self._judged(read, new, entries[name])
+                else:
+                    yield name, read
+
+    def _judged(
+        self, structure: Structure, new: Mapping[str, Member], entry: StructureEntry
+    ) -> Structure | str:
+        member = new[entry.structure_id]
+        found = self.verdicts(member, entry, list(new.values()))
+        every = (*from_json(structure.verdicts_json), *found)
+        try:
+            refuse(f"{entry.path} ({entry.structure_id})", every)
+        except InputError as error:
+            return str(error)
+        if not found:
+            return structure
+        notes = "; ".join(filter(None, (structure.notes, *(verdict.found for verdict in found))))
+        return replace(structure, verdicts_json=to_json(every), notes=notes)
+
+    def _member(self, structure: Structure) -> Member:
+        assert self._shapes is not None
+        self._shapes.learn(structure)  # a look into the cache, where its worker has put it
+        shape = self._shapes.features(structure.structure_id, structure.sha256)
+        return Member(structure.structure_id, structure.kind, shape)
+
+
+def shape_of(structure: Structure) -> ShapeFeatures:
+    """The features of a structure that no catalog remembers."""
+    clouds = settings_for("recommended").clouds
+    return shape_features(surface_samples(structure, scene_of(structure), clouds))
+
+
+def _members(catalog: Catalog, shapes: Shapes) -> list[Member]:
+    """The structures of a catalog with their shapes."""
+    table = catalog.structures().set_index("structure_id").sort_index()
+    library = shapes.library(content_of(table, "mesh_sha256").to_dict())
+    flown = set(catalog.demonstrations()["structure_id"])
+    return [
+        Member(
+            str(name),
+            str(kind),
+            ShapeFeatures(
+                library.extent_m[row], library.occupied[row], library.near[row], library.facing[row]
+            ),
+            name in flown,
+        )
+        for row, (name, kind) in enumerate(table["kind"].items())
+    ]

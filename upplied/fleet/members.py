@@ -1,0 +1,193 @@
+"""A structure against the others of its kind: its size, its unit, the way it stands, and its form.
+
+What no file tells of itself, its like tell: an airliner a thousand times as large as every other is in
+millimetres, one that fits the others only on its side has another axis up. Shapes are compared by
+their features (`upplied.recommend.features`), free of scale; nothing is registered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import permutations, product
+
+import numpy as np
+
+from upplied.inputs.manifest_keys import UNITS
+from upplied.inputs.meshes import turn as file_turn
+from upplied.inputs.rules import Verdict, broken
+from upplied.inputs.structure_rules import RULES, StructureSettings
+from upplied.recommend.features import ShapeFeatures, library_of, turned, unlikeness
+from upplied.records import Floats
+
+_METRES = {name: metres for name, metres in UNITS.items() if metres is not None and metres != 1.0}
+# What a size is off by where one unit is taken for another, and in words.
+_CONFUSED = tuple(
+    (factor, words)
+    for name, metres in _METRES.items()
+    for factor, words in (
+        (1 / metres, f"{name} read as m: units = {name}?"),
+        (metres, f"metres read as {name}: units = m?"),
+    )
+)
+_NEARLY_ALIKE = 0.35  # unlikeness of members of one form, nearly all (airliners, turbines, hulls)
+
+
+@dataclass(frozen=True)
+class Member:
+    """One structure as the others see it."""
+
+    structure_id: str
+    kind: str
+    shape: ShapeFeatures
+    flown: bool = False  # the source of a demonstration
+
+    @property
+    def size_m(self) -> float:
+        """Diagonal of its box, m."""
+        return float(np.linalg.norm(self.shape.extent_m))
+
+    def __str__(self) -> str:
+        return f"{self.structure_id}, {self.size_m:.3g} m" + (", the source of a demonstration" * self.flown)
+
+
+def judged(
+    new: Member,
+    others: Sequence[Member],
+    bounds: StructureSettings,
+    axes: tuple[str, str] = ("z", "x"),
+    symmetric: bool = False,
+) -> tuple[Verdict, ...]:
+    """The rules that a structure breaks among others; none where there is no other of its kind.
+
+    Parameters
+    ----------
+    new : Member
+    others : sequence of Member
+        Of its kind and of others, itself not among them.
+    bounds : StructureSettings
+    axes : tuple
+        The file's axes that were declared up and forward, for the words of a remedy.
+    symmetric : bool
+        No heading can be told from its shape.
+    """
+    kin = [other for other in others if other.kind == new.kind]
+    if not kin:
+        return ()
+    unlike = unlikeness(new.shape, library_of([one.shape for one in kin]))
+    return (
+        *_size(new, kin, unlike, bounds),
+        *_axes(new, kin, float(unlike.min()), bounds, axes, symmetric),
+        *_kind(new, kin, unlike, [other for other in others if other.kind != new.kind], bounds),
+    )
+
+
+def _size(new: Member, kin: Sequence[Member], unlike: Floats, bounds: StructureSettings) -> Iterator[Verdict]:
+    """Larger than all, smaller than all, or off its like by just what two units differ."""
+    sizes = np.array([one.size_m for one in kin])
+    largest, smallest, like = kin[int(sizes.argmax())], kin[int(sizes.argmin())], kin[int(unlike.argmin())]
+    beyond = max(new.size_m / largest.size_m, smallest.size_m / new.size_m, 1.0)
+    nearest, side = (largest, "larger") if new.size_m > largest.size_m else (smallest, "smaller")
+    unit = _unit(new.size_m / like.size_m, bounds.unit_slack)
+    of_form = float(unlike.min()) < bounds.alike
+    odd = bounds.odd_size_ratio * (1 + 1 / (3 * len(kin)))
+    said = f"its diagonal is {new.size_m:.3g} m, {beyond:.3g} times {side} than every {new.kind} here"
+    if beyond > bounds.size_ratio:
+        guess = unit or _unit(new.size_m / like.size_m, 2 * bounds.unit_slack)
+        guess = guess or _unit(
+            new.size_m / float(np.sqrt(sizes.min() * sizes.max())),
+            np.log(odd) + (np.log(sizes.max() / sizes.min()) / 2),
+        )
+        looks = f"; looks like {guess}" if guess else ""
+        yield broken(RULES["size"], f"{said} ({nearest}){looks}", f"at most {bounds.size_ratio:g} times")
+    elif beyond > odd and unit and of_form:
+        found = f"{said} ({nearest}), and {_times(new, like)} as {like.structure_id} of the same form"
+        yield broken(RULES["units"], f"{found}; looks like {unit}")
+    elif beyond > odd:
+        yield broken(RULES["odd-size"], f"{said} ({nearest})", f"at most {odd:.3g} times")
+    elif float(unlike.min()) < _NEARLY_ALIKE and abs(np.log(new.size_m / like.size_m)) > np.log(2):
+        yield broken(RULES["odd-size"], f"it is {_times(new, like)} as {like}, which has the same form")
+
+
+def _times(new: Member, like: Member) -> str:
+    ratio = new.size_m / like.size_m
+    return f"{ratio:.2g} times as large" if ratio > 1 else f"{1 / ratio:.2g} times as small"
+
+
+def _unit(ratio: float, slack: float) -> str:
+    """Which confusion of units explains a ratio of sizes, in words; empty where none does."""
+    off = [abs(np.log(ratio / factor)) for factor, _ in _CONFUSED]
+    best = int(np.argmin(off))
+    return _CONFUSED[best][1] if off[best] < slack and abs(np.log(ratio)) > np.log(2) else ""
+
+
+def _axes(
+    new: Member,
+    kin: Sequence[Member],
+    declared: float,
+    bounds: StructureSettings,
+    axes: tuple[str, str],
+    symmetric: bool,
+) -> Iterator[Verdict]:
+    """Whether it fits the others of its kind better when it is turned."""
+    library = library_of([one.shape for one in kin])
+    found = {
+        index: float(unlikeness(turned(new.shape, turn), library).min())
+        for index, turn in enumerate(quarter_turns())
+    }
+    stands = {index: turn[2, 2] > 0.5 for index, turn in enumerate(quarter_turns())}
+    for rule, tried in (
+        ("up-axis", [index for index in found if not stands[index]]),
+        ("forward-axis", [index for index in found if stands[index] and not symmetric]),
+    ):
+        best = min(tried, key=found.__getitem__, default=None)
+        if best is None or found[best] >= min(bounds.alike, bounds.turned_share * declared):
+            continue
+        right = quarter_turns()[best] @ file_turn(*axes)
+        names = [("-" if row.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in right[[2, 0]]]
+        words = (
+            f"as declared (up {axes[0]}, forward {axes[1]}) its form misses that of every {new.kind} here by"
+            f" {declared:.2f}, with up = {names[0]!r} and forward = {names[1]!r} by {found[best]:.2f}"
+        )
+        remedy = f"declare up = {names[0]!r} and forward = {names[1]!r} if that is so"
+        yield broken(RULES[rule], words, f"{bounds.turned_share:g} of it", remedy)
+        return
+
+
+def _kind(
+    new: Member,
+    kin: Sequence[Member],
+    unlike: Floats,
+    others: Sequence[Member],
+    bounds: StructureSettings,
+) -> Iterator[Verdict]:
+    """Whether it looks like its kind, or rather like another."""
+    best = float(unlike.min())
+    elsewhere = unlikeness(new.shape, library_of([one.shape for one in others])) if others else np.array([])
+    if len(elsewhere) and elsewhere.min() < min(bounds.alike, bounds.other_kind_share * best):
+        other = others[int(elsewhere.argmin())]
+        if best > bounds.alike:
+            words = f"its form is that of a {other.kind} ({other.structure_id}) rather than of a {new.kind}"
+            yield broken(RULES["kind"], f"{words}: unlikeness {elsewhere.min():.2f} instead of {best:.2f}")
+            return
+    # Where the others of the kind are as unlike each other, nothing is said by that.
+    between = [float(unlikeness(a.shape, library_of([b.shape for b in kin if b is not a])).min())
+               for a in kin] if len(kin) > 1 else [0.0]  # fmt: skip
+    if best > max(bounds.odd_unlikeness, 1.2 * float(np.median(between))):
+        like = kin[int(unlike.argmin())].structure_id
+        words = (
+            f"its form is unlike every other {new.kind} here, the most alike ({like}) misses by {best:.2f}"
+        )
+        yield broken(RULES["kind"], words, f"at most {bounds.odd_unlikeness:g}")
+
+
+@cache
+def quarter_turns() -> tuple[Floats, ...]:
+    """The 24 turns of a cube, (3, 3) each."""
+    every = (
+        np.eye(3)[list(order)] * np.array(signs)[:, None]
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    )
+    return tuple(turn for turn in every if np.linalg.det(turn) > 0)

@@ -1,0 +1,97 @@
+"""The rules that a structure keeps when it is taken in, and the bounds they ask, each with its default."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+
+from upplied.errors import SettingsError
+from upplied.inputs.rules import Rule
+
+
+@dataclass(frozen=True)
+class StructureSettings:
+    """Bounds of the rules for structures; no plan depends on them (docs/checks.md).
+
+    Those that compare with other structures were chosen on 41 real structures of 7 kinds and the 14 of the
+    sample fleet, each against the others of its kind: with these, none is refused against all others
+    and 4 of 110 against three of them; of those in wrong units 94 to 100 % are refused (millimetres,
+    centimetres, inches), of those turned on their side all where the kind is of one form.
+    """
+
+    nominal_pct: float = 7.0  # off a declared length; real models of a type keep within, toys do not
+    least_m: float = 0.01  # of the longest side
+    most_m: float = 5000.0
+    odd_least_m: float = 0.5
+    odd_most_m: float = 2000.0
+    size_ratio: float = 5.0  # to the nearest of its kind, beyond the smallest or the largest
+    odd_size_ratio: float = 1.5  # as many as there are; a third more where there is one other alone
+    alike: float = 0.6  # unlikeness of shapes below which two structures are of one form
+    unit_slack: float = 0.25  # |log| by which a size may miss that of the one most alike, in another unit
+    turned_share: float = 0.7  # what the unlikeness must fall to, turned, to be taken for turned
+    odd_unlikeness: float = 1.0  # to the one of its kind most alike: what planning's acceptance allows
+    other_kind_share: float = 0.6  # what the unlikeness to another kind must fall to
+
+
+RULES = {
+    rule.name: rule
+    for rule in (
+        Rule("nominal", "refuse", "the declared real size is the best evidence there is",
+             "check units, up, forward and scale", "nominal_pct"),
+        Rule("extent", "refuse", "nothing so large or small is inspected by a drone",
+             "check units and scale", "most_m"),
+        Rule("size", "refuse", "a mesh in other units is larger or smaller than all others of its kind",
+             "correct units or scale in the manifest", "size_ratio"),
+        Rule("units", "refuse", "a size that misses its like by just what two units differ is no chance",
+             "correct units or scale in the manifest", "unit_slack"),
+        Rule("up-axis", "refuse", "a structure on its side is planned for as it lies",
+             "correct up and forward in the manifest", "turned_share"),
+        Rule("forward-axis", "warn", "parts answer to parts on the wrong side",
+             "correct forward in the manifest", "turned_share"),
+        Rule("odd-extent", "warn", "few structures are so large or small", "check units and scale",
+             "odd_most_m"),
+        Rule("odd-size", "warn", "it may be in other units, or the first of its size",
+             "compare its size with the real one, declare nominal_length_m", "odd_size_ratio"),
+        Rule("kind", "warn", "plans between structures that do not correspond are refused or poor",
+             "check its kind", "odd_unlikeness"),
+        Rule("declared-unit", "warn", "file and manifest differ: one of them is wrong", "check units"),
+        Rule("declared-up", "warn", "file and manifest differ: one of them is wrong", "check up"),
+        Rule("far", "warn", "projected coordinates leave little room for millimetres",
+             "set local_origin = [x, y, z]"),
+        Rule("below-ground", "warn", "nobody sees what lies below the ground", "set clip_ground = true"),
+        Rule("effects", "warn", "lights and wakes are no structure", "take them out of the file"),
+        Rule("landmark", "warn", "a landmark off the structure names nothing", "check the landmark"),
+        Rule("hidden", "warn", "hidden parts take surface that nobody can see", "set drop_hidden = true"),
+        Rule("outlier", "warn", "a part far off makes the structure larger than it is",
+             "set drop_outliers = true"),
+    )
+}  # fmt: skip
+
+
+def changed(said: Iterable[str]) -> StructureSettings:
+    """The defaults, with bounds that are said as ``name=value``.
+
+    Raises
+    ------
+    SettingsError
+        If a name is unknown, or a value no number above 0.
+
+    Examples
+    --------
+    >>> changed(["size_ratio=10"]).size_ratio
+    10.0
+    """
+    known = [item.name for item in fields(StructureSettings)]
+    values: dict[str, float] = {}
+    for text in said:
+        name, _, value = text.partition("=")
+        name = name.removeprefix("structures.")
+        if name not in known:
+            raise SettingsError(f"setting {name!r}", "is unknown", f"one of {', '.join(known)}")
+        try:
+            values[name] = float(value)
+        except ValueError:
+            values[name] = -1.0
+        if not 0 < values[name] < 1e9:
+            raise SettingsError(f"setting {name}", f"got {value!r}", "a number above 0, at most 1e9")
+    return replace(StructureSettings(), **values)
