@@ -2,7 +2,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help quickstart test test-all check faults fuzz bench docs pictures serve lock
+.PHONY: help quickstart test test-all check faults fuzz mutate bench docs pictures serve lock
 
 # The first of these that runs and is new enough builds the environment; PYTHON=... overrides.
 PYTHONS := python3 python3.13 python3.12 python3.11
@@ -61,6 +61,9 @@ faults: $(READY) ## kill, fill and forbid: every fault test, the long ones too
 
 bench: $(READY) ## print the benchmarks' tables
 	@for f in $$(grep -l __main__ bench/*.py); do echo "== $$f"; $(BIN)/python $$f || exit 1; done
+
+mutate: $(READY) ## how many of 200 small faults the tests notice (hours), or MUTANTS=... SEED=...
+	$(BIN)/python tests/mutate.py --number $${MUTANTS:-200} --seed $${SEED:-0}
 
 docs: $(READY) ## the documentation as a site: open site/index.html
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet && echo "open site/index.html"

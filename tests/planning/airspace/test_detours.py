@@ -16,7 +16,7 @@ from upplied.errors import RefusedError
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.detours import Ways, route, safe_positions
 from upplied.planning.airspace.push import _kernel, pushed_out
-from upplied.planning.airspace.roadmap import way
+from upplied.planning.airspace.roadmap import roadmap, way
 from upplied.planning.airspace.rules import Airspace, crosses_box, crosses_fence, inside_fence
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import look_at
@@ -243,6 +243,29 @@ def _leaves(polygon: list[list[int]], p: list[int], q: list[int]) -> bool:
             if max(shares) >= 0 and min(shares) <= 1:
                 return True
     return False
+
+
+def test_legs_between_allowed_places_break_the_fence_where_they_leave_it() -> None:
+    """Both ends are inside; what is in between is told by the leg alone."""
+    fence = 10.0 * NOTCHED - [50.0, 10.0]
+    airspace = ways(Surroundings(geofence_m=fence)).airspace
+    ends = np.array([[-40.0, 60, 0], [40, 60, 0], [40, 30, 0]])
+    assert airspace.allowed(ends).all()
+    assert airspace.broken(ends).tolist() == [True, False]
+    assert airspace.broken_legs(ends[:1], ends[1:2]).tolist() == [True]
+
+
+def test_the_graph_of_ways_has_no_place_that_cannot_be_left() -> None:
+    """A hollow box of 24 m has room for a vehicle inside; no way leads in."""
+    hollow = ways(None, (np.full(3, -12.0), np.full(3, 12.0)))
+    inside = line([-9.0, 0, 0], [9, 0, 0], 30)
+    graph = roadmap(hollow.planning, hollow.surface, further=inside)
+    assert hollow.planning.allowed(inside).all()
+    assert len(graph.places) > 100 and not (np.abs(graph.places) < 12).all(axis=1).any()
+    assert graph.first.max() < len(graph.places) and graph.second.max() < len(graph.places)
+    assert np.linalg.norm(graph.places[graph.first] - graph.places[graph.second], axis=1) == pytest.approx(
+        graph.length_m
+    )
 
 
 def test_a_path_is_not_led_out_of_the_fence_at_a_vertex() -> None:

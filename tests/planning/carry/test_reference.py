@@ -70,7 +70,7 @@ def test_what_the_stand_off_bounds_is_carried_with_it(fleet, monkeypatch, stando
     monkeypatch.setattr(
         proposing,
         "faired",
-        lambda places, space, reach: ripples.append(reach) or faired(places, space, reach),
+        lambda places, space, reach, like: ripples.append(reach) or faired(places, space, reach, like),
     )
     settings = settings_for("recommended", verdict=ANY, transfer={"standoff": standoff})
     plan = plan_transfer(

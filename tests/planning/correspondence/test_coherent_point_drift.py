@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from upplied.planning.correspondence.coherent_point_drift import Patch, drift, farthest_points
+from upplied.planning.correspondence.coherent_point_drift import Patch, _kernel, drift, farthest_points
 
 FIELDS = ("points", "normals", "label")
 
@@ -79,3 +79,12 @@ def test_farthest_points_are_those_of_brute_force() -> None:
         chosen.append(int(gaps.argmax()))
     assert farthest_points(points, 30).tolist() == chosen
     assert sorted(farthest_points(points, 500).tolist()) == list(range(120))
+
+
+def test_a_displacement_is_felt_less_in_other_parts():
+    """What moves an engine moves the wing beside it by less than the engine's own other points."""
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    label = np.array([0, 0, 1])
+    felt = _kernel(points, label, points[:1], label[:1], 2.0)
+    own = np.exp(-1 / 8)
+    assert felt[:, 0] == pytest.approx([1, own, 0.3 * own])

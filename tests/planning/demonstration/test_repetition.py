@@ -116,3 +116,20 @@ def test_each_engine_is_found_on_a_target_that_is_turned(fleet, engine):
             places.append((points @ back).mean(axis=0))
         centres.append(np.array(places))
     np.testing.assert_allclose(centres[0], centres[1], atol=0.5)
+
+
+def test_each_engine_is_flown_from_its_own_side(fleet, engine):
+    """The flight at the left engine goes to the left engines, its mirror image to the right ones."""
+    settings = settings_for("recommended", correspondence={"repeat": "each"})
+    pair = study_pair(fleet["a320-v1"], fleet["b747-v1"], settings)
+    takes = takes_of(engine, pair, settings)
+    assert len(takes) == 4
+    middle = np.ptp(fleet["a320-v1"].vertices[:, 1]) / 2 + fleet["a320-v1"].vertices[:, 1].min()
+    flown = [np.sign(take.inspection.flight.positions[:, 1].mean() - middle) for take in takes]
+    assert flown == [1, 1, -1, -1]
+    for take, side in zip(takes, flown, strict=True):
+        seen = take.inspection.visibility.total & (take.pair.surface.correspondences.target_index >= 0)
+        part = demonstrated_part(take)
+        own = seen & (labels_of(take.pair.surface.source) == part)
+        there = take.pair.surface.correspondences.target_points[own, 1]
+        assert np.sign(np.median(there)) == side

@@ -69,6 +69,20 @@ def test_shape_and_stand_off_are_both_kept():
     assert replace(likeness, leash=9.0, standoff=nobody).kept(strongly, path)
 
 
+def test_a_path_that_strayed_may_stray_no_further():
+    path = wave()
+    nobody = standoff_of(np.empty(0, np.int64), np.empty((0, 1)), path[:1], np.empty(0))
+    likeness = Likeness(zscored(path), 0.05, nobody)
+
+    def strayed(by):
+        return path + np.column_stack([np.zeros((81, 2)), by * np.cos(path[:, 0] / 3)])
+
+    assert frechet(likeness.shape, zscored(strayed(1.0))) > likeness.leash
+    assert not likeness.kept(strayed(2.0), strayed(1.0))
+    assert not likeness.kept(strayed(1.05), strayed(1.0))
+    assert likeness.kept(strayed(0.9), strayed(1.0))
+
+
 @pytest.fixture(scope="module")
 def tall_wall():
     """20 x 20 m; a path at 1.5 m sees 5.6 m up and down at 75 degrees."""
