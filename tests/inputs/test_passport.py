@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_flights import FAULTS, Made, flights, made, right
+from made_logs import Topic, transform
+from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError, SettingsError
 from upplied.inputs.logs import LogOptions, read_demonstration
@@ -16,6 +18,7 @@ from upplied.inputs.passport.measured import Measured
 from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings, changed
 from upplied.inputs.passport.sight import inside
 from upplied.inputs.rules import check_allowed, refusals
+from upplied.poses import angle_between
 from upplied.records import Demonstration
 from upplied.samples.fleet import member
 from upplied.scene import scene_of
@@ -264,3 +267,33 @@ def test_the_documentation_names_every_rule_bound_and_convention() -> None:
     assert set(missing) <= {"ned"}
     for check in rules.CHECKS:
         assert f"| `{check.rule.name}` | {check.rule.severity} |" in page
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+@pytest.mark.parametrize("child", ["", "firefly_sbx"])
+def test_a_mount_is_found_whatever_its_body_is_called(tmp_path: Path, child: str, calibrated: bool) -> None:
+    """Poses of an IMU, a camera that /tf_static hangs on it by names that nobody has agreed on."""
+    structure, flown = flights("box", 0)
+    log = made(structure, flown, np.random.default_rng(1))
+    plain = taken(log, tmp_path / "plain.mcap")
+    offset = np.array([0.07, -0.02, 0.01])
+    mount = Rotation.from_euler("ZYX", [88.0, 4.0, -91.0], degrees=True)  # the optical frame on the IMU
+    optical = Rotation.from_quat(log.quats) * conventions.OPTICAL_R_CAMERA.inv()
+    body = optical * mount.inv()
+    start = int(log.log_ns[0])
+    static = transform(start, "imu4", "cam0", offset, mount.as_quat())
+    tracked = replace(
+        log,
+        positions=log.positions - body.apply(offset),
+        quats=body.as_quat(),
+        frames=["world"] * len(log),
+        children=[child] * len(log),
+        schema="nav_msgs/msg/Odometry" if child else "geometry_msgs/msg/PoseStamped",
+        extra=[Topic("/tf_static", "tf2_msgs/msg/TFMessage", [(start, {"transforms": [static]})])],
+        facts={"body_frame": ""} | ({"camera_frame_id": "cam0"} if calibrated else {}),
+        hfov_deg=None,
+    )
+    found = taken(tracked, tmp_path / "a.mcap")
+    assert np.allclose(found.positions, plain.positions, atol=1e-6)
+    assert np.abs(angle_between(found.quat_xyzw, plain.quat_xyzw)).max() < 1e-5
+    assert any("imu4 -> cam0" in note for note in found.passport["measured"]["frames"])

@@ -160,6 +160,7 @@ def best_fits(
     scene: Scene,
     ground_m: float,
     reach_m: float,
+    enough: float = 2.0,
 ) -> tuple[float, list[Fit]]:
     """How well the poses fit as they are, and the conventions in which they would fit better, best first.
 
@@ -175,11 +176,16 @@ def best_fits(
         Height of the ground, m, structure frame; minus infinity where it is not known.
     reach_m : float
         How far the camera sees, m.
+    enough : float
+        Share of the poses that fit as they are at which no other convention is tried.
     """
     thin = track.take(np.linspace(0, len(track) - 1, min(_POSES, len(track))).astype(np.int64))
     plain = to_camera(thin)
     given = plain.positions, plain.quat_xyzw
-    tried: list[tuple[Convention | None, Poses]] = [(None, given)]
+    share = float(fits(given[0][None], given[1][None], scene, ground_m, reach_m)[0])
+    if share >= enough:
+        return share, []
+    tried: list[tuple[Convention, Poses]] = []
     for item in NAMED.values():
         positions, quats = item.change(thin.positions, thin.quat_xyzw)
         changed = to_camera(replace(thin, positions=positions, quat_xyzw=quats))
@@ -189,8 +195,8 @@ def best_fits(
     shares = fits(
         np.stack([p for _, (p, _) in whole]), np.stack([q for _, (_, q) in whole]), scene, ground_m, reach_m
     )
-    found = [Fit(item, float(share)) for (item, _), share in zip(whole, shares, strict=True) if item]
-    return float(shares[0]), sorted(found, key=lambda fit: fit.convention.rare - round(fit.share, 2))
+    found = [Fit(item, float(other)) for (item, _), other in zip(whole, shares, strict=True)]
+    return share, sorted(found, key=lambda fit: fit.convention.rare - round(fit.share, 2))
 
 
 def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_m: float) -> Floats:

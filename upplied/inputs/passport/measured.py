@@ -98,11 +98,22 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     sight = sight_of(places, turns, reading.camera, structure, scene)
     declared = structure.surroundings.ground_z_m is not None
     floor = ground_of(structure) - settings.ground_slack_m if declared else -np.inf
+    off, sure = _off_centre(sight, turns)
+    clearance = _least_clearance(flown, spread, sight, scene.distance)
+    doubtful = (
+        clearance < settings.least_clearance_m
+        or sight.inside.any()
+        or (sure > 0.8 and np.hypot(*off) >= settings.off_centre_m)
+    )
     given, others = best_fits(
-        reading.logged, reading.to_camera, scene, floor, _REACH * reading.camera.max_range_m
+        reading.logged,
+        reading.to_camera,
+        scene,
+        floor,
+        _REACH * reading.camera.max_range_m,
+        2.0 if doubtful else 1 - settings.fit_gain_pct / 100,  # no other could explain enough more
     )
     best = others[0] if others else None
-    off, sure = _off_centre(sight, turns)
     speed, acceleration, turning = _motion(flown, reading.gap_s)
     zoom = reading.zoom
     return Measured(
@@ -112,7 +123,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         below_ground_pct=_pct(sight.height_m < -settings.ground_slack_m) if declared else 0.0,
         inside_pct=_pct(sight.inside),
         near_pct=_pct(sight.clearance_m < settings.near_m),
-        min_clearance_m=_least_clearance(flown, spread, sight, scene.distance),
+        min_clearance_m=clearance,
         axis_pct=_pct(sight.meets),
         shown_pct=_pct(sight.shown > 0),
         range_m=float(np.median(sight.range_m[sight.meets])) if sight.meets.any() else float("nan"),
