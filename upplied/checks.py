@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 import numpy as np
 
@@ -42,6 +44,18 @@ def pair_name(demonstration_id: str, target_id: str) -> str:
     """
     joint = "." if "--" in f"{demonstration_id}/{target_id}" or demonstration_id.endswith("-") else "--"
     return f"{demonstration_id}{joint}{target_id}"
+
+
+def suggested(name: str, known: Iterable[str], most: int = 10) -> str:
+    """What of the known names somebody may have meant, for an error: the nearest, or some of them."""
+    names = sorted(known)
+    near = get_close_matches(name, names, n=3, cutoff=0.6)
+    if near:
+        return f"did you mean {' or '.join(near)}?"
+    if not most:
+        return ""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f"known: {', '.join(names[:most]) or 'none'}{more}"
 
 
 def check_finite(values: Floats, shape: tuple[int | None, ...], what: str) -> Floats:

@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote, urlsplit
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -29,7 +30,7 @@ from upplied.catalog.store.surfaces import SurfaceStore
 from upplied.catalog.verbs import adding, queries
 from upplied.catalog.verbs.adding import Planned
 from upplied.catalog.verbs.queries import PlannedTrajectory, When, Which
-from upplied.checks import check_id
+from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Plan, Structure, SurfaceStates, Trajectory
 
@@ -223,7 +224,10 @@ class Catalog:
         found = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id, wanted)
         if not len(found):
             raise CatalogError(
-                f"transfer {transfer_id}", "is not in the catalog", "", "see: upplied catalog transfers"
+                f"transfer {transfer_id}",
+                "is not in the catalog",
+                suggested(transfer_id, self._transfer_ids(), 0),
+                "see: upplied catalog transfers",
             )
         return queries.standing(rows.rows_of(found))
 
@@ -233,9 +237,39 @@ class Catalog:
         check_id(name, column.replace("_", " "))
         found = self._current[table].row(name)
         if found is None:
+            known = self.tables[table].read(None, [column])[column].to_pylist()
             what = f"{table.removesuffix('s')} {name}"
-            raise CatalogError(what, "is not in the catalog", "", f"list them: {table}()")
+            raise CatalogError(what, "is not in the catalog", suggested(name, set(known)))
         return found
+
+    def demonstration_row(self, demonstration_id: str) -> Row:
+        """The row of the current version of one demonstration."""
+        return self.newest("demonstrations", demonstration_id)
+
+    def find_transfer(self, start: str) -> str:
+        """The id of the one plan whose id begins so; a whole id is found at once.
+
+        Raises
+        ------
+        CatalogError
+            If there is none, or more than one.
+        """
+        check_id(start, "transfer id")
+        table = self.tables["transfers"]
+        if len(table.read(pc.field("transfer_id") == start, ["transfer_id"])):
+            return start
+        found = [name for name in self._transfer_ids() if name.startswith(start)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise CatalogError(f"transfer {start}", f"may be {len(found)}: {', '.join(found[:5])}")
+        raise CatalogError(
+            f"transfer {start}", "is not in the catalog", suggested(start, self._transfer_ids(), 0)
+        )
+
+    def _transfer_ids(self) -> list[str]:
+        known = self.tables["transfers"].read(None, ["transfer_id"])["transfer_id"].unique()
+        return sorted(known.to_pylist())
 
     def settled(
         self, keys: Iterable[str], *, retry_failed: bool = False, run_id: str = ""
@@ -321,6 +355,11 @@ class Catalog:
 
 def _checked(location: str) -> str:
     """An absolute folder, or a URI that carries no credential."""
+    if location.startswith("file://"):
+        parts = urlsplit(location)
+        if parts.netloc not in ("", "localhost") or not parts.path:
+            raise CatalogError(location, "is no file of this machine", "file:///folder")
+        return str(Path(unquote(parts.path)))
     if "://" not in location:
         return str(Path(location).expanduser().absolute())
     scheme, _, rest = location.partition("://")

@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from upplied.cli.export import Flags, Format
-from upplied.cli.terminal import CatalogOption, console, hint, opened
+from upplied.cli.terminal import CatalogOption, beside, console, hint, opened
 
 app = App(name="brief", help="Write the page that a pilot takes along: map, heights, sorties, verdict.")
 
@@ -29,14 +29,14 @@ def brief(
     Parameters
     ----------
     transfer : str
-        Its id, as `upplied transfer` prints it.
+        Its id, as `upplied transfer` prints it, or how that begins.
     """
     from upplied.outputs.missions import MissionOptions
     from upplied.outputs.render import brief_transfer
 
     options = MissionOptions(**asdict(flags or Flags()))
-    console.print(
-        str(brief_transfer(opened(catalog), transfer, to, output, options)), markup=False, soft_wrap=True
-    )
+    store = opened(catalog)
+    made = brief_transfer(store, store.find_transfer(transfer), to, beside(output), options)
+    console.print(str(made), markup=False, soft_wrap=True)
     hint("Next: open it in a browser and print it, as PDF or on paper")
     return 0

@@ -55,6 +55,56 @@ def info(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int
     return 0
 
 
+@app.command(name="show")
+def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+    """Show all that is stored of a structure, a demonstration or a plan.
+
+    Parameters
+    ----------
+    id : str
+        Of any of them; of a plan, how its id begins is enough.
+    """
+    from upplied.errors import CatalogError
+
+    store = opened(catalog)
+    rows = []
+    for table, frame in (("structure", store.structures()), ("demonstration", store.demonstrations())):
+        for row in _rows(frame[frame[f"{table}_id"] == id]):
+            rows.append({"what": table, **row})
+    try:
+        name = store.find_transfer(id)
+        found = store.transfers(every=True)
+        current = name in set(store.transfers(columns=["transfer_id"])["transfer_id"])
+        for row in _rows(found[found["transfer_id"] == name]):
+            rows.append({"what": "plan", "current": current, **row})
+    except CatalogError:
+        if not rows:
+            raise
+    if json:
+        show("", rows, json)
+        return 0
+    for row in rows:
+        said = {name: _short(value) for name, value in row.items() if value is not None}
+        show(f"{row['what']} {id}", [{"column": name, "value": text} for name, text in said.items() if text])
+    return 0
+
+
+def _unpacked(row: dict[str, Any]) -> dict[str, Any]:
+    """A row whose JSON texts are values, and whose warnings are a list."""
+    from json import loads
+
+    texts = {name for name in row if name.endswith("_json") or name == "warnings"}
+    return {
+        name: loads(value) if name in texts and isinstance(value, str) and value else value
+        for name, value in row.items()
+    }
+
+
+def _short(value: Any) -> str:
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= 100 else f"{text[:97]}..."
+
+
 @app.command
 def history(*, limit: LimitOption = 30, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
     """List the commits, newest first: when, to which table, what was done."""
@@ -134,7 +184,7 @@ def _rows(frame: pd.DataFrame, names: dict[str, str] | None = None) -> list[dict
     for name in chosen.select_dtypes("datetimetz"):
         chosen = chosen.assign(**{name: chosen[name].dt.strftime("%Y-%m-%d %H:%M:%SZ")})
     rows: list[dict[str, Any]] = chosen.astype(object).where(chosen.notna(), None).to_dict("records")
-    return rows
+    return [_unpacked(row) for row in rows] if names is None else rows
 
 
 def _when(text: str) -> str | int:

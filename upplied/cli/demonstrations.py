@@ -121,3 +121,17 @@ def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: Js
         said = f"{item}. {item.remedy}"
         console.print(said, markup=False, soft_wrap=True)
     return 0
+
+
+@app.command
+def retire(*demonstrations: str, catalog: CatalogOption = "catalog") -> int:
+    """Take demonstrations out of use; their history stays, and adding one again brings it back.
+
+    Parameters
+    ----------
+    demonstrations : str
+        Their ids.
+    """
+    count = opened(catalog).retire_demonstrations(demonstrations)
+    console.print(f"{count} retired, {len(demonstrations) - count} were already")
+    return 0

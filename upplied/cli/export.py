@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, console, hint, opened
+from upplied.cli.terminal import CatalogOption, beside, console, hint, opened
 
 app = App(name="export", help="Write a plan as a mission for an autopilot, or for a map.")
 
@@ -109,13 +109,14 @@ def export(
     Parameters
     ----------
     transfer : str
-        Its id, as `upplied transfer` prints it.
+        Its id, as `upplied transfer` prints it, or how that begins.
     """
     from upplied.outputs.missions import MissionOptions
     from upplied.outputs.render import export_transfer
 
     options = MissionOptions(**asdict(flags or Flags()))
-    written = export_transfer(opened(catalog), transfer, to, output, options)
+    store = opened(catalog)
+    written = export_transfer(store, store.find_transfer(transfer), to, beside(output), options)
     for path in written.paths:
         console.print(str(path), markup=False, soft_wrap=True)
     for note in written.notes:

@@ -51,6 +51,7 @@ def fly(
     from upplied.simulate import Wind
 
     store = opened(catalog)
+    transfer = store.find_transfer(transfer)
     with errors.status("flying"):
         flown = fly_plan(store, transfer, Wind(wind, towards, gusts), seed)
     row = store.transfer(transfer)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, console, opened
+from upplied.cli.terminal import CatalogOption, beside, console, opened
 
 app = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
 
@@ -45,7 +45,8 @@ def transfer(
     """
     from upplied.outputs.render import render_transfer
 
-    return _saved(output, render_transfer(opened(catalog), id, view))
+    store = opened(catalog)
+    return _saved(output, render_transfer(store, store.find_transfer(id), view))
 
 
 @app.command
@@ -75,5 +76,5 @@ def comparison(
 def _saved(output: Path, png: bytes) -> int:
     from upplied.outputs.figures import save
 
-    console.print(str(save(output, png)), markup=False, soft_wrap=True)
+    console.print(str(save(beside(output), png)), markup=False, soft_wrap=True)
     return 0

@@ -11,7 +11,8 @@ def reproduce(catalog: str, transfer_id: str) -> int:
     from upplied.planning.plan import METHOD_VERSION, plan_transfer
     from upplied.provenance import causes
 
-    made_from = recipe(opened(catalog), transfer_id)
+    store = opened(catalog)
+    made_from = recipe(store, store.find_transfer(transfer_id))
     with errors.status("planning again"):
         plan = plan_transfer(made_from.demonstration, made_from.source, made_from.target, made_from.settings)
     different = made_from.differences(plan)

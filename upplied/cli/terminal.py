@@ -8,6 +8,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -39,6 +40,16 @@ def opened(location: str) -> Catalog:
     from upplied.catalog import open_catalog
 
     return open_catalog(location)
+
+
+def beside(output: Path) -> Path:
+    """A file to write, in a folder that is there: none is made unasked."""
+    from upplied.errors import InputError
+
+    if not output.absolute().parent.is_dir():
+        remedy = f"make it first: mkdir -p {shlex.quote(str(output.parent))}"
+        raise InputError(str(output), "its folder does not exist", "", remedy)
+    return output
 
 
 def show(

@@ -13,6 +13,7 @@ from upplied.cli.terminal import (
     JsonOption,
     WorkersOption,
     console,
+    errors,
     next_step,
     opened,
     progress,
@@ -93,13 +94,48 @@ def transfer(
     if not demonstration:
         raise SettingsError("transfer", "no demonstration is named", "", "see: upplied demonstrations list")
     opened_catalog = opened(catalog)
-    wish = fleet.Wish(preset, (choices or Choices()).onto(changes(set_)), (demonstration,), to)
+    wanted = fitting(opened_catalog, demonstration, to)
+    wish = fleet.Wish(preset, (choices or Choices()).onto(changes(set_)), (demonstration,), wanted)
     run(opened_catalog, fleet.decide(opened_catalog, wish), workers, timeout)
     rows = current(opened_catalog, wish)
     show_plans(demonstration, rows, json)
     if not json and any(row["status"] == "ok" for row in rows):
         next_step("report", "draw the plans as pages to look at", catalog)
-    return int(any(row["status"] != "ok" for row in rows))
+    return int(len(wanted) < len(to) or any(row["status"] != "ok" for row in rows))
+
+
+def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> tuple[str, ...]:
+    """The targets to which a demonstration can be carried; of each other one it is said why not.
+
+    Raises
+    ------
+    InputError
+        If none is left.
+    """
+    from upplied.checks import suggested
+    from upplied.errors import InputError
+
+    if not targets:
+        return ()
+    structures = catalog.structures()
+    kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
+    flown = catalog.demonstration_row(demonstration)["structure_id"]
+    kind, found, reasons = kinds.get(flown, ""), [], []
+    for name in dict.fromkeys(targets):
+        if name not in kinds:
+            reasons.append(f"structure {name}: is not in the catalog ({suggested(name, kinds)})")
+        elif kind and kinds[name] != kind:
+            reasons.append(
+                f"structure {name}: is of kind {kinds[name]}, and {demonstration} was flown on {flown}, "
+                f"of kind {kind}: a demonstration is carried to structures of its own kind"
+            )
+        else:
+            found.append(name)
+    if not found:
+        raise InputError("transfer", "; ".join(reasons))
+    for reason in reasons:
+        errors.print(f"refused: {reason}", markup=False, soft_wrap=True)
+    return tuple(found)
 
 
 @plan.default
@@ -183,14 +219,17 @@ def current(catalog: Catalog, wish: Wish) -> list[dict[str, Any]]:
     wanted &= table["demonstration_id"].isin(wish.demonstrations)
     wanted &= table["target_id"].isin(wish.targets or catalog.structures()["structure_id"])
     newest = table.loc[wanted].drop_duplicates(["target_id", "preset"], keep="last")
-    rows = newest.sort_values(["target_id", "preset"])[["reason", "flyable", "not_flyable", *COLUMNS]]
+    unasked = ["settings_json", "registration_json", "commit_id", "commit_version"]
+    rows = newest.sort_values(["target_id", "preset"]).drop(columns=unasked)
     return rows.astype(object).where(rows.notna(), None).to_dict("records")
 
 
 def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) -> None:
     """The measures of each plan, and under them why some have none."""
     if as_json:
-        show("", rows, as_json)
+        from json import loads
+
+        show("", [{**row, "warnings": loads(row["warnings"] or "[]")} for row in rows], as_json)
         return
     show(
         f"transfers of {demonstration}",

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
+from upplied.checks import suggested
 from upplied.config import Settings, settings_for
 from upplied.errors import InputError
 from upplied.planning.plan import METHOD_VERSION, transfer_key
@@ -79,13 +80,15 @@ def decide(catalog: Catalog, wish: Wish | None = None) -> Decision:
     Raises
     ------
     InputError
-        If the wish names a demonstration or target that the catalog does not hold.
+        If the wish names a demonstration or target that the catalog does not hold, or a target of
+        another kind.
     """
     wish = wish or Wish()
     structures = _structures(catalog)
     demonstrations = _demonstrations(catalog)
     _check_known("demonstration", wish.demonstrations, demonstrations)
     _check_known("structure", wish.targets, structures)
+    _check_kinds(wish, demonstrations, structures)
     wanted = [
         (settings, *pair, transfer_key(*pair, settings))
         for settings in wish.settings()
@@ -175,8 +178,25 @@ def _pairs(
 def _check_known(what: str, wanted: tuple[str, ...], known: Mapping[str, object]) -> None:
     for name in wanted:
         if name not in known:
-            some = ", ".join(sorted(known)[:10]) or "none"
-            raise InputError(f"{what} {name!r}", "is not in the catalog", f"known: {some}")
+            raise InputError(f"{what} {name!r}", "is not in the catalog", suggested(name, known))
+
+
+def _check_kinds(
+    wish: Wish, demonstrations: Mapping[str, Demonstration], structures: Mapping[str, Structure]
+) -> None:
+    """A target of a kind that nothing was flown on would be passed over in silence."""
+    flown = {
+        structures[demonstrations[name].structure_id].kind
+        for name in wish.demonstrations or demonstrations
+        if demonstrations[name].structure_id in structures
+    }
+    for name in wish.targets:
+        if structures[name].kind not in flown:
+            raise InputError(
+                f"structure {name!r}",
+                f"is of kind {structures[name].kind}, flown was {' and '.join(sorted(flown)) or 'none'}",
+                "a demonstration is carried to structures of its own kind",
+            )
 
 
 def _structures(catalog: Catalog) -> dict[str, Structure]:
