@@ -56,3 +56,11 @@ def test_what_a_fleet_costs_besides_planning() -> None:
     assert "overhead" in heads
     assert line.split()[0] == "20"
     assert 0 < float(line.split()[6]) < 2  # GiB of a worker
+
+
+@pytest.mark.slow
+def test_what_a_large_fleet_needs_on_several_machines() -> None:
+    _, line = run("machines.py", "--targets", "12", "--demonstrations", "2", "--machines", "2").splitlines()
+    pairs, *peaks = line.split()
+    assert pairs == "24"
+    assert all(0 < float(peak) < 2 for peak in peaks[:4]), line

@@ -29,7 +29,7 @@ ELSEWHERE = {
 #: Commands that are not run here, and why.
 NOT_RUN = {
     "make quickstart": "builds an environment; continuous integration runs it",
-    "make serve": "serves until it is stopped; test_flows.py runs what it deploys",
+    "upplied serve": "serves until it is stopped; test_wheel.py does so",
     "upplied fleet run": "needs that server; test_flows.py runs the flow",
     "prefect worker": "works until it is stopped; test_machines.py has such workers",
     "export AWS": "needs a bucket; test_catalog_store.py and test_machines.py work on one",

@@ -154,6 +154,49 @@ def test_runs_say_what_they_do_and_leave_something_to_read(server, place):
     assert (place / "reports" / "index.html").as_uri() in left["transfer-fleet-report"]["data"]
 
 
+def test_assets_say_what_was_made_of_what(server, place):
+    said = {"filter": {"event": {"prefix": ["prefect.asset."]}}, "limit": 50}
+    deadline = time.monotonic() + 60
+    made: dict[str, set[str]] = {}
+    while len(made) < 3 and time.monotonic() < deadline:
+        for event in prefect_api.ask(server.api_url, "events/filter", said, server.password)["events"]:
+            if event["event"] == "prefect.asset.materialization.succeeded":
+                key = event["resource"]["prefect.resource.id"]
+                related = [item for item in event["related"] if item["prefect.resource.role"] == "asset"]
+                made.setdefault(key, set()).update(item["prefect.resource.id"] for item in related)
+        time.sleep(0.5)
+    here = place.resolve().as_uri()
+    assert made == {
+        f"{here}/catalog/demonstrations": {f"{here}/flight.mcap"},
+        f"{here}/catalog/transfers": {f"{here}/catalog/structures", f"{here}/catalog/demonstrations"},
+        f"{here}/reports": {f"{here}/catalog/transfers"},
+    }
+
+
+def test_a_store_that_was_away_is_asked_again_and_a_wrong_input_is_not(server, place):
+    done = python(
+        server,
+        place,
+        """
+from prefect import task
+from upplied.errors import CatalogError, InputError
+from upplied.flows import tasks
+tried = []
+@task(**{**tasks.STORED, "retry_delay_seconds": 0})
+def attempt(error, times):
+    tried.append(error)
+    if tried.count(error) <= times:
+        raise {"store": CatalogError("transfers", "is away"), "input": InputError("log", "is broken")}[error]
+    return "done"
+print(attempt("store", 2))
+for error in ("store", "input"):
+    print(attempt(error, 99, return_state=True).type.value)
+print(tried.count("input"))
+""",
+    )
+    assert done.stdout.split() == ["done", "FAILED", "FAILED", "1"], done.stdout + done.stderr
+
+
 def test_a_plan_is_followed_from_its_log_to_its_page(server, place):
     tables = [item for item in listed(server, "artifacts") if item["key"] == "transfer-fleet-result"]
     rows = [row for item in tables for row in json.loads(item["data"])]
