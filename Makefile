@@ -2,7 +2,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help quickstart test test-all check faults fuzz mutate bench docs pictures serve lock
+.PHONY: help quickstart test test-all check faults fuzz mutate lerobot bench docs pictures serve lock
 
 # The first of these that runs and is new enough builds the environment; PYTHON=... overrides.
 PYTHONS := python3 python3.13 python3.12 python3.11
@@ -58,6 +58,16 @@ fuzz: $(READY) ## coverage-guided fuzzing of the readers, ten minutes or FUZZ_SE
 
 faults: $(READY) ## kill, fill and forbid: every fault test, the long ones too
 	$(BIN)/python -m pytest tests/faults
+
+LEROBOT_PYTHON ?= $(shell for p in python3.13 python3.12 python3; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1 && echo $$p && break; done)
+
+lerobot: $(READY) ## the LeRobot export loaded by lerobot itself, in .venv-lerobot (Python 3.12; 3 GB, once)
+	@test -n "$(LEROBOT_PYTHON)" || { echo "lerobot needs Python 3.12: say make lerobot LEROBOT_PYTHON=/path/to/python3.12"; exit 1; }
+	@test -e .venv-lerobot/.ready || { $(LEROBOT_PYTHON) -m venv .venv-lerobot \
+		&& .venv-lerobot/bin/python -m pip install --disable-pip-version-check --only-binary :all: "lerobot[dataset]==0.6.1" \
+		&& touch .venv-lerobot/.ready; }
+	$(BIN)/python -m pytest tests/catalog/test_lerobot.py
 
 bench: $(READY) ## print the benchmarks' tables
 	@for f in $$(grep -l __main__ bench/*.py); do echo "== $$f"; $(BIN)/python $$f || exit 1; done

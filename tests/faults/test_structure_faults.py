@@ -235,3 +235,13 @@ def test_two_that_disagree_are_both_named_where_nothing_else_is_known() -> None:
     admission = Admission(None)
     for one in (small, grown):
         assert refused(admission.verdicts(one, entry, [small, grown])) == ["size"]
+
+
+def test_findings_reach_the_page() -> None:
+    from upplied.inputs.rules import Verdict, to_json
+    from upplied.outputs.display import display_mesh, structure_data
+
+    found = to_json([Verdict("odd-size", "warn", "it is 3 times as large", overruled=True)])
+    structure = replace(known()["yacht-1-v1"], verdicts_json=found)
+    said = structure_data(structure, display_mesh(structure))["findings"]
+    assert said == "odd-size: it is 3 times as large [overruled]"

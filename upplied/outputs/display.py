@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.inputs.rules import from_json
 from upplied.records import SURFACE_STATES, Floats, Ints, Record, Structure, SurfaceStates
 from upplied.scene import simplified
 
@@ -133,6 +134,7 @@ def structure_data(structure: Structure, mesh: DisplayMesh) -> dict[str, Any]:
         "kind": structure.kind,
         "origin": origin.tolist(),
         "size_m": np.ptp(structure.vertices, axis=0).round(2).tolist(),
+        "findings": "; ".join(map(str, from_json(structure.verdicts_json))),
         "vertices": packed((vertices - origin).astype(np.float32)),
         "triangles": packed(index),
     }

@@ -185,7 +185,7 @@
   function remarks(data) {
     const facts = (pairs) => element("dl", {}, pairs.filter(([, value]) => value).flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)]));
     return element("section", {}, element("h2", {}, "Where this comes from"),
-      facts([["Demonstration", data.demonstration.id + ", " + data.demonstration.poses + " poses"], ["Passport", passport(data)], ["Notes", data.demonstration.notes], ["About", data.demonstration.about || "inferred from the flight: the coloured surface on the left"]]),
+      facts([["Demonstration", data.demonstration.id + ", " + data.demonstration.poses + " poses"], ["Passport", passport(data)], ["Source", upplied.structures[data.source].findings], ["Target", upplied.structures[data.target].findings], ["Notes", data.demonstration.notes], ["About", data.demonstration.about || "inferred from the flight: the coloured surface on the left"]]),
       data.plans.map((plan) => element("details", { open: plan === data.plans[0] }, element("summary", {}, plan.preset),
         facts([["Counterparts", plan.counterparts], ["Warnings", plan.warnings], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
   }
