@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_flights import FAULTS, Made, flights, made, right
-from made_logs import Topic, transform
+from made_flights import FAULTS, POSE, Made, flights, made, right
+from made_logs import Topic, message, transform, write_log
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError, SettingsError
@@ -48,6 +48,7 @@ BREAKS = {  # of each rule, figures that break it
     "assumed": {"assumed": ("a camera of 75 x 75 deg",)},
     "salvaged": {"losses": ("the log was not closed",)},
 }
+UP = np.array([0.0, 0.0, 1.0])
 GOOD = replace(Measured(), axis_pct=98.0, shown_pct=100.0, fit_pct=99.0, other_fit_pct=100.0, lowest_m=3.0)
 ODD = {
     "below-ground": "near",
@@ -297,3 +298,24 @@ def test_a_mount_is_found_whatever_its_body_is_called(tmp_path: Path, child: str
     assert np.allclose(found.positions, plain.positions, atol=1e-6)
     assert np.abs(angle_between(found.quat_xyzw, plain.quat_xyzw)).max() < 1e-5
     assert any("imu4 -> cam0" in note for note in found.passport["measured"]["frames"])
+
+
+def test_two_channels_of_one_topic_at_one_time_are_two_publishers(tmp_path: Path) -> None:
+    """Channels that follow each other are one recording; channels side by side are two bodies."""
+    log = replace(made(*flights("box", 0), np.random.default_rng(1)), schema=POSE, hfov_deg=None)
+    rows = list(zip(log.log_ns, log.t_ns, log.positions, log.quats, strict=True))
+
+    def topic(some: list, away: float = 0.0) -> Topic:
+        told = [(int(at), message(POSE, int(t), p + away * UP, q)) for at, t, p, q in some]
+        return Topic("/camera/pose", POSE, told)
+
+    facts = {"structure_id": log.structure.structure_id, "body_frame": "camera"}
+    half = len(rows) // 2
+    path = write_log(tmp_path / "a.mcap", [topic(rows[:half]), topic(rows[half:])], facts)
+    whole = read_demonstration(path, structures=lambda _: log.structure)
+    assert np.array_equal(whole.positions, log.positions)
+    path = write_log(tmp_path / "b.mcap", [topic(rows), topic(rows, 4.0)], facts)
+    with pytest.raises(InputError, match="2 publishers at the same time: channels #1"):
+        read_demonstration(path, structures=lambda _: log.structure)
+    second = read_demonstration(path, LogOptions(publisher="#2"), structures=lambda _: log.structure)
+    assert np.allclose(second.positions, log.positions + 4.0 * UP)

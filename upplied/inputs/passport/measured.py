@@ -240,7 +240,7 @@ def _assumed(reading: Reading) -> tuple[str, ...]:
         said.append(f"a camera of {camera.hfov_deg:g} x {camera.vfov_deg:g} deg")
     if NO_MOUNT in reading.flown.notes:
         said.append("a camera that looks along the body's x axis")
-    if not reading.logged.parent:
+    if not (reading.logged.parent or reading.logged.child):
         said.append("a frame with z up (the log names none)")
     return tuple(said)
 

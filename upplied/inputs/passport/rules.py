@@ -52,7 +52,8 @@ def _near(m: Measured, s: PassportSettings) -> str:
 
 
 def _looks_away(m: Measured, s: PassportSettings) -> str:
-    if m.axis_pct >= s.least_axis_pct and m.fit_pct >= s.least_fit_pct:
+    doubtful = m.axis_pct < s.odd_axis_pct and m.fit_pct < s.least_fit_pct
+    if m.axis_pct >= s.least_axis_pct and not doubtful:
         return ""
     return (
         f"the camera's axis meets the structure in {m.axis_pct:.0f} % of the poses,"
