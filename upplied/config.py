@@ -94,10 +94,14 @@ class TransferSettings:
 class RefineSettings:
     """Optimisation of the viewpoints (Eq. 3, or the search for what is really seen)."""
 
-    # `view` turns and bends the path towards what is sought and not seen yet.
+    # `view` optimises the whole path for what the expert inspected (`OptimiseSettings`).
     method: Literal["none", "gauss-newton", "view"] = "gauss-newton"
     iterations: int = 20  # at most
-    deviation: float = 0.58  # Frechet distance from the demonstrated shape, z-scored, that `view` may use up
+    # How much of the demonstrated shape may go for what it shows: the user's trade (`FIDELITIES`).
+    fidelity: Literal["strict", "balanced", "coverage"] = "balanced"
+    deviation: float | None = None  # bound on the Frechet distance, z-scored; None: that of the fidelity
+    # Of what the flight was about, the share that the target must have at all.
+    least_counterpart: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -156,6 +160,39 @@ class VerdictSettings:
 
 
 @dataclass(frozen=True)
+class Fidelity:
+    """How like the demonstrated shape a path is to be."""
+
+    deviation: float  # bound on its Frechet distance, z-scored
+    shape: float  # weight: share of the surface that a path strayed by its own spread must show more
+
+
+FIDELITIES = {
+    "strict": Fidelity(0.25, 1.2),
+    "balanced": Fidelity(0.58, 0.3),
+    "coverage": Fidelity(1.2, 0.05),
+}
+
+
+@dataclass(frozen=True)
+class OptimiseSettings:
+    """The optimisation of a path: each weight is the share of what is to be shown that a unit is worth."""
+
+    context: float = 0.4  # share of all that is to be shown which goes to what was seen beside the inspected
+    place: float = 0.02  # of straying from the counterparts by a stand-off, mean square
+    standoff: float = 1.0  # of being a stand-off too near or too far, beyond the tolerance, mean square
+    standoff_tolerance: float = 0.08  # of the wanted stand-off
+    smoothness: float = 0.003  # of curving otherwise by a circle whose radius is the stand-off, mean square
+    clearance: float = 5.0  # of lacking a metre of the safety distance, mean square
+    turning: float = 0.002  # of turning the camera by as much again as the demonstration
+    time: float = 0.002  # of flying for as long again
+    spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
+    rounds: int = 3  # of casting rays
+    iterations: int = 12  # of the solver in each round
+    samples: int = 800  # of the surface that stand for all, two thirds of them inspected ones
+
+
+@dataclass(frozen=True)
 class Settings:
     """Everything that a plan depends on besides the demonstration and the two structures."""
 
@@ -167,6 +204,7 @@ class Settings:
     viewpoints: ViewpointSettings = field(default_factory=ViewpointSettings)
     transfer: TransferSettings = field(default_factory=TransferSettings)
     refine: RefineSettings = field(default_factory=RefineSettings)
+    optimise: OptimiseSettings = field(default_factory=OptimiseSettings)
     route: RouteSettings = field(default_factory=RouteSettings)
     retime: RetimeSettings = field(default_factory=RetimeSettings)
     inspection: InspectionSettings = field(default_factory=InspectionSettings)
@@ -276,6 +314,19 @@ _RANGES = {
     "transfer.gsd_m": (1e-5, 10),
     "refine.iterations": (0, 1000),
     "refine.deviation": (0.01, 10),
+    "refine.least_counterpart": (0, 1),
+    "optimise.context": (0, 1),
+    "optimise.place": (0, 1000),
+    "optimise.standoff": (0, 1000),
+    "optimise.standoff_tolerance": (0, 1),
+    "optimise.smoothness": (0, 1000),
+    "optimise.clearance": (0, 1000),
+    "optimise.turning": (0, 1000),
+    "optimise.time": (0, 1000),
+    "optimise.spacing": (0.05, 10),
+    "optimise.rounds": (1, 20),
+    "optimise.iterations": (1, 1000),
+    "optimise.samples": (50, 100_000),
     "route.clearance_m": (0, 1000),
     "route.ground_clearance_m": (0, 1000),
     "retime.max_speed_mps": (0.01, 100),

@@ -1,148 +1,213 @@
-"""The carried flight made safe and completed until it sees what it should (preset `recommended`)."""
+"""A carried flight completed: safe, as much like the demonstrated one as asked, showing what it showed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from upplied.planning.trajectory.camera_turns import past
-from upplied.planning.trajectory.lean import lean
-from upplied.planning.trajectory.likeness import Likeness
-from upplied.planning.trajectory.look import Detours, Looks, View, bend, find_detours, find_looks, stations_of
-from upplied.planning.trajectory.rounded import rounded
-from upplied.planning.trajectory.stretch import stretched
-from upplied.records import Bools, Floats, Ints, Waypoints
+from upplied.config import FIDELITIES, Settings
+from upplied.errors import RefusedError, SettingsError
+from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.airspace.detours import Ways, safe_positions
+from upplied.planning.carry.affine import box_map, registered_map, zscore_map
+from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by, inspected_surface
+from upplied.planning.carry.planar import at_height, in_plane, plane_height
+from upplied.planning.carry.reference import demonstrated_on_target, standing
+from upplied.planning.carry.standoff import Standoff, standoff_of
+from upplied.planning.carry.to_counterparts import Followed, follow_counterparts
+from upplied.planning.demonstration.repetition import Take
+from upplied.planning.geometry.frechet import frechet_floored
+from upplied.planning.trajectory.optimise import Wish, optimise
+from upplied.planning.trajectory.retime import demonstrated_speed
+from upplied.planning.trajectory.sharpness import steady
+from upplied.planning.trajectory.state import Flown
+from upplied.planning.trajectory.terms.shape import Shape
+from upplied.planning.trajectory.view import View
+from upplied.poses import from_yaw_pitch, optical_axis, yaw_pitch
+from upplied.records import Floats, Waypoints
 
-_REACHES = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the allowed deviation: no further than needed
-_LEANS = 3  # at each reach, at most
-_WIDE = 0.7  # of the usual stand-off, that a bend takes to each side at least: shorter ones look like kinks
-_ENOUGH = 0.003  # share of the need that may stay unseen before the next reach is tried
+_STEP_M = 0.5  # largest leg of the result
+_LEAST_TURN_RAD = (
+    np.pi / 2
+)  # that a demonstration counts as having turned, so that little turning is not dear
+_HALVINGS = 20  # of the way to the demonstrated shape
 
 
-def complete(
-    path: Waypoints,
-    view: View,
-    likeness: Likeness,
-    reach_m: Floats,
-    safe: Callable[[Floats], Floats],
-    allowed: Callable[[Floats], Bools],
-    broken: Callable[[Floats], Bools],
-) -> tuple[Waypoints, Looks]:
-    """Route and bend the path, and find turns of its camera, until nothing worth a turn is missed.
+def completed(take: Take, settings: Settings) -> Waypoints:
+    """The whole flight carried to the counterparts, made safe, and optimised.
 
     Parameters
     ----------
-    path : Waypoints
-        The carried flight, target frame.
-    view : View
-        What is to be seen, and by which camera.
-    likeness : Likeness
-        What bends must keep of the demonstration.
-    reach_m : array, shape (3,), m
-        How far bends may lead from the carried flight along each axis.
-    safe : callable
-        Takes positions (M, 3), gives as many that keep the safety distance, also between them.
-    allowed : callable
-        Takes positions (K, 3), gives (K,) bool: where the vehicle may be.
-    broken : callable
-        Takes positions (K, 3), gives (K - 1,) bool: which legs between them break a rule.
+    take : Take
+    settings : Settings
 
     Returns
     -------
     Waypoints
-    Looks
-        Turns of the camera at stations of that path, for `camera_turns.with_looks`.
+        Every leg keeps the rules; the shape departs from the demonstrated one by no more than the
+        fidelity allows.
+
+    Raises
+    ------
+    RefusedError
+        If what the flight was about has no counterpart, no safe path is found, or none of that shape.
     """
-    positions = safe(path.positions)
-    covered = _shown(positions, path.quat_xyzw, view)
+    if not settings.visibility.occlusion:
+        raise SettingsError("refine.method 'view'", "with visibility.occlusion false", "what is truly seen")
+    inspection, pair = take.inspection, take.pair
+    flight = inspection.flight
+    wanted = inspected_by(take, settings)
+    _refuse_without_counterpart(wanted, settings)
+    followed = _carried(take, settings)
+    is_viewpoint = np.zeros(len(flight), bool)
+    is_viewpoint[inspection.viewpoints.middle] = True
+    path = Waypoints(followed.positions, followed.quat_xyzw, flight.t_s, is_viewpoint)
+    airspace, flown = (
+        airspace_of(pair, settings),
+        registered_map(pair.surface.registration).points(flight.positions),
+    )
+    if settings.transfer.plane:
+        height = plane_height(flight, pair, path.positions, settings.transfer)
+        airspace, path = in_plane(airspace, height), at_height(path, height)
+        flown[:, 2] = height
+    ways = Ways(airspace, pair.surface.target)
 
-    def within(tried: Floats, before: Floats, changed: Ints) -> bool:
-        return likeness.kept(tried, before) and bool(allowed(tried[changed]).all())
+    def safe(positions: Floats) -> Floats:
+        return safe_positions(positions, ways) if settings.route.enforce else positions
 
-    def better(tried: Floats) -> tuple[Floats, Bools]:
-        """What was tried, made safe, unless that shows less: what keeps the distance may hide again."""
-        if tried is positions:
-            return positions, covered
-        tried = safe(tried)
-        seen = _shown(tried, path.quat_xyzw, view)
-        return (tried, seen) if view.need[seen].sum() > view.need[covered].sum() else (positions, covered)
+    yaw, pitch = yaw_pitch(path.quat_xyzw)
+    axis = optical_axis(flight.quat_xyzw)
+    turned = float(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)).sum())
+    stands = standing(pair)
+    shape = Shape.of(flown, stands)
+    wish = Wish(
+        flown=flown,
+        carried=Flown(safe(path.positions), np.unwrap(yaw), pitch),
+        demonstrated=shape,
+        view=_view(take, wanted, settings),
+        standoff=_standoff(take, followed),
+        airspace=ways.planning,
+        speed_mps=_finite(demonstrated_speed(flight.t_s, flight, inspection.breaks)),
+        turned_rad=max(turned, _LEAST_TURN_RAD),
+        pan_radps=float(np.radians(steady(settings.retime, [take], settings).max_yaw_rate_degps)),
+        level=settings.transfer.plane,
+    )
+    fidelity = FIDELITIES[settings.refine.fidelity]
+    bound = settings.refine.deviation or fidelity.deviation
+    state, variables = optimise(wish, fidelity.shape, settings.optimise)
+    at, curve = state.curve(variables, _STEP_M)
+    _, base = state.curve(np.zeros_like(variables), _STEP_M)
+    image = Shape.of(base.positions, stands).image(curve.positions)
+    reference = demonstrated_on_target(take) @ stands.T
+    positions = safe(_within_bound(safe(curve.positions), image, stands, reference, bound))
+    _refuse_beyond_bound(positions @ stands.T, reference, bound)
+    low, high = np.radians([settings.retime.min_gimbal_pitch_deg, settings.retime.max_gimbal_pitch_deg])
+    own = np.zeros(len(at), bool)
+    whole = np.flatnonzero(at == np.round(at))
+    own[whole] = path.is_viewpoint[at[whole].astype(int)]
+    return Waypoints(
+        positions,
+        from_yaw_pitch(curve.yaw, np.clip(curve.pitch, low, high)),
+        np.interp(at, np.arange(float(len(path))), path.t_s),
+        own,
+    )
 
-    positions, covered = better(stretched(positions, view, likeness, allowed))
-    for share in _REACHES:
-        if view.need[~covered].sum() < _ENOUGH * view.need.sum():
-            break
-        near_m = share * reach_m
-        leant, shown = _leant(positions, path.quat_xyzw, covered, view, near_m, within)
-        detours = find_detours(leant, shown, view, near_m, allowed)
-        positions, covered = better(
-            _bent(leant, path.quat_xyzw, detours, view, within, _WIDE * likeness.standoff.usual_m)
+
+def _carried(take: Take, settings: Settings) -> Followed:
+    """The flight on the target, before anything is made better."""
+    inspection, fit, limits = take.inspection, take.pair.surface, settings.retime
+    flight = inspection.flight
+    followed = follow_counterparts(
+        flight,
+        inspection.visibility,
+        fit.source,
+        fit.correspondences,
+        registered_map(fit.registration),
+        settings.transfer,
+        inspection.camera,
+        settings.route.clearance_m,
+        settings.refine.deviation or FIDELITIES[settings.refine.fidelity].deviation,
+    )
+    if settings.transfer.method != "counterparts":
+        carrier = (zscore_map if settings.transfer.method == "zscore" else box_map)(fit.source, fit.target)
+        followed = replace(
+            followed,
+            positions=carrier.points(flight.positions),
+            quat_xyzw=carrier.orientations(flight.quat_xyzw),
         )
-    smooth = rounded(replace(path, positions=positions), broken)
-    covered = view.covered(smooth.positions, smooth.quat_xyzw)
-    return smooth, find_looks(past(smooth.positions), smooth.quat_xyzw, covered, view)
+    yaw, pitch = yaw_pitch(followed.quat_xyzw)
+    low, high = np.radians([limits.min_gimbal_pitch_deg, limits.max_gimbal_pitch_deg])
+    return replace(followed, quat_xyzw=from_yaw_pitch(yaw, np.clip(pitch, low, high)))
 
 
-def _shown(positions: Floats, quat_xyzw: Floats, view: View) -> Bools:
-    """What the path sees or could see by turning the camera, (N,)."""
-    seen = view.covered(positions, quat_xyzw)
-    missing = np.flatnonzero((view.need > 0) & ~seen)
-    if len(missing):
-        seen[missing] = view.reachable(positions[stations_of(positions)], missing)
-    return seen
+def _view(take: Take, wanted: InspectedSurface, settings: Settings) -> View:
+    """What the target is to show: what was inspected, and with less weight what was seen beside it."""
+    fit, camera = take.pair.surface, take.inspection.camera
+    seen = inspected_surface(fit.source, fit.target, fit.correspondences, take.inspection.truly).need
+    context = settings.optimise.context if wanted.need.any() else 1.0
+    own = wanted.need / max(wanted.need.sum(), 1e-12)
+    need = context * seen / max(seen.sum(), 1e-12) + (1 - context) * own
+    inspected = wanted.need > 0
+    resolved_m = np.where(inspected, wanted.standoff_m / settings.inspection.least_resolution, np.inf)
+    return View(
+        fit.target,
+        need / max(need.sum(), 1e-12),
+        np.minimum(resolved_m, camera.max_range_m),
+        inspected,
+        camera,
+        settings.visibility,
+        settings.retime,
+        take.pair.target_scene,
+    )
 
 
-def _leant(
-    positions: Floats,
-    quat_xyzw: Floats,
-    covered: Bools,
-    view: View,
-    reach_m: Floats,
-    within: Callable[[Floats, Floats, Ints], bool],
-) -> tuple[Floats, Bools]:
-    """The path after as many leans as show more than they hide, and what it covers then."""
-    best = view.need[covered].sum()
-    for _ in range(_LEANS):
-        missing = np.flatnonzero((view.need > 0) & ~covered)
-        if len(missing) == 0:
-            break
-        asked = lean(positions, missing, view, reach_m)
-        for share in (1.0, 0.5):
-            tried = positions + share * asked
-            if not within(tried, positions, np.arange(len(tried))):
-                continue
-            seen = _shown(tried, quat_xyzw, view)
-            if view.need[seen].sum() > best:
-                positions, covered, best = tried, seen, view.need[seen].sum()
-                break
-        else:
-            break
-    return positions, covered
+def _standoff(take: Take, followed: Followed) -> Standoff:
+    """The stand-off of the viewpoints, at the same moments that the plan is judged by."""
+    asked_s = take.inspection.viewpoints.t_s
+    station = np.abs(take.inspection.flight.t_s[:, None] - asked_s).argmin(axis=0)
+    return standoff_of(station, followed.weight[station], followed.counterparts, followed.standoff_m[station])
 
 
-def _bent(
-    positions: Floats,
-    quat_xyzw: Floats,
-    detours: Detours,
-    view: View,
-    within: Callable[[Floats, Floats, Ints], bool],
-    least_m: float,
+def _finite(speed_mps: Floats) -> Floats:
+    """Speeds with one metre a second for those of a flight that does not move."""
+    return np.where(np.isfinite(speed_mps), speed_mps, 1.0)
+
+
+def _refuse_without_counterpart(wanted: InspectedSurface, settings: Settings) -> None:
+    """The flight has to be about something that the target has."""
+    if wanted.whole > 0 and wanted.without_pct > 100 * (1 - settings.refine.least_counterpart):
+        raise RefusedError(
+            "what the flight was about",
+            f"{wanted.without_pct:.0f} % of it has no counterpart on the target",
+            f"at least {100 * settings.refine.least_counterpart:g} % has one (refine.least_counterpart)",
+            "fly one on a structure whose inspected parts this one has, or name them (--counterpart)",
+        )
+
+
+def _within_bound(
+    positions: Floats, image: Floats, stands: Floats, reference: Floats, bound: float
 ) -> Floats:
-    """The path with each bend that shows more than it hides; the same array where none does."""
-    if len(detours.station) == 0:
+    """The path, drawn towards the demonstrated shape until it departs by no more than the bound."""
+
+    def departs(share: float) -> bool:
+        return frechet_floored(reference, (positions + share * (image - positions)) @ stands.T) > bound
+
+    low, high = 0.0, 1.0
+    if not departs(low):
         return positions
-    seen = view.seen(positions, quat_xyzw)
-    shown = np.zeros(seen.shape[1], bool)
-    for place, quat, station in zip(detours.positions, detours.quat_xyzw, detours.station, strict=True):
-        tried = bend(positions, place, int(station), least_m)
-        changed = np.flatnonzero(np.abs(tried - positions).max(axis=1) > 1e-9)
-        if not within(tried, positions, changed):
-            continue
-        rows = np.array(seen)
-        rows[changed] = view.seen(tried[changed], quat_xyzw[changed])
-        there = view.seen(place[None], quat[None])[0]
-        before = view.need[seen.any(axis=0) | shown].sum()
-        if view.need[rows.any(axis=0) | shown | there].sum() > before:
-            positions, seen, shown = tried, rows, shown | there
-    return positions
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if departs(middle) else (low, middle)
+    return positions + high * (image - positions)
+
+
+def _refuse_beyond_bound(turned: Floats, reference: Floats, bound: float) -> None:
+    departure = frechet_floored(reference, turned)
+    if departure > bound * (1 + 1e-6):
+        raise RefusedError(
+            "the shape of the path",
+            f"departs from the demonstrated one by {departure:.2f} of its spread where it is safe",
+            f"at most {bound:g} (refine.fidelity, refine.deviation)",
+            "a looser fidelity (--fidelity coverage), or a smaller safety distance, may help",
+        )

@@ -30,7 +30,11 @@ _STANDING_M = 1e-6  # shorter legs are none
 
 
 def retime(
-    path: Waypoints, flight: Trajectory, settings: RetimeSettings, breaks: Ints | None = None
+    path: Waypoints,
+    flight: Trajectory,
+    settings: RetimeSettings,
+    breaks: Ints | None = None,
+    sharp_mps: Floats | None = None,
 ) -> tuple[Trajectory, Bools, Floats]:
     """Give a path its times.
 
@@ -44,6 +48,8 @@ def retime(
         Without `limits`, the paper's rule.
     breaks : array of int, optional
         First pose of each part of the demonstration but the first; nothing was flown in between.
+    sharp_mps : array, shape (W,), m/s, optional
+        Speed at each waypoint up to which its pictures are sharp (`sharpness`).
 
     Returns
     -------
@@ -56,10 +62,12 @@ def retime(
     """
     if not settings.limits or len(path) < 2:
         return at_demonstrated_speed(path, flight), np.array(path.is_viewpoint, bool), path.t_s
-    path = _without_repeats(path)
+    sharp_mps = np.full(len(path), np.inf) if sharp_mps is None else sharp_mps
+    path, sharp_mps = _without_repeats(path, sharp_mps)
     hover = hovering(path, flight, settings.least_stop_s, breaks)
-    stations = _divided(path, hover)
+    stations = _divided(path, hover, sharp_mps)
     bound = demonstrated_speed(stations.t_s, flight, breaks, settings.transit_speed_mps)
+    bound = np.minimum(bound, stations.sharp_mps)
     times = _timed(stations, bound, settings)
     quats = from_yaw_pitch(stations.yaw, stations.pitch)
     return Trajectory(times, stations.positions, quats), stations.is_viewpoint, stations.t_s
@@ -75,6 +83,7 @@ class _Stations(Record):
     t_s: Floats  # (S,) time of the demonstration
     is_viewpoint: Bools  # (S,)
     at_rest: Bools  # (S,)
+    sharp_mps: Floats  # (S,) speed up to which pictures are sharp
     hold_s: Floats  # (S - 1,) time to hover, on legs of no length
 
 
@@ -90,13 +99,14 @@ def at_demonstrated_speed(path: Waypoints, flight: Trajectory) -> Trajectory:
     return Trajectory(np.concatenate([[0.0], np.cumsum(step)]), path.positions, path.quat_xyzw)
 
 
-def _without_repeats(path: Waypoints) -> Waypoints:
+def _without_repeats(path: Waypoints, sharp_mps: Floats) -> tuple[Waypoints, Floats]:
     """The path without waypoints that repeat the pose before them."""
     moved = np.linalg.norm(np.diff(path.positions, axis=0), axis=1) > _STANDING_M
     turned = angle_between(path.quat_xyzw[:-1], path.quat_xyzw[1:]) > 1e-6
     keep = np.concatenate([[True], moved | turned])
     viewpoint = np.logical_or.reduceat(path.is_viewpoint, np.flatnonzero(keep))
-    return Waypoints(path.positions[keep], path.quat_xyzw[keep], path.t_s[keep], viewpoint)
+    kept = Waypoints(path.positions[keep], path.quat_xyzw[keep], path.t_s[keep], viewpoint)
+    return kept, sharp_mps[keep]
 
 
 def hovering(path: Waypoints, flight: Trajectory, least_s: float, breaks: Ints | None = None) -> Floats:
@@ -118,7 +128,7 @@ def _parts(flight: Trajectory, breaks: Ints | None) -> list[Trajectory]:
     ]
 
 
-def _divided(path: Waypoints, hover: Floats) -> _Stations:
+def _divided(path: Waypoints, hover: Floats, sharp_mps: Floats) -> _Stations:
     """The path with shorter legs; a hover is a leg of no length, as is a turn on the spot."""
     length = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
     standing = length < _STANDING_M
@@ -147,6 +157,7 @@ def _divided(path: Waypoints, hover: Floats) -> _Stations:
         t_s=np.interp(origin, index, path.t_s),
         is_viewpoint=own & path.is_viewpoint[waypoint],
         at_rest=own & rest[waypoint],
+        sharp_mps=np.minimum(*(sharp_mps[of(origin).astype(int)] for of in (np.floor, np.ceil))),
         hold_s=hold,
     )
 

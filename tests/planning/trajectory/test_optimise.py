@@ -1,0 +1,151 @@
+"""The optimisation before a wall whose answers geometry gives, and what a look aside must be worth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from upplied.config import OptimiseSettings, RetimeSettings, VisibilitySettings
+from upplied.planning.airspace.rules import Airspace
+from upplied.planning.carry.standoff import standoff_of
+from upplied.planning.trajectory.looks import looks_aside
+from upplied.planning.trajectory.optimise import Wish, optimise
+from upplied.planning.trajectory.state import Flown
+from upplied.planning.trajectory.terms.shape import Shape
+from upplied.planning.trajectory.view import View
+from upplied.poses import from_yaw_pitch
+from upplied.records import Camera, Cloud, Surroundings
+from upplied.scene import Scene
+
+COUNT = 41
+
+
+@pytest.fixture(scope="module")
+def wall() -> View:
+    """A wall of 20 x 12 m in the plane y = 0, seen from y < 0, with a sample every metre."""
+    x, z = np.meshgrid(np.arange(-9.5, 10), np.arange(0.5, 12))
+    points = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
+    corners = np.array([[-10.0, 0, 0], [10, 0, 0], [10, 0, 12], [-10, 0, 12]])
+    return View(
+        cloud=Cloud(points, normals=np.tile([0.0, -1, 0], (len(points), 1)), area_m2=np.ones(len(points))),
+        need=np.full(len(points), 1 / len(points)),
+        farthest_m=np.full(len(points), 12.0),
+        inspected=points[:, 2] < 6,
+        camera=Camera(hfov_deg=60, vfov_deg=60, min_range_m=0.5, max_range_m=40),
+        settings=VisibilitySettings(occlusion=True, max_incidence_deg=75),
+        limits=RetimeSettings(min_gimbal_pitch_deg=-40, max_gimbal_pitch_deg=20),
+        scene=Scene(corners, np.array([[0, 1, 2], [0, 2, 3]])),
+    )
+
+
+def along(y: float = -6.0, yaw: float = np.pi / 2, height: float = 4.0) -> Flown:
+    x = np.linspace(-10, 10, COUNT)
+    positions = np.column_stack([x, np.full(COUNT, y), height + np.sin(x / 2)])
+    return Flown(positions, np.full(COUNT, yaw), np.zeros(COUNT))
+
+
+def wish(view: View, path: Flown, **changes) -> Wish:
+    standoff = standoff_of(
+        np.arange(0, COUNT, 5), np.eye(9), path.positions[::5] * [1, 0, 1], np.abs(path.positions[::5, 1])
+    )
+    made = Wish(
+        flown=path.positions,
+        carried=path,
+        demonstrated=Shape.of(path.positions, np.eye(3)),
+        view=view,
+        standoff=standoff,
+        airspace=Airspace(view.scene, 2.0, Surroundings()),
+        speed_mps=np.ones(COUNT),
+        turned_rad=np.pi / 2,
+        pan_radps=0.2,
+    )
+    return replace(made, **changes)
+
+
+def shown(view: View, path: Flown) -> float:
+    quats = from_yaw_pitch(path.yaw, path.pitch)
+    return 1 - float(view.need[view.missed(path.positions, quats)].sum())
+
+
+def result(view: View, asked: Wish, shape: float = 0.3, **weights) -> Flown:
+    state, variables = optimise(asked, shape, replace(OptimiseSettings(), **weights))
+    return state.flown(variables)
+
+
+def test_it_shows_more_of_what_a_flight_too_low_misses(wall: View):
+    path = along(height=3.0)
+    done = result(wall, wish(wall, path))
+    assert shown(wall, done) > shown(wall, path) + 0.05
+
+
+def test_the_same_again_gives_the_same_bytes(wall: View):
+    asked = wish(wall, along(height=3.0))
+    first, second = result(wall, asked), result(wall, asked)
+    assert first.positions.tobytes() == second.positions.tobytes()
+    assert first.yaw.tobytes() == second.yaw.tobytes()
+
+
+def test_a_path_that_shows_all_stays_where_it_is(wall: View):
+    few = replace(wall, need=np.where(np.abs(wall.cloud.points[:, 2] - 4) < 2, 1.0, 0.0))
+    few = replace(few, need=few.need / few.need.sum())
+    path = along()
+    assert shown(few, path) == pytest.approx(1)
+    done = result(few, wish(few, path))
+    assert shown(few, done) == pytest.approx(1)
+    assert np.linalg.norm(done.positions - path.positions, axis=1).max() < 0.4
+    assert np.abs(done.yaw - path.yaw).max() < np.radians(3)
+
+
+def test_where_nothing_is_needed_the_path_is_the_carried_one(wall: View):
+    path = along()
+    done = result(wall, wish(replace(wall, need=np.zeros(len(wall.need))), path))
+    assert np.abs(done.positions - path.positions).max() < 1e-6
+
+
+def test_a_heavier_shape_strays_less(wall: View):
+    path = along(height=2.0)
+    loose, strict = (result(wall, wish(wall, path), shape=weight) for weight in (0.01, 10.0))
+    one = Shape.of(path.positions, np.eye(3))
+    assert one.value(strict)[0] < one.value(loose)[0]
+
+
+def test_the_safety_distance_is_kept_by_a_path_that_starts_too_near(wall: View):
+    path = along(y=-1.0)
+    done = result(wall, wish(wall, path), place=0.0, standoff=0.0)
+    assert np.abs(done.positions[:, 1]).min() > 1.9
+
+
+def test_a_level_flight_stays_level(wall: View):
+    path = replace(along(), positions=along().positions * [1, 1, 0] + [0, 0, 3.0])
+    done = result(wall, wish(wall, path, level=True))
+    np.testing.assert_array_equal(done.positions[:, 2], 3.0)
+
+
+def test_dear_turning_turns_less(wall: View):
+    path = along(yaw=np.pi / 2 + 0.6)
+    cheap, dear = (result(wall, wish(wall, path), turning=price) for price in (1e-4, 1.0))
+    turned = [np.abs(np.diff(one.yaw)).sum() + np.abs(np.diff(one.pitch)).sum() for one in (cheap, dear)]
+    assert turned[1] < 0.5 * turned[0]
+
+
+def test_looks_aside_show_what_no_pose_shows_and_keep_the_gimbal(wall: View):
+    path = along(yaw=-np.pi / 2)  # the camera looks away from the wall
+    assert shown(wall, path) == pytest.approx(0)
+    aside = looks_aside(path, wall, 1e-3, 1.0)
+    assert shown(wall, aside) > 0.8
+    low, high = np.radians([wall.limits.min_gimbal_pitch_deg, wall.limits.max_gimbal_pitch_deg])
+    assert aside.pitch.min() >= low - 1e-9 and aside.pitch.max() <= high + 1e-9
+    np.testing.assert_array_equal(aside.positions, path.positions)
+
+
+def test_a_look_that_costs_more_than_it_shows_is_not_taken(wall: View):
+    path = along(yaw=-np.pi / 2)
+    assert looks_aside(path, wall, 10.0, 1.0) is not path
+    np.testing.assert_array_equal(looks_aside(path, wall, 10.0, 1.0).yaw, path.yaw)
+
+
+def test_what_is_shown_already_asks_for_no_look(wall: View):
+    path = along()
+    blind = replace(wall, need=np.where(wall.sees(path.positions, from_yaw_pitch(path.yaw, path.pitch),
+                    np.arange(len(wall.need))).any(axis=0), 1.0, 0.0))  # fmt: skip
+    assert looks_aside(path, blind, 0.0, 1.0) is path

@@ -1,0 +1,83 @@
+"""The state: slopes go back as the path comes forth, paths are met again, curves turn steadily."""
+
+import numpy as np
+import pytest
+
+from upplied.planning.trajectory.state import Flown, State
+
+
+def base(count: int = 60) -> Flown:
+    angle = np.linspace(0, 1.5 * np.pi, count)
+    positions = np.column_stack([20 * np.cos(angle), 20 * np.sin(angle), 5 + angle])
+    return Flown(positions, angle + np.pi, 0.2 * np.sin(angle))
+
+
+def state(count: int = 60, unit=(20.0, 20.0, 20.0)) -> State:
+    return State.of(base(count), np.array(unit), 12, 9)
+
+
+def sharpest(positions: np.ndarray) -> float:
+    """Largest turn at a vertex, rad."""
+    leg = np.diff(positions, axis=0)
+    leg /= np.linalg.norm(leg, axis=1, keepdims=True)
+    return float(np.arccos(np.clip((leg[1:] * leg[:-1]).sum(axis=1), -1, 1)).max())
+
+
+def random_slope(rng: np.random.Generator, count: int) -> Flown:
+    return Flown(rng.normal(size=(count, 3)), rng.normal(size=count), rng.normal(size=count))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_slope_goes_back_as_the_path_comes_forth(seed: int):
+    rng, one = np.random.default_rng(seed), state()
+    slope = random_slope(rng, 60)
+    variables, change = rng.normal(size=54) * 0.1, rng.normal(size=54)
+    before, after = one.flown(variables), one.flown(variables + change)
+    directional = sum(
+        float((getattr(slope, name) * (getattr(after, name) - getattr(before, name))).sum())
+        for name in ("positions", "yaw", "pitch")
+    )
+    assert one.pulled_back(slope) @ change == pytest.approx(directional)
+
+
+def test_no_change_is_the_base_path():
+    np.testing.assert_allclose(state().flown(np.zeros(54)).positions, base().positions)
+
+
+def test_a_path_of_the_state_is_met_again():
+    one, variables = state(), np.random.default_rng(4).normal(size=54) * 0.1
+    path = one.flown(variables)
+    again = one.flown(one.nearest(path))
+    assert np.abs(again.positions - path.positions).max() < 0.02
+    assert np.abs(again.yaw - path.yaw).max() < 1e-2
+
+
+def test_a_level_path_stays_level():
+    one = state(unit=(20.0, 20.0, 0.0))
+    variables = np.random.default_rng(5).normal(size=54)
+    np.testing.assert_array_equal(one.flown(variables).positions[:, 2], base().positions[:, 2])
+    lifted = Flown(base().positions + [0, 0, 3.0], base().yaw, base().pitch)
+    assert np.abs(one.nearest(lifted)).max() < 1e-9
+
+
+def test_the_curve_passes_through_the_stations_and_turns_no_more():
+    one, variables = state(20), np.random.default_rng(6).normal(size=54) * 0.05
+    at, curve = one.curve(variables, 0.5)
+    own = at == np.round(at)
+    path = one.flown(variables)
+    assert own.sum() == 20
+    np.testing.assert_allclose(curve.positions[own], path.positions, atol=1e-9)
+    np.testing.assert_allclose(curve.yaw[own], path.yaw, atol=1e-9)
+    assert np.linalg.norm(np.diff(curve.positions, axis=0), axis=1).max() < 0.75
+    assert sharpest(curve.positions) < 0.5 * sharpest(path.positions)
+
+
+def test_a_hover_stays_where_it_is_and_short_paths_are_straight():
+    still = base(30)
+    still.positions[10:14] = still.positions[10]
+    at, curve = State.of(still, np.full(3, 20.0), 6, 6).curve(np.zeros(30), 0.5)
+    during = (at >= 10) & (at <= 13)
+    np.testing.assert_allclose(curve.positions[during], np.tile(still.positions[10], (4, 1)), atol=1e-9)
+    short = Flown(np.array([[0.0, 0, 0], [3, 0, 0], [3, 3, 0]]), np.zeros(3), np.zeros(3))
+    _, curve = State.of(short, np.ones(3), 4, 4).curve(np.zeros(20), 0.5)
+    assert np.linalg.norm(np.diff(curve.positions, axis=0), axis=1).sum() == pytest.approx(6)

@@ -1,0 +1,177 @@
+"""Every term: its slope against finite differences, and what it must say where geometry gives the answer."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from upplied.config import RetimeSettings, VisibilitySettings
+from upplied.planning.airspace.rules import Airspace
+from upplied.planning.carry.standoff import standoff_of
+from upplied.planning.geometry.frechet import frechet_z
+from upplied.planning.trajectory.state import Flown
+from upplied.planning.trajectory.terms import Term
+from upplied.planning.trajectory.terms.clearance import Clearance
+from upplied.planning.trajectory.terms.coverage import Coverage
+from upplied.planning.trajectory.terms.place import Place
+from upplied.planning.trajectory.terms.shape import Shape
+from upplied.planning.trajectory.terms.smoothness import Smoothness
+from upplied.planning.trajectory.terms.standoff import StandoffKept
+from upplied.planning.trajectory.terms.time import Time
+from upplied.planning.trajectory.terms.turning import Turning
+from upplied.planning.trajectory.view import View
+from upplied.poses import from_yaw_pitch
+from upplied.records import Camera, Cloud, Surroundings
+from upplied.scene import Scene
+
+STATIONS = 14
+NAMES = ("clearance", "coverage", "round", "place", "shape", "smoothness", "standoff", "time", "turning")
+
+
+def flown(seed: int = 0) -> Flown:
+    """A path of some bends before a wall in the plane y = 0, which it looks at."""
+    rng = np.random.default_rng(seed)
+    x = np.linspace(-6, 6, STATIONS)
+    positions = np.column_stack([x, -4 + np.sin(x), 4 + np.cos(x / 2)]) + rng.normal(0, 0.2, (STATIONS, 3))
+    return Flown(positions, np.pi / 2 + rng.normal(0, 0.4, STATIONS), rng.normal(0, 0.3, STATIONS))
+
+
+@pytest.fixture(scope="module")
+def wall() -> View:
+    """20 x 8 m with a sample every metre and a half, seen from y < 0."""
+    x, z = np.meshgrid(np.arange(-9.5, 10, 1.5), np.arange(0.5, 8, 1.5))
+    points = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
+    corners = np.array([[-10.0, 0, 0], [10, 0, 0], [10, 0, 8], [-10, 0, 8]])
+    return View(
+        cloud=Cloud(points, normals=np.tile([0.0, -1, 0], (len(points), 1)), area_m2=np.ones(len(points))),
+        need=np.full(len(points), 1 / len(points)),
+        farthest_m=np.full(len(points), 9.0),
+        inspected=np.ones(len(points), bool),
+        camera=Camera(hfov_deg=60, vfov_deg=50, min_range_m=0.5, max_range_m=40),
+        settings=VisibilitySettings(occlusion=True, max_incidence_deg=75),
+        limits=RetimeSettings(),
+        scene=Scene(corners, np.array([[0, 1, 2], [0, 2, 3]])),
+    )
+
+
+def coverage(view: View, path: Flown, width: float) -> Coverage:
+    asked = np.flatnonzero(view.need > 0)
+    anywhere = replace(view, farthest_m=np.full(len(view.need), np.inf))
+    free = anywhere.reach(path.positions, asked, VisibilitySettings(occlusion=True, max_incidence_deg=88))
+    return Coverage.of(view, asked, view.need[asked], free, width)
+
+
+def term(name: str, view: View) -> Term:
+    path, other = flown(), flown(1)
+    standoff = standoff_of(
+        np.arange(0, STATIONS, 3), np.ones((5, 8)), view.cloud.points[:8] + 0.1, np.linspace(3, 9, 5)
+    )
+    airspace = Airspace(view.scene, 4.5, Surroundings(ground_z_m=3.5, ceiling_z_m=4.8), 0.5)
+    turned = np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]])
+    around = replace(view, camera=replace(view.camera, hfov_deg=220))
+    return {
+        "clearance": lambda: Clearance.of(airspace, path),
+        "coverage": lambda: coverage(view, path, 0.15),
+        "round": lambda: coverage(around, path, 0.15),
+        "place": lambda: Place(other.positions, 3.0),
+        "shape": lambda: Shape.of(other.positions, turned),
+        "smoothness": lambda: Smoothness(other.positions, 1.0, 5.0),
+        "standoff": lambda: StandoffKept.of(standoff, path, 0.08),
+        "time": lambda: Time.of(replace(other, positions=other.positions / 2), np.linspace(1, 3, STATIONS)),
+        "turning": lambda: Turning(other.yaw, other.pitch, 2.0),
+    }[name]()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("seed", [0, 2])
+def test_slopes_agree_with_finite_differences(name: str, seed: int, wall: View):
+    one, path, step = term(name, wall), flown(seed), 1e-6
+    value, slope = one.value(path)
+    assert value > 0
+    found, expected = [], []
+    for field in ("positions", "yaw", "pitch"):
+        at = getattr(path, field)
+        for index in np.ndindex(at.shape):
+            both = []
+            for sign in (1, -1):
+                moved = np.array(at)
+                moved[index] += sign * step
+                both.append(one.value(replace(path, **{field: moved}))[0])
+            expected.append((both[0] - both[1]) / (2 * step))
+            found.append(getattr(slope, field)[index])
+    scale = np.abs(expected).max()
+    assert scale > 0
+    np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-6 * max(scale, 1))
+
+
+def test_coverage_with_sharp_borders_counts_what_is_truly_seen(wall: View):
+    path = flown(3)
+    asked = np.flatnonzero(wall.need > 0)
+    seen = wall.sees(path.positions, from_yaw_pitch(path.yaw, path.pitch), asked).any(axis=0)
+    assert 0.2 < seen.mean() < 0.95
+    missed, _ = coverage(wall, path, 1e-6).value(path)
+    # One station shows at most 0.98 of a sample, so a little of what is seen once counts as missed.
+    assert 1 - seen.mean() - 1e-9 <= missed <= 1 - 0.98 * seen.mean() + 1e-9
+
+
+def test_shape_minds_neither_place_nor_extent_along_each_axis(wall: View):
+    path = flown().positions
+    one = Shape.of(path, np.eye(3))
+    nothing = np.zeros(STATIONS)
+    assert one.value(Flown(path * [1.7, 0.6, 1.2] + [30, -4, 9], nothing, nothing))[0] < 1e-12
+    bent = path + np.column_stack([np.zeros(STATIONS), np.linspace(-1, 1, STATIONS) ** 2, np.zeros(STATIONS)])
+    assert one.value(Flown(bent, nothing, nothing))[0] > 1e-3
+    assert frechet_z(path, one.image(bent)) < 0.01  # an axis along which the path is level is floored
+
+
+def test_shape_is_told_along_the_axes_of_the_source():
+    path = flown().positions
+    turn = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])  # the target stands turned
+    nothing = np.zeros(STATIONS)
+    stretched = (path * [1.7, 0.6, 1.2]) @ turn.T
+    assert Shape.of(path @ turn.T, turn.T).value(Flown(stretched, nothing, nothing))[0] < 1e-12
+    assert Shape.of(path @ turn.T, np.eye(3)).value(Flown(stretched, nothing, nothing))[0] > 1e-3
+
+
+def test_clearance_asks_nothing_of_a_path_that_keeps_it(wall: View):
+    path = flown()
+    free = Airspace(wall.scene, 1.0, Surroundings(ground_z_m=0.0), 1.0)
+    assert Clearance.of(free, path).value(path)[0] == 0
+
+
+def test_a_camera_turned_aside_once_and_for_all_costs_no_turning():
+    path = flown()
+    one = Turning(path.yaw, path.pitch, 2.0)
+    assert one.value(replace(path, yaw=path.yaw + 0.5))[0] == pytest.approx(0, abs=1e-12)
+    aside = path.yaw + 0.5 * (np.arange(STATIONS) == 6)
+    there_and_back = one.value(replace(path, yaw=aside, pitch=path.pitch))[0]
+    assert there_and_back == pytest.approx(0.5, rel=0.2)  # twice half a radian, over two
+
+
+def test_time_costs_one_for_twice_as_long_a_path_and_nothing_for_a_shorter_one():
+    path = flown()
+    one = Time.of(path, np.full(STATIONS, 2.0))
+    assert one.value(replace(path, positions=2 * path.positions))[0] == pytest.approx(1)
+    value, slope = one.value(replace(path, positions=0.9 * path.positions))
+    assert value == 0 and not slope.positions.any()
+
+
+def test_a_circle_of_the_stand_offs_radius_is_one_unit_of_curving():
+    angle, radius = np.linspace(0, 2 * np.pi, 400), 5.0
+    circle = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(400)])
+    straight = np.zeros((400, 3))
+    one = Smoothness(straight, radius * angle[1], radius)
+    assert one.value(Flown(circle, angle, angle))[0] == pytest.approx(1, rel=1e-3)
+    assert one.value(Flown(straight + [[1.0, 2, 3]], angle, angle))[0] == 0
+
+
+def test_stand_off_costs_nothing_within_its_tolerance():
+    x = np.linspace(-10, 10, 21)
+    path = Flown(np.column_stack([x, np.full(21, -5.0), np.zeros(21)]), x, x)
+    station = np.arange(0, 21, 4)
+    foot = path.positions[station] * [1, 0, 1]
+    standoff = standoff_of(station, np.eye(len(station)), foot, np.full(len(station), 5.0))
+    one = StandoffKept.of(standoff, path, 0.08)
+    assert one.value(path)[0] == 0
+    assert one.value(replace(path, positions=path.positions * [1, 1.07, 1]))[0] == 0
+    assert one.value(replace(path, positions=path.positions * [1, 1.28, 1]))[0] == pytest.approx(0.04)

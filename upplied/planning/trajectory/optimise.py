@@ -1,0 +1,164 @@
+"""One optimisation of the carried path and of where its camera looks (preset `recommended`).
+
+The state is a smooth displacement of the demonstrated path and of its camera's directions. Every wish
+is a term, a file in `terms`, with a weight that says what its unit is worth as a share of the surface to
+be shown (`OptimiseSettings`). One solver, L-BFGS-B with analytic slopes, weighs them all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from upplied.config import OptimiseSettings
+from upplied.planning.airspace.rules import Airspace
+from upplied.planning.carry.standoff import Standoff
+from upplied.planning.trajectory.looks import looks_aside
+from upplied.planning.trajectory.state import Flown, State
+from upplied.planning.trajectory.terms import Term
+from upplied.planning.trajectory.terms.clearance import Clearance
+from upplied.planning.trajectory.terms.coverage import Coverage
+from upplied.planning.trajectory.terms.place import Place
+from upplied.planning.trajectory.terms.shape import Shape
+from upplied.planning.trajectory.terms.smoothness import Smoothness
+from upplied.planning.trajectory.terms.standoff import StandoffKept
+from upplied.planning.trajectory.terms.time import Time
+from upplied.planning.trajectory.terms.turning import Turning
+from upplied.planning.trajectory.view import View
+from upplied.records import Floats, Ints, Record
+
+_OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it
+_WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
+_APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
+_CORRECTIONS = 12  # that L-BFGS keeps
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Wish(Record):
+    """What is asked of a path, at M stations."""
+
+    flown: Floats  # (M, 3) m, the demonstrated flight as the structure's map carries it
+    carried: Flown  # at the counterparts, safe: where the optimisation starts
+    demonstrated: Shape
+    view: View
+    standoff: Standoff
+    airspace: Airspace
+    speed_mps: Floats  # (M,) at which the expert flew there
+    turned_rad: float  # by which the expert turned the camera
+    pan_radps: float  # at which a turning camera is still sharp
+    level: bool = False  # the path stays in its plane
+
+
+def optimise(wish: Wish, shape_weight: float, weights: OptimiseSettings) -> tuple[State, Floats]:
+    """The state whose path shows most for what it costs, and its variables.
+
+    Parameters
+    ----------
+    wish : Wish
+    shape_weight : float
+        Of the departure from the demonstrated shape, as the fidelity asks for.
+    weights : OptimiseSettings
+        Of the other terms.
+
+    Returns
+    -------
+    State
+    array
+        Its variables.
+    """
+    state = _state(wish, weights)
+    variables = state.nearest(wish.carried)
+    asked, need = _asked(wish.view, weights.samples)
+    if len(asked) == 0:
+        return state, variables
+    lasting = _lasting_terms(wish, state.flown(variables), shape_weight, weights)
+    stride = max(1, round(_APART * len(wish.carried) / _progress(wish)))
+    for number, width in enumerate(np.geomspace(_WIDEST, _NARROWEST, weights.rounds)):
+        path = state.flown(variables)
+        if number == weights.rounds // 2:  # what small moves can show is shown by now
+            price = weights.turning / wish.turned_rad
+            path = looks_aside(path, wish.view, price, float(wish.speed_mps.mean()) / wish.pan_radps)
+            variables = state.nearest(path)
+        # What stands in the way, and what is near, from here.
+        oblique = replace(wish.view.settings, max_incidence_deg=_OBLIQUE_DEG)
+        anywhere = replace(wish.view, farthest_m=np.full(len(wish.view.need), np.inf))
+        free = anywhere.reach(path.positions[::stride], asked, oblique)
+        terms: list[tuple[float, Term]] = [
+            (1.0, Coverage.of(wish.view, asked, need, free, float(width), stride)),
+            (weights.clearance, Clearance.of(wish.airspace, path)),
+            *lasting,
+        ]
+        variables = _solved(state, variables, terms, weights.iterations)
+    return state, variables
+
+
+def _lasting_terms(
+    wish: Wish, start: Flown, shape_weight: float, weights: OptimiseSettings
+) -> list[tuple[float, Term]]:
+    """The terms that hold for all rounds, with their weights."""
+    usual_m, carried = max(wish.standoff.usual_m, 1e-3), wish.carried
+    leg = np.linalg.norm(np.diff(carried.positions, axis=0), axis=1)
+    return [
+        (shape_weight, wish.demonstrated),
+        (weights.place, Place(carried.positions, usual_m)),
+        (weights.standoff, StandoffKept.of(wish.standoff, start, weights.standoff_tolerance)),
+        (weights.smoothness, Smoothness(wish.flown, max(float(leg.mean()), 1e-3), usual_m)),
+        (weights.turning, Turning(carried.yaw, carried.pitch, wish.turned_rad)),
+        (weights.time, Time.of(carried, wish.speed_mps)),
+    ]
+
+
+def _state(wish: Wish, weights: OptimiseSettings) -> State:
+    """As many control points as the path has stand-offs and the camera radians, times their density."""
+    base = Flown(wish.flown, wish.carried.yaw, wish.carried.pitch)
+    progress = _progress(wish)
+    controls = int(np.clip(round(progress / weights.spacing), 4, max(len(base) // 2, 4)))
+    unit_m = np.full(3, float(wish.demonstrated.unit_m.max()))
+    if wish.level:
+        unit_m[2] = 0.0
+    return State.of(base, unit_m, controls, controls)
+
+
+def _progress(wish: Wish) -> float:
+    """Stand-offs flown plus radians turned."""
+    path = wish.carried
+    length = float(np.linalg.norm(np.diff(path.positions, axis=0), axis=1).sum())
+    turned = float(np.abs(np.diff(path.yaw)).sum() + np.abs(np.diff(path.pitch)).sum())
+    return max(length / max(wish.standoff.usual_m, 1e-3) + turned, 1e-3)
+
+
+def _asked(view: View, most: int) -> tuple[Ints, Floats]:
+    """At most so many samples that stand for all, and their need; two thirds of them inspected ones."""
+    chosen, needs = [], []
+    inspected = np.flatnonzero((view.need > 0) & view.inspected)
+    context = np.flatnonzero((view.need > 0) & ~view.inspected)
+    first = min(len(inspected), max(2 * most // 3, most - len(context)))
+    for group, count in ((inspected, first), (context, most - first)):
+        if len(group) and count:
+            few = group[np.unique(np.linspace(0, len(group) - 1, min(count, len(group))).astype(np.int64))]
+            chosen.append(few)
+            needs.append(view.need[few] * view.need[group].sum() / view.need[few].sum())
+    if not chosen:
+        return np.empty(0, np.int64), np.empty(0)
+    return np.concatenate(chosen), np.concatenate(needs)
+
+
+def _solved(state: State, variables: Floats, terms: Sequence[tuple[float, Term]], iterations: int) -> Floats:
+    """The variables at which the weighted sum of the terms is least, from where they are."""
+
+    def objective(at: Floats) -> tuple[float, Floats]:
+        flown, total = state.flown(at), 0.0
+        positions, yaw, pitch = np.zeros_like(flown.positions), np.zeros(len(flown)), np.zeros(len(flown))
+        for weight, term in terms:
+            value, slope = term.value(flown)
+            total += weight * value
+            positions += weight * slope.positions
+            yaw += weight * slope.yaw
+            pitch += weight * slope.pitch
+        return total, state.pulled_back(Flown(positions, yaw, pitch))
+
+    options = {"maxiter": iterations, "maxcor": _CORRECTIONS}
+    return np.asarray(minimize(objective, variables, jac=True, method="L-BFGS-B", options=options).x)

@@ -1,0 +1,98 @@
+"""How fast a path may be flown, and its camera turned, so that its pictures are sharp.
+
+No term: the path comes first, and its time stamps after. Flying more slowly shows no more surface, but
+what is shown while it smears in the picture is not inspected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from upplied.config import RetimeSettings, Settings
+from upplied.planning.carry.inspected_surface import inspected_by, look_limits, together
+from upplied.planning.demonstration.repetition import Take
+from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.moments import moments
+from upplied.poses import matrices
+from upplied.records import Bools, Cloud, Floats, Waypoints
+
+_SAMPLES = 600  # of the inspected surface, that are asked for
+_QUIET = 0.7  # share of what is inspected in a picture that is to be sharp: its rim moves faster, and is
+# shown near the middle of other pictures
+_MARGIN = 0.95  # of the limit, for what speeds differ within a leg
+_SLOWEST_MPS = 0.1
+_USUAL = 0.95  # share of the demonstration's time
+
+
+def sharp_speeds(path: Waypoints, takes: Sequence[Take], settings: Settings) -> Floats:
+    """Speed (W,), m/s, at each waypoint up to which the inspected surface in view is sharp; inf for none.
+
+    Sharp is what moves no faster through the picture than `settings.inspection` says, or than the
+    expert's own pictures did.
+    """
+    camera, scene = takes[0].inspection.camera, takes[0].pair.target_scene
+    rule = settings.inspection
+    limit, _ = look_limits(takes, rule)
+    wanted = together([inspected_by(take, settings) for take in takes])
+    asked = np.flatnonzero(wanted.need > 0)
+    asked = asked[np.unique(np.linspace(0, len(asked) - 1, min(_SAMPLES, len(asked))).astype(np.int64))]
+    normals = None if wanted.cloud.normals is None else wanted.cloud.normals[asked]
+    part = Cloud(wanted.cloud.points[asked], normals=normals)
+    seen = visible(path.positions, path.quat_xyzw, part, camera, settings.visibility, scene).seen
+    farthest_m = wanted.standoff_m[asked] / rule.least_resolution
+    angle = _moved(path.positions, matrices(path.quat_xyzw), part.points, seen, farthest_m, _QUIET)
+    leg = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fastest = np.where((angle > 0) & (leg > 1e-6), leg * _MARGIN * limit / angle, np.inf)
+    fastest = np.maximum(fastest, _SLOWEST_MPS)
+    return np.minimum(np.append(fastest, np.inf), np.insert(fastest, 0, np.inf))
+
+
+def steady(limits: RetimeSettings, takes: Sequence[Take], settings: Settings) -> RetimeSettings:
+    """The vehicle's limits, with a camera that turns no faster than it stays sharp, or the expert turned."""
+    rate = settings.inspection.sharp_radps(takes[0].inspection.camera.hfov_deg)
+    for take in takes:
+        turn = np.linalg.norm(moments(take.inspection.logged, take.inspection.logged_breaks).turn, axis=1)
+        rate = max(rate, float(np.quantile(turn, _USUAL, method="lower")))
+    most = float(np.degrees(rate))
+    return RetimeSettings(
+        **{
+            **vars(limits),
+            "max_yaw_rate_degps": min(limits.max_yaw_rate_degps, most),
+            "max_gimbal_rate_degps": min(limits.max_gimbal_rate_degps, most),
+        }
+    )
+
+
+@njit(cache=True)
+def _moved(
+    positions: Floats, axes: Floats, points: Floats, seen: Bools, farthest_m: Floats, share: float
+) -> Floats:
+    """Angle (W - 1,), rad, by which a share of what both ends of a leg show moves at most."""
+    angle = np.zeros(len(positions) - 1)
+    moved = np.empty(len(points))
+    for leg in range(len(angle)):
+        count = 0
+        for index in range(len(points)):
+            if not (seen[leg, index] and seen[leg + 1, index]):
+                continue
+            first, second, across = 0.0, 0.0, 0.0
+            for axis in range(3):
+                first += (points[index, axis] - positions[leg, axis]) ** 2
+                second += (points[index, axis] - positions[leg + 1, axis]) ** 2
+            if min(first, second) > farthest_m[index] ** 2:
+                continue
+            for column in range(3):
+                here, there = 0.0, 0.0
+                for axis in range(3):
+                    here += axes[leg, axis, column] * (points[index, axis] - positions[leg, axis])
+                    there += axes[leg + 1, axis, column] * (points[index, axis] - positions[leg + 1, axis])
+                across += (here / np.sqrt(first) - there / np.sqrt(second)) ** 2
+            moved[count] = np.sqrt(across)
+            count += 1
+        if count:
+            angle[leg] = np.sort(moved[:count])[min(int(share * count), count - 1)]
+    return angle
