@@ -1,9 +1,10 @@
 """What each stage of the preset `recommended` contributes, over the paper's fifteen transfers.
 
-    python bench/ablation.py [--real] [--only WORDS] [--add]
+    python bench/ablation.py [--real] [--only WORDS] [--add | --terms]
 
 Without --add, one stage at a time is set back to what the paper says (what is lost without it);
-with --add, the paper's pipeline gets the stages of `recommended` one after the other.
+with --add, the paper's pipeline gets the stages of `recommended` one after the other; with --terms,
+each term of the optimisation is left out in turn: one that is worth nothing on real meshes should go.
 """
 
 from __future__ import annotations
@@ -21,11 +22,16 @@ from upplied.config import Settings, settings_for
 from upplied.planning.plan import plan_transfer
 from upplied.records import Measures
 
+_TERMS = ("context", "place", "standoff", "smoothness", "clearance", "turning", "time")
 _SHOWN = (
+    ("inspected %", "coverage_inspected_pct"),
     ("seen %", "coverage_seen_pct"),
     ("of attainable", "coverage_attainable_pct"),
     ("Frechet", "frechet_z"),
     ("Frechet m", "frechet_m"),
+    ("stand-off %", "standoff_kept_pct"),
+    ("turn ratio", "camera_turn_ratio"),
+    ("time s", "duration_s"),
     ("clearance m", "min_clearance_m"),
     ("incidence p95", "incidence_p95_deg"),
     ("peak m/s2", "peak_acceleration_mps2"),
@@ -38,11 +44,12 @@ def main() -> None:
     parser.add_argument("--real", action="store_true", help="on real meshes, see bench/real_data.py")
     parser.add_argument("--only", default="", help="rows whose title contains this")
     parser.add_argument("--add", action="store_true", help="from `paper` to `recommended`, stage by stage")
+    parser.add_argument("--terms", action="store_true", help="each term of the optimisation left out in turn")
     options = parser.parse_args()
     rows = list(transfers(options.real, options.only))
     memos = [Remembered() for _ in rows]
     print(f"{'variant':24}{'ok':>4}" + "".join(f"{title:>15}" for title, _ in _SHOWN) + f"{'CPU s':>8}")
-    for name, settings in variants(options.add):
+    for name, settings in without_terms() if options.terms else variants(options.add):
         began = time.process_time()
         found = [_measures(row, settings, memo) for row, memo in zip(rows, memos, strict=True)]
         _print(name, [one for one in found if one is not None], time.process_time() - began)
@@ -65,6 +72,15 @@ def variants(add: bool) -> Iterator[tuple[str, Settings]]:
     for name in stages:
         yield f"without {name}", replace(recommended, **{name: getattr(paper, name)})
     yield "paper", paper
+
+
+def without_terms() -> Iterator[tuple[str, Settings]]:
+    """`recommended`, and each time one term of its optimisation without weight."""
+    ours = settings_for("recommended", verdict={"enforce": False})
+    yield "recommended", ours
+    for name in _TERMS:
+        yield f"without {name}", replace(ours, optimise=replace(ours.optimise, **{name: 0.0}))
+    yield "without shape", replace(ours, refine=replace(ours.refine, fidelity="coverage"))
 
 
 def _measures(row: Transfer, settings: Settings, memo: Remembered) -> Measures | None:

@@ -92,8 +92,8 @@ def test_a_path_that_shows_all_stays_where_it_is(wall: View):
     assert shown(few, path) == pytest.approx(1)
     done = result(few, wish(few, path))
     assert shown(few, done) == pytest.approx(1)
-    assert np.linalg.norm(done.positions - path.positions, axis=1).max() < 0.4
-    assert np.abs(done.yaw - path.yaw).max() < np.radians(3)
+    assert np.linalg.norm(done.positions - path.positions, axis=1).max() < 0.05
+    assert np.abs(done.yaw - path.yaw).max() < np.radians(1)
 
 
 def test_where_nothing_is_needed_the_path_is_the_carried_one(wall: View):
@@ -132,7 +132,7 @@ def test_looks_aside_show_what_no_pose_shows_and_keep_the_gimbal(wall: View):
     path = along(yaw=-np.pi / 2)  # the camera looks away from the wall
     assert shown(wall, path) == pytest.approx(0)
     aside = looks_aside(path, wall, 1e-3, 1.0)
-    assert shown(wall, aside) > 0.8
+    assert shown(wall, aside) > 0.6
     low, high = np.radians([wall.limits.min_gimbal_pitch_deg, wall.limits.max_gimbal_pitch_deg])
     assert aside.pitch.min() >= low - 1e-9 and aside.pitch.max() <= high + 1e-9
     np.testing.assert_array_equal(aside.positions, path.positions)

@@ -56,7 +56,7 @@ def test_a_level_path_stays_level():
     one = state(unit=(20.0, 20.0, 0.0))
     variables = np.random.default_rng(5).normal(size=54)
     np.testing.assert_array_equal(one.flown(variables).positions[:, 2], base().positions[:, 2])
-    lifted = Flown(base().positions + [0, 0, 3.0], base().yaw, base().pitch)
+    lifted = Flown(base().positions + np.array([0, 0, 3.0]), base().yaw, base().pitch)
     assert np.abs(one.nearest(lifted)).max() < 1e-9
 
 

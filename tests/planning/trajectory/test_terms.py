@@ -162,7 +162,7 @@ def test_a_circle_of_the_stand_offs_radius_is_one_unit_of_curving():
     straight = np.zeros((400, 3))
     one = Smoothness(straight, radius * angle[1], radius)
     assert one.value(Flown(circle, angle, angle))[0] == pytest.approx(1, rel=1e-3)
-    assert one.value(Flown(straight + [[1.0, 2, 3]], angle, angle))[0] == 0
+    assert one.value(Flown(straight + np.array([1.0, 2, 3]), angle, angle))[0] == 0
 
 
 def test_stand_off_costs_nothing_within_its_tolerance():

@@ -56,12 +56,14 @@ def looks_aside(path: Flown, view: View, price_per_rad: float, way_m_per_rad: fl
     yaw, pitch = np.zeros(len(path)), np.zeros(len(path))  # by which the camera is turned aside
     table, left = shows.astype(np.float32), np.array(view.need[missed], np.float32)
     open_ = np.ones(len(path), bool)
+    limits = np.radians([view.limits.min_gimbal_pitch_deg, view.limits.max_gimbal_pitch_deg])
     while True:
         turn = np.hypot(level * (aside_yaw - yaw[at]), aside_pitch - pitch[at])
         net = np.where(open_[at], table @ left - 2 * price_per_rad * turn, -1.0)
         best = int(np.argmax(net))
         if net[best] <= _LEAST:
-            return Flown(path.positions, path.yaw + yaw, path.pitch + pitch)
+            low, high = np.minimum(limits[0], path.pitch), np.maximum(limits[1], path.pitch)
+            return Flown(path.positions, path.yaw + yaw, np.clip(path.pitch + pitch, low, high))
         left[shows[best]] = 0.0
         station = at[best]
         way_m = max(way_m_per_rad * float(turn[best]), 1e-6)

@@ -28,11 +28,14 @@ from upplied.planning.trajectory.terms.standoff import StandoffKept
 from upplied.planning.trajectory.terms.time import Time
 from upplied.planning.trajectory.terms.turning import Turning
 from upplied.planning.trajectory.view import View
+from upplied.poses import from_yaw_pitch
 from upplied.records import Floats, Ints, Record
 
 _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it
 _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
+_SHARES = (0.0, 0.25, 0.5, 0.75)  # of the way from the carried path, that may already be enough
+_LITTLE = 1e-3  # share of the need that is not worth going further
 _CORRECTIONS = 12  # that L-BFGS keeps
 
 
@@ -92,7 +95,27 @@ def optimise(wish: Wish, shape_weight: float, weights: OptimiseSettings) -> tupl
             *lasting,
         ]
         variables = _solved(state, variables, terms, weights.iterations)
-    return state, variables
+    return state, _no_further(state, state.nearest(wish.carried), variables, wish, asked, need)
+
+
+def _no_further(state: State, start: Floats, end: Floats, wish: Wish, asked: Ints, need: Floats) -> Floats:
+    """The variables nearest to the start, on the way to the end, that truly show as much as the end.
+
+    The soft borders of the coverage would move a path that shows all already: on its own structure a
+    flight is to come back as it was flown.
+    """
+
+    def shown(variables: Floats) -> float:
+        path = state.flown(variables)
+        quats = from_yaw_pitch(path.yaw, path.pitch)
+        return float(need[wish.view.sees(path.positions, quats, asked).any(axis=0)].sum())
+
+    enough = shown(end) - _LITTLE * float(need.sum())
+    for share in _SHARES:
+        part = start + share * (end - start)
+        if shown(part) >= enough:
+            return part
+    return end
 
 
 def _lasting_terms(

@@ -43,7 +43,7 @@ def sharp_speeds(path: Waypoints, takes: Sequence[Take], settings: Settings) -> 
     part = Cloud(wanted.cloud.points[asked], normals=normals)
     seen = visible(path.positions, path.quat_xyzw, part, camera, settings.visibility, scene).seen
     farthest_m = wanted.standoff_m[asked] / rule.least_resolution
-    angle = _moved(path.positions, matrices(path.quat_xyzw), part.points, seen, farthest_m, _QUIET)
+    angle = moved_in_picture(path.positions, matrices(path.quat_xyzw), part.points, seen, farthest_m, _QUIET)
     leg = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         fastest = np.where((angle > 0) & (leg > 1e-6), leg * _MARGIN * limit / angle, np.inf)
@@ -68,7 +68,7 @@ def steady(limits: RetimeSettings, takes: Sequence[Take], settings: Settings) ->
 
 
 @njit(cache=True)
-def _moved(
+def moved_in_picture(
     positions: Floats, axes: Floats, points: Floats, seen: Bools, farthest_m: Floats, share: float
 ) -> Floats:
     """Angle (W - 1,), rad, by which a share of what both ends of a leg show moves at most."""

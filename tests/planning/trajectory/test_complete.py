@@ -1,0 +1,54 @@
+"""Whole paths: bounded in shape, whatever they show; refused where there is nothing to be about."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from upplied.config import FIDELITIES, settings_for
+from upplied.planning.plan import plan_transfer
+from upplied.records import Plan
+from upplied.samples.fleet import sample_structures
+from upplied.samples.pilot import fly
+
+
+@cache
+def planned(inspection: str, target: str, fidelity: str) -> Plan:
+    fleet = {structure.structure_id: structure for structure in sample_structures()}
+    source = fleet["a320-v1"]
+    settings = settings_for("recommended", refine={"fidelity": fidelity}, verdict={"enforce": False})
+    return plan_transfer(fly(source, inspection), source, fleet[target], settings)
+
+
+@pytest.mark.parametrize("fidelity", list(FIDELITIES))
+def test_no_path_departs_further_from_the_demonstrated_shape_than_its_fidelity_allows(fidelity: str):
+    plan = planned("engine_left", "b747-v1", fidelity)
+    assert plan.status == "ok", plan.reason
+    assert plan.measures.frechet_z <= FIDELITIES[fidelity].deviation * (1 + 1e-3)
+    assert plan.measures.min_clearance_m >= 2.0
+
+
+def test_a_bound_of_ones_own_is_kept_too():
+    fleet = {structure.structure_id: structure for structure in sample_structures()}
+    source = fleet["a320-v1"]
+    settings = settings_for("recommended", refine={"deviation": 0.12})
+    plan = plan_transfer(fly(source, "engine_left"), source, fleet["b747-v1"], settings)
+    assert plan.status != "ok" or plan.measures.frechet_z <= 0.12 * (1 + 1e-3)
+
+
+def test_what_has_no_counterpart_is_not_planned_for():
+    fleet = {structure.structure_id: structure for structure in sample_structures()}
+    source = fleet["a320-v1"]
+    settings = settings_for("recommended", refine={"least_counterpart": 1.0}, route={"clearance_m": 2.0})
+    demonstration = fly(source, "wings")
+    plan = plan_transfer(demonstration, source, fleet["b777-v1"], settings)
+    assert plan.status == "refused" and "counterpart" in plan.reason
+    loose = replace(settings, refine=replace(settings.refine, least_counterpart=0.5))
+    assert plan_transfer(demonstration, source, fleet["b777-v1"], loose).status == "ok"
+
+
+def test_the_camera_turns_little_more_than_the_experts():
+    plan = planned("engine_left", "b747-v1", "balanced")
+    assert plan.measures.camera_turn_ratio < 2.5
+    assert np.isfinite(plan.measures.coverage_inspected_pct)
