@@ -24,7 +24,7 @@ _BOUNDS = (0.1, 0.4, 0.8)  # of the Frechet distance, z-scored, between those of
 _COLUMNS = (
     ("inspected %", "coverage_inspected_pct"),
     ("seen %", "coverage_seen_pct"),
-    ("Frechet z", "frechet_z"),
+    ("Frechet z", "frechet_floored"),
     ("Frechet m", "frechet_m"),
     ("turn ratio", "camera_turn_ratio"),
     ("time s", "duration_s"),
@@ -49,7 +49,7 @@ def main() -> None:
         ]
         found = [plan.measures for plan in plans if plan.status == "ok"]
         means = [_mean(found, field) for _, field in _COLUMNS]
-        worst = max((one.frechet_z for one in found), default=float("nan"))
+        worst = max((one.frechet_floored for one in found), default=float("nan"))
         print(
             f"{name:20}{len(found):4}" + "".join(f"{mean:13.2f}" for mean in means) + f"{worst:9.2f}",
             flush=True,

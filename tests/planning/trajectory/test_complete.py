@@ -25,7 +25,7 @@ def planned(inspection: str, target: str, fidelity: str) -> Plan:
 def test_no_path_departs_further_from_the_demonstrated_shape_than_its_fidelity_allows(fidelity: str):
     plan = planned("engine_left", "b747-v1", fidelity)
     assert plan.status == "ok", plan.reason
-    assert plan.measures.frechet_z <= FIDELITIES[fidelity].deviation * (1 + 1e-3)
+    assert plan.measures.frechet_floored <= FIDELITIES[fidelity].deviation * (1 + 1e-3)
     assert plan.measures.min_clearance_m >= 2.0
 
 
@@ -34,7 +34,7 @@ def test_a_bound_of_ones_own_is_kept_too():
     source = fleet["a320-v1"]
     settings = settings_for("recommended", refine={"deviation": 0.12})
     plan = plan_transfer(fly(source, "engine_left"), source, fleet["b747-v1"], settings)
-    assert plan.status != "ok" or plan.measures.frechet_z <= 0.12 * (1 + 1e-3)
+    assert plan.status != "ok" or plan.measures.frechet_floored <= 0.12 * (1 + 1e-3)
 
 
 def test_what_has_no_counterpart_is_not_planned_for():

@@ -8,7 +8,7 @@ import pytest
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import standoff_of
-from upplied.planning.geometry.frechet import frechet_z
+from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms import Term
 from upplied.planning.trajectory.terms.clearance import Clearance
@@ -121,7 +121,7 @@ def test_shape_minds_neither_place_nor_extent_along_each_axis(wall: View):
     assert one.value(Flown(path * [1.7, 0.6, 1.2] + [30, -4, 9], nothing, nothing))[0] < 1e-12
     bent = path + np.column_stack([np.zeros(STATIONS), np.linspace(-1, 1, STATIONS) ** 2, np.zeros(STATIONS)])
     assert one.value(Flown(bent, nothing, nothing))[0] > 1e-3
-    assert frechet_z(path, one.image(bent)) < 0.01  # an axis along which the path is level is floored
+    assert frechet_floored(path, one.image(bent)) < 0.01  # an axis along which the path is level is floored
 
 
 def test_shape_is_told_along_the_axes_of_the_source():

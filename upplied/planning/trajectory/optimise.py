@@ -35,7 +35,7 @@ _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond th
 _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _SHARES = (0.0, 0.25, 0.5, 0.75)  # of the way from the carried path, that may already be enough
-_LITTLE = 1e-3  # share of the need that is not worth going further
+_LITTLE = 3e-3  # share of the need that all of the way must show more to be worth going
 _CORRECTIONS = 12  # that L-BFGS keeps
 
 
@@ -110,10 +110,10 @@ def _no_further(state: State, start: Floats, end: Floats, wish: Wish, asked: Int
         quats = from_yaw_pitch(path.yaw, path.pitch)
         return float(need[wish.view.sees(path.positions, quats, asked).any(axis=0)].sum())
 
-    enough = shown(end) - _LITTLE * float(need.sum())
+    most = shown(end)
     for share in _SHARES:
         part = start + share * (end - start)
-        if shown(part) >= enough:
+        if shown(part) >= most - (1 - share) * _LITTLE:
             return part
     return end
 
