@@ -36,6 +36,7 @@ _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and la
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _SHARES = (0.0, 0.25, 0.5, 0.75)  # of the way from the carried path, that may already be enough
 _LITTLE = 3e-3  # share of the need that all of the way must show more to be worth going
+_HARDLY = 5e-4  # share of the need that is not worth turning the camera otherwise either
 _CORRECTIONS = 12  # that L-BFGS keeps
 
 
@@ -102,7 +103,7 @@ def _no_further(state: State, start: Floats, end: Floats, wish: Wish, asked: Int
     """The variables nearest to the start, on the way to the end, that truly show as much as the end.
 
     The soft borders of the coverage would move a path that shows all already: on its own structure a
-    flight is to come back as it was flown.
+    flight is to come back as it was flown. To turn the camera comes before to leave the path.
     """
 
     def shown(variables: Floats) -> float:
@@ -110,9 +111,11 @@ def _no_further(state: State, start: Floats, end: Floats, wish: Wish, asked: Int
         quats = from_yaw_pitch(path.yaw, path.pitch)
         return float(need[wish.view.sees(path.positions, quats, asked).any(axis=0)].sum())
 
-    most = shown(end)
+    most, moving = shown(end), np.arange(len(end)) < 3 * state.moving.shape[1]
+    if shown(start) >= most - _HARDLY:
+        return start
     for share in _SHARES:
-        part = start + share * (end - start)
+        part = np.where(moving, start + share * (end - start), end)
         if shown(part) >= most - (1 - share) * _LITTLE:
             return part
     return end
