@@ -21,13 +21,14 @@ from upplied.cli import main
 from upplied.errors import InputError, SettingsError
 from upplied.fleet.admission import Admission, shape_of
 from upplied.fleet.members import Member, judged
+from upplied.inputs.known_kinds import unlike_its_kind
 from upplied.inputs.manifests import StructureEntry, read_manifest
 from upplied.inputs.meshes import read_structure
 from upplied.inputs.rules import from_json
 from upplied.inputs.structure_rules import RULES, StructureSettings, changed
 from upplied.recommend.features import shape_features, turned
 from upplied.records import Cloud, Structure
-from upplied.samples.fleet import sample_structures
+from upplied.samples.fleet import random_member, sample_structures
 
 BOUNDS = StructureSettings()
 KINDS = {"airliner": "b777-v1", "wind_turbine": "turbine-2-v1", "ship": "yacht-1-v1"}
@@ -245,3 +246,35 @@ def test_findings_reach_the_page() -> None:
     structure = replace(known()["yacht-1-v1"], verdicts_json=found)
     said = structure_data(structure, display_mesh(structure))["findings"]
     assert said == "odd-size: it is 3 times as large [overruled]"
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "rules"),
+    [
+        ("airliner", (37.6, 34.1, 11.8), []),
+        ("airliner", (87.9, 18.7, 24.1), ["kind"]),  # a ferry
+        ("airliner", (37.6, 11.8, 34.1), ["kind", "kind"]),  # Y up read as Z up
+        ("passenger-airplane", (1480.0, 1340.0, 465.0), ["odd-size"]),  # inches as metres
+        ("wind_turbine", (13.0, 62.0, 133.0), []),
+        ("wind_turbines", (13.0, 133.0, 62.0), ["kind"]),
+        ("ship", (219.0, 40.0, 56.0), []),
+        ("ship", (38.0, 34.0, 12.0), ["kind"]),
+        ("yacht", (0.022, 0.007, 0.007), ["odd-size"]),
+        ("box", (1.0, 900.0, 3.0), []),
+    ],
+)
+def test_common_kinds_are_known_without_any_other(kind: str, size: tuple, rules: list[str]) -> None:
+    assert [one.rule for one in unlike_its_kind(np.array(size), kind)] == rules
+
+
+def test_real_structures_keep_the_bounds_of_their_kind(real_data: Path) -> None:
+    for path in sorted((real_data / "meshes").glob("[a-z]*/*.ply")):
+        size = trimesh.load(path, process=False).extents
+        assert not list(unlike_its_kind(size, path.parent.name)), path.name
+
+
+@pytest.mark.parametrize("kind", ["airliner", "wind_turbine", "ship"])
+def test_random_members_of_the_sample_kinds_are_taken(kind: str) -> None:
+    for seed in range(12):
+        structure = random_member(kind, seed).structure
+        assert not list(unlike_its_kind(np.ptp(structure.vertices, axis=0), kind)), seed

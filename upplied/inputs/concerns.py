@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 
+from upplied.inputs.known_kinds import unlike_its_kind
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
@@ -31,6 +32,7 @@ def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> tuple[Ver
         "effects": _effects(raw),
     }
     verdicts = [broken(RULES[name], words) for name, words in found.items() if words]
+    verdicts += unlike_its_kind(np.ptp(vertices, axis=0), entry.kind)
     return (*verdicts, *(broken(RULES["landmark"], words) for words in _landmarks(vertices, entry)))
 
 
