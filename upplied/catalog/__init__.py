@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from upplied.catalog.verbs.published import export_tables, published_tables
     from upplied.catalog.verbs.queries import PlannedTrajectory
     from upplied.catalog.verbs.recipes import Recipe, recipe
+    from upplied.catalog.verbs.tum import export_tum
     from upplied.catalog.verbs.verification import Finding, verify
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "export_dataset",
     "export_lerobot",
     "export_tables",
+    "export_tum",
     "history",
     "import_dataset",
     "open_catalog",
@@ -50,6 +52,7 @@ _HOME = {
     "verbs.published": ("export_tables", "published_tables"),
     "verbs.queries": ("PlannedTrajectory",),
     "verbs.recipes": ("Recipe", "recipe"),
+    "verbs.tum": ("export_tum",),
     "verbs.verification": ("Finding", "verify"),
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -42,12 +42,15 @@ def export(
     folder: Path,
     /,
     *,
-    licence: Annotated[str, Parameter(help="As an SPDX name (CC-BY-4.0), or in words.")],
+    format: Annotated[
+        Literal["parquet", "lerobot", "tum"], Parameter(help="What it is for: any program, learning, evo.")
+    ] = "parquet",
+    licence: Annotated[str, Parameter(help="Of parquet: as an SPDX name (CC-BY-4.0), or in words.")] = "",
     name: Annotated[str, Parameter(help="With its version, as boxes-v1; else the folder's.")] = "",
     attribution: Annotated[str, Parameter(help="Whom to name.")] = "",
     kind: Annotated[str | None, Parameter(help="Only structures of this kind.")] = None,
     demonstration: Annotated[str | None, Parameter(help="Only this demonstration.")] = None,
-    preset: Annotated[str | None, Parameter(help="Only plans of this preset.")] = None,
+    preset: Annotated[str, Parameter(help="Only plans of this preset; all: of every one.")] = "recommended",
     catalog: CatalogOption = "catalog",
 ) -> int:
     """Write the plans that are ok, with all they refer to, as a folder that stands for itself.
@@ -57,10 +60,14 @@ def export(
     folder : Path
         New, or empty.
     """
-    from upplied.catalog import export_dataset
+    from upplied.catalog import export_dataset, export_lerobot, export_tum
 
     store = opened(catalog)
-    chosen = store.transfers(status="ok", kind=kind, demonstration=demonstration, preset=preset)
+    asked = None if preset == "all" else preset
+    chosen = store.transfers(status="ok", kind=kind, demonstration=demonstration, preset=asked)
+    if format != "parquet":
+        _counted(str(folder), (export_lerobot if format == "lerobot" else export_tum)(store, folder, chosen))
+        return 0
     name = name or folder.resolve().name
     _counted(str(folder), export_dataset(store, folder, name, chosen, licence, attribution))
     return 0
@@ -74,6 +81,9 @@ def import_(
     replace: Annotated[
         bool, Parameter(negative="", help="Let what has the same name here become a newer version.")
     ] = False,
+    verify: Annotated[
+        bool, Parameter(negative="", help="Compute the measures of every plan again, and compare them.")
+    ] = False,
     catalog: CatalogOption = "catalog",
 ) -> int:
     """Take in an exported folder after checking all of it.
@@ -84,8 +94,10 @@ def import_(
         As `upplied catalog export` wrote it.
     """
     from upplied.catalog import import_dataset
+    from upplied.fleet.flights import measured
 
-    _counted("added rows", import_dataset(opened(catalog), folder, replace))
+    done = import_dataset(opened(catalog), folder, replace, measured if verify else None)
+    _counted("added rows", done)
     return 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from upplied import __version__
-from upplied.catalog import Catalog, recipe
+from upplied.catalog import Catalog, Recipe, recipe
 from upplied.catalog.schema.rows import Row
 from upplied.config import digest
 from upplied.errors import RefusedError
@@ -13,7 +13,7 @@ from upplied.outputs.flown import Flown, flight_row, flown_of
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import METHOD_VERSION
 from upplied.provenance import method
-from upplied.records import Structure
+from upplied.records import Measures, Plan, Structure
 from upplied.simulate import Vehicle, Wind, fly_trajectory, measure_flown
 
 
@@ -60,6 +60,13 @@ def _flown(catalog: Catalog, row: Row, wind: Wind, vehicle: Vehicle, seed: int) 
     )
     said = (wind.speed_mps, wind.towards_deg, wind.gusts, seed)
     return Flown(row["transfer_id"], row["waypoints_sha256"], *said, path, judged.measures)
+
+
+def measured(made_from: Recipe, plan: Plan) -> Measures:
+    """The measures of a plan, computed from its trajectory and its inputs."""
+    assert plan.trajectory is not None
+    inputs = (made_from.demonstration, made_from.source, made_from.target)
+    return measure_flown(plan.trajectory, plan, *inputs, made_from.settings).measures
 
 
 def _ground_z_m(target: Structure) -> float:

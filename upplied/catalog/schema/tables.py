@@ -237,6 +237,12 @@ TRANSFERS = Table(
             "hash of what is shown of the target, which is surfaces/<hash>.parquet",
         ),
         Column("inspected_sha256", TEXT, "", "hash of what of the source was inspected, kept likewise"),
+        Column(
+            "imported_from",
+            TEXT,
+            "",
+            "dataset that it came with, and whether its measures were computed again; empty: planned here",
+        ),
         _id("key", "hash of everything the plan depends on"),
         _COMMIT,
         Column("added_at", MOMENT, "UTC", f"when it was added, {_ADDED}", required=True),

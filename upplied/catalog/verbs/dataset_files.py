@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -81,6 +82,12 @@ def check_files(place: Path) -> None:
             raise CatalogError(f"{place}: {name[:200]}", "is not listed, or lies outside the folder")
         if not path.is_file() or path.stat().st_size > _MAX_BYTES or _sha256(path) != files[name]:
             raise CatalogError(str(path), "is missing, too large, or not the file that was exported")
+
+
+def name_of(place: Path) -> str:
+    """The name of a dataset whose files were checked; the folder's where it has none."""
+    said = str(json.loads((place / _DATASET).read_text(encoding="utf-8")).get("name", ""))
+    return said if re.fullmatch(r"[A-Za-z0-9_-]{1,64}", said) else place.resolve().name[:64]
 
 
 def _relative(place: Path, path: Path) -> str:

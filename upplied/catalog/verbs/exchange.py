@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -27,17 +29,20 @@ from upplied.catalog.store.delta import in_schema
 from upplied.catalog.store.files import replace_file
 from upplied.catalog.store.surfaces import SURFACES, Samples, States
 from upplied.catalog.verbs import adding
-from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, describe
+from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, describe, name_of
 from upplied.catalog.verbs.owned import checked_steps
 from upplied.catalog.verbs.plain import write_tables
+from upplied.catalog.verbs.recipes import Recipe, settings_of
+from upplied.catalog.verbs.tum import write_splits
 from upplied.catalog.verbs.verification import broken_values
 from upplied.checks import check_id
 from upplied.errors import CatalogError, InputError
-from upplied.records import Structure
+from upplied.records import Demonstration, Measures, Plan, Structure
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
+_SAME = 2e-3  # of a measure computed again on another machine: a sample in a thousand may turn
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}-v[1-9][0-9]*")
 _IDS = {"structure_id", "kind", "demonstration_id", "source_id", "target_id", "transfer_id", "key"}
 
@@ -102,12 +107,18 @@ def export_dataset(
             path = place / folder / file_name(hashed)
             if not path.exists():
                 replace_file(path, codec.encode(samples.get(hashed) if record is None else record))
+    write_splits(catalog, place, plans.to_dict("records"))
     about = {"name": name, "licence": licence, "attribution": attribution, "rows": counts}
     describe(place, about)
     return counts
 
 
-def import_dataset(catalog: Catalog, folder: str | os.PathLike[str], replace: bool = False) -> dict[str, int]:
+def import_dataset(
+    catalog: Catalog,
+    folder: str | os.PathLike[str],
+    replace: bool = False,
+    measured: Callable[[Recipe, Plan], Measures] | None = None,
+) -> dict[str, int]:
     """Take the content of an exported folder into a catalog, after checking all of it.
 
     Parameters
@@ -117,6 +128,9 @@ def import_dataset(catalog: Catalog, folder: str | os.PathLike[str], replace: bo
     replace : bool
         Let structures and demonstrations that are here under the same names with another content
         become newer versions; otherwise that is an error.
+    measured : callable
+        Computes the measures of a plan anew, from what it was made from; one that says other ones is an
+        error. Without it nothing proves the measures of a dataset, and `imported_from` tells so.
 
     Returns
     -------
@@ -151,16 +165,64 @@ def import_dataset(catalog: Catalog, folder: str | os.PathLike[str], replace: bo
             raise CatalogError(f"{place}: plan {row['transfer_id']}", "does not answer to its key")
         if row["n_waypoints"]:
             _steps(place, steps["waypoints"], "waypoints", row)
+    dataset = name_of(place)
+    for row in plans:
+        row["imported_from"] = f"{dataset}, measures as it says"
+    if measured is not None:
+        for row, left in _measured_anew(
+            place, plans, steps["waypoints"], structures, demonstrations, measured
+        ):
+            kept = f", but for {', '.join(left)}" if left else ""
+            row["imported_from"] = f"{dataset}, measures computed again{kept}"
+    new_structures = _unknown(catalog.create(), "structures", structures, replace)
+    new_demonstrations = _unknown(catalog, "demonstrations", demonstrations, replace)
     for row in plans:
         for column in SURFACES:
             row[column] = _surface(catalog, place, row[column])
-    new_structures = _unknown(catalog.create(), "structures", structures, replace)
-    new_demonstrations = _unknown(catalog, "demonstrations", demonstrations, replace)
     return {
         "structures": catalog.add_structures(new_structures),
         "demonstrations": catalog.add_demonstrations(new_demonstrations),
         "transfers": adding.adopt_plans(catalog, plans, steps["waypoints"]),
     }
+
+
+def _measured_anew(
+    place: Path,
+    plans: list[Row],
+    waypoints: dict[tuple[str, str], pa.Table],
+    structures: list[Structure],
+    demonstrations: list[Demonstration],
+    measured: Callable[[Recipe, Plan], Measures],
+) -> Iterator[tuple[Row, list[str]]]:
+    """Compare the measures of every plan with what its trajectory gives.
+
+    Yields each row with the measures that cannot be told from a trajectory alone.
+    """
+    known = {item.structure_id: item for item in structures}
+    flights = {item.demonstration_id: item for item in demonstrations}
+    for row in plans:
+        if not row["n_waypoints"]:
+            continue
+        flown, source, target = (
+            flights[row["demonstration_id"]],
+            known[row["source_id"]],
+            known[row["target_id"]],
+        )
+        what = f"{place}: plan {row['transfer_id']}"
+        hashes = tuple(row[f"{name}_sha256"] for name in ("demonstration", "source", "target"))
+        if hashes != (flown.sha256, source.sha256, target.sha256):
+            raise CatalogError(what, "cannot be measured again: the dataset has other versions of its inputs")
+        settings = settings_of(row["settings_json"])
+        plan = plan_rows.plan_of(row, waypoints[row["transfer_id"], row["commit_id"]])
+        found = measured(Recipe(row, flown, source, target, settings), plan)
+        left = []
+        for item in fields(Measures):
+            says, is_so = getattr(plan.measures, item.name), getattr(found, item.name)
+            if np.isnan(is_so) and not np.isnan(says):
+                left.append(item.name)
+            elif not np.isclose(says, is_so, _SAME, _SAME, equal_nan=True):
+                raise CatalogError(what, f"{item.name} is said to be {says:g}, and is {is_so:g}")
+        yield row, left
 
 
 def _chosen(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> pd.DataFrame:

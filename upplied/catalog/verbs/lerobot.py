@@ -22,6 +22,7 @@ import pyarrow.parquet as pq
 
 from upplied import poses
 from upplied.catalog.store.files import replace_file
+from upplied.catalog.verbs.tum import write_splits
 from upplied.errors import InputError
 from upplied.records import Floats, Trajectory
 
@@ -84,6 +85,7 @@ def export_lerobot(
     by_task = pd.DataFrame({"task_index": list(tasks.values())}, index=pd.Index(tasks, name="task"))
     _write(place / "meta" / "tasks.parquet", pa.Table.from_pandas(by_task))
     replace_file(place / "meta" / "stats.json", _json(_overall(episodes)))
+    write_splits(catalog, place / "meta", rows)
     replace_file(place / "meta" / "info.json", _json(_info(len(rows), total, len(tasks), fps)))
     return {"episodes": len(rows), "frames": total}
 

@@ -1,0 +1,65 @@
+"""What a dataset says of its plans is marked as its word, or computed again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from upplied import fleet
+from upplied.catalog import export_dataset, open_catalog
+from upplied.cli import main
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory) -> Path:
+    """A dataset of one plan, really planned."""
+    place = tmp_path_factory.mktemp("measured")
+    cube = member("cube-v1").structure
+    catalog = open_catalog(place / "from")
+    catalog.add_structures([cube, random_member("box", 1).structure])
+    catalog.add_demonstrations([fly(cube, "sides")])
+    jobs = fleet.decide(catalog, fleet.Wish(("baseline",))).jobs
+    assert fleet.plan_here(str(catalog.location), jobs, "run", "test").ok == 1
+    export_dataset(catalog, place / "set", "boxes-v1", catalog.transfers(), "CC0-1.0")
+    return place / "set"
+
+
+def forged(dataset: Path, place: Path) -> Path:
+    """The same with another clearance, sealed again."""
+    shutil.copytree(dataset, place)
+    path = place / "transfers.parquet"
+    rows = pd.read_parquet(path)
+    schema = pq.read_schema(path)
+    rows["min_clearance_m"] += 3.0
+    pq.write_table(pa.Table.from_pandas(rows, schema, preserve_index=False), path)
+    about = json.loads((place / "dataset.json").read_text())
+    about["files"]["transfers.parquet"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    (place / "dataset.json").write_text(json.dumps(about))
+    return place
+
+
+def test_measures_of_a_dataset_are_marked_as_its_word(dataset, tmp_path):
+    place = forged(dataset, tmp_path / "forged")
+    assert main(["catalog", "import", str(place), "--catalog", str(tmp_path / "to")]) == 0
+    (said,) = open_catalog(tmp_path / "to").transfers()["imported_from"]
+    assert said == "boxes-v1, measures as it says"
+
+
+def test_forged_measures_are_told_when_they_are_computed_again(dataset, tmp_path, capsys):
+    arguments = ["catalog", "import", "--verify", "--catalog", str(tmp_path / "to")]
+    assert main([*arguments, str(forged(dataset, tmp_path / "forged"))]) == 2
+    assert "min_clearance_m is said to be" in capsys.readouterr().err
+    assert not (tmp_path / "to").exists()
+    assert main([*arguments, str(dataset)]) == 0
+    (said,) = open_catalog(tmp_path / "to").transfers()["imported_from"]
+    assert said.startswith("boxes-v1, measures computed again")
+    assert "clearance" not in said and "coverage_seen" not in said

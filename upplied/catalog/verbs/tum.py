@@ -1,0 +1,122 @@
+"""Trajectories as text files of TUM's format, which ``evo`` reads, and how to split them for learning.
+
+A line is ``t x y z qx qy qz qw``: s, m, and the quaternion that turns the camera frame (x forward) into the
+structure frame. Plans lie in ``plans/``, demonstrations in ``demonstrations/``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from hashlib import sha256
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from upplied.catalog.store.files import replace_file
+from upplied.errors import InputError
+from upplied.records import Trajectory
+
+if TYPE_CHECKING:
+    from upplied.catalog.database import Catalog
+
+SHARES = {"train": 0.8, "validation": 0.1, "test": 0.1}
+
+
+def export_tum(
+    catalog: Catalog, folder: str | os.PathLike[str], transfers: pd.DataFrame | Sequence[str]
+) -> dict[str, int]:
+    """Write plans, and every demonstration in use, as one text file each, with ``splits.json``.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    folder : path
+        New, or empty.
+    transfers : DataFrame or sequence of str
+        Rows of `Catalog.transfers`, or names of plans; those without a trajectory are left out.
+
+    Returns
+    -------
+    dict
+        Number of plans and demonstrations.
+    """
+    place = Path(folder)
+    if place.exists() and any(place.iterdir()):
+        raise InputError(str(place), "is not empty", "a new folder", "choose another")
+    names = list(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
+    rows = [row for row in map(catalog.transfer, names) if row["n_waypoints"]]
+    flights = list(catalog.demonstrations()["demonstration_id"])
+    if not rows and not flights:
+        raise InputError("trajectories", "there are none", "at least one plan or demonstration")
+    for row in rows:
+        path = catalog.trajectory(row["transfer_id"])
+        _write(place / "plans" / f"{row['transfer_id']}.txt", path.t_s, path)
+    for name in flights:
+        flown = catalog.demonstration(name)
+        _write(place / "demonstrations" / f"{name}.txt", flown.t_ns * 1e-9, flown.trajectory)
+    write_splits(catalog, place, rows)
+    return {"plans": len(rows), "demonstrations": len(flights)}
+
+
+def _write(path: Path, t_s: Any, steps: Trajectory) -> None:
+    text = StringIO()
+    np.savetxt(text, np.column_stack([t_s, steps.positions, steps.quat_xyzw]), fmt="%.9f")
+    replace_file(path, text.getvalue().encode())
+
+
+def write_splits(catalog: Catalog, place: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write ``splits.json``: which structures, plans and demonstrations are for training, and which not.
+
+    No structure is on two sides, and each kind is on all where it has enough members; by kind, one kind
+    after the other is left out. A plan goes where its target goes, a demonstration with its structure.
+    """
+    structures = catalog.structures()
+    kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
+    flights = catalog.demonstrations()
+    on = dict(zip(flights["demonstration_id"], flights["structure_id"], strict=True))
+    side = split_of(kinds)
+    plans = {str(row["transfer_id"]): str(row["target_id"]) for row in rows}
+
+    def chosen(where: Mapping[str, str], sides: set[str]) -> list[str]:
+        return sorted(name for name, structure in where.items() if side.get(structure) in sides)
+
+    said = {
+        "by_structure": {
+            name: {
+                "structures": sorted(item for item, of in side.items() if of == name),
+                "plans": chosen(plans, {name}),
+                "demonstrations": chosen(on, {name}),
+            }
+            for name in SHARES
+        },
+        "by_kind": {
+            kind: {
+                "plans": sorted(name for name, target in plans.items() if kinds.get(target) == kind),
+                "demonstrations": sorted(name for name, item in on.items() if kinds.get(item) == kind),
+            }
+            for kind in sorted(set(kinds.values()))
+        },
+    }
+    replace_file(place / "splits.json", (json.dumps(said, indent=1) + "\n").encode())
+
+
+def split_of(kinds: Mapping[str, str]) -> dict[str, str]:
+    """The side of each structure, the same on every machine: by the hash of its name, kind by kind."""
+    found: dict[str, str] = {}
+    for kind in sorted(set(kinds.values())):
+        names = sorted((name for name in kinds if kinds[name] == kind), key=_hash)
+        held_out = round(len(names) * SHARES["test"]) or int(len(names) >= 3)
+        validated = round(len(names) * SHARES["validation"]) or int(len(names) >= 3)
+        for at, name in enumerate(names):
+            beyond = "validation" if at < held_out + validated else "train"
+            found[name] = "test" if at < held_out else beyond
+    return found
+
+
+def _hash(name: str) -> str:
+    return sha256(name.encode()).hexdigest()
