@@ -36,7 +36,7 @@ BREAKS = {  # of each rule, figures that break it
     "too-jerky": {"acceleration_p99_mps2": 90.0},
     "turns-too-fast": {"turn_p99_degps": 2000.0},
     "clock-steps": {"clock_steps": 9},
-    "mostly-missing": {"recorded_pct": 20.0, "gaps": 9},
+    "mostly-missing": {"recorded_pct": 10.0, "gaps": 9},
     "mostly-unread": {"read_pct": 10.0},
     "clock-stepped": {"clock_steps": 1},
     "near-structure": {"near_pct": 1.0},

@@ -42,7 +42,7 @@ class PassportSettings:
     max_clock_steps: int = 5
     zoom_pct: float = 3.0  # of the field of view
     long_gap_s: float = 5.0  # a longer silence is flown as a transit
-    least_recorded_pct: float = 50.0  # of the time from the first pose to the last
+    least_recorded_pct: float = 20.0  # of the time from the first pose to the last
     odd_recorded_pct: float = 95.0
     hover_cap_s: float = 30.0  # of standing still with a still camera: more is cut
     least_read_pct: float = 50.0  # of a damaged log
