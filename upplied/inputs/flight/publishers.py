@@ -15,6 +15,7 @@ from upplied.records import Floats
 
 _LOOK = 400  # samples together
 _PLACES = 5  # of the flight, at which it is looked
+_SMOOTH = 1.6  # two steps on lead nearly twice as far where one body flies
 _SHORTER = 0.25  # two paths are one tangled up where they are this much shorter apart
 REMEDY = "name one by publisher: the name of its frame, or #7 for the channel 7"
 
@@ -68,7 +69,7 @@ def check_one(track: Track, facts: LogOptions, what: str) -> None:
 def _tangled(path: Floats) -> bool:
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     whole = float(steps.sum())
-    if whole < 1e-6:
+    if whole < 1e-6 or np.linalg.norm(path[2:] - path[:-2], axis=1).sum() > _SMOOTH * whole:
         return False
     far = np.flatnonzero(np.linalg.norm(path - path[0], axis=1) > np.percentile(steps, 60) / 2)
     if not len(far):

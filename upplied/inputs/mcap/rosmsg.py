@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -29,6 +30,7 @@ class DefinitionError(ValueError):
     """The definition in the log cannot be used."""
 
 
+@lru_cache(maxsize=64)  # recorders write the same definitions into every log, and code takes long to make
 def ros_decoder(name: str, text: str, cdr: bool) -> tuple[Callable[[bytes], Any], frozenset[str]]:
     """What decodes the payloads of one schema, and every path that a column can have.
 
