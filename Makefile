@@ -62,7 +62,7 @@ faults: $(READY) ## kill, fill and forbid: every fault test, the long ones too
 LEROBOT_PYTHON ?= $(shell for p in python3.13 python3.12 python3; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1 && echo $$p && break; done)
 
-lerobot: $(READY) ## the LeRobot export loaded by lerobot itself, in .venv-lerobot (Python 3.12; 3 GB, once)
+lerobot: $(READY) ## the LeRobot export loaded by lerobot itself, in .venv-lerobot (Python 3.12; 5 GB, once)
 	@test -n "$(LEROBOT_PYTHON)" || { echo "lerobot needs Python 3.12: say make lerobot LEROBOT_PYTHON=/path/to/python3.12"; exit 1; }
 	@test -e .venv-lerobot/.ready || { $(LEROBOT_PYTHON) -m venv .venv-lerobot \
 		&& .venv-lerobot/bin/python -m pip install --disable-pip-version-check --only-binary :all: "lerobot[dataset]==0.6.1" \

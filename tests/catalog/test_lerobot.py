@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 PYTHON = Path(os.environ.get("LEROBOT_PYTHON", ROOT / ".venv-lerobot" / "bin" / "python"))
 
 
-@pytest.mark.skipif(not PYTHON.exists(), reason="lerobot is not installed: make lerobot (3 GB)")
+@pytest.mark.skipif(not PYTHON.exists(), reason="lerobot is not installed: make lerobot (5 GB)")
 def test_lerobot_itself_loads_what_was_exported(tmp_path: Path) -> None:
     catalog = open_catalog(tmp_path / "from")
     catalog.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(3))])

@@ -1,6 +1,6 @@
 """What is known of common kinds whoever else is in the catalog: their size, and the shape of their boxes.
 
-The bounds take in every one of 41 real structures, and what has been built: the smallest business jet and the
+The bounds take in every one of 40 real structures, and what has been built: the smallest business jet and the
 An-225, a day sailer and the longest tanker, farm turbines and those at sea.
 """
 
