@@ -50,7 +50,10 @@ def export(
     attribution: Annotated[str, Parameter(help="Whom to name.")] = "",
     kind: Annotated[str | None, Parameter(help="Only structures of this kind.")] = None,
     demonstration: Annotated[str | None, Parameter(help="Only this demonstration.")] = None,
-    preset: Annotated[str, Parameter(help="Only plans of this preset; all: of every one.")] = "recommended",
+    preset: Annotated[
+        str,
+        Parameter(help="Of this preset; all: of every one; else of the first in use: recommended, paper."),
+    ] = "",
     catalog: CatalogOption = "catalog",
 ) -> int:
     """Write the plans that are ok, with all they refer to, as a folder that stands for itself.
@@ -63,8 +66,11 @@ def export(
     from upplied.catalog import export_dataset, export_lerobot, export_tum
 
     store = opened(catalog)
-    asked = None if preset == "all" else preset
+    asked = preset if preset not in ("", "all") else None
     chosen = store.transfers(status="ok", kind=kind, demonstration=demonstration, preset=asked)
+    if not preset:
+        used = [name for name in ("recommended", "paper", "baseline") if name in set(chosen["preset"])]
+        chosen = chosen[chosen["preset"].isin(used[:1])]
     if format != "parquet":
         _counted(str(folder), (export_lerobot if format == "lerobot" else export_tum)(store, folder, chosen))
         return 0
