@@ -284,7 +284,7 @@ def test_a_log_that_lands_is_read_and_transferred(tmp_path):
         try:
             cube = member("cube-v1").structure
             write_log(inbox / "flight.mcap", fly(cube, "sides"), cube)
-            served.wait(lambda: finished(served, "transfer-fleet"), 300)
+            served.wait(lambda: finished(served, "transfer-fleet"), 900)
         finally:
             watcher.kill()
             watcher.wait()
