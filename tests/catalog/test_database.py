@@ -14,7 +14,7 @@ from deltalake import DeltaTable
 import upplied
 from upplied.catalog.database import Catalog, open_catalog
 from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES
-from upplied.catalog.store import current, delta
+from upplied.catalog.store import current, delta, opening
 from upplied.catalog.verbs import adding, queries
 from upplied.errors import CatalogError, InputError
 
@@ -265,7 +265,8 @@ def test_unknown_names_are_said(catalog):
 
 
 def test_a_catalog_of_a_newer_program_is_left_alone(catalog, monkeypatch):
-    monkeypatch.setattr(delta, "SCHEMA_VERSION", SCHEMA_VERSION + 1)
+    for module in (delta, opening):
+        monkeypatch.setattr(module, "SCHEMA_VERSION", SCHEMA_VERSION + 1)
     catalog.add_plans(plans(1))
     monkeypatch.undo()
     older = open_catalog(catalog.location)

@@ -15,7 +15,7 @@ from upplied.catalog import compact, export_dataset, export_tables, import_datas
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema import migrations, tables
 from upplied.catalog.schema.columns import REAL, TEXT, Column, Table
-from upplied.catalog.store import delta
+from upplied.catalog.store import delta, opening
 from upplied.errors import CatalogError
 from upplied.records import Trajectory
 
@@ -102,7 +102,7 @@ def test_every_schema_version_is_in_the_released_ones():
 def test_an_older_program_refuses_a_newer_catalog_in_words(tmp_path, monkeypatch):
     catalog = open_catalog(tmp_path)
     catalog.add_structures([structure("boxy")])
-    monkeypatch.setattr(delta, "SCHEMA_VERSION", 1)
+    monkeypatch.setattr(opening, "SCHEMA_VERSION", 1)
     for again in (catalog, open_catalog(tmp_path)):
         for ask in (again.structures, lambda again=again: again.add_structures([structure("other")])):
             with pytest.raises(CatalogError, match=r"schema version 2.*at most 1.*newer version of upplied"):

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import unquote, urlsplit
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -26,6 +24,7 @@ from upplied.catalog.store.current import Current
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.identity import Identity
 from upplied.catalog.store.meshes import MeshStore
+from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.surfaces import SurfaceStore
 from upplied.catalog.verbs import adding, queries
 from upplied.catalog.verbs.adding import Planned
@@ -70,7 +69,7 @@ class Catalog:
     """
 
     def __init__(self, location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> None:
-        self.location = _checked(os.fspath(location))
+        self.location = checked(os.fspath(location))
         self.clock = Clock(self.location)
         self.identity = Identity(self.location, list(TABLES))
         self.tables = {
@@ -80,7 +79,7 @@ class Catalog:
         self.surfaces = SurfaceStore(self.location)
         self.flown_paths = ContentStore(self.location, "flown", Trajectory, "fly the plan again")
         self._current = {name: Current(self.tables[name]) for name in ("structures", "demonstrations")}
-        self.cache = Cache(cache if cache is not None else _cache_folder(self.location))
+        self.cache = Cache(cache if cache is not None else cache_folder(self.location))
 
     def __repr__(self) -> str:
         return f"Catalog({self.location!r})"
@@ -351,31 +350,3 @@ class Catalog:
 
     def _poses(self, row: Row) -> pa.Table:
         return queries.steps(self.tables["poses"], row)
-
-
-def _checked(location: str) -> str:
-    """An absolute folder, or a URI that carries no credential."""
-    if location.startswith("file://"):
-        parts = urlsplit(location)
-        if parts.netloc not in ("", "localhost") or not parts.path:
-            raise CatalogError(location, "is no file of this machine", "file:///folder")
-        return str(Path(unquote(parts.path)))
-    if "://" not in location:
-        return str(Path(location).expanduser().absolute())
-    scheme, _, rest = location.partition("://")
-    if "@" in rest or "?" in rest:
-        raise CatalogError(
-            f"location {scheme}://...",
-            "has a user, a password or options in it",
-            f"{scheme}://bucket/prefix",
-            "put credentials into the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, ...)",
-        )
-    return location.rstrip("/")
-
-
-def _cache_folder(location: str) -> Path:
-    """Beside the tables of a folder; for an object store in the user's cache directory."""
-    if "://" not in location:
-        return Path(location) / "cache"
-    home = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    return home / "upplied" / "".join(c if c.isalnum() else "-" for c in location)

@@ -23,7 +23,7 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 from deltalake import CommitProperties, DeltaTable, Transaction
 from deltalake import Schema as DeltaSchema
-from deltalake.exceptions import CommitFailedError, TableNotFoundError
+from deltalake.exceptions import CommitFailedError
 from deltalake.transaction import AddAction
 
 from upplied.catalog.schema.columns import Table
@@ -31,6 +31,7 @@ from upplied.catalog.schema.migrations import SCHEMA_VERSION, needed, upgraded
 from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.files import FileStore, sync_path
 from upplied.catalog.store.identity import Heads, Identity
+from upplied.catalog.store.opening import VERSION_KEY, check_version, in_schema, opened
 from upplied.catalog.store.statistics import statistics
 from upplied.catalog.store.telling import told
 from upplied.errors import CatalogError
@@ -39,7 +40,6 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-_VERSION_KEY = "upplied.schemaVersion"
 _PROPERTIES = {
     "delta.checkpointInterval": "50",
     "delta.logRetentionDuration": "interval 365 days",
@@ -185,8 +185,8 @@ class StoredTable:
             new = [field for field in self.declared.schema if field.name not in known]
             if new:
                 delta.alter.add_columns(list(DeltaSchema.from_arrow(pa.schema(new)).fields))
-            if int(delta.metadata().configuration[_VERSION_KEY]) < SCHEMA_VERSION:
-                raised = {_VERSION_KEY: str(SCHEMA_VERSION)}
+            if int(delta.metadata().configuration[VERSION_KEY]) < SCHEMA_VERSION:
+                raised = {VERSION_KEY: str(SCHEMA_VERSION)}
                 delta.alter.set_table_properties(raised, raise_if_not_exists=False)
 
     def new_file(self, rows: pa.Table) -> AddAction:
@@ -240,7 +240,7 @@ class StoredTable:
     def _refreshed(self) -> DeltaTable | None:
         if self._delta is None:
             seen = self._heads.seen()  # before the log is read: it never runs ahead of it
-            delta = told(self.uri, lambda: _opened(self.uri))
+            delta = told(self.uri, lambda: opened(self.uri))
             self._check(-1 if delta is None else delta.version(), seen)
             self._delta = delta
         else:
@@ -266,7 +266,7 @@ class StoredTable:
             mode="ignore",
             name=self.declared.name,
             description=self.declared.meaning,
-            configuration={_VERSION_KEY: str(SCHEMA_VERSION), **_PROPERTIES},
+            configuration={VERSION_KEY: str(SCHEMA_VERSION), **_PROPERTIES},
             raise_if_key_not_exists=False,
         )
         return self._delta
@@ -278,45 +278,3 @@ class StoredTable:
         if not 0 <= version <= current.version():
             raise CatalogError(f"{self.uri} version {version}", "does not exist", f"0 to {current.version()}")
         return told(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))
-
-
-def in_schema(found: pa.Table, schema: pa.Schema) -> pa.Table:
-    """Rows in these columns and types; those that an older program lacked are null."""
-    columns = [
-        found[field.name].cast(field.type)
-        if field.name in found.schema.names
-        else pa.nulls(len(found), field.type)
-        for field in schema
-    ]
-    return pa.table(columns, schema=schema)
-
-
-def _opened(uri: str) -> DeltaTable | None:
-    try:
-        delta = DeltaTable(uri)
-    except TableNotFoundError:
-        if not _has_commits(uri):
-            return None
-        delta = DeltaTable(uri)  # another writer made the table since we looked
-    check_version(delta, uri)
-    return delta
-
-
-def check_version(delta: DeltaTable, uri: str) -> None:
-    """Refuse a table that a newer program changed so that this one would misread it."""
-    version = delta.metadata().configuration.get(_VERSION_KEY, "")
-    if not version.isdigit() or int(version) > SCHEMA_VERSION:
-        raise CatalogError(
-            uri,
-            f"has schema version {version or 'unknown'}",
-            f"at most {SCHEMA_VERSION}",
-            "use a newer version of upplied",
-        )
-
-
-def _has_commits(uri: str) -> bool:
-    """Whether a local table has a log after all; raises where we may not look into it."""
-    log_folder = Path(uri) / "_delta_log"
-    if "://" in uri or not log_folder.exists():
-        return False
-    return any(entry.suffix == ".json" for entry in log_folder.iterdir())

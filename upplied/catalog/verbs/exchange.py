@@ -25,8 +25,8 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import file_name
-from upplied.catalog.store.delta import in_schema
 from upplied.catalog.store.files import replace_file
+from upplied.catalog.store.opening import in_schema
 from upplied.catalog.store.surfaces import SURFACES, Samples, States
 from upplied.catalog.verbs import adding
 from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, describe, name_of
