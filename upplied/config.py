@@ -179,12 +179,12 @@ class OptimiseSettings:
     """The optimisation of a path: each weight is the share of what is to be shown that a unit is worth."""
 
     context: float = 0.4  # share of all that is to be shown which goes to what was seen beside the inspected
-    place: float = 0.02  # of straying from the counterparts by a stand-off, mean square
+    place: float = 0.05  # of straying from the counterparts by a stand-off, mean square
     standoff: float = 1.0  # of being a stand-off too near or too far, beyond the tolerance, mean square
     standoff_tolerance: float = 0.08  # of the wanted stand-off
     smoothness: float = 0.003  # of curving otherwise by a circle whose radius is the stand-off, mean square
     clearance: float = 5.0  # of lacking a metre of the safety distance, mean square
-    turning: float = 0.002  # of turning the camera by as much again as the demonstration
+    turning: float = 0.005  # of turning the camera by as much again as the demonstration
     time: float = 0.002  # of flying for as long again
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
     rounds: int = 3  # of casting rays

@@ -96,7 +96,7 @@ def test_identity(structure: str, inspection: str, seed: int) -> None:
         frechet(even(ours.trajectory.positions), line)
         <= 0.1 + 0.15 + np.linalg.norm(np.diff(line, axis=0), axis=1).max()
     )
-    # Half a thousandth: a look at the last sample of an edge is not flown for (`look._WORTH`).
+    # Half a thousandth: a look at the last sample of an edge is not flown for (`optimise._HARDLY`).
     assert ours.measures.coverage_seen_pct >= box.measures.coverage_seen_pct - 0.15
     assert ours.measures.standoff_ratio_p50 == pytest.approx(1, abs=0.02)
     assert ours.measures.duration_s == pytest.approx(demonstration.trajectory.t_s[-1], rel=0.1)
