@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import islice
 from typing import Any
 
@@ -51,18 +52,22 @@ class Admission:
     """
 
     def __init__(self, catalog: Catalog | None) -> None:
-        self._shapes = None if catalog is None else Shapes(catalog)
-        self._known = [] if catalog is None or self._shapes is None else _members(catalog, self._shapes)
-        self._kinds = {member.kind for member in self._known}
+        self._catalog, self._shapes = catalog, None if catalog is None else Shapes(catalog)
+
+    @cached_property
+    def _known(self) -> list[Member]:
+        """Of the catalog; asked for with the first new structure, so a night without any costs nothing."""
+        if self._catalog is None or self._shapes is None:
+            return []
+        return _members(self._catalog, self._shapes)
 
     def verdicts(
         self, new: Member, entry: StructureEntry, together: Sequence[Member] = ()
     ) -> tuple[Verdict, ...]:
         """The rules that a structure breaks among others, as they count for its entry."""
+        kinds = {one.kind for one in self._known}
         others = [one for one in self._known if one.structure_id != new.structure_id]
-        others += [
-            one for one in together if one.kind not in self._kinds and one.structure_id != new.structure_id
-        ]
+        others += [one for one in together if one.kind not in kinds and one.structure_id != new.structure_id]
         axes = (entry.up, entry.forward)
         return decided(judged(new, others, entry.bounds, axes, entry.symmetric), entry.allow, entry.strict)
 
@@ -75,11 +80,16 @@ class Admission:
         """The same, in their order; a structure that is refused becomes the reason."""
         while waiting := list(islice(reads, batch)):
             new = {name: self._member(read) for name, read in waiting if isinstance(read, Structure)}
+            taken: list[Member] = []
             for name, read in waiting:
-                if isinstance(read, Structure):
-                    yield name, self._judged(read, new, entries[name])
-                else:
+                if not isinstance(read, Structure):
                     yield name, read
+                    continue
+                found = self._judged(read, new, entries[name])
+                taken += [new[name]] * isinstance(found, Structure)
+                yield name, found
+            if taken:  # for those that come after
+                self._known.extend(taken)
 
     def _judged(
         self, structure: Structure, new: Mapping[str, Member], entry: StructureEntry
