@@ -51,13 +51,13 @@ STORED: dict[str, Any] = {
 def ingest_structures(catalog: str, manifest: str, workers: int, prune: bool) -> list[dict[str, str]]:
     """Every structure of a manifest into the catalog; a bad file stops itself alone."""
     ingested = fleet.ingest_structures(open_catalog(catalog), manifest, workers, prune=prune)
-    return [vars(item) for item in ingested]
+    return [_plain(item) for item in ingested]
 
 
 @materialize(SOMEWHERE, name="ingest-demonstrations", task_run_name="ingest demonstrations", **STORED)
 def ingest_demonstrations(catalog: str, logs: list[str], workers: int) -> list[dict[str, str]]:
     """Every log into the catalog; a bad log stops itself alone."""
-    return [vars(item) for item in fleet.ingest_demonstrations(open_catalog(catalog), logs, workers)]
+    return [_plain(item) for item in fleet.ingest_demonstrations(open_catalog(catalog), logs, workers)]
 
 
 @materialize(SOMEWHERE, name="record-plans", task_run_name="record plans", cache_policy=NO_CACHE)
@@ -108,3 +108,8 @@ def vacuum(catalog: str, keep_days: float) -> None:
 def verify(catalog: str) -> list[str]:
     """What is wrong with the catalog, in words; empty where all is well."""
     return [str(finding) for finding in verification.verify(open_catalog(catalog))]
+
+
+def _plain(item: fleet.Ingested) -> dict[str, str]:
+    """What became of a file, as text for pages."""
+    return {**vars(item), "findings": "; ".join(item.findings)}

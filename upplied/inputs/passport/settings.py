@@ -19,7 +19,7 @@ CONVENTIONS = (
 class PassportSettings:
     """What a flight may be measured to be when it is taken in; no plan depends on it (docs/checks.md).
 
-    Sample flights of 28 structures keep 2.3 m of clearance, look at their structure in 88 % of the poses
+    Sample flights of 28 structures keep 2.8 m of clearance, look at their structure in 88 % of the poses
     or more, and would fit another convention by 7 % more at most; the bounds leave room beside that.
     """
 
