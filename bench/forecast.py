@@ -26,14 +26,16 @@ from typing import Any
 import numpy as np
 from attention import FLIGHTS, INTENDED
 from real_data import real_folder, real_structure
+from scipy.optimize import minimize
 
 from upplied.config import Settings, settings_for
 from upplied.errors import UppliedError
 from upplied.planning.carry.evidence import evidence_of
+from upplied.planning.carry.forecast import CAPS
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, takes_of
 from upplied.planning.plan import plan_transfer
-from upplied.records import Structure
+from upplied.records import Bools, Floats, Structure
 from upplied.samples.fleet import member, random_member, sample_structures
 from upplied.samples.pilot import fly
 from upplied.samples.surfaces import Member
@@ -49,9 +51,15 @@ REAL_SOURCES = (
     "building/office_30x47_fg",
 )  # fmt: skip
 LIKE = 8  # targets of the same kind, for each flight
+GOOD = 75.0  # inspected coverage, percent, that counts as most of it
+RIDGE = 0.02
 STRANGERS = 5  # targets of other kinds, for each flight
 RANDOM = 1  # structures of each kind that nobody built
-FORCED: dict[str, Any] = {"registration": {"acceptance": 10.0}, "inspection": {"max_motion_px": 1e3}}
+FORCED: dict[str, Any] = {
+    "registration": {"acceptance": 10.0, "least_probability": 0.0},
+    "verdict": {"enforce": False},
+    "inspection": {"max_motion_px": 1e3},
+}
 
 
 @dataclass(frozen=True)
@@ -163,6 +171,67 @@ def collect(options: argparse.Namespace) -> None:
             print(json.dumps(row), file=file, flush=True)
 
 
+def fit(options: argparse.Namespace) -> None:
+    """Calibrate on half of the structures and judge the other half, in turn; then print the constants."""
+    rows_ = [json.loads(line) for path in options.files for line in path.read_text().splitlines()]
+    rows_ = [row for row in rows_ if not np.isnan(_outcome(row))]
+    evidence = np.minimum([row["evidence"] for row in rows_], CAPS)
+    outcome = np.array([_outcome(row) for row in rows_])
+    good = outcome >= GOOD
+    group = np.array([zlib.crc32(row["target"].encode()) % 2 for row in rows_])
+    held = np.empty(len(rows_))
+    for half in (0, 1):
+        offset, weights = _calibrated(evidence[group != half], good[group != half])
+        held[group == half] = _probability(evidence[group == half], offset, weights)
+    _print_judged("targets held back", held, outcome)
+    offset, weights = _calibrated(evidence, good)
+    _print_judged("all", _probability(evidence, offset, weights), outcome)
+    for place in np.argsort(-np.abs(held - good))[:12]:
+        row = rows_[place]
+        print(f"    {row['source']} {row['inspection']} > {row['target']}: {held[place]:.2f}, "
+              f"outcome {outcome[place]:.0f}")  # fmt: skip
+    print(f"OFFSET = {offset:.2f}\nWEIGHTS = ({', '.join(f'{weight:.2f}' for weight in weights)})")
+
+
+def _outcome(row: dict[str, Any]) -> float:
+    """Inspected coverage that counts, percent; NaN where no path was found though the shapes answer."""
+    if not row["same"]:
+        return 0.0
+    if row["coverage"] is None:
+        return 0.0 if row["evidence"][0] > 0.5 else float("nan")
+    return float(row["coverage"]) * (1.0 if row["right"] is None else float(row["right"]))
+
+
+def _calibrated(evidence: Floats, good: Bools) -> tuple[float, Floats]:
+    """Logistic regression with weights of at least 0 and a ridge on them, in units of their caps."""
+
+    def loss(values: Floats) -> float:
+        margin = (values[0] - (evidence / CAPS) @ values[1:]) * np.where(good, 1, -1)
+        return float(np.logaddexp(0, -margin).sum() + RIDGE * (values[1:] ** 2).sum())
+
+    start = np.ones(1 + len(CAPS))
+    found = minimize(loss, start, bounds=[(None, None), *[(0, None)] * len(CAPS)], method="L-BFGS-B").x
+    return float(found[0]), found[1:] / np.array(CAPS)
+
+
+def _probability(evidence: Floats, offset: float, weights: Floats) -> Floats:
+    return np.asarray(1 / (1 + np.exp(evidence @ weights - offset)))
+
+
+def _print_judged(name: str, probability: Floats, outcome: Floats) -> None:
+    """Shares accepted at one half, and how far forecast and frequency are apart in five groups."""
+    accepted = probability >= 0.5
+    shares = [
+        f"{100 * accepted[some].mean():.1f} % of {some.sum()} {words}"
+        for words, some in (("with at least 90 %", outcome >= 90), ("below 60 %", outcome < 60))
+    ]
+    order = np.array_split(np.argsort(probability, kind="stable"), 5)
+    off = [abs(probability[some].mean() - (outcome[some] >= GOOD).mean()) for some in order]
+    weight = [len(some) for some in order]
+    print(f"{name}: accepted {', '.join(shares)}; calibration error "
+          f"{100 * np.average(off, weights=weight):.1f} points")  # fmt: skip
+
+
 def main() -> None:
     """Collect or fit."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
@@ -172,6 +241,8 @@ def main() -> None:
     options = parser.parse_args()
     if options.what == "collect":
         collect(options)
+    else:
+        fit(options)
 
 
 if __name__ == "__main__":

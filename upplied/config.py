@@ -48,6 +48,9 @@ class RegistrationSettings:
     # At 1.0, of all pairs of 40 real structures 95.5 % of those of one form and 0.6 % of the cross-kind ones
     # are accepted, 96.5 and 0.3 % with the samples (bench/acceptance.py, which also calibrates on halves).
     acceptance: float | None = None
+    # Least probability that most of what was inspected can be shown (`planning.carry.forecast`), which then
+    # decides in place of the gates above; None: they do. Calibrated by bench/forecast.py.
+    least_probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -308,6 +311,7 @@ _RANGES = {
     "registration.iterations": (1, 1000),
     "registration.gamma": (0, math.inf),
     "registration.acceptance": (0, math.inf),
+    "registration.least_probability": (0, 1),
     "visibility.max_incidence_deg": (1, 90),
     "viewpoints.shared": (0, 1),
     "viewpoints.most_poses": (2, 100_000),
@@ -364,7 +368,7 @@ _PRESETS: dict[str, Settings] = {
     "recommended": replace(
         _PAPER,
         preset="recommended",
-        registration=RegistrationSettings(acceptance=1.0),
+        registration=RegistrationSettings(acceptance=1.0, least_probability=0.6),
         correspondence=CorrespondenceSettings(method="parts"),
         visibility=VisibilitySettings(occlusion=True, max_incidence_deg=75.0),
         transfer=TransferSettings(method="counterparts"),

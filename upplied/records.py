@@ -289,6 +289,7 @@ class Waypoints(Record):
 class Measures(Record):
     """What a plan is judged by; NaN where a measure was not computed (algorithm.md, section 8)."""
 
+    acceptance_probability: float = float("nan")
     coverage_inspected_pct: float = float("nan")
     inspected_without_counterpart_pct: float = float("nan")
     inspected_unattainable_pct: float = float("nan")
@@ -364,6 +365,7 @@ class Plan(Record):
     registration: Registration | None = None
     measures: Measures = field(default_factory=Measures)
     counterpart_summary: str = ""
+    acceptance_evidence: str = ""  # what speaks for and against the transfer, in words
     warnings: tuple[str, ...] = ()
     surface: SurfaceStates | None = None  # what the plan sees of the target, where it was computed
     inspected: SurfaceStates | None = None  # what of the source the demonstration was about

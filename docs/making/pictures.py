@@ -21,8 +21,11 @@ from upplied.config import settings_for
 from upplied.fleet.ingest import find_logs, ingest_demonstrations, ingest_structures
 from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED, PRESETS
+from upplied.outputs.draw.views import facing
 from upplied.outputs.sample_fleet import write_sample_fleet
 from upplied.planning.correspondence.pair import study_pair
+from upplied.planning.demonstration.repetition import takes_of
+from upplied.planning.measures.inspected import inspected_states
 from upplied.planning.plan import METHOD_VERSION, plan_transfer
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, views
 from upplied.records import SURFACE_STATES, Bools, Cloud, Demonstration, Plan, Structure, SurfaceStates
@@ -64,6 +67,7 @@ def ingested(folder: Path) -> Catalog:
 
 def _draw(structures: Mapping[str, Structure], flights: Mapping[str, Demonstration]) -> None:
     _seen(structures["a320-v1"], flights["a320-wings-v1"])
+    attended(flights, structures)
     _refused(flights["a320-fuselage-v1"], structures["a320-v1"], structures["cruise-v1"])
     rows = []
     for flight_id, target_id in SHOWN:
@@ -104,6 +108,19 @@ def _seen(source: Structure, flight: Demonstration) -> None:
         )
 
 
+def attended(flights: Mapping[str, Demonstration], structures: Mapping[str, Structure]) -> None:
+    """What each flight was about, on its own structure."""
+    for name, flight in flights.items():
+        source = structures[flight.structure_id]
+        take = takes_of(flight, study_pair(source, source, RECOMMENDED), RECOMMENDED)[0]
+        states = inspected_states(take)
+        path = [("demonstrated path", flight, DEMONSTRATED)]
+        title = f"{name}: what it was about"
+        side = [facing(source.vertices, flight.positions)]
+        made = figures.structure_png(source, side, states=states, trajectories=path, title=title, width=700)
+        _save(f"attention-{name.removesuffix('-v1')}", made)
+
+
 def _share(cloud: Cloud, seen: Bools) -> float:
     assert cloud.area_m2 is not None
     return 100 * float(cloud.area_m2[seen].sum() / cloud.area_m2.sum())
@@ -131,8 +148,8 @@ def _row(plan: Plan, name: str = "") -> str:
     cells += [
         f"{value:{form}}"
         for value, form in (
+            (found.coverage_inspected_pct, ".1f"),
             (found.coverage_seen_pct, ".1f"),
-            (found.coverage_attainable_pct, ".1f"),
             (found.coverage_paper_pct, ".1f"),
             (found.frechet_z, ".2f"),
             (found.min_clearance_m, ".2f"),
@@ -142,7 +159,7 @@ def _row(plan: Plan, name: str = "") -> str:
 
 
 def _write_table(rows: list[str]) -> None:
-    head = "| flight | target | preset | seen % | attainable % | paper's % | Fréchet | least clearance, m |"
+    head = "| flight | target | preset | inspected % | seen % | paper's % | Fréchet | least clearance, m |"
     told = f"Measured with version {METHOD_VERSION} of the method:\n"
     text = "\n".join([told, head, "|---|---|---|---:|---:|---:|---:|---:|", *rows]) + "\n"
     (HERE / "measured.md").write_text(text, encoding="utf-8")

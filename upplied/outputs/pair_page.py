@@ -101,6 +101,8 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
         "meaning": meaning(status, _text(row.get("reason"))),
         "reason": _text(row.get("reason")) or _text(row.get("not_flyable")),
         "counterparts": _text(row.get("counterpart_summary")),
+        "evidence": _text(row.get("acceptance_evidence")),
+        "standoff": _text(row.get("standoff_mode")),
         "warnings": _warnings(row.get("warnings")),
         "safety_m": _safety_m(row.get("settings_json")),
         "measures": {item.name: number(row, item.name) for item in fields(Measures)}

@@ -20,7 +20,7 @@ _FAILED = (
 _REFUSED = "No path was made: the inputs are sound, but no honest plan follows. "
 _REFUSALS = (  # words of a plan's reason, and what they mean for a reader
     (
-        ("do not fit", "gamma", "orientation"),
+        ("do not fit", "gamma", "orientation", "cannot be shown here"),
         "The shapes of the two structures differ more than was allowed. Demonstrate on a structure that is "
         "more alike, or look at the views below and raise the gate if the parts do correspond.",
     ),

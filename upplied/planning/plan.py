@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from upplied.config import Settings, digest
 from upplied.errors import RefusedError
+from upplied.planning.carry.forecast import forecast_of, unlikely
 from upplied.planning.correspondence.pair import METHOD_VERSION, Memo, no_memo, study_pair
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import takes_of
@@ -22,7 +23,7 @@ from upplied.planning.surface.frames import (
 )
 from upplied.planning.trajectory.propose import propose
 from upplied.provenance import method
-from upplied.records import Demonstration, Plan, Structure
+from upplied.records import Demonstration, Measures, Plan, Structure
 from upplied.threads import one_thread
 
 
@@ -87,13 +88,21 @@ def _planned(
         registration=pair.fit_for(settings).registration,
         counterpart_summary=pair.surface.correspondences.summary,
     )
-    if not pair.fit_for(settings).registration.accepted:
-        return replace(plan, status="refused", reason=pair.fit_for(settings).registration.reason)
+    least = settings.registration.least_probability
+    found = pair.fit_for(settings).registration
+    if not found.accepted and least is None:
+        return replace(plan, status="refused", reason=found.reason)
     # What did the expert look at, and from which viewpoints? (Algorithm 2, lines 1 to 13)
     takes = takes_of(demonstration, pair, settings, memo)
     plan = replace(plan, inspected=inspected_states(takes[0]))
     if nothing := nothing_shown(takes[0].inspection, takes[0].pair, settings):
         return replace(plan, status="refused", reason=nothing)
+    # Would a transfer show that?
+    likely = forecast_of(takes)
+    plan = replace(plan, acceptance_evidence=likely.evidence)
+    plan = replace(plan, measures=Measures(acceptance_probability=likely.probability))
+    if least is not None and likely.probability < least:
+        return replace(plan, status="refused", reason=unlikely(likely, least, found))
     # From where does the target show the same? (lines 14 to 18)
     try:
         trajectory, is_viewpoint, answers_s = propose(takes, settings)
@@ -101,6 +110,7 @@ def _planned(
         return replace(plan, status="refused", reason=str(refusal))
     # How good is it? The same measures for every preset.
     measures, surface, warnings = judge(trajectory, answers_s, takes, settings, memo)
+    measures = replace(measures, acceptance_probability=likely.probability)
     # May it be flown? What falls short is refused, or says so where it is for comparison.
     short = "; ".join(shortfalls(trajectory, measures, takes, settings))
     if short and settings.verdict.enforce:

@@ -14,6 +14,15 @@ def _positive(name: str, unit: str, meaning: str) -> Column:
 
 
 MEASURES = (
+    Column(
+        "acceptance_probability",
+        REAL,
+        "1",
+        "forecast, before planning, that most of what was inspected can be shown",
+        low=0,
+        high=1,
+    ),
+    Column("acceptance_evidence", TEXT, "", "what speaks for and against it, in words"),
     _share("coverage_inspected_pct", "of what the demonstration was about, the share shown at least as well"),
     _share(
         "inspected_without_counterpart_pct", "of that, what has no counterpart and so counts as not shown"

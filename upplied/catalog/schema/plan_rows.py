@@ -87,6 +87,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
                 "flyable",
                 "not_flyable",
                 "counterpart_summary",
+                "acceptance_evidence",
             )
         },
         **asdict(plan.measures),
@@ -139,6 +140,7 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
         registration=_registration_of(row["registration_json"]),
         measures=Measures(**{name: nan if value is None else value for name, value in measures.items()}),
         counterpart_summary=row["counterpart_summary"],
+        acceptance_evidence=row["acceptance_evidence"] or "",
         warnings=tuple(json.loads(row["warnings"] or "[]")),
         flyable=bool(row["flyable"]),
         not_flyable=row["not_flyable"] or "",

@@ -29,6 +29,7 @@ class Evidence(Record):
 
     without: float  # share of what was inspected that has no counterpart
     astray: float  # share whose counterpart faces more than 60 deg another way
+    turned: float  # mean angle between the normals of a patch and of its counterpart, rad
     uneven: float  # how unevenly patches are stretched: spread of the logarithm of the local scale
     bent: float  # what no scaling along the axes explains, over the region's size
     crowded: float  # share that meets on the same target samples, beyond what sampling explains
@@ -39,7 +40,7 @@ class Evidence(Record):
 
     @property
     def values(self) -> Floats:
-        """In the order of the fields, (9,)."""
+        """In the order of the fields, (10,)."""
         return np.array([getattr(self, item.name) for item in fields(self)], float)
 
 
@@ -54,7 +55,7 @@ def evidence_of(take: Take) -> Evidence:
     misfit = 3.0 if not np.isfinite(misfit) else min(misfit, 10.0)
     known = np.flatnonzero((share > 0) & (match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
     if share.sum() <= 0 or len(known) < 2 * _NEAR:
-        return Evidence(1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, misfit)
+        return Evidence(1.0, 1.0, 1.6, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, misfit)
     without = 1 - float(share[known].sum() / share.sum())
     lying = laid(target, fit.registration)
     assert lying.normals is not None
@@ -65,6 +66,7 @@ def evidence_of(take: Take) -> Evidence:
     return Evidence(
         without=without,
         astray=float(mine[facing < _ASTRAY].sum() / mine.sum()),
+        turned=float(np.average(np.arccos(np.clip(facing, -1, 1)), weights=mine)),
         uneven=_uneven(source.points[known], match.target_points[known], mine),
         bent=_bent(source.points[known], match.target_points[known], mine),
         crowded=_crowded(match.target_index[known], source, target, known, fit.registration.scale),

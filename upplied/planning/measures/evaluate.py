@@ -10,6 +10,7 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.carry.affine import registered_map
+from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface, together
 from upplied.planning.carry.reference import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import (
@@ -29,6 +30,7 @@ from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, vie
 from upplied.poses import yaw_pitch
 from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
 
+_LIKELY = 0.5  # probability from which what answers to what is believed, whatever the wholes say
 _ASKED = 200  # viewpoints, at most, whose stand-off is asked for
 _ALMOST_DEG = 2.0  # beyond a limit, that a hand's trembling explains
 
@@ -54,7 +56,7 @@ def judge(
         ),
         views(trajectory, pair.voxels.target, camera, BY_FRUSTUM),
     )
-    if not pair.surface.registration.accepted:
+    if not pair.surface.registration.accepted and forecast_of(takes).probability < _LIKELY:
         found = measure(trajectory, carried, pair.target_scene, paper, standing=standing(pair))
         unmeasured = f"what is really seen was not measured: {pair.surface.registration.reason}"
         return found, None, (unmeasured, *_too_near(found, settings), *_beyond_the_gimbal(takes, settings))

@@ -1,0 +1,100 @@
+"""The gate asks of the inspected region: who may pass, who may not; evidence only ever counts against."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from upplied.config import Settings, settings_for
+from upplied.planning.carry.evidence import Evidence
+from upplied.planning.carry.forecast import CAPS, WEIGHTS, forecast_of, in_words, probability_of
+from upplied.planning.correspondence.pair import study_pair
+from upplied.planning.demonstration.repetition import takes_of
+from upplied.planning.plan import plan_transfer
+from upplied.records import Plan, Structure
+from upplied.samples.fleet import member
+from upplied.samples.pilot import fly
+from upplied.samples.ship import CRUISE, ship
+from upplied.samples.surfaces import stamped
+
+SETTINGS: Settings = settings_for("recommended", clouds={"surface_samples": 2000})
+
+
+def likely(source: Structure, target: Structure, inspection: str) -> float:
+    pair = study_pair(source, target, SETTINGS)
+    return forecast_of(takes_of(fly(source, inspection, seed=4), pair, SETTINGS)).probability
+
+
+def without(name: str, parts: tuple[str, ...]) -> Structure:
+    """A sample structure that lacks some parts."""
+    made = member(name)
+    gone = [number for number, part in enumerate(made.part_names) if part.startswith(parts)]
+    kept = ~np.isin(made.part_of_triangle, gone)
+    return stamped(replace(made.structure, triangles=made.structure.triangles[kept]))
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "inspection"),
+    [
+        ("a320-v1", "b777-v1", "engine_left"),
+        ("a320-v1", "b747-v1", "wings"),
+        ("turbine-1-v1", "turbine-3-v1", "tower"),
+        ("cube-v1", "cuboid-v1", "sides"),
+        ("bridge-1-v1", "bridge-2-v1", "piers"),
+    ],
+)
+def test_structures_of_one_form_pass(source: str, target: str, inspection: str) -> None:
+    assert likely(member(source).structure, member(target).structure, inspection) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "inspection"),
+    [
+        ("cube-v1", "yacht-1-v1", "sides"),
+        ("cruise-v1", "cuboid-v1", "hull"),
+        ("turbine-1-v1", "b777-v1", "tower"),
+        ("a320-v1", "cruise-v1", "engine_left"),
+        ("bridge-1-v1", "a320-v1", "piers"),
+    ],
+)
+def test_strangers_do_not(source: str, target: str, inspection: str) -> None:
+    assert likely(member(source).structure, member(target).structure, inspection) < 0.5
+
+
+def test_another_superstructure_does_not_refuse_a_hull() -> None:
+    bare = without("cruise-v1", ("funnel", "mast", "deck_4", "lifeboat"))
+    assert likely(ship(CRUISE, "liner").structure, bare, "hull") > 0.9
+
+
+def test_an_engine_that_is_not_there_is_refused_in_words() -> None:
+    source, target = member("a320-v1").structure, without("b777-v1", ("engine", "pylon"))
+    plan = plan_transfer(fly(source, "engine_left", seed=4), source, target, SETTINGS)
+    assert plan.status == "refused" and "what was inspected cannot be shown" in plan.reason
+    assert plan.measures.acceptance_probability < 0.5 and plan.acceptance_evidence in plan.reason
+    assert plan.inspected is not None  # the report still shows what it was about
+
+
+def test_every_preset_says_how_likely_it_is() -> None:
+    source, target = member("cube-v1").structure, member("cuboid-v1").structure
+    flight = fly(source, "sides", seed=4)
+    plans: list[Plan] = [
+        plan_transfer(flight, source, target, settings_for(preset)) for preset in ("paper", "baseline")
+    ]
+    known = [plan.measures.acceptance_probability for plan in plans]
+    assert known[0] == known[1] > 0.9
+
+
+def test_evidence_only_counts_against() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        values = rng.random(len(CAPS)) * CAPS
+        worse = values.copy()
+        worse[rng.integers(len(CAPS))] += 0.1
+        assert probability_of(Evidence(*worse)) <= probability_of(Evidence(*values)) + 1e-12
+    assert min(WEIGHTS) >= 0
+    perfect = Evidence(*np.zeros(len(CAPS)))
+    assert probability_of(perfect) > 0.95 and "100 % of what was inspected has a counterpart" in in_words(
+        perfect
+    )
