@@ -46,6 +46,11 @@ def run_now(parameters: Sequence[str], watch: bool, say: Callable[[str], None]) 
     """
     given = dict(map(_parameter, parameters))
     try:
+        with get_client(sync_client=True) as client:
+            schema = client.read_deployment_by_name(DEPLOYMENT).parameter_openapi_schema or {}
+        known = schema.get("properties", given)
+        if unknown := sorted(given.keys() - known.keys()):
+            raise NotAccepted(f"{', '.join(unknown)}: is no parameter; there are {', '.join(sorted(known))}")
         run = run_deployment(DEPLOYMENT, parameters=given, timeout=0, as_subflow=False)
     except ObjectNotFound:
         raise NotAccepted(f"there is no deployment {DEPLOYMENT}: upplied deploy") from None
