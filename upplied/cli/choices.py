@@ -45,8 +45,8 @@ class Choices:
     repeat: Literal["each", "mirror"] | None = None
     fidelity: Literal["strict", "balanced", "coverage"] | None = None
     clearance: float | None = None
-    about: Annotated[str, Parameter(show_default=False)] = ""
     search: Literal["none", "heading", "orientation"] | None = None
+    about: Annotated[str, Parameter(show_default=False)] = ""
 
     def onto(self, stages: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
         """The changes `stages` (stage -> setting -> value) with those of the options over them."""
