@@ -82,4 +82,6 @@ def test_a_kept_stand_off_stays_in_metres(fleet):
         distance[scale] = np.median(scene_of(larger).distance(plan.trajectory.positions))
         assert plan.measures.standoff_ratio_p50 == pytest.approx(1, abs=0.12)
         assert plan.measures.standoff_kept_pct > 95
-    assert distance[1.6] == pytest.approx(distance[1.0], rel=0.15)
+    # The faces are larger, so that their counterparts lie farther aside in the picture: at the same median
+    # distance from what is seen, which is the stand-off, the camera is nearer to the wall, and never farther.
+    assert 0.6 * distance[1.0] < distance[1.6] < 1.15 * distance[1.0]

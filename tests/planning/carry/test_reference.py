@@ -7,7 +7,7 @@ import pytest
 from moved_scenes import ANY, about_z, moved_structure
 from scipy.spatial.transform import Rotation
 
-import upplied.planning.trajectory.propose as proposing
+import upplied.planning.trajectory.complete as completing
 from upplied.config import settings_for
 from upplied.planning.carry.reference import demonstrated_on_target, standing
 from upplied.planning.correspondence.pair import study_pair
@@ -45,11 +45,13 @@ def test_it_is_turned_as_the_target_is(fleet, kind, part, turn, search):
 
 def test_the_shape_that_bounds_the_planner_is_the_one_it_is_measured_by(fleet, monkeypatch):
     ship, bounds = fleet["cruise-v1"], []
-    kept = proposing.complete
+    kept = completing._within_bound
     monkeypatch.setattr(
-        proposing,
-        "complete",
-        lambda path, view, like, *rest: bounds.append(like) or kept(path, view, like, *rest),
+        completing,
+        "_within_bound",
+        lambda path, image, stands, reference, bound: (
+            bounds.append(zscored(reference)) or kept(path, image, stands, reference, bound)
+        ),
     )
     settings = settings_for("recommended", verdict=ANY, registration={"search": "heading"})
     flight, turn = fly(ship, "hull", seed=1), about_z(29)
@@ -57,24 +59,20 @@ def test_the_shape_that_bounds_the_planner_is_the_one_it_is_measured_by(fleet, m
     true = zscored(flight.positions @ turn.T @ plan.registration.turn.T)
     # In the axes of the source: whichever way its own frame is turned, by right angles.
     quarters = [np.abs(np.cos(np.radians(90 * k))) > 0.5 for k in (0, 1)]
-    found = [
-        frechet(np.abs(bounds[0].shape), np.abs(true if same else true[:, [1, 0, 2]])) for same in quarters
-    ]
+    found = [frechet(np.abs(bounds[0]), np.abs(true if same else true[:, [1, 0, 2]])) for same in quarters]
     assert min(found) < 0.05
 
 
 @pytest.mark.parametrize(("standoff", "wanted_m"), [("scaled", 4.31), ("kept", 15.65)])
 def test_what_the_stand_off_bounds_is_carried_with_it(fleet, monkeypatch, standoff, wanted_m):
-    """From the cruise ship to a yacht a quarter as large: reach, leash and ripples follow the stand-off."""
-    ripples, faired = [], proposing.faired
+    """From the cruise ship to a yacht a quarter as large: what weighs a path follows the stand-off."""
+    wishes, optimise = [], completing.optimise
     monkeypatch.setattr(
-        proposing,
-        "faired",
-        lambda places, space, reach, like: ripples.append(reach) or faired(places, space, reach, like),
+        completing, "optimise", lambda wish, *rest: wishes.append(wish) or optimise(wish, *rest)
     )
     settings = settings_for("recommended", verdict=ANY, transfer={"standoff": standoff})
     plan = plan_transfer(
         fly(fleet["cruise-v1"], "hull", seed=1), fleet["cruise-v1"], fleet["yacht-1-v1"], settings
     )
     assert plan.status == "ok", plan.reason
-    assert ripples[0] / proposing._RIPPLES == pytest.approx(wanted_m, rel=0.1)
+    assert wishes[0].standoff.usual_m == pytest.approx(wanted_m, rel=0.1)
