@@ -66,6 +66,7 @@ def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
             "keep_days", f"is {keep_days:g}", f"at least {SHORTEST_KEEP_HOURS / 24:.3f} (an hour)"
         )
     kept = Kept()
+    catalog.identity.required()  # before the clock, whose file would stand in a folder that is no catalog
     before = catalog.clock.now() - timedelta(hours=hours)
     for steps, owner in _OWNERS.items():
         kept.orphan_commits[steps] = _drop_orphans(catalog.tables[steps], catalog.tables[owner], before)
