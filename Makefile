@@ -41,8 +41,10 @@ $(READY): requirements.lock pyproject.toml setup.py
 quickstart: $(READY) ## environment, sample fleet, every transfer, reports: the whole way once
 	@$(BIN)/python -m upplied.flows.quickstart
 
-test: $(READY) ## the test suite
-	@$(BIN)/python -m pytest -m "not slow"
+TESTS ?= not slow
+
+test: $(READY) ## the test suite; continuous integration adds more by TESTS=...
+	@$(BIN)/python -m pytest -m "$(TESTS)"
 
 test-all: $(READY) ## the test suite with the slow ones: faults, servers, benchmarks' smoke runs
 	@$(BIN)/python -m pytest
