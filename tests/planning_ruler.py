@@ -13,11 +13,11 @@ import numpy as np
 from upplied.config import Settings
 from upplied.records import Floats, Ints, Structure, Trajectory
 
-_SAMPLED_M = 0.1
+SAMPLED_M = 0.1
 _TOLERANCE_M = 2e-3  # of sampling, and of single precision in what is ruled upon
 
 
-def sampled(positions: Floats, step_m: float = _SAMPLED_M) -> Floats:
+def sampled(positions: Floats, step_m: float = SAMPLED_M) -> Floats:
     """Points of a polyline (N, 3) at most so far apart."""
     pieces = [positions[:1]]
     for start, end in itertools.pairwise(positions):
