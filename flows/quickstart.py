@@ -83,7 +83,7 @@ def show_results(console: Console) -> int:
     table = Table(box=None)
     for name in ("demonstration", "target"):
         table.add_column(name)
-    for name in ("coverage\npaper", "\nours", "\nbaseline", "Frechet\npaper", "\nours"):
+    for name in ("inspected\npaper", "\nours", "\nbaseline", "Frechet\npaper", "\nours"):
         table.add_column(name, justify="right")
     for (demonstration, target), rows in transfers.groupby(["demonstration_id", "target_id"]):
         by = rows.set_index("preset")
@@ -96,8 +96,8 @@ def show_results(console: Console) -> int:
 
 
 def percent(by: pd.DataFrame, preset: str) -> str:
-    """Coverage of one preset, or its status where it has none."""
-    value = by["coverage_paper_pct"].get(preset)
+    """What one preset shows of the inspected surface, or its status where it shows none."""
+    value = by["coverage_inspected_pct"].get(preset)
     return by["status"].get(preset, "") if value is None or value != value else f"{value:.1f} %"
 
 

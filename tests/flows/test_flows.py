@@ -599,7 +599,7 @@ def test_the_short_way_says_at_once_that_no_server_answers(monkeypatch, capsys):
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     monkeypatch.setenv("UPPLIED_PORT", str(free_port()))
     assert main(["fleet", "run"]) == 1
-    assert "make serve" in " ".join(capsys.readouterr().err.split())
+    assert "upplied serve" in " ".join(capsys.readouterr().err.split())
 
 
 def test_no_server_is_told_at_once_and_in_words(tmp_path):
