@@ -12,7 +12,7 @@ from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.measures.evaluate import judge
 from upplied.planning.measures.inspected import inspected_states
-from upplied.planning.measures.verdict import shortfalls
+from upplied.planning.measures.verdict import odd_size, shortfalls, wrong_size
 from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,
@@ -81,6 +81,9 @@ def _planned(
         preset=settings.preset,
         status="ok",
     )
+    # Are they of like size, or was a unit mistaken?
+    if (sizes := wrong_size(source, target, settings)) and settings.verdict.enforce:
+        return replace(plan, status="refused", reason="; ".join(sizes))
     # Do the structures fit, and what on one answers to what on the other? (Algorithm 1)
     pair = study_pair(source, target, settings, memo)
     plan = replace(
@@ -112,7 +115,8 @@ def _planned(
     measures, surface, warnings = judge(trajectory, answers_s, takes, settings, memo)
     measures = replace(measures, acceptance_probability=likely.probability)
     # May it be flown? What falls short is refused, or says so where it is for comparison.
-    short = "; ".join(shortfalls(trajectory, measures, takes, settings))
+    short = "; ".join((*sizes, *shortfalls(trajectory, measures, takes, settings)))
+    warnings = (*(odd_size(source, target, settings) if not sizes else ()), *warnings)
     if short and settings.verdict.enforce:
         return replace(plan, status="refused", reason=short, measures=measures, warnings=warnings)
     return replace(

@@ -10,7 +10,7 @@ import pytest
 from upplied.config import settings_for
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
-from upplied.planning.measures.verdict import shortfalls
+from upplied.planning.measures.verdict import odd_size, shortfalls, wrong_size
 from upplied.planning.plan import plan_transfer
 from upplied.records import Measures
 from upplied.samples.fleet import sample_structures
@@ -87,3 +87,26 @@ def test_recommended_is_refused_and_comparisons_carry_the_verdict(asked, monkeyp
     plan = plan_transfer(flown, fleet["cube-v1"], target, settings_for("recommended"))
     assert plan.status == "refused" and plan.reason == "too little; too near" and plan.trajectory is None
     assert not plan.flyable and plan.measures.coverage_inspected_pct > 90
+
+
+def test_a_target_of_another_size_than_its_source_is_refused_or_warned_of(asked):
+    """A unit that was mistaken: millimetres, inches and feet as metres, or a model of 3 to 10."""
+    *_, flown, fleet = asked
+    source, target, settings = fleet["cube-v1"], fleet["cuboid-v1"], settings_for("recommended")
+
+    def scaled(factor):
+        return replace(target, vertices=target.vertices * factor)
+
+    for factor in (1000, 39.37, 0.001):
+        plan = plan_transfer(flown, source, scaled(factor), settings)
+        assert plan.status == "refused" and "verdict.most_size_ratio" in plan.reason
+    assert wrong_size(source, scaled(3.28), settings) == ()
+    assert "times, more than 3 (verdict.odd_size_ratio); check their units" in odd_size(
+        source, scaled(3.28), settings
+    )[0]  # fmt: skip
+    assert odd_size(source, target, settings) == odd_size(target, source, settings) == ()
+    tight = settings_for("recommended", verdict={"odd_size_ratio": 1.1})
+    assert "verdict.odd_size_ratio" in plan_transfer(flown, source, target, tight).warnings[0]
+    compared = settings_for("baseline", verdict={"most_size_ratio": 1.1})
+    plan = plan_transfer(flown, source, target, compared)
+    assert plan.status == "ok" and not plan.flyable and "verdict.most_size_ratio" in plan.not_flyable
