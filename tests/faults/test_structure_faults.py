@@ -86,6 +86,13 @@ def test_a_structure_on_its_side_is_refused_and_the_right_axes_named(kind: str, 
     assert f"declare up = '{true_up}'" in verdict.remedy
 
 
+def test_members_of_a_kind_that_may_lie_either_way_are_warned_of_and_not_refused() -> None:
+    boxes = [Member(f"b{n}", "box", shape_of(random_member("box", n).structure)) for n in range(5)]
+    found = [judged(one, boxes[:number], BOUNDS) for number, one in enumerate(boxes)]
+    assert not [name for one in found for name in refused(one)], found
+    assert "odd-up-axis" in [verdict.rule for one in found for verdict in one]
+
+
 @pytest.mark.parametrize("name", ["yacht-1-v1", "turbine-2-v1", "cruise-v1"])
 def test_a_structure_of_another_kind_is_warned_of(name: str) -> None:
     wrong = replace(known()[name], structure_id="other")
@@ -148,7 +155,7 @@ def test_each_rule_is_broken_by_a_file_and_overruled_by_its_name(tmp_path: Path,
 
 
 def test_every_rule_has_a_test_here() -> None:
-    among_others = {"size", "units", "up-axis", "forward-axis", "odd-size", "kind"}
+    among_others = {"size", "units", "up-axis", "odd-up-axis", "forward-axis", "odd-size", "kind"}
     assert {odd.rule for odd in ALONE} | among_others == set(RULES)
     assert all(rule.reason and rule.remedy for rule in RULES.values())
     assert all(hasattr(BOUNDS, rule.limit) for rule in RULES.values() if rule.limit)

@@ -109,7 +109,7 @@ def test_the_images_steps_make_a_program_that_serves(tmp_path):
     code = "import upplied.flows.serve as s; print(s.__file__, s.carried('prefect.yaml'))"
     told = subprocess.run(
         [sys.executable, "-c", code],
-        env=os.environ | {"PYTHONPATH": str(there)},
+        env=os.environ | {"PYTHONPATH": str(there), "UPPLIED_HOME": ""},
         cwd=tmp_path,
         capture_output=True,
         text=True,

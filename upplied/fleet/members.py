@@ -131,11 +131,7 @@ def _axes(
     symmetric: bool,
 ) -> Iterator[Verdict]:
     """Whether it fits the others of its kind better when it is turned."""
-    library = library_of([one.shape for one in kin])
-    found = {
-        index: float(unlikeness(turned(new.shape, turn), library).min())
-        for index, turn in enumerate(quarter_turns())
-    }
+    found = _by_turn(new, kin)
     stands = {index: turn[2, 2] > 0.5 for index, turn in enumerate(quarter_turns())}
     for rule, tried in (
         ("up-axis", [index for index in found if not stands[index]]),
@@ -151,8 +147,19 @@ def _axes(
             f" {declared:.2f}, with up = {names[0]!r} and forward = {names[1]!r} by {found[best]:.2f}"
         )
         remedy = f"declare up = {names[0]!r} and forward = {names[1]!r} if that is so"
+        if rule == "up-axis" and declared < bounds.alike:
+            rule = "odd-up-axis"
         yield broken(RULES[rule], words, f"{bounds.turned_share:g} of it", remedy)
         return
+
+
+def _by_turn(new: Member, kin: Sequence[Member]) -> dict[int, float]:
+    """Unlikeness to the most alike of its kind by quarter turn."""
+    library = library_of([one.shape for one in kin])
+    return {
+        index: float(unlikeness(turned(new.shape, turn), library).min())
+        for index, turn in enumerate(quarter_turns())
+    }
 
 
 def _kind(

@@ -47,6 +47,8 @@ RULES = {
              "correct up and forward in the manifest", "turned_share"),
         Rule("forward-axis", "warn", "parts answer to parts on the wrong side",
              "correct forward in the manifest", "turned_share"),
+        Rule("odd-up-axis", "warn", "it fits its kind with another axis up better, but as declared as well",
+             "compare its picture with the real one", "turned_share"),
         Rule("odd-extent", "warn", "few structures are so large or small", "check units and scale",
              "odd_most_m"),
         Rule("odd-size", "warn", "it may be in other units, or the first of its size",
