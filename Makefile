@@ -42,12 +42,15 @@ quickstart: $(READY) ## environment, sample fleet, every transfer, reports: the 
 	@$(BIN)/python -m upplied.flows.quickstart
 
 TESTS ?= not slow
+CORES ?= auto
+# A file's tests stay together, since they share what they read and plan.
+PYTEST = $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile
 
-test: $(READY) ## the test suite; continuous integration adds more by TESTS=...
-	@$(BIN)/python -m pytest -m "$(TESTS)"
+test: $(READY) ## the test suite on every core, or CORES=...; continuous integration adds more by TESTS=...
+	@$(PYTEST) -m "$(TESTS)"
 
 test-all: $(READY) ## the test suite with the slow ones: faults, servers, benchmarks' smoke runs
-	@$(BIN)/python -m pytest
+	@$(PYTEST)
 
 check: $(READY) ## ruff and mypy
 	$(BIN)/ruff check .

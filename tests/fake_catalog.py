@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -47,7 +48,9 @@ class FakeCatalog:
             name = f"cuboid-{at}"
             self._structures[name] = box_structure(name, (10 + at, 8, 6 + at))
             for preset in ("recommended", "paper", "baseline"):
-                self.add(self.planned(name, preset, 95.0 - at - 5 * (preset == "baseline")))
+                plan = self.planned(name, preset, 95.0 - at - 5 * (preset == "baseline"))
+                said = ("mind the mast",) if (name, preset) == ("cuboid-1", "recommended") else ()
+                self.add(replace(plan, warnings=said))
         refused = self.planned("cuboid-0", "recommended", 0.0)
         self._structures["odd"] = box_structure("odd", (3, 3, 40))
         reason = 'registration score 0.9 m² above gamma <img src=x onerror="document.title=1">'
@@ -72,7 +75,8 @@ class FakeCatalog:
             {"transfer_id": key, "demonstration_id": plan.demonstration_id, "source_id": plan.source_id,
              "target_id": plan.target_id, "kind": plan.kind, "preset": plan.preset, "status": plan.status,
              "reason": plan.reason, "planned_at": pd.Timestamp(planned_at), "run_id": "run",
-             "code_version": "0", "source_sha256": "s", "target_sha256": "t", **asdict(plan.measures)}
+             "code_version": "0", "warnings": json.dumps(plan.warnings),
+             "source_sha256": "s", "target_sha256": "t", **asdict(plan.measures)}
         )  # fmt: skip
         return key
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -203,7 +204,7 @@ def test_planned_and_flown_are_drawn_together(visit, reports):
 
 def test_a_refusal_is_explained_and_stays_text(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--odd.html").as_uri())
-    told = page.locator(".refusal").inner_text()
+    told = page.locator(".verdict").first.inner_text()
     assert "No path was made" in told and "<img src=x" in told
     assert page.locator("main img").count() == 0 and page.title() == "orbit-1 → odd"
 
@@ -224,3 +225,84 @@ def test_a_phone_needs_no_sideways_scrolling(visit, reports, name):
     page.wait_for_timeout(300)
     wide = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
     assert wide[0] <= wide[1]
+
+
+def test_the_verdict_stands_in_the_first_screen_and_warnings_on_the_fleet_page(visit, reports):
+    page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
+    drawn(page)
+    box = page.locator(".verdict").first.bounding_box()
+    assert box["y"] + box["height"] < 640
+    told = page.locator(".verdict").first.inner_text()
+    assert "flyable" in told and "keeps 4.0 m" in told and "mind the mast" in told
+    fleet = visit((reports / "index.html").as_uri())
+    fleet.check("#filter-warned")
+    assert fleet.locator(".spacer .row").count() == 1
+    assert "mind the mast" in fleet.locator(".warned").get_attribute("aria-label")
+
+
+def test_keys_turn_the_view_and_home_brings_it_back(visit, reports):
+    page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
+    drawn(page)
+    pane = page.locator(".canvas").first
+    before = colours(page, ".canvas")
+    pane.focus()
+    for _ in range(4):
+        page.keyboard.press("ArrowLeft")
+    page.wait_for_timeout(500)
+    turned = colours(page, ".canvas")
+    page.keyboard.press("Home")
+    page.wait_for_timeout(500)
+    assert (turned != before).any(axis=2).mean() > 0.02
+    assert (colours(page, ".canvas") != before).any(axis=2).mean() < 0.01
+    assert "arrow keys" in pane.get_attribute("aria-label")
+
+
+def test_print_shows_what_the_views_show(visit, reports):
+    page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
+    drawn(page)
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    page.emulate_media(media="print")
+    page.wait_for_timeout(300)
+    assert page.locator(".shot").count() == 2
+    shot = colours(page, ".shot >> nth=1")
+    assert len(np.unique(shot.reshape(-1, 3), axis=0)) > 100
+    assert not page.locator(".flight").is_visible()
+
+
+def test_without_webgl_the_picture_and_the_figures_remain(visit, reports, browser):
+    context = browser.new_context()
+    context.add_init_script(
+        "const get = HTMLCanvasElement.prototype.getContext;"
+        "HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {"
+        " return kind.startsWith('webgl') ? null : get.call(this, kind, ...rest); };"
+    )
+    page = context.new_page()
+    page.goto((reports / "transfers" / "orbit-1--cuboid-0.html").as_uri())
+    drawn(page)
+    assert "no 3-D views" in page.locator("#no-3d").inner_text()
+    assert not page.locator(".views").is_visible() and page.locator(".figures").is_visible()
+    assert page.locator("#charts .scatterlayer .trace").count() > 0
+    context.close()
+
+
+def test_dark_mode_is_dark_and_legible(visit, reports):
+    page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
+    page.emulate_media(color_scheme="dark")
+    ink, paper = (
+        page.evaluate(f"getComputedStyle(document.body).{name}") for name in ("color", "backgroundColor")
+    )
+    bright = [sum(map(int, re.findall(r"\d+", value)[:3])) for value in (ink, paper)]
+    assert bright[0] > 600 and bright[1] < 120
+    assert page.locator(".verdict").first.is_visible()
+
+
+def test_the_path_can_be_taken_along(visit, reports, tmp_path):
+    page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
+    drawn(page)
+    with page.expect_download() as waiting:
+        page.click(".downloads button >> nth=0")
+    waiting.value.save_as(tmp_path / "path.csv")
+    rows = np.loadtxt(tmp_path / "path.csv", delimiter=",", skiprows=1)
+    expected = FakeCatalog(targets=2).waypoints("t0003")[["x_m", "y_m", "z_m"]].to_numpy()
+    assert np.allclose(rows[:, 1:4], expected, atol=1e-3)
+    assert "upplied export t0003" in page.locator(".downloads code").inner_text()

@@ -19,7 +19,7 @@ from typing import Any
 from upplied.extras import extra
 
 #: Files of the package's own that every report folder holds once, under ``assets/``.
-SCRIPTS = ("plotly.min.js", "core.js", "fleet.js", "scene.js", "transfer.js", "start.js")
+SCRIPTS = ("plotly.min.js", "core.js", "fleet.js", "scene.js", "verdict.js", "transfer.js", "start.js")
 #: Those that the fleet's own page needs: it draws nothing, and opens without the drawing library.
 FLEET_SCRIPTS = ("core.js", "fleet.js", "start.js")
 STYLES = ("report.css",)

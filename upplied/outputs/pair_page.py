@@ -12,7 +12,8 @@ import pandas as pd
 
 from upplied.outputs.along import Profile
 from upplied.outputs.display import packed
-from upplied.outputs.pairs import PRESETS, Pair, change, meaning, number, shown_status, stamp
+from upplied.outputs.pairs import PRESETS, Pair, change, number, shown_status, stamp
+from upplied.outputs.verdicts import verdict
 from upplied.records import Demonstration, Floats, Measures
 
 _PROVENANCE = (
@@ -46,15 +47,19 @@ def _passport(passport: Mapping[str, Any]) -> str:
 
 
 def pair_data(
-    pair: Pair, demonstration: dict[str, Any], paths: Mapping[str, dict[str, Any]]
+    pair: Pair, demonstration: dict[str, Any], paths: Mapping[str, dict[str, Any]], picture: str = ""
 ) -> dict[str, Any]:
-    """The whole page: `paths` holds, by preset, the planned path as `planned_data` gives it."""
+    """The whole page: `paths` holds, by preset, the planned path as `planned_data` gives it.
+
+    `picture` is the address of a PNG of both, for print and for browsers that draw no 3-D views.
+    """
     return {
         "pair": pair.name,
         "source": pair.source_id,
         "target": pair.target_id,
         "kind": pair.kind,
         "change": change(pair),
+        "picture": picture,
         "demonstration": demonstration,
         "plans": [_plan(preset, row, paths.get(preset, {})) for preset, row in _ordered(pair)],
     }
@@ -68,6 +73,7 @@ def planned_data(
     data: dict[str, Any] = {
         "path": path_data(profile, origin),
         "viewpoints": packed(shifted.astype(np.float32)),
+        "origin": [float(value) for value in origin],
     }
     if states is not None:
         data["states"] = packed(states)
@@ -98,12 +104,10 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
     return {
         "preset": preset,
         "status": status,
-        "meaning": meaning(status, _text(row.get("reason"))),
-        "reason": _text(row.get("reason")) or _text(row.get("not_flyable")),
         "counterparts": _text(row.get("counterpart_summary")),
         "evidence": _text(row.get("acceptance_evidence")),
         "standoff": _text(row.get("standoff_mode")),
-        "warnings": _warnings(row.get("warnings")),
+        "verdict": verdict(row, _safety_m(row.get("settings_json"))),
         "safety_m": _safety_m(row.get("settings_json")),
         "measures": {item.name: number(row, item.name) for item in fields(Measures)}
         | {name: number(row, name) for name in ("n_viewpoints", "n_waypoints")},
@@ -114,15 +118,6 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
 
 def _text(value: Any) -> str:
     return value if isinstance(value, str) else ""
-
-
-def _warnings(value: Any) -> str:
-    """Warnings as sentences; the catalog keeps them as a JSON list."""
-    try:
-        found = json.loads(value) if isinstance(value, str) and value else []
-    except ValueError:
-        found = [value]
-    return " ".join(str(part) for part in found) if isinstance(found, list) else str(found)
 
 
 def _safety_m(settings_json: Any) -> float | None:

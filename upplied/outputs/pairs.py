@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -177,7 +178,8 @@ def fleet_data(pairs: list[Pair], title: str, without_page: Collection[str] = ()
     """
     columns = [
         "pair", "status", "demonstration", "source", "target", "kind", "coverage", "attainable", "paper",
-        "baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason", "page",
+        "baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason", "warnings",
+        "page",
     ]  # fmt: skip
     rows = [[*_fleet_row(pair), pair.name not in without_page] for pair in pairs]
     return {"title": title, "columns": columns, "rows": rows}
@@ -200,7 +202,18 @@ def _fleet_row(pair: Pair) -> list[Any]:
         change(pair),
         stamp(row.get("planned_at")),
         str(row.get("reason") or row.get("not_flyable") or ""),
+        warnings_of(row),
     ]
+
+
+def warnings_of(row: Mapping[str, Any]) -> list[str]:
+    """Warnings of a plan as sentences; the catalog keeps them as a JSON list."""
+    value = row.get("warnings")
+    try:
+        found = json.loads(value) if isinstance(value, str) and value else []
+    except ValueError:
+        found = [value]
+    return [str(part) for part in (found if isinstance(found, list) else [found])]
 
 
 def stamp(value: Any) -> str:

@@ -189,8 +189,9 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
     flown = reader.sha256("demonstrations", pair.demonstration_id)
     key = digest([code, _plain(pair.plans), _plain(pair.earlier), hashes, flown])
     scripts = [f"data/{name}.js" for name in used]
-    told = digest([key, [reader.flown(row) for row in pair.plans.values()]])
-    place.put(f"transfers/{pair.name}.html", told, lambda: _pair_html(reader, pair, scripts))
+    told = digest([key, [reader.flown(row) for row in pair.plans.values()], picture])
+    drawn = f"../pictures/{pair.name}.png" if picture else ""
+    place.put(f"transfers/{pair.name}.html", told, lambda: _pair_html(reader, pair, scripts, drawn))
     if picture:
         place.put(f"pictures/{pair.name}.png", key, lambda: reader.picture(pair))
 
@@ -213,10 +214,10 @@ def _structure_script(reader: Reader, structure_id: str) -> str:
     return pages.structure_script(reader.structure_data(structure_id))
 
 
-def _pair_html(reader: Reader, pair: Pair, scripts: list[str]) -> str:
+def _pair_html(reader: Reader, pair: Pair, scripts: list[str], picture: str) -> str:
     title = f"{pair.demonstration_id} → {pair.target_id}"
     fallback = f"{title}: {pair.main['status']}. {pair.main.get('reason') or ''} This page needs scripts."
-    data = {"transfer": reader.pair_data(pair), "back": "../index.html"}
+    data = {"transfer": reader.pair_data(pair, picture), "back": "../index.html"}
     return pages.page(title, data, fallback, "../", scripts)
 
 

@@ -81,8 +81,8 @@ class Reader:
         """What a page needs to draw a structure."""
         return self._data(structure_id)
 
-    def pair_data(self, pair: Pair) -> dict[str, Any]:
-        """What a transfer's page shows."""
+    def pair_data(self, pair: Pair, picture: str = "") -> dict[str, Any]:
+        """What a transfer's page shows; `picture` is where a PNG of it lies."""
         origin = np.array(self._data(pair.target_id)["origin"])
         paths = {}
         for preset, row in pair.plans.items():
@@ -101,7 +101,7 @@ class Reader:
         if inspected is not None:
             states = display_states(self._mesh(pair.source_id), inspected)
             demonstration["states"] = packed(states)
-        return pair_data(pair, demonstration, paths)
+        return pair_data(pair, demonstration, paths, picture)
 
     def flown(self, row: Any) -> str:
         """What came of flying a plan in simulation, in words; empty where nobody did."""

@@ -51,3 +51,17 @@ upplied.unpack = function (packed) {
   const kinds = { f4: Float32Array, u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
   return new kinds[packed.type](bytes.buffer);
 };
+
+// A colour of the style sheet as it stands: light, dark or in print.
+upplied.colour = function (name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+};
+
+// Whether whoever reads asked for less motion.
+upplied.still = function () {
+  return window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+};
+
+upplied.draws3d = function () {
+  try { return Boolean(document.createElement("canvas").getContext("webgl")); } catch { return false; }
+};

@@ -4,7 +4,7 @@
 (function () {
   const { element, badge, format, duration } = upplied;
   const COLUMNS = [
-    { key: "status", label: "Status", wide: "5.6rem" },
+    { key: "status", label: "Status", wide: "6.4rem" },
     { key: "demonstration", label: "Demonstration", wide: "minmax(10.8rem,1.6fr)" },
     { key: "target", label: "Target", wide: "minmax(7.2rem,1fr)" },
     { key: "kind", label: "Kind", wide: "minmax(7.2rem,.6fr)" },
@@ -22,10 +22,10 @@
     const rows = fleet.rows.map((values, order) => {
       const row = { order };
       fleet.columns.forEach((name, at) => { row[name] = values[at]; });
-      row.text = [row.pair, row.demonstration, row.source, row.target, row.kind, row.status, row.reason, row.change].join(" ").toLowerCase();
+      row.text = [row.pair, row.demonstration, row.source, row.target, row.kind, row.status, row.reason, row.change, ...(row.warnings || [])].join(" ").toLowerCase();
       return row;
     });
-    const state = { sort: "order", down: false, shown: rows, search: "", status: "", kind: "", changed: false };
+    const state = { sort: "order", down: false, shown: rows, search: "", status: "", kind: "", changed: false, warned: false };
     document.title = fleet.title;
 
     const table = virtualTable(address);
@@ -34,7 +34,7 @@
     function refresh() {
       const words = state.search.toLowerCase().split(/\s+/).filter(Boolean);
       state.shown = rows.filter((row) => (!state.status || row.status === state.status)
-        && (!state.kind || row.kind === state.kind) && (!state.changed || row.change)
+        && (!state.kind || row.kind === state.kind) && (!state.changed || row.change) && (!state.warned || (row.warnings || []).length)
         && words.every((word) => row.text.includes(word)));
       state.shown.sort((a, b) => (state.down ? -1 : 1) * compare(a[state.sort], b[state.sort], state.down) || a.order - b.order);
       count.textContent = state.shown.length === rows.length ? rows.length + " transfers" : state.shown.length + " of " + rows.length + " transfers";
@@ -63,6 +63,7 @@
         choice("status", "Any status", ["ok", "not flyable", "refused", "failed"].filter((status) => rows.some((row) => row.status === status))),
         choice("kind", "Any kind", [...new Set(rows.map((row) => row.kind))].sort()),
         element("label", { class: "check" }, element("input", { type: "checkbox", id: "filter-changed", onchange: (event) => { state.changed = event.target.checked; refresh(); } }), "changed only"),
+        element("label", { class: "check" }, element("input", { type: "checkbox", id: "filter-warned", onchange: (event) => { state.warned = event.target.checked; refresh(); } }), "with warnings"),
         element("button", { type: "button", id: "worst-first", onclick: () => { state.sort = "order"; state.down = false; refresh(); } }, "Worst first"),
         count),
       table.root);
@@ -83,7 +84,7 @@
     const number = (status) => rows.filter((row) => row.status === status).length;
     return element("div", { class: "tiles" },
       tile(String(rows.length), "transfers"), tile(String(number("ok")), "planned", "ok"),
-      tile(String(number("refused")), "refused", number("refused") ? "refused" : ""),
+      tile(String(rows.filter((row) => row.status === "ok" && (row.warnings || []).length).length), "of them warned of"), tile(String(number("refused")), "refused", number("refused") ? "refused" : ""),
       tile(String(number("failed")), "failed", number("failed") ? "failed" : ""),
       tile(format(covers[Math.floor(covers.length / 2)], 1, " %"), "median coverage"),
       tile(format(clears[0], 1, " m"), "least clearance"));
@@ -96,7 +97,7 @@
     bar.firstChild.style.width = Math.max(0, Math.min(100, row.coverage || 0)) + "%";
     const link = row.page ? element("a", { href: address(row.pair) }, row.target) : element("span", { title: "its page could not be made" }, row.target);
     return [
-      text("status", badge(row.status)), text("demonstration", row.demonstration), text("target", link), text("kind", row.kind),
+      text("status", badge(row.status), warned(row.warnings || [])), text("demonstration", row.demonstration), text("target", link), text("kind", row.kind),
       row.status === "ok" || row.status === "not flyable"
         ? element("div", { class: "cell number coverage", role: "cell" }, bar, format(row.coverage, 1, " %"))
         : element("div", { class: "cell coverage reason", role: "cell", title: row.reason }, row.reason || "no reason given"),
@@ -104,6 +105,11 @@
       number("clearance", format(row.clearance, 1, " m")), number("frechet", format(row.frechet, 2)),
       number("length", format(row.length, 0, " m")), number("duration", duration(row.duration)), text("change", row.change),
     ];
+  }
+
+  function warned(warnings) {
+    const said = warnings.length + (warnings.length === 1 ? " warning: " : " warnings: ") + warnings.join(" ");
+    return warnings.length ? element("span", { class: "warned", role: "img", title: said, "aria-label": said }, " ⚠" + (warnings.length > 1 ? warnings.length : "")) : null;
   }
 
   // Only the rows in sight exist; a spacer as tall as all of them keeps the scroll bar honest.

@@ -97,7 +97,7 @@
       const label = Array.from({ length: track.path.count }, (_, i) => track.name + "<br>" + track.path.t[i].toFixed(1) + " s, clearance " + upplied.format(track.path.clearance[i], 1, " m"));
       traces.push({ ...shared, ...xyz, line: { color: track.colour, width: track.width || 5 }, text: label, hoverinfo: "text" });
       traces.push({ ...shared, ...pyramids(apart(track.viewpoints, 0.07 * longest), camera, 0.045 * longest), line: { color: track.colour, width: 2 }, opacity: 0.75, hoverinfo: "skip" });
-      traces.push({ ...shared, ...pyramids([track.path.at(0)], camera, 0.1 * longest), line: { color: "#111820", width: 6 }, hoverinfo: "skip" });
+      traces.push({ ...shared, ...pyramids([track.path.at(0)], camera, 0.1 * longest), line: { color: upplied.colour("--ink"), width: 6 }, hoverinfo: "skip" });
       return own;
     });
     const [ahead, aside] = side(structure, tracks);
@@ -114,6 +114,13 @@
         aspectratio: { x: size[0] / longest, y: size[1] / longest, z: size[2] / longest } },
     };
     const ready = Plotly.newPlot(root, traces, layout, { displaylogo: false, responsive: true, displayModeBar: false, scrollZoom: true });
+
+    root.addEventListener("keydown", (event) => {
+      const camera = turnedBy(event.key, (root._fullLayout || {}).scene && root._fullLayout.scene._scene ? root._fullLayout.scene._scene.getCamera() : home);
+      if (!camera) return;
+      event.preventDefault();
+      ready.then(() => Plotly.relayout(root, { "scene.camera": event.key === "Home" ? home : camera }));
+    });
 
     // Views are exact: the eye of the plot in its own units, from metres.
     const inPlot = (point) => ({ x: (point[0] - middle[0]) / longest, y: (point[1] - middle[1]) / longest, z: (point[2] - middle[2]) / longest });
@@ -138,12 +145,24 @@
         await Plotly.restyle(root, { visible: [path, path && frusta, path] }, [groups[at].line, groups[at].frusta, groups[at].flying]);
       },
       async coloured(codes) { await ready; await Plotly.restyle(root, structure.triangles.data ? { intensity: [codes] } : { "marker.color": [codes] }, [0]); },
+      // The view as a PNG's address, for print; drawn and read in one go, since the browser clears what it has shown.
+      shot() {
+        const plot = inside();
+        if (!plot || !plot.redraw || !plot.canvas) return "";
+        plot.redraw();
+        return plot.canvas.toDataURL("image/png");
+      },
       purge() { Plotly.purge(root); },
     };
 
+    function inside() {
+      const scene = root._fullLayout && root._fullLayout.scene && root._fullLayout.scene._scene;
+      return scene && scene.glplot;
+    }
+
     // Plotly has no option for the angle of its lens; where its scene can be reached, it is the camera's own.
     function lens(degrees) {
-      const plot = root._fullLayout && root._fullLayout.scene && root._fullLayout.scene._scene && root._fullLayout.scene._scene.glplot;
+      const plot = inside();
       if (plot && typeof plot.fovy === "number") plot.fovy = (degrees * Math.PI) / 180;
     }
 
@@ -170,6 +189,20 @@
     for (let i = 0; i < vertices.length; i += step) see([0, 1, 2].map((axis) => vertices[i + axis]));
     for (const { path } of tracks.slice(0, 1)) for (let i = 0; i < path.count; i++) see([0, 1, 2].map((axis) => path.xyz[3 * i + axis]));
     return far;
+  }
+
+  // The view after a key: round the vertical, over the top, nearer or farther; null for any other key.
+  function turnedBy(key, { eye, center, up }) {
+    const away = ["x", "y", "z"].map((axis) => eye[axis] - center[axis]);
+    const far = Math.hypot(...away);
+    let [heading, pitch, distance] = [Math.atan2(away[1], away[0]), Math.asin(away[2] / far), far];
+    const step = Math.PI / 24;
+    if (key === "ArrowLeft") heading -= step; else if (key === "ArrowRight") heading += step;
+    else if (key === "ArrowUp") pitch = Math.min(pitch + step, 1.5); else if (key === "ArrowDown") pitch = Math.max(pitch - step, -1.5);
+    else if (key === "+" || key === "=") distance /= 1.15; else if (key === "-") distance *= 1.15;
+    else if (key !== "Home") return null;
+    const offset = [Math.cos(pitch) * Math.cos(heading), Math.cos(pitch) * Math.sin(heading), Math.sin(pitch)];
+    return { eye: { x: center.x + distance * offset[0], y: center.y + distance * offset[1], z: center.z + distance * offset[2] }, center, up };
   }
 
   // From which side the first path is flown: signs of x and y of the eye.

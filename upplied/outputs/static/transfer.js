@@ -38,7 +38,7 @@
     ["n_viewpoints", "Viewpoints", 0, "", ""], ["n_waypoints", "Waypoints", 0, "", ""],
   ];
   const CHARTS = [["speed", "Speed, m/s"], ["clearance", "Clearance, m"], ["standoff", "Stand-off, m"]];
-  const AXIS = { gridcolor: "#e3e7ec", zeroline: false, automargin: true };
+  const AXIS = { zeroline: false, automargin: true };
 
   upplied.pages.transfer = function (app, data, back) {
     const demonstration = data.demonstration;
@@ -53,10 +53,11 @@
     const main = data.plans[0];
     document.title = demonstration.id + " → " + data.target;
 
-    const panes = [0, 1].map(() => element("div", { class: "canvas" }));
+    const panes = [data.source, data.target].map((name, at) => element("div", { class: "canvas", tabindex: 0, role: "img",
+      "aria-label": (at ? "planned for " : "demonstrated on ") + name + ": arrow keys turn the view, plus and minus zoom, Home resets" }));
     const readouts = [0, 1].map(() => element("p", { class: "readout" }));
     const charts = element("div", { class: "charts", id: "charts" });
-    const slider = element("input", { type: "range", id: "time", min: 0, max: 1000, value: 0, step: 1, "aria-label": "Time along the flight" });
+    const slider = element("input", { type: "range", id: "time", min: 0, max: 1000, value: 0, step: 1, "aria-label": "Share of the flight, in thousandths" });
     const clock = element("output", { class: "clock", for: "time" });
     const play = element("button", { type: "button", id: "play" }, "Play");
     const aboard = element("input", { type: "checkbox", id: "aboard" });
@@ -71,9 +72,9 @@
         element("a", { class: "back", href: back }, "All transfers"),
         element("h1", {}, demonstration.id, element("span", { class: "arrow" }, " → "), data.target, " ", badge(main.status)),
         element("p", { class: "sub" }, data.kind + ", demonstrated on " + data.source + (demonstration.operator ? " by " + demonstration.operator : "") + (demonstration.site ? ", " + demonstration.site : ""))),
-      data.plans.filter((plan) => plan.status !== "ok").map((plan) => element("section", { class: "refusal " + plan.status.replace(" ", "-") },
-        element("h2", {}, plan.preset + ": " + plan.status), element("p", {}, plan.meaning), element("p", { class: "why" }, plan.reason || "No reason was recorded."))),
+      upplied.verdicts(data.plans), upplied.downloads(data, panes),
       data.change ? element("p", { class: "note" }, "Since the plan before: " + data.change) : null,
+      data.picture ? element("img", { class: "printed", src: data.picture, alt: "demonstrated on " + data.source + ", planned for " + data.target }) : null,
       element("section", { class: "views" },
         element("figure", {}, element("figcaption", {}, line(COLOURS.demonstration), "demonstrated on " + data.source), panes[0], readouts[0]),
         element("figure", {}, element("figcaption", {}, "planned for " + data.target, planned.map((track, at) => element("label", { class: "check" }, toggles[at], line(track.colour), track.name))), panes[1], readouts[1])),
@@ -85,10 +86,25 @@
       data.plans.filter((plan) => plan.flown).map((plan) => element("p", { class: "flown" }, element("b", {}, plan.preset + ", flown in simulation. "), plan.flown.said)),
       charts, measures(data.plans), remarks(data));
 
+    if (!upplied.draws3d()) {
+      for (const each of app.querySelectorAll(".views, .flight, .legend")) each.hidden = true;
+      const picture = app.querySelector(".printed");
+      if (picture) picture.classList.add("instead");
+      app.querySelector(".views").after(element("p", { class: "note", id: "no-3d" }, "This browser draws no 3-D views (WebGL is off)" + (picture ? "; the picture shows the same." : "; the figures below are complete.")));
+      drawCharts(charts, [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown }, ...planned], main.safety_m).then(() => app.setAttribute("data-drawn", "true"));
+      return () => { Plotly.purge(charts); app.removeAttribute("data-drawn"); };
+    }
     const left = upplied.scene(panes[0], upplied.structures[data.source], demonstration.camera,
       [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown, viewpoints: every(flown, 60), states: demonstration.states ? upplied.unpack(demonstration.states) : null }]);
     const right = upplied.scene(panes[1], upplied.structures[data.target], demonstration.camera, planned);
     const drawn = drawCharts(charts, [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown }, ...planned], main.safety_m);
+
+    const print = () => [left, right].forEach((scene, at) => {
+      const shot = scene.shot();
+      panes[at].querySelectorAll(".shot").forEach((each) => each.remove());
+      if (shot) panes[at].append(element("img", { class: "shot", src: shot, alt: panes[at].getAttribute("aria-label").split(":")[0] }));
+    });
+    window.addEventListener("beforeprint", print);
 
     let timer = null, busy = false, again = false;
     async function fly() {
@@ -111,14 +127,15 @@
       if (timer) { stop(); return; }
       if (Number(slider.value) >= 1000) slider.value = 0;
       play.textContent = "Pause";
-      timer = setInterval(() => { slider.value = Number(slider.value) + 3; fly(); if (Number(slider.value) >= 1000) stop(); }, 60);
+      const [step, wait] = upplied.still() ? [50, 1000] : [3, 60];
+      timer = setInterval(() => { slider.value = Number(slider.value) + step; fly(); if (Number(slider.value) >= 1000) stop(); }, wait);
     });
     aboard.addEventListener("change", async () => { if (!aboard.checked) { await left.home(); await right.home(); } fly(); });
     const repaint = () => { left.visible(0, true, frusta.checked); toggles.forEach((toggle, at) => right.visible(at, toggle.checked, frusta.checked)); };
     [frusta, ...toggles].forEach((input) => input.addEventListener("change", () => { repaint(); fly(); }));
     colourBy.addEventListener("change", () => right.coloured(colourBy.value === "" ? new Uint8Array(upplied.unpack(upplied.structures[data.target].triangles).length / 3) : planned[colourBy.value].states));
     Promise.all([left.ready, right.ready, drawn]).then(() => { repaint(); return fly(); }).then(() => app.setAttribute("data-drawn", "true"));
-    return () => { stop(); left.purge(); right.purge(); Plotly.purge(charts); app.removeAttribute("data-drawn"); };
+    return () => { stop(); window.removeEventListener("beforeprint", print); left.purge(); right.purge(); Plotly.purge(charts); app.removeAttribute("data-drawn"); };
   };
 
   function reading(pose) {
@@ -145,17 +162,17 @@
     })));
     const height = 0.27, gap = 0.095;
     const layout = { height: 500, margin: { l: 50, r: 10, t: 56, b: 40 }, hovermode: "x unified", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-      font: { family: "system-ui, sans-serif", size: 12, color: "#1f2933" }, legend: { orientation: "h", y: 1.06, yanchor: "bottom" },
-      xaxis: { ...AXIS, title: { text: "share of the flight, %" }, range: [0, 100], anchor: "y3" },
-      shapes: [{ type: "line", xref: "x", yref: "paper", x0: 0, x1: 0, y0: 0, y1: 1, line: { color: "#111820", width: 1 } }], annotations: [] };
+      font: { family: "system-ui, sans-serif", size: 12, color: upplied.colour("--ink") }, legend: { orientation: "h", y: 1.06, yanchor: "bottom" },
+      xaxis: { ...AXIS, gridcolor: upplied.colour("--line"), title: { text: "share of the flight, %" }, range: [0, 100], anchor: "y3" },
+      shapes: [{ type: "line", xref: "x", yref: "paper", x0: 0, x1: 0, y0: 0, y1: 1, line: { color: upplied.colour("--ink"), width: 1 } }], annotations: [] };
     CHARTS.forEach(([, title], row) => {
       const top = 1 - row * (height + gap);
-      layout["yaxis" + (row ? row + 1 : "")] = { ...AXIS, domain: [Math.max(0, top - height), top], rangemode: "tozero" };
+      layout["yaxis" + (row ? row + 1 : "")] = { ...AXIS, gridcolor: upplied.colour("--line"), domain: [Math.max(0, top - height), top], rangemode: "tozero" };
       layout.annotations.push({ text: title, xref: "paper", yref: "paper", x: 0, y: top, xanchor: "left", yanchor: "bottom", showarrow: false });
     });
     if (safety) {
       layout.shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, yref: "y2", y0: safety, y1: safety, line: { color: "#d55e00", width: 1.5, dash: "dashdot" } });
-      layout.annotations.push({ text: "safety distance " + safety + " m", xref: "paper", x: 1, xanchor: "right", yref: "y2", y: safety, yanchor: "bottom", showarrow: false, font: { color: "#8a3b00", size: 11 } });
+      layout.annotations.push({ text: "safety distance " + safety + " m", xref: "paper", x: 1, xanchor: "right", yref: "y2", y: safety, yanchor: "bottom", showarrow: false, font: { color: upplied.colour("--orange"), size: 11 } });
     }
     return Plotly.newPlot(root, traces, layout, { displaylogo: false, responsive: true, displayModeBar: false });
   }
@@ -187,6 +204,6 @@
     return element("section", {}, element("h2", {}, "Where this comes from"),
       facts([["Demonstration", data.demonstration.id + ", " + data.demonstration.poses + " poses"], ["Passport", passport(data)], ["Source", upplied.structures[data.source].findings], ["Target", upplied.structures[data.target].findings], ["Notes", data.demonstration.notes], ["About", data.demonstration.about || "inferred from the flight: the coloured surface on the left"]]),
       data.plans.map((plan) => element("details", { open: plan === data.plans[0] }, element("summary", {}, plan.preset),
-        facts([["Counterparts", plan.counterparts], ["Stand-off", plan.standoff], ["Evidence", plan.evidence], ["Warnings", plan.warnings], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
+        facts([["Counterparts", plan.counterparts], ["Stand-off", plan.standoff], ["Evidence", plan.evidence], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
   }
 })();
