@@ -41,6 +41,7 @@ def wish_of(
     demonstrations: Sequence[str] | None,
     targets: Sequence[str] | None,
     retry_failed: bool,
+    experiment: str = "",
 ) -> fleet.Wish:
     """What the parameters of a flow ask of the fleet; None means every one."""
     return fleet.Wish(
@@ -49,6 +50,7 @@ def wish_of(
         tuple(demonstrations or ()),
         tuple(targets or ()),
         retry_failed,
+        experiment,
     )
 
 

@@ -52,7 +52,9 @@ def planned(summary: str, made: Planned, problems: Sequence[str], most_lost: flo
     told = ". ".join(filter(None, (summary, made.told)))
     if len(made.lost) > most_lost * made.shards:
         return Failed(message=f"{told}. More than {most_lost:.0%} of the shards were lost")
-    return ended(told, [*failures, *problems], bool(failures) and len(failures) == made.result.total)
+    recalls = [text for text in problems if text.startswith("RECALLED")]  # before all else
+    others = [text for text in problems if text not in recalls]
+    return ended(told, [*recalls, *failures, *others], bool(failures) and len(failures) == made.result.total)
 
 
 def ingested(summary: str, files: Sequence[dict[str, str]]) -> State:

@@ -11,6 +11,7 @@ from typing import Any
 from prefect import task
 from prefect.assets import add_asset_metadata, materialize
 from prefect.cache_policies import NO_CACHE
+from prefect.events import emit_event
 from prefect.states import State
 from prefect.tasks import exponential_backoff
 
@@ -23,6 +24,7 @@ from upplied.fleet import manifest as shards
 from . import pool
 from .lineage import SOMEWHERE, asset
 
+RECALLED = "upplied.plan.recalled"  # the event of a plan in force that is not safe any more
 RUNS: dict[str, fleet.Run] = {}  # of this process, by run id
 
 
@@ -65,6 +67,23 @@ def record_plans(catalog: str, run_id: str, result: fleet.Result) -> None:
     """Tell Prefect what of the catalog's plans a run made."""
     counts = {"ok": result.ok, "refused": result.refused, "failed": result.failed}
     add_asset_metadata(asset(catalog, "transfers"), {"run_id": run_id, **counts})
+
+
+@task(name="recheck-plans", task_run_name="recheck plans in force", **STORED)
+def recheck_plans(catalog: str, timeout_s: float) -> list[str]:
+    """Judge plans in force whose structure changed; what a person should look at, in words."""
+    found = fleet.recheck(open_catalog(catalog), fleet.Limits(timeout_s))
+    for each in found:
+        if each.recalled:
+            emit_event(
+                RECALLED,
+                resource={
+                    "prefect.resource.id": f"upplied.plan.{each.transfer_id}",
+                    "prefect.resource.name": each.target_id,
+                },
+                payload={"transfer_id": each.transfer_id, "why": each.note},
+            )
+    return [str(each) for each in found if each.troubled]
 
 
 @task(name="plan", task_run_name="{name}", cache_policy=NO_CACHE)

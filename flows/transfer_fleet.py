@@ -45,6 +45,7 @@ def transfer_fleet(
     presets: Presets = BOTH,
     changes: Changes = NO_CHANGES,  # type: ignore[valid-type]
     retry_failed: bool = False,
+    experiment: Id | None = None,
     resources: Resources = ALL_CORES,
 ) -> State:
     """Plan every pair whose inputs changed since it was planned, and publish.
@@ -60,6 +61,7 @@ def transfer_fleet(
         presets: What to plan for each pair.
         changes: Settings that differ from the presets'.
         retry_failed: Also plan again what failed before.
+        experiment: A name; these plans are for comparison, and never become current.
         resources: Engine, processes, time and memory, and how much an engine may lose.
     """
     check_roots(catalog=catalog, reports=reports, manifest=manifest)
@@ -68,13 +70,15 @@ def transfer_fleet(
         read.append(ingest_structures(manifest, catalog, resources.workers, prune, return_state=True))
     if logs:
         read.append(ingest_demonstrations(logs, catalog, resources.workers, return_state=True))
-    wish = wish_of(presets, changes, demonstrations, targets, retry_failed)
+    wish = wish_of(presets, changes, demonstrations, targets, retry_failed, experiment or "")
     kept = open_catalog(catalog)
     inputs = [asset(catalog, name) for name in ("structures", "demonstrations")]
     made = asset(catalog, "transfers")
     record = making(tasks.record_plans, made, inputs)
     publish = making(tasks.publish_reports, asset(reports, "reports"), [made])
-    night, problems = Night(), troubles_of(read)
+    night = Night()
+    # A structure that was read just now may not be what the plan in force was judged on.
+    problems = [*tasks.recheck_plans(catalog, resources.timeout_s), *troubles_of(read)]
     # What lands while this run plans or publishes is planned by it as well: a run that is started
     # meanwhile is cancelled.
     while night.goes_on(fleet.decide(kept, wish)):

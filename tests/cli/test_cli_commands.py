@@ -130,6 +130,9 @@ def test_missions(format, planned, tmp_path, capsys):
     assert main(arguments) == 1 and not output.exists()
     assert "preset: the plan is of preset baseline" in capsys.readouterr().err
     arguments += ["--force", "preset"]
+    assert main(arguments) == 1 and not output.exists()
+    assert "say --draft" in capsys.readouterr().err.lower()
+    arguments += ["--draft"]
     assert main(arguments) == 0
     assert output.stat().st_size > 100
     assert "note: OVERRULED preset" in capsys.readouterr().out
@@ -140,7 +143,7 @@ def test_the_page_for_the_pilot_passes_the_same_gate(planned, tmp_path, capsys):
     output = tmp_path / "brief.html"
     assert main(["brief", planned, "--output", str(output)]) == 1 and not output.exists()
     assert "--force preset" in capsys.readouterr().err
-    assert main(["brief", planned, "--output", str(output), "--force", "preset"]) == 0
+    assert main(["brief", planned, "--output", str(output), "--force", "preset", "--draft"]) == 0
     assert "OVERRULED preset" in output.read_text()
 
 

@@ -18,6 +18,7 @@ from upplied.catalog import Catalog, open_catalog
 from upplied.checks import pair_name
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.outputs import render
+from upplied.outputs.missions import MissionOptions
 from upplied.outputs.publish import publish, publish_file, publish_pages
 
 EVIL = "</script><script>document.title='broken'</script>"
@@ -229,9 +230,13 @@ def test_pictures_and_missions_by_id(kept, tmp_path):
         render.render_comparison(kept, "orbit-1", "cuboid-0"),
     ):
         assert png.startswith(b"\x89PNG")
-    assert render.export_transfer(kept, row["transfer_id"], "mcap", tmp_path / "p.mcap").paths[0].exists()
+    with pytest.raises(RefusedError, match="released: it is a draft plan"):
+        render.export_transfer(kept, row["transfer_id"], "mcap", tmp_path / "p.mcap")
+    draft = MissionOptions(draft=True)
+    done = render.export_transfer(kept, row["transfer_id"], "mcap", tmp_path / "p.mcap", draft)
+    assert b"DRAFT, NOT RELEASED" in done.paths[0].read_bytes()
     with pytest.raises(RefusedError, match="no place on the Earth"):
-        render.export_transfer(kept, row["transfer_id"], "kml", tmp_path / "p.kml")
+        render.export_transfer(kept, row["transfer_id"], "kml", tmp_path / "p.kml", draft)
     with pytest.raises(CatalogError, match="not in the catalog"):
         render.render_transfer(kept, "0" * 20)
     with pytest.raises(CatalogError, match="no transfer"):

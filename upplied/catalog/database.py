@@ -26,7 +26,7 @@ from upplied.catalog.store.identity import Identity
 from upplied.catalog.store.meshes import MeshStore
 from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.surfaces import SurfaceStore
-from upplied.catalog.verbs import adding, queries
+from upplied.catalog.verbs import adding, decisions, queries
 from upplied.catalog.verbs.adding import Planned
 from upplied.catalog.verbs.queries import PlannedTrajectory, When, Which
 from upplied.checks import check_id, suggested
@@ -123,8 +123,10 @@ class Catalog:
         version: int | None = None,
         every: bool = False,
         columns: Sequence[str] | None = None,
+        purpose: str = "",
+        in_force: bool = False,
     ) -> pd.DataFrame:
-        """Plans: the newest of each demonstration, target and preset.
+        """Plans: the newest of each demonstration, target and preset, whether released or not.
 
         Parameters
         ----------
@@ -143,11 +145,33 @@ class Catalog:
             Older plans of each pair as well.
         columns : sequence of str, optional
             Only these are read.
+        purpose : str
+            Of the newest: those of an experiment (``experiment NAME``) or of a gap (``gap FLIGHT``), which
+            are never among the others.
+        in_force : bool
+            The plans that a person released and that are in force, instead of the newest.
         """
         which = Which(
-            kind, site, structure, demonstration, preset, status, since, as_of, version, every, columns
-        )
+            kind, site, structure, demonstration, preset, status, since, as_of, version, every, columns,
+            purpose, in_force,
+        )  # fmt: skip
         return queries.transfers(self.tables, which)
+
+    def in_force(self, *, structure: str | None = None, kind: str | None = None) -> pd.DataFrame:
+        """The plans in force, as `transfers` has them, with two columns more.
+
+        `newer_draft` is the newest plan of the same pair and preset where that is another one, and
+        `target_changed` tells that the structure is not as it was when the plan was last judged.
+        """
+        return decisions.in_force(self, structure=structure, kind=kind)
+
+    def recalled(self, *, structure: str | None = None) -> pd.DataFrame:
+        """Plans that were recalled and in whose place nobody released another."""
+        return decisions.recalled(self, structure)
+
+    def decisions(self, transfer_id: str | None = None) -> pd.DataFrame:
+        """What was decided about plans, in the order of commits; about one, or all."""
+        return decisions.decisions(self, transfer_id)
 
     def waypoints(self, transfer_id: str) -> pd.DataFrame:
         """The steps of one planned trajectory, in order."""
@@ -342,6 +366,45 @@ class Catalog:
     def retire_demonstrations(self, demonstration_ids: Sequence[str]) -> int:
         """Take demonstrations out of use; their history stays. Returns how many were taken out."""
         return adding.retire(self, "demonstrations", demonstration_ids)
+
+    # --- deciding ------------------------------------------------------------------------------
+
+    def review(self, transfer_id: str, by: str, note: str = "") -> str:
+        """Say that somebody looked at a plan and found nothing against it; the name of the decision."""
+        return decisions.review(self, transfer_id, by, note)
+
+    def reject(self, transfer_id: str, by: str, note: str = "") -> str:
+        """Say that a plan must not be flown; where it was in force, none is then."""
+        return decisions.reject(self, transfer_id, by, note)
+
+    def release(
+        self, transfer_id: str, by: str, note: str = "", force: Sequence[str] = (), after: str | None = None
+    ) -> str:
+        """Put a plan in force for its demonstration and target, until a person releases another.
+
+        Parameters
+        ----------
+        transfer_id : str
+        by : str
+            Who releases it.
+        note : str
+        force : sequence of str
+            Rules that are overruled: preset, verdict, rejected, recalled, changed.
+        after : str, optional
+            The last decision about the pair that the person knew of; none: the last there is now.
+
+        Returns
+        -------
+        str
+            The name of the decision.
+
+        Raises
+        ------
+        RefusedError
+            If the plan has no path, is an experiment, breaks a rule that is not overruled, or somebody
+            else decided about the pair meanwhile.
+        """
+        return decisions.release(self, transfer_id, by, note, force, after)
 
     # --- below ---------------------------------------------------------------------------------
 

@@ -69,13 +69,13 @@ def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption
     store = opened(catalog)
     rows = []
     for table, frame in (("structure", store.structures()), ("demonstration", store.demonstrations())):
-        for row in _rows(frame[frame[f"{table}_id"] == id]):
+        for row in rows_of(frame[frame[f"{table}_id"] == id]):
             rows.append({"what": table, **row})
     try:
         name = store.find_transfer(id)
         found = store.transfers(every=True)
         current = name in set(store.transfers(columns=["transfer_id"])["transfer_id"])
-        for row in _rows(found[found["transfer_id"] == name]):
+        for row in rows_of(found[found["transfer_id"] == name]):
             rows.append({"what": "plan", "current": current, **row})
     except CatalogError:
         if not rows:
@@ -110,7 +110,7 @@ def history(*, limit: LimitOption = 30, catalog: CatalogOption = "catalog", json
     """List the commits, newest first: when, to which table, what was done."""
     from upplied.catalog import history as commits
 
-    show("commits", _rows(commits(opened(catalog), limit)), json)
+    show("commits", rows_of(commits(opened(catalog), limit)), json)
     return 0
 
 
@@ -135,7 +135,7 @@ def diff(
     from upplied.catalog import diff as changed
 
     frame = changed(opened(catalog), _when(before), None if after is None else _when(after))
-    show("changes", _rows(frame, None if json else CHANGED), json, ("before", "seen %", "clear m"))
+    show("changes", rows_of(frame, None if json else CHANGED), json, ("before", "seen %", "clear m"))
     return 0
 
 
@@ -143,7 +143,7 @@ def diff(
 def transfers(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
     """List the newest plan of every demonstration, target and preset."""
     frame = opened(catalog).transfers()
-    show("transfers", _rows(frame, None if json else PLANNED), json, SPARE)
+    show("transfers", rows_of(frame, None if json else PLANNED), json, SPARE)
     return 0
 
 
@@ -157,7 +157,7 @@ def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOptio
         As 2026-11-21 or 2026-11-21T02:00:00Z; without a zone it is UTC.
     """
     frame = opened(catalog).transfers(as_of=moment)
-    show(f"transfers as of {moment}", _rows(frame, None if json else PLANNED), json, SPARE)
+    show(f"transfers as of {moment}", rows_of(frame, None if json else PLANNED), json, SPARE)
     return 0
 
 
@@ -178,7 +178,7 @@ def verify(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> i
     return int(bool(found))
 
 
-def _rows(frame: pd.DataFrame, names: dict[str, str] | None = None) -> list[dict[str, Any]]:
+def rows_of(frame: pd.DataFrame, names: dict[str, str] | None = None) -> list[dict[str, Any]]:
     """The rows of a frame, its columns chosen and named anew; None where a value is missing."""
     chosen = frame if names is None else frame[list(names)].rename(columns=names)
     for name in chosen.select_dtypes("datetimetz"):

@@ -71,6 +71,8 @@ class Flags:
         Of what the plan sees, that the mission must see as it is flown.
     force : tuple of str
         A rule of the gate that is overruled, by name; the mission says so. May be given several times.
+    draft : bool
+        Write a plan that nobody released; the mission says so, where its format has room for words.
     """
 
     altitude: Literal["relative", "amsl", "ellipsoid"] = "relative"
@@ -92,6 +94,7 @@ class Flags:
     payload: int | None = None
     least_seen_pct: float = 95.0
     force: tuple[str, ...] = ()
+    draft: Annotated[bool, Parameter(negative="")] = False
 
 
 @app.default

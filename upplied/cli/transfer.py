@@ -48,6 +48,14 @@ BestOption = Annotated[
         name="--best", show_default=False, help="A structure: carry to it the demonstration that fits best."
     ),
 ]
+ExperimentOption = Annotated[
+    str,
+    Parameter(
+        name="--experiment",
+        show_default=False,
+        help="A name: these plans are for comparison, never current and never released.",
+    ),
+]
 TimeoutOption = Annotated[float, Parameter(name="--timeout", help="Seconds after which a target is stopped.")]
 DEFAULT_PRESETS = ("recommended", "baseline")
 
@@ -61,6 +69,7 @@ def transfer(
     preset: PresetOption = DEFAULT_PRESETS,
     set_: SetOption = (),
     choices: Choices | None = None,
+    experiment: ExperimentOption = "",
     best: BestOption = "",
     reproduce: Annotated[
         str | None, Parameter(help="Instead: make the plan of this id again and compare it.")
@@ -95,7 +104,9 @@ def transfer(
         raise SettingsError("transfer", "no demonstration is named", "", "see: upplied demonstrations list")
     opened_catalog = opened(catalog)
     wanted = fitting(opened_catalog, demonstration, to)
-    wish = fleet.Wish(preset, (choices or Choices()).onto(changes(set_)), (demonstration,), wanted)
+    wish = fleet.Wish(
+        preset, (choices or Choices()).onto(changes(set_)), (demonstration,), wanted, False, experiment
+    )
     run(opened_catalog, fleet.decide(opened_catalog, wish), workers, timeout)
     rows = current(opened_catalog, wish)
     show_plans(demonstration, rows, json)
@@ -145,6 +156,7 @@ def plan_fleet(
     preset: PresetOption = DEFAULT_PRESETS,
     set_: SetOption = (),
     retry_failed: Annotated[bool, Parameter(negative="", help="Also plan again what failed.")] = False,
+    experiment: ExperimentOption = "",
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
     timeout: TimeoutOption = 600.0,
@@ -154,16 +166,20 @@ def plan_fleet(
     from upplied import fleet
 
     opened_catalog = opened(catalog)
-    decision = fleet.decide(opened_catalog, fleet.Wish(preset, changes(set_), retry_failed=retry_failed))
+    wish = fleet.Wish(preset, changes(set_), retry_failed=retry_failed, experiment=experiment)
+    decision = fleet.decide(opened_catalog, wish)
     if dry_run:
         show_decision(decision, json)
         if decision.jobs and not json:
             next_step("plan", "plan them", catalog)
         return 0
+    checked = fleet.recheck(opened_catalog, fleet.Limits(timeout))
+    for found in checked:
+        (errors if found.troubled else console).print(str(found), markup=False, soft_wrap=True)
     result = run(opened_catalog, decision, workers, timeout)
     console.print(f"{result}, {decision.unchanged} unchanged")
     next_step("report", "draw the plans as pages to look at", catalog)
-    return int(result.ok < result.total)
+    return int(result.ok < result.total or any(found.troubled for found in checked))
 
 
 def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
@@ -216,7 +232,7 @@ def current(catalog: Catalog, wish: Wish) -> list[dict[str, Any]]:
     """The newest plans of what was wished for: with these very settings, whatever was planned since."""
     table = catalog.transfers(every=True)
     wanted = table["settings_sha256"].isin([settings.sha256 for settings in wish.settings()])
-    wanted &= table["demonstration_id"].isin(wish.demonstrations)
+    wanted &= table["demonstration_id"].isin(wish.demonstrations) & (table["purpose"] == wish.purpose)
     wanted &= table["target_id"].isin(wish.targets or catalog.structures()["structure_id"])
     newest = table.loc[wanted].drop_duplicates(["target_id", "preset"], keep="last")
     unasked = ["settings_json", "registration_json", "commit_id", "commit_version"]

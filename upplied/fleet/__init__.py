@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         ingest_structures,
     )
     from upplied.fleet.keeping import Result, kept
+    from upplied.fleet.rechecking import Rechecked, recheck
     from upplied.fleet.run import (
         SHARD_TARGETS,
         Resources,
@@ -43,6 +44,7 @@ __all__ = [
     "Ingested",
     "Job",
     "Limits",
+    "Rechecked",
     "Resources",
     "Result",
     "Run",
@@ -58,6 +60,7 @@ __all__ = [
     "new_run_id",
     "plan_here",
     "publish",
+    "recheck",
     "shard_name",
     "shards",
     "transfer",
@@ -72,6 +75,7 @@ _HOME = {
     "upplied.fleet.decisions": ("Decision", "Job", "Wish", "decide"),
     "upplied.fleet.ingest": ("Ingested", "ingest_demonstrations", "ingest_structures"),
     "upplied.fleet.keeping": ("Result", "kept"),
+    "upplied.fleet.rechecking": ("Rechecked", "recheck"),
     "upplied.fleet.run": (
         "SHARD_TARGETS",
         "Resources",

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
-from upplied.checks import suggested
-from upplied.config import Settings, settings_for
+from upplied.checks import check_id, suggested
+from upplied.config import Settings, digest, settings_for
 from upplied.errors import InputError
 from upplied.planning.plan import METHOD_VERSION, transfer_key
 from upplied.provenance import causes
@@ -32,6 +32,12 @@ class Wish:
     demonstrations: tuple[str, ...] = ()
     targets: tuple[str, ...] = ()
     retry_failed: bool = False
+    experiment: str = ""  # its name: what is planned for it never becomes current
+
+    @property
+    def purpose(self) -> str:
+        """What the plans are for, as `transfers` says it."""
+        return f"experiment {check_id(self.experiment, 'experiment')}" if self.experiment else ""
 
     def settings(self) -> list[Settings]:
         """The settings of every preset, with the changes applied."""
@@ -50,6 +56,7 @@ class Job:
     key: str
     why: str
     sha256: tuple[str, str, str]  # of the demonstration, the source and the target
+    purpose: str = ""  # as in `transfers`
 
     def __str__(self) -> str:
         return f"{self.demonstration_id} to {self.target_id} ({self.settings.preset})"
@@ -90,7 +97,7 @@ def decide(catalog: Catalog, wish: Wish | None = None) -> Decision:
     _check_known("structure", wish.targets, structures)
     _check_kinds(wish, demonstrations, structures)
     wanted = [
-        (settings, *pair, transfer_key(*pair, settings))
+        (settings, *pair, _key(transfer_key(*pair, settings), wish.purpose))
         for settings in wish.settings()
         for pair in _pairs(demonstrations, structures, wish)
     ]
@@ -102,9 +109,14 @@ def decide(catalog: Catalog, wish: Wish | None = None) -> Decision:
         why = past.why(demonstration, source, target, settings, key)
         names = (demonstration.demonstration_id, source.structure_id, target.structure_id)
         hashes = (demonstration.sha256, source.sha256, target.sha256)
-        jobs.append(Job(*names, target.kind, settings, key, why, hashes))
+        jobs.append(Job(*names, target.kind, settings, key, why, hashes, wish.purpose))
     jobs.sort(key=lambda job: (job.demonstration_id, job.target_id, job.settings.preset))
     return Decision(jobs, len(wanted) - len(jobs))
+
+
+def _key(key: str, purpose: str) -> str:
+    """A plan that is made for a purpose of its own is another plan, so that none stands for both."""
+    return digest([key, purpose]) if purpose else key
 
 
 class _Past:

@@ -25,7 +25,7 @@ from upplied.fleet.run import Shard
 
 FOLDER = "shards"
 _HASHES = ("demonstration_sha256", "source_sha256", "target_sha256")
-_NAMES = ("demonstration_id", "source_id", "target_id", "kind", "key", "why")
+_NAMES = ("demonstration_id", "source_id", "target_id", "kind", "key", "why", "purpose")
 
 
 def write_shards(catalog: Catalog, run_id: str, shards: Sequence[Shard]) -> list[str]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from upplied.outputs.draw.sketch import Line, map_png, side_png
+from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.mission import Mission
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.ways import ground_z_m
@@ -57,7 +58,7 @@ def brief_html(
     """
     lines = [_line(mission) for mission in missions]
     notes = list(missions[0].notes)
-    overruled = [note for note in notes if note.startswith("OVERRULED")]
+    overruled = [note for note in notes if note.startswith(("OVERRULED", DRAFT))]
     title = f"{row['demonstration_id']} on {row['target_id']}"
     body = [
         f"<h1>{_said(title)}</h1>",
@@ -82,7 +83,7 @@ def _verdict(overruled: Sequence[str]) -> str:
     if not overruled:
         return '<p class="verdict go">Passed every rule of the gate, from take-off to landing.</p>'
     listed = "".join(f"<li>{_said(note)}</li>" for note in overruled)
-    return f'<div class="verdict stop">Rules were overruled:<ul>{listed}</ul></div>'
+    return f'<div class="verdict stop">Not every rule of the gate was kept:<ul>{listed}</ul></div>'
 
 
 def _maps(structure: Structure, missions: Sequence[Mission], lines: Sequence[Line]) -> str:

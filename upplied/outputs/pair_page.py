@@ -12,10 +12,11 @@ import pandas as pd
 
 from upplied.outputs.along import Profile
 from upplied.outputs.display import packed
-from upplied.outputs.pairs import PRESETS, Pair, change, number, shown_status, stamp
+from upplied.outputs.pairs import PRESETS, Pair, change, number, said_of, shown_status, stamp
 from upplied.outputs.verdicts import verdict
 from upplied.records import Demonstration, Floats, Measures
 
+DRAFTED = "newer draft"  # how a page names it
 _PROVENANCE = (
     "transfer_id", "planned_at", "run_id", "code_version", "icp_score_m2",
     "demonstration_sha256", "source_sha256", "target_sha256", "settings_sha256",
@@ -53,6 +54,8 @@ def pair_data(
 
     `picture` is the address of a PNG of both, for print and for browsers that draw no 3-D views.
     """
+    drafted = [] if pair.draft is None else [_plan(DRAFTED, pair.draft, paths.get(DRAFTED, {}))]
+    plans = [_plan(preset, row, paths.get(preset, {})) for preset, row in _ordered(pair)]
     return {
         "pair": pair.name,
         "source": pair.source_id,
@@ -61,7 +64,7 @@ def pair_data(
         "change": change(pair),
         "picture": picture,
         "demonstration": demonstration,
-        "plans": [_plan(preset, row, paths.get(preset, {})) for preset, row in _ordered(pair)],
+        "plans": [*plans[:1], *drafted, *plans[1:]],
     }
 
 
@@ -95,7 +98,8 @@ def path_data(profile: Profile, origin: Floats) -> dict[str, Any]:
 
 
 def _ordered(pair: Pair) -> list[tuple[str, Mapping[str, Any]]]:
-    known = [preset for preset in PRESETS if preset in pair.plans]
+    first = [pair.decided] if pair.decided else []
+    known = first + [preset for preset in PRESETS if preset in pair.plans and preset not in first]
     return [(preset, pair.plans[preset]) for preset in known + sorted(set(pair.plans) - set(PRESETS))]
 
 
@@ -104,6 +108,7 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
     return {
         "preset": preset,
         "status": status,
+        "decided": said_of(row),
         "counterparts": _text(row.get("counterpart_summary")),
         "evidence": _text(row.get("acceptance_evidence")),
         "standoff": _text(row.get("standoff_mode")),

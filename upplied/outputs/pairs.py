@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pandas as pd
@@ -13,7 +13,7 @@ import pandas as pd
 from upplied.checks import pair_name
 
 PRESETS = ("recommended", "paper", "baseline")
-_ATTENTION = {"failed": 0, "refused": 1, "not flyable": 1.5, "ok": 2}
+_ATTENTION = {"recalled": -1, "failed": 0, "refused": 1, "not flyable": 1.5, "ok": 2}
 
 _FAILED = (
     "Planning stopped with an error. Other targets are not affected; run it again once the cause is removed."
@@ -34,10 +34,13 @@ _REFUSALS = (  # words of a plan's reason, and what they mean for a reader
 
 
 NOT_FLYABLE = "not flyable"
+RECALLED = "recalled"
 
 
 def shown_status(row: Mapping[str, Any]) -> str:
-    """The status of a plan as people read it: a plan for comparison that must not be flown is no "ok"."""
+    """The status of a plan as people read it: what must not be flown is no "ok"."""
+    if row.get("state") == RECALLED:
+        return RECALLED
     status, flyable = str(row["status"]), row.get("flyable")
     forbidden = status == "ok" and flyable is not None and flyable == flyable and not flyable
     return NOT_FLYABLE if forbidden and row.get("not_flyable") else status
@@ -47,6 +50,8 @@ def meaning(status: str, reason: str) -> str:
     """What a reader should make of a plan's status; its own reason stands beside it."""
     if status == "ok":
         return ""
+    if status == RECALLED:
+        return "Do not fly this plan: the structure changed, and the plan is not safe there any more."
     if status == NOT_FLYABLE:
         return "For comparison only: do not fly this plan."
     if status != "refused":
@@ -57,7 +62,11 @@ def meaning(status: str, reason: str) -> str:
 
 @dataclass(frozen=True)
 class Pair:
-    """One demonstration on one target: the newest row of each preset, and the one before it."""
+    """One demonstration on one target: a row of each preset, and the one before it.
+
+    The plan in force comes first, where a person released one, and stays in the place of its preset; a
+    newer one beside it is its `draft`. A plan that was recalled comes first until another is released.
+    """
 
     demonstration_id: str
     source_id: str
@@ -65,6 +74,8 @@ class Pair:
     kind: str
     plans: dict[str, dict[str, Any]]  # preset -> row of the table of transfers
     earlier: dict[str, dict[str, Any]] = field(default_factory=dict)
+    draft: dict[str, Any] | None = None  # newer than the plan in force, or than the one that was recalled
+    decided: str = ""  # preset of the plan in force, or of the one that was recalled
 
     @property
     def name(self) -> str:
@@ -73,7 +84,9 @@ class Pair:
 
     @property
     def main(self) -> Mapping[str, Any]:
-        """The row of the preset that is flown."""
+        """The row of the plan that is flown."""
+        if self.decided:
+            return self.plans[self.decided]
         return next(self.plans[preset] for preset in (*PRESETS, *self.plans) if preset in self.plans)
 
 
@@ -94,12 +107,39 @@ def pairs_of(current: pd.DataFrame, history: pd.DataFrame) -> list[Pair]:
     pairs: dict[tuple[str, str], Pair] = {}
     for raw in current.sort_values(_KEY, kind="stable").to_dict("records"):
         key, row = _key(raw), _row(raw)
-        names = (key[0], str(row["source_id"]), key[1], str(row["kind"]))
-        pair = pairs.setdefault(key[:2], Pair(*names, plans={}, earlier={}))
+        pair = pairs.setdefault(key[:2], _pair_of(row))
         pair.plans[key[2]] = row
         if key in before:
             pair.earlier[key[2]] = before[key]
+    for row in _decided(history):
+        key = _key(row)
+        pair = pairs.get(key[:2]) or _pair_of(row)  # a plan in force outlives its demonstration
+        pairs[key[:2]] = _with_decided(pair, key[2], row)
     return sorted(pairs.values(), key=attention)
+
+
+def _pair_of(row: Mapping[str, Any]) -> Pair:
+    demonstration_id, target_id, _ = _key(row)
+    return Pair(demonstration_id, str(row["source_id"]), target_id, str(row["kind"]), plans={})
+
+
+def _decided(history: pd.DataFrame) -> list[dict[str, Any]]:
+    """Plans in force, and those that were recalled and that none took the place of."""
+    if "state" not in history:
+        return []
+    flown = history[history["purpose"] == ""]
+    released = flown[flown["state"] == "released"]
+    recalled = flown[flown["state"] == RECALLED].sort_values("state_at", kind="stable")
+    found = {_key(row)[:2]: _row(row) for row in recalled.to_dict("records")}
+    return list((found | {_key(row)[:2]: _row(row) for row in released.to_dict("records")}).values())
+
+
+def _with_decided(pair: Pair, preset: str, row: dict[str, Any]) -> Pair:
+    """A pair whose plan in force takes the place of the newest of its preset, which becomes its draft."""
+    newest = pair.plans.get(preset)
+    if newest is not None and newest["transfer_id"] == row["transfer_id"]:
+        return replace(pair, decided=preset)
+    return replace(pair, plans={**pair.plans, preset: row}, earlier={}, draft=newest, decided=preset)
 
 
 _KEY = ["demonstration_id", "target_id", "preset"]
@@ -153,11 +193,18 @@ def number(row: Mapping[str, Any], name: str) -> float | None:
 
 
 def change(pair: Pair) -> str:
-    """What is different from the plan before, in a few words; empty where nothing is."""
+    """What is different from the plan before, in a few words; empty where nothing is.
+
+    Where a plan is in force, what a newer draft would change.
+    """
     row = pair.main
+    if pair.draft is not None:
+        return f"newer draft: {_changed(pair.draft, row) or 'as good'}"
     before = pair.earlier.get(str(row["preset"]))
-    if before is None:
-        return ""
+    return "" if before is None else _changed(row, before)
+
+
+def _changed(row: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     if before["status"] != row["status"]:
         return f"{before['status']} → {row['status']}"
     parts = []
@@ -171,6 +218,16 @@ def change(pair: Pair) -> str:
     return ", ".join(parts)
 
 
+def said_of(row: Mapping[str, Any]) -> str:
+    """What was decided about a plan, by whom and when, in words."""
+    state = str(row.get("state") or "")
+    if not state or state == "draft":
+        return "draft: nobody released it" if state else ""
+    word = "in force, released" if state == "released" else state
+    note = f": {row['state_note']}" if row.get("state_note") else ""
+    return f"{word} by {row.get('state_by')}, {stamp(row.get('state_at'))} UTC{note}"
+
+
 def fleet_data(pairs: list[Pair], title: str, without_page: Collection[str] = ()) -> dict[str, Any]:
     """What the fleet page needs: columns by name, and rows in order of attention.
 
@@ -179,7 +236,7 @@ def fleet_data(pairs: list[Pair], title: str, without_page: Collection[str] = ()
     columns = [
         "pair", "status", "demonstration", "source", "target", "kind", "coverage", "attainable", "paper",
         "baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason", "warnings",
-        "page",
+        "state", "page",
     ]  # fmt: skip
     rows = [[*_fleet_row(pair), pair.name not in without_page] for pair in pairs]
     return {"title": title, "columns": columns, "rows": rows}
@@ -201,9 +258,16 @@ def _fleet_row(pair: Pair) -> list[Any]:
         *(None if value is None else round(value, 3) for value in values),
         change(pair),
         stamp(row.get("planned_at")),
-        str(row.get("reason") or row.get("not_flyable") or ""),
+        reason_of(row),
         warnings_of(row),
+        _state(row),
     ]
+
+
+def reason_of(row: Mapping[str, Any]) -> str:
+    """Why a plan must not be flown, in words; empty where it may."""
+    recalled = row.get("state_note") if row.get("state") == RECALLED else ""
+    return str(recalled or row.get("reason") or row.get("not_flyable") or "")
 
 
 def warnings_of(row: Mapping[str, Any]) -> list[str]:
@@ -214,6 +278,12 @@ def warnings_of(row: Mapping[str, Any]) -> list[str]:
     except ValueError:
         found = [value]
     return [str(part) for part in (found if isinstance(found, list) else [found])]
+
+
+def _state(row: Mapping[str, Any]) -> str:
+    """What stands in the fleet's list: in force, or what it is instead."""
+    state = str(row.get("state") or "")
+    return "in force" if state == "released" else state
 
 
 def stamp(value: Any) -> str:

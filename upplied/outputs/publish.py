@@ -187,7 +187,8 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
     for name, sha256 in zip(used, hashes, strict=True):
         place.put(f"data/{name}.js", digest([code, name, sha256]), partial(_structure_script, reader, name))
     flown = reader.sha256("demonstrations", pair.demonstration_id)
-    key = digest([code, _plain(pair.plans), _plain(pair.earlier), hashes, flown])
+    draft = _plain({} if pair.draft is None else {"draft": pair.draft})
+    key = digest([code, _plain(pair.plans), _plain(pair.earlier), draft, pair.decided, hashes, flown])
     scripts = [f"data/{name}.js" for name in used]
     told = digest([key, [reader.flown(row) for row in pair.plans.values()], picture])
     drawn = f"../pictures/{pair.name}.png" if picture else ""

@@ -66,7 +66,7 @@ def export_transfer(
     row = _row(source, transfer_id)
     camera = source.demonstration(str(row["demonstration_id"])).camera
     structure = source.structure(str(row["target_id"]))
-    return export(plan_of(source, row), structure, format, path, options, camera, _superseded(source, row))
+    return export(plan_of(source, row), structure, format, path, options, camera, _undecided(source, row))
 
 
 def brief_transfer(
@@ -77,15 +77,27 @@ def brief_transfer(
     row = _row(source, transfer_id)
     camera = source.demonstration(str(row["demonstration_id"])).camera
     structure = source.structure(str(row["target_id"]))
-    missions = missions_for(
-        format, plan_of(source, row), structure, options, camera, _superseded(source, row)
-    )
+    missions = missions_for(format, plan_of(source, row), structure, options, camera, _undecided(source, row))
     warnings = json.loads(row.get("warnings") or "[]")
     return replace_file(Path(path), brief_html(row, missions, structure, options, warnings))
 
 
-def _superseded(source: Source, row: Any) -> list[Breach]:
-    """That a newer plan of the same pair and preset is in the catalog."""
+def _undecided(source: Source, row: Any) -> list[Breach]:
+    """What speaks against flying a plan by what was decided about it, and about others of its pair."""
+    state, who = row.get("state") or "draft", row.get("state_by") or "nobody"
+    if state == "released":
+        return []
+    if state in ("rejected", "recalled"):
+        return [Breach(state, f"{who} did so: {row.get('state_note') or 'no reason was given'}")]
+    if state == "superseded":
+        return [Breach("superseded", f"{who} released another plan of {row['target_id']}")]
+    return [Breach("released", f"it is a {state} plan"), *_newer(source, row)]
+
+
+def _newer(source: Source, row: Any) -> list[Breach]:
+    """That a newer draft of the same pair and preset is in the catalog."""
+    if row.get("purpose"):
+        return []
     current = source.transfers()
     same = ["demonstration_id", "target_id", "preset"]
     newer = current[(current[same] == [row[name] for name in same]).all(axis=1)]

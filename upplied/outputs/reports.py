@@ -21,7 +21,7 @@ from upplied.outputs.display import (
     structure_data,
 )
 from upplied.outputs.flown import Flights, flown_data, flown_sentence
-from upplied.outputs.pair_page import demonstration_data, pair_data, path_data, planned_data
+from upplied.outputs.pair_page import DRAFTED, demonstration_data, pair_data, path_data, planned_data
 from upplied.outputs.pairs import Pair, number
 from upplied.outputs.passport_page import passport_page
 from upplied.records import Demonstration, Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
@@ -85,7 +85,8 @@ class Reader:
         """What a transfer's page shows; `picture` is where a PNG of it lies."""
         origin = np.array(self._data(pair.target_id)["origin"])
         paths = {}
-        for preset, row in pair.plans.items():
+        shown = {**pair.plans, **({} if pair.draft is None else {DRAFTED: pair.draft})}
+        for preset, row in shown.items():
             if row["status"] == "ok":
                 steps = self.source.waypoints(str(row["transfer_id"]))
                 if len(steps):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from upplied.outputs.pairs import attainable, meaning, number, shown_status, warnings_of
+from upplied.outputs.pairs import attainable, meaning, number, reason_of, shown_status, warnings_of
 
 _WORTH_A_LOOK_PCT = 1.0  # of what was inspected: below it nobody finds the place in the picture
 # The most honest coverage that was computed, in words.
@@ -33,7 +33,7 @@ def verdict(row: Mapping[str, Any], safety_m: float | None) -> dict[str, Any]:
         important first.
     """
     status = shown_status(row)
-    reason = str(row.get("reason") or row.get("not_flyable") or "")
+    reason = reason_of(row)
     if status != "ok":
         headline = meaning(status, reason)
         return {"flyable": False, "headline": headline, "look": [reason] if reason else []}

@@ -60,3 +60,21 @@ class Table:
     def names(self) -> list[str]:
         """The names of the columns, in order."""
         return [column.name for column in self.columns]
+
+
+def identity(name: str, meaning: str) -> Column:
+    """A text that every row has."""
+    return Column(name, TEXT, "", meaning, required=True)
+
+
+COMMIT = identity("commit_id", "name of the commit that wrote the row")
+COMMIT_VERSION = Column(
+    "commit_version",
+    WHOLE,
+    "1",
+    "number of that commit: of two rows the one with the larger number is the newer, whatever clocks say; "
+    "-1 in rows of schema version 1",
+    required=True,
+    low=-1,
+)
+ADDED = "by the clock of the place, never before what was added earlier"

@@ -33,6 +33,7 @@ PROVENANCE = (
     "demonstration_sha256",
     "source_sha256",
     "target_sha256",
+    "purpose",
 )
 
 _ID_DIGITS = 20  # of the key in `transfer_id`: 80 bits, still short enough to type

@@ -1,4 +1,4 @@
-"""The six tables of the catalog, each column declared once: name, type, unit, meaning, constraint.
+"""The tables of the catalog, each column declared once: name, type, unit, meaning, constraint.
 
 The stored tables, the published Parquet, the checks of `verify` and the data dictionary
 ``catalog/README.md`` all follow from here. ``python -m upplied.catalog.schema.tables`` writes the dictionary.
@@ -12,28 +12,16 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
+from upplied.catalog.schema.columns import ADDED as _ADDED
+from upplied.catalog.schema.columns import COMMIT as _COMMIT
+from upplied.catalog.schema.columns import COMMIT_VERSION as _COMMIT_VERSION
 from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table
+from upplied.catalog.schema.columns import identity as _id
+from upplied.catalog.schema.decided import DECIDED, DECISIONS
 from upplied.catalog.schema.measures import MEASURES
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.config import PRESETS
 from upplied.records import Measures
-
-
-def _id(name: str, meaning: str) -> Column:
-    return Column(name, TEXT, "", meaning, required=True)
-
-
-_COMMIT = _id("commit_id", "name of the commit that wrote the row")
-_COMMIT_VERSION = Column(
-    "commit_version",
-    WHOLE,
-    "1",
-    "number of that commit: of two rows the one with the larger number is the newer, whatever clocks say; "
-    "-1 in rows of schema version 1",
-    required=True,
-    low=-1,
-)
-_ADDED = "by the clock of the place, never before what was added earlier"
 
 
 def _version_of(whole: str) -> tuple[Column, ...]:
@@ -157,7 +145,7 @@ POSES = Table(
 
 TRANSFERS = Table(
     "transfers",
-    "one row per plan, refused and failed ones too; the newest of a pair and preset is current",
+    "one row per plan, refused and failed ones too; the newest of a pair, preset and purpose is current",
     ("transfer_id",),
     (
         _id("transfer_id", "name of the plan: the first digits of `key`"),
@@ -243,6 +231,14 @@ TRANSFERS = Table(
             "",
             "dataset that it came with, and whether its measures were computed again; empty: planned here",
         ),
+        Column(
+            "purpose",
+            TEXT,
+            "",
+            "what it is for: empty, to be flown; `experiment NAME`, never current; `gap FLIGHT`, to show "
+            "what that flight left out",
+        ),
+        *DECIDED,
         _id("key", "hash of everything the plan depends on"),
         _COMMIT,
         Column("added_at", MOMENT, "UTC", f"when it was added, {_ADDED}", required=True),
@@ -289,7 +285,10 @@ FLIGHTS = Table(
     ("transfer_id", "added_at"),
 )
 
-TABLES = {table.name: table for table in (STRUCTURES, DEMONSTRATIONS, POSES, TRANSFERS, WAYPOINTS, FLIGHTS)}
+TABLES = {
+    table.name: table
+    for table in (STRUCTURES, DEMONSTRATIONS, POSES, TRANSFERS, WAYPOINTS, FLIGHTS, DECISIONS)
+}
 
 
 def data_dictionary() -> str:

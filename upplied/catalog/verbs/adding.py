@@ -16,6 +16,7 @@ from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.merging import TARGET_BYTES, tidy
 from upplied.catalog.verbs import queries
+from upplied.catalog.verbs.standing import DERIVED
 from upplied.checks import check_id
 from upplied.records import Demonstration, Plan, Structure, Trajectory
 
@@ -102,6 +103,11 @@ def add_flight(catalog: Catalog, row: Mapping[str, Any], path: Trajectory) -> in
     return _add(catalog, "flights", [{**row, "flight_sha256": catalog.flown_paths.put(path)}])
 
 
+def add_rows(catalog: Catalog, name: str, made: list[Row]) -> int:
+    """Commit rows that stand for themselves."""
+    return _add(catalog, name, made)
+
+
 def adopt_plans(catalog: Catalog, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:
     """Add plans of another catalog as they are, with the steps that they own there."""
     stored = queries.rows_of_keys(catalog.tables["transfers"], [row["key"] for row in plans])
@@ -114,7 +120,8 @@ def adopt_plans(catalog: Catalog, plans: Sequence[Row], waypoints: Mapping[tuple
         return [steps.set_column(at, field, pa.repeat(commit, len(steps))) for steps in owned]
 
     commit = _add_steps(catalog, "waypoints", carrying)
-    return _add(catalog, "transfers", [{**row, "commit_id": commit} for row in new])
+    undecided = dict.fromkeys(DERIVED)  # what was decided about them elsewhere is not decided here
+    return _add(catalog, "transfers", [{**row, **undecided, "commit_id": commit} for row in new])
 
 
 def retire(catalog: Catalog, name: str, ids: Sequence[str]) -> int:

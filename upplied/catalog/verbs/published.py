@@ -32,6 +32,7 @@ from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES
 from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs import owned
+from upplied.catalog.verbs.decisions import foremost
 from upplied.catalog.verbs.generations import Generation, check, clean, current, linked, switch
 from upplied.checks import check_id
 from upplied.config import digest
@@ -68,9 +69,10 @@ def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool 
 
     Notes
     -----
-    Transfers are the newest plan of each demonstration, target and preset; older plans stay in the
-    catalog. Waypoints and poses are those of the published rows. The rows that name steps are read
-    before the steps, so no trajectory is published without its points.
+    Transfers are the newest plan of each demonstration, target and preset, but the one in force where a
+    person released one; the others stay in the catalog. Waypoints and poses are those of the published
+    rows. The rows that name steps are read before the steps, so no trajectory is published without its
+    points.
     """
     catalog.identity.required()
     place = local_folder(folder)
@@ -111,12 +113,13 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
     before = current(place)
     # Asked before the rows are read: what is published is at least as new as it says.
     versions = {name: -1 if (d := t.delta()) is None else d.version() for name, t in catalog.tables.items()}
-    transfers, demonstrations = catalog.transfers(), catalog.demonstrations()
+    transfers, demonstrations = foremost(catalog), catalog.demonstrations()
     frames = {
         "transfers": transfers,
         "demonstrations": demonstrations,
         "structures": catalog.structures(),
         "flights": catalog.flights(),
+        "decisions": catalog.decisions(),
     }
     now = Generation(catalog.identity.required(), versions)
     if before is not None and not force:

@@ -22,6 +22,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.verbs.standing import DERIVED, standing_of, with_states
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Floats, Ints, Trajectory
 
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
 
 When = datetime | str
 
-PAIR = ["demonstration_id", "target_id", "preset"]  # of these, the newest plan is current
+PAIR = ["demonstration_id", "target_id", "preset"]
+_SLOT = [*PAIR, "purpose"]  # of these, the newest plan is current
 _NEWEST = ["commit_version", "planned_at"]  # what orders plans; the time counts within a commit
 
 
@@ -52,8 +54,8 @@ class PlannedTrajectory(Trajectory):
 class Which:
     """Which rows of `transfers`.
 
-    With `every` false, only the newest plan of each demonstration, target and preset is considered,
-    and `status` and `since` then choose among those.
+    With `every` false, only the newest plan of each demonstration, target and preset that was made for
+    `purpose` is considered, and `status` and `since` then choose among those.
     """
 
     kind: str | None = None
@@ -67,25 +69,43 @@ class Which:
     version: int | None = None  # of the table, as `history` lists them
     every: bool = False  # older plans of a pair as well
     columns: Sequence[str] | None = None
+    purpose: str = ""  # as in the table: experiments and gaps are asked for by name
+    in_force: bool = False  # the plans that a person released, instead of the newest
 
 
 def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
     """Rows of `transfers`, ordered by demonstration, target, preset and time."""
     declared = TABLES["transfers"]
     wanted = declared.names if which.columns is None else _known_columns(declared.names, which.columns)
-    sorting = [*PAIR, *_NEWEST, "transfer_id", "status"]
+    derived = which.in_force or bool({*DERIVED} & {*wanted})
+    sorting = [*_SLOT, *_NEWEST, "transfer_id", "status"]
     columns = [name for name in declared.names if name in {*wanted, *sorting, "added_at"}]
     table = tables["transfers"].read(_pair_filter(tables, which), columns, which.version)
     if which.as_of is not None:
         table = table.filter(_until("added_at", which.as_of))
-    found = frame(_in_order(table, newest=not which.every))
+    newest = not (which.every or which.in_force)
+    found = frame(_in_order(table, newest=newest))
+    if derived:
+        now = standing_of(decided(tables["decisions"], _as_of(tables, which)))
+        found = with_states(found, now)
+    if which.in_force:
+        found = found[found["state"] == "released"]
     if not which.every:
+        found = found[found["purpose"] == which.purpose]
         found = _in_use(tables, found, which)
     if which.status is not None:
         found = found[found["status"] == which.status]
     if which.since is not None:
         found = found[found["planned_at"] >= moment(which.since)]
-    return found[list(wanted)].reset_index(drop=True)
+    made = found[list(wanted)].reset_index(drop=True)
+    made.attrs["units"] = {c.name: c.unit for c in declared.columns if c.name in made}
+    return made
+
+
+def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
+    """The decisions until a moment, in the order of commits."""
+    found = rows.rows_of(table.read(_until("added_at", as_of)))
+    return sorted(found, key=lambda row: row["commit_version"])
 
 
 def steps(table: StoredTable, row: Row) -> pa.Table:
@@ -149,7 +169,7 @@ def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
         return []
     where = pc.field("demonstration_id").isin(list({row["demonstration_id"] for row in plans}))
     where &= pc.field("target_id").isin(list({row["target_id"] for row in plans}))
-    columns = ["transfer_id", *PAIR, "status", *_NEWEST]
+    columns = ["transfer_id", *_SLOT, "status", *_NEWEST]
     newest = _in_order(table.read(where, columns), newest=True)
     current = set(newest["transfer_id"].to_pylist())
     return [row for row in plans if row["transfer_id"] not in current]
@@ -177,7 +197,7 @@ def settled(
             return {}
         where = pc.field(PAIR[0]).isin(known[PAIR[0]].unique())
         where &= pc.field(PAIR[1]).isin(known[PAIR[1]].unique())
-    columns = ["transfer_id", *PAIR, *_NEWEST, "key", "status", "reason", "run_id"]
+    columns = ["transfer_id", *_SLOT, *_NEWEST, "key", "status", "reason", "run_id"]
     found = _in_order(table.read(where, columns), newest=True)
     held = pc.is_in(found["key"], asked)
     if retry_failed:
@@ -295,7 +315,7 @@ def _standing(table: pa.Table, when: Ints) -> Ints:
 def _pairs(table: pa.Table) -> Ints:
     """A number per row that is the same for the same pair, and grows with its names."""
     number = np.zeros(len(table), np.int64)
-    for name in PAIR:
+    for name in _SLOT:
         encoded = table[name].combine_chunks().dictionary_encode()
         rank = np.empty(len(encoded.dictionary), np.int64)
         rank[pc.sort_indices(encoded.dictionary).to_numpy()] = np.arange(len(rank))
@@ -305,15 +325,21 @@ def _pairs(table: pa.Table) -> Ints:
 
 def _in_use(tables: Mapping[str, StoredTable], found: pd.DataFrame, which: Which) -> pd.DataFrame:
     """Without the plans of demonstrations and targets that are retired, or were then."""
-    as_of = which.as_of
-    if which.version is not None:
-        added = tables["transfers"].read(None, ["added_at"], which.version)["added_at"]
-        as_of = pc.max(added).as_py() if len(added) else None
-    for name, column in (("structures", "target_id"), ("demonstrations", "demonstration_id")):
+    as_of = _as_of(tables, which)
+    used = [("structures", "target_id"), ("demonstrations", "demonstration_id")]
+    for name, column in used[:1] if which.in_force else used:  # a released plan outlives its demonstration
         where = _until("added_at", as_of)
         gone = [row for row in newest_rows(tables[name], where) if row["retired"]]
         found = found[~found[column].isin([row[TABLES[name].names[0]] for row in gone])]
     return found
+
+
+def _as_of(tables: Mapping[str, StoredTable], which: Which) -> When | None:
+    """The moment that is asked for, or that of the version."""
+    if which.version is None:
+        return which.as_of
+    added = tables["transfers"].read(None, ["added_at"], which.version)["added_at"]
+    return pc.max(added).as_py() if len(added) else None
 
 
 def _until(column: str, as_of: When | None) -> ds.Expression | None:

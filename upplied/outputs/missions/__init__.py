@@ -86,7 +86,9 @@ def export(
     if format == "mcap":
         content = mcap_bytes(plan, structure, camera)
         named += gate.breaches(read_mcap(content), structure, limits)
-        overruled = gate.pass_or_refuse(structure.structure_id, named, options.force)
+        overruled = gate.pass_or_refuse(structure.structure_id, named, options.overruled)
+        if overruled:
+            content = mcap_bytes(plan, structure, camera, overruled)
         written = replace_file(goal, content)
         return Exported((written,), (), ("in the structure frame, metres", *overruled))
     if format not in _WRITERS:
@@ -96,7 +98,7 @@ def export(
     contents = [encoded(write(mission, options)) for mission in missions]  # all, before the first is written
     for mission, content in zip(missions, contents, strict=True):
         reading = read_mission(format, content, mission)
-        gate.pass_or_refuse(mission.name, gate.breaches(reading, structure, limits), options.force)
+        gate.pass_or_refuse(mission.name, gate.breaches(reading, structure, limits), options.overruled)
     paths = [
         replace_file(_numbered(goal, mission), content)
         for mission, content in zip(missions, contents, strict=True)

@@ -15,6 +15,7 @@ import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
 from upplied.outputs.missions.flying import Flying
+from upplied.outputs.missions.gate import drafted
 from upplied.outputs.missions.mission import Mission
 from upplied.outputs.missions.options import MissionOptions
 
@@ -110,7 +111,8 @@ def _template(mission: Mission) -> str:
     head += _tags({"globalWaypointTurnMode": _STOPS, "globalUseStraightLine": 1})
     payload = _group("payloadParam", _tags({"payloadPositionIndex": 0, "imageFormat": "wide"}))
     marks = "".join(_placemark(mission, at, template=True) for at in range(len(mission.stops)))
-    return f"<Folder>\n{head}{marks}{payload}</Folder>\n"
+    said = "".join(f"<!-- {note.replace('--', '- -')} -->\n" for note in drafted(mission.notes))
+    return f"{said}<Folder>\n{head}{marks}{payload}</Folder>\n"
 
 
 def _waylines(mission: Mission) -> str:

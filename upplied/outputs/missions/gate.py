@@ -21,6 +21,7 @@ from upplied.planning.airspace.rules import Airspace, crosses_box
 from upplied.records import Floats, Plan, Structure, Surroundings, Trajectory
 from upplied.scene import scene_of
 
+DRAFT = "DRAFT, NOT RELEASED:"  # what a mission says of itself that nobody released
 _EXACT_M = 0.02  # within which a clearance is known, and a file states a place
 _ROUNDING = 1.02  # of speeds: files round them
 
@@ -39,7 +40,10 @@ RULES = {
     for rule in (
         Rule("preset", "only `recommended` is made to be flown; others are for comparison", "plan with it"),
         Rule("verdict", "the plan reaches what it must to be flown", "plan it again, or another one"),
-        Rule("superseded", "a newer plan of this pair and preset exists", "export the newer one"),
+        Rule("released", "nothing is flown that nobody signed", "release it: upplied release ID --by NAME"),
+        Rule("rejected", "nothing is flown that somebody rejected", "export the plan in force"),
+        Rule("recalled", "the plan is safe at the structure as it now is", "release a newer plan"),
+        Rule("superseded", "another plan of this pair takes its place", "export that one"),
         Rule("finite", "every waypoint is a finite place at a rising time", "plan again"),
         Rule("clearance", "every leg keeps its distance from the structure", "plan with more --clearance"),
         Rule("keep-out", "no leg enters a keep-out box", "plan again with these surroundings"),
@@ -142,9 +146,15 @@ def pass_or_refuse(what: str, found: Iterable[Breach], force: tuple[str, ...]) -
     if left:
         others = sorted({breach.rule for breach in left[1:]} - {left[0].rule})
         more = f"; also broken: {', '.join(others)}" if others else ""
-        remedy = f"{RULES[left[0].rule].remedy}, or overrule it: --force {left[0].rule}"
+        how = "say --draft" if left[0].rule == "released" else f"overrule it: --force {left[0].rule}"
+        remedy = f"{RULES[left[0].rule].remedy}, or {how}"
         raise RefusedError(what, f"{left[0]}{more}", RULES[left[0].rule].why, remedy)
-    return tuple(f"OVERRULED {breach}" for breach in found)
+    return tuple(f"{DRAFT if breach.rule == 'released' else 'OVERRULED'} {breach}" for breach in found)
+
+
+def drafted(notes: Iterable[str]) -> list[str]:
+    """Of the notes of a mission, those that say that nobody released it."""
+    return [note for note in notes if note.startswith(DRAFT)]
 
 
 def _around(reading: Reading, structure: Structure, limits: Limits) -> Iterator[Breach]:

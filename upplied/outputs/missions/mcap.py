@@ -98,8 +98,13 @@ uint8[] data
 """
 
 
-def mcap_bytes(plan: Plan | Trajectory, structure: Structure, camera: Camera | None = None) -> bytes:
-    """The plan as MCAP; time is that of the plan, from 0.
+def mcap_bytes(
+    plan: Plan | Trajectory,
+    structure: Structure,
+    camera: Camera | None = None,
+    notes: tuple[str, ...] = (),
+) -> bytes:
+    """The plan as MCAP; time is that of the plan, from 0. The notes stand in its metadata.
 
     Needs no place on the Earth: everything is in the structure frame, metres.
     """
@@ -118,6 +123,8 @@ def mcap_bytes(plan: Plan | Trajectory, structure: Structure, camera: Camera | N
     facts = {"structure_id": structure.structure_id, "frame": "structure: metres, Z up, +X forward"}
     if isinstance(plan, Plan):
         facts |= {"demonstration_id": plan.demonstration_id, "preset": plan.preset}
+    if notes:
+        facts["notes"] = "; ".join(notes)
     writer.add_metadata("plan", facts)
 
     def write(topic: str, schema: Any, message: dict[str, Any], at_ns: int = 0) -> None:

@@ -113,7 +113,7 @@ def missions_of(
     check_altitude(options.altitude, placement, structure.structure_id)
     limits = gate.limits_of(options)
     broken = [*found, *gate.breaches(planned(path.positions, path.t_s), structure, limits)]
-    notes = list(gate.pass_or_refuse(name, broken, options.force))
+    notes = list(gate.pass_or_refuse(name, broken, options.overruled))
     airspace = airspace_of(structure, path.positions, options)
     if options.home_m is None:
         home, note = default_home(structure, path.positions[0], options.clearance_m)
@@ -130,7 +130,7 @@ def missions_of(
     kept, note, share = thinned(
         path, fixed, tolerances, airspace, (surface, camera or Camera()), flying.turning
     )
-    notes += [note, *gate.pass_or_refuse(name, gate.coverage_breaches(share, limits), options.force)]
+    notes += [note, *gate.pass_or_refuse(name, gate.coverage_breaches(share, limits), options.overruled)]
     short = Trajectory(path.t_s[kept], path.positions[kept], path.quat_xyzw[kept])
     transits = Transits(structure, airspace, short.positions, home)
     transits.check_home()

@@ -6,6 +6,7 @@ import json
 import math
 from typing import Any
 
+from upplied.outputs.missions.gate import drafted
 from upplied.outputs.missions.mavlink import TAKEOFF, WAYPOINT, Item, items
 from upplied.outputs.missions.mission import Mission
 from upplied.outputs.missions.options import MissionOptions
@@ -22,7 +23,7 @@ def qgc_plan_text(mission: Mission, options: MissionOptions) -> str:
     plan = {
         "fileType": "Plan",
         "version": 1,
-        "groundStation": "upplied",
+        "groundStation": "; ".join(["upplied", *drafted(mission.notes)]),
         "mission": {
             "version": 2,
             "firmwareType": _FIRMWARE[options.firmware],

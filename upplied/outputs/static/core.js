@@ -5,13 +5,14 @@ const upplied = { structures: {}, pages: {} };
 
 upplied.COLOURS = {
   demonstration: "#e69f00", recommended: "#0072b2", paper: "#009e73", baseline: "#cc79a7", flown: "#111820",
+  "newer draft": "#d55e00",
 };
 upplied.STATES = [
   ["not inspected", "#c7cdd6"], ["shown", "#7db8e8"], ["missed", "#d55e00"],
   ["unattainable", "#f0e442"], ["no counterpart", "#8c7a99"],
   ["hardly inspected", "#d5e8e0"], ["partly inspected", "#8fcbb5"], ["inspected", "#2e9e7c"],
 ];
-upplied.SIGNS = { ok: "✓", refused: "!", failed: "×", "not flyable": "⊘" };
+upplied.SIGNS = { ok: "✓", refused: "!", failed: "×", "not flyable": "⊘", recalled: "⛔" };
 
 // element("div", {class: "row", onclick: f}, "text", child, ...)
 upplied.element = function (tag, attributes, ...children) {

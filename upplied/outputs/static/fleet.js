@@ -7,6 +7,7 @@
     { key: "status", label: "Status", wide: "6.4rem" },
     { key: "demonstration", label: "Demonstration", wide: "minmax(10.8rem,1.6fr)" },
     { key: "target", label: "Target", wide: "minmax(7.2rem,1fr)" },
+    { key: "state", label: "Decided", wide: "5.4rem", title: "Whether a person released the plan: in force, or a draft" },
     { key: "kind", label: "Kind", wide: "minmax(7.2rem,.6fr)" },
     { key: "coverage", label: "Coverage", wide: "7.7rem", number: true, title: "Share of what the demonstration was about that the plan shows at least as well, where that was computed" },
     { key: "paper", label: "Paper", wide: "4.3rem", number: true, title: "Coverage of the method as published" },
@@ -22,7 +23,7 @@
     const rows = fleet.rows.map((values, order) => {
       const row = { order };
       fleet.columns.forEach((name, at) => { row[name] = values[at]; });
-      row.text = [row.pair, row.demonstration, row.source, row.target, row.kind, row.status, row.reason, row.change, ...(row.warnings || [])].join(" ").toLowerCase();
+      row.text = [row.pair, row.demonstration, row.source, row.target, row.kind, row.status, row.state, row.reason, row.change, ...(row.warnings || [])].join(" ").toLowerCase();
       return row;
     });
     const state = { sort: "order", down: false, shown: rows, search: "", status: "", kind: "", changed: false, warned: false };
@@ -60,7 +61,7 @@
       element("header", { class: "page" }, element("h1", {}, fleet.title), tiles(rows)),
       element("div", { class: "tools" },
         element("input", { type: "search", id: "search", placeholder: "Search ids, kinds, reasons", "aria-label": "Search", oninput: (event) => { state.search = event.target.value; refresh(); } }),
-        choice("status", "Any status", ["ok", "not flyable", "refused", "failed"].filter((status) => rows.some((row) => row.status === status))),
+        choice("status", "Any status", ["ok", "recalled", "not flyable", "refused", "failed"].filter((status) => rows.some((row) => row.status === status))),
         choice("kind", "Any kind", [...new Set(rows.map((row) => row.kind))].sort()),
         element("label", { class: "check" }, element("input", { type: "checkbox", id: "filter-changed", onchange: (event) => { state.changed = event.target.checked; refresh(); } }), "changed only"),
         element("label", { class: "check" }, element("input", { type: "checkbox", id: "filter-warned", onchange: (event) => { state.warned = event.target.checked; refresh(); } }), "with warnings"),
@@ -97,7 +98,7 @@
     bar.firstChild.style.width = Math.max(0, Math.min(100, row.coverage || 0)) + "%";
     const link = row.page ? element("a", { href: address(row.pair) }, row.target) : element("span", { title: "its page could not be made" }, row.target);
     return [
-      text("status", badge(row.status), warned(row.warnings || [])), text("demonstration", row.demonstration), text("target", link), text("kind", row.kind),
+      text("status", badge(row.status), warned(row.warnings || [])), text("demonstration", row.demonstration), text("target", link), text("state", row.state), text("kind", row.kind),
       row.status === "ok" || row.status === "not flyable"
         ? element("div", { class: "cell number coverage", role: "cell" }, bar, format(row.coverage, 1, " %"))
         : element("div", { class: "cell coverage reason", role: "cell", title: row.reason }, row.reason || "no reason given"),

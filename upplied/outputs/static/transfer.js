@@ -62,7 +62,7 @@
     const play = element("button", { type: "button", id: "play" }, "Play");
     const aboard = element("input", { type: "checkbox", id: "aboard" });
     const frusta = element("input", { type: "checkbox", id: "frusta", checked: true });
-    const toggles = planned.map((track, at) => element("input", { type: "checkbox", id: "show-" + track.name.replace(", ", "-"), checked: at === 0 || track.name === planned[0].name + ", flown" }));
+    const toggles = planned.map((track, at) => element("input", { type: "checkbox", id: "show-" + track.name.replace(", ", "-"), checked: at === 0 || track.name === "newer draft" || track.name === planned[0].name + ", flown" }));
     const colourBy = element("select", { id: "colour-by", "aria-label": "Colour the surface by" },
       element("option", { value: "" }, "plain surface"),
       planned.map((track, at) => (track.states ? element("option", { value: at, selected: at === 0 }, "surface by " + track.name) : null)));
@@ -73,7 +73,8 @@
         element("h1", {}, demonstration.id, element("span", { class: "arrow" }, " → "), data.target, " ", badge(main.status)),
         element("p", { class: "sub" }, data.kind + ", demonstrated on " + data.source + (demonstration.operator ? " by " + demonstration.operator : "") + (demonstration.site ? ", " + demonstration.site : ""))),
       upplied.verdicts(data.plans), upplied.downloads(data, panes),
-      data.change ? element("p", { class: "note" }, "Since the plan before: " + data.change) : null,
+      data.plans.filter((plan) => plan.decided && (plan === main || plan.preset === "newer draft")).map((plan) => element("p", { class: "note decided" }, element("b", {}, plan.preset + ": "), plan.decided)),
+      data.change ? element("p", { class: "note" }, data.change.startsWith("newer draft") ? data.change : "Since the plan before: " + data.change) : null,
       data.picture ? element("img", { class: "printed", src: data.picture, alt: "demonstrated on " + data.source + ", planned for " + data.target }) : null,
       element("section", { class: "views" },
         element("figure", {}, element("figcaption", {}, line(COLOURS.demonstration), "demonstrated on " + data.source), panes[0], readouts[0]),

@@ -1,0 +1,74 @@
+"""The table of decisions, and the columns of `transfers` that follow from it when they are read.
+
+A plan that nobody decided about is a draft. What people decide is a row of `decisions`, and nothing is ever
+changed there: which plan is in force follows from the rows in the order of their commits
+(`upplied.catalog.verbs.decisions`).
+"""
+
+from __future__ import annotations
+
+from upplied.catalog.schema.columns import (
+    ADDED,
+    COMMIT,
+    COMMIT_VERSION,
+    MOMENT,
+    TEXT,
+    Column,
+    Table,
+    identity,
+)
+
+#: What a row of `decisions` may say of its plan.
+DECISION_STATES = ("reviewed", "released", "rejected", "recalled", "rechecked")
+
+DECISIONS = Table(
+    "decisions",
+    "one row per decision about a plan, by a person or by the check of a changed structure",
+    ("decision_id",),
+    (
+        identity("decision_id", "name of the decision"),
+        identity("transfer_id", "the plan that was decided about"),
+        identity("demonstration_id", "its demonstration"),
+        identity("target_id", "its target: of a demonstration, target and purpose one plan is in force"),
+        Column("purpose", TEXT, "", "its purpose, as in `transfers`"),
+        Column(
+            "state",
+            TEXT,
+            "",
+            "what was decided; recalled: the structure changed and the plan is not safe there; "
+            "rechecked: it changed and the plan still is",
+            required=True,
+            allowed=DECISION_STATES,
+        ),
+        identity("by", "who decided, as they say"),
+        Column("note", TEXT, "", "why"),
+        Column("forced", TEXT, "", "rules that were overruled by name"),
+        Column("plan_sha256", TEXT, "", "hash of the waypoints that were decided about"),
+        Column("target_sha256", TEXT, "", "hash of the target that the plan was judged against"),
+        Column(
+            "after",
+            TEXT,
+            "",
+            "the last decision that whoever released knew of; a release after another one does not count",
+        ),
+        Column("code_version", TEXT, "", "version of the program"),
+        COMMIT,
+        Column("added_at", MOMENT, "UTC", f"when it was decided, {ADDED}", required=True),
+        COMMIT_VERSION,
+    ),
+    ("added_at",),
+)
+
+#: Of a plan, derived from the decisions about it whenever it is read; never stored.
+DECIDED = (
+    Column(
+        "state",
+        TEXT,
+        "",
+        "derived when read: draft, reviewed, released (in force), superseded, rejected or recalled; "
+        "empty: no path",
+    ),
+    Column("state_at", MOMENT, "UTC", "derived when read: when that was decided"),
+    Column("state_by", TEXT, "", "derived when read: by whom"),
+    Column("state_note", TEXT, "", "derived when read: why"),
+)

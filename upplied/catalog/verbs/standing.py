@@ -1,0 +1,95 @@
+"""Which plan is in force, told from the decisions in the order of their commits.
+
+The rules, one line each: a release puts its plan in force and supersedes the one before; it does not count
+where somebody decided meanwhile (`after` names the last decision that it knew of). A plan that is rejected
+or recalled is no longer in force, and none takes its place until a person releases one. Nothing that
+plans ever appears here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from upplied.catalog.schema.decided import DECIDED
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Row = dict[str, Any]
+Unit = tuple[str, str, str]  # demonstration, target, purpose: of each, one plan is in force
+
+#: Columns of `transfers` that follow from the decisions.
+DERIVED = tuple(column.name for column in DECIDED)
+
+
+@dataclass
+class Standing:
+    """What follows from the decisions so far."""
+
+    state: dict[str, str] = field(default_factory=dict)  # of plans that were decided about
+    why: dict[str, Row] = field(default_factory=dict)  # plan -> the decision that gave it its state
+    in_force: dict[Unit, Row] = field(default_factory=dict)  # the release that counts
+    last: dict[Unit, str] = field(default_factory=dict)  # the decision that the next release must know of
+    judged: dict[Unit, str] = field(default_factory=dict)  # target that the plan in force was last judged on
+    void: set[str] = field(default_factory=set)  # releases that came after a decision they did not know of
+
+    def of(self, transfer_id: str) -> str:
+        """The state of a plan that has a path."""
+        return self.state.get(transfer_id, "draft")
+
+
+def unit_of(row: Mapping[str, Any]) -> Unit:
+    """Of what a plan, or a decision about it, is one of many."""
+    return str(row["demonstration_id"]), str(row["target_id"]), str(row.get("purpose") or "")
+
+
+def standing_of(decisions: Iterable[Row]) -> Standing:
+    """What follows from decisions, in the order of commits."""
+    now = Standing()
+    for row in decisions:
+        unit, plan, said = unit_of(row), row["transfer_id"], row["state"]
+        before = now.in_force.get(unit)
+        if said == "released":
+            if (row["after"] or "") != now.last.get(unit, ""):
+                now.void.add(row["decision_id"])
+                continue
+            if before is not None and before["transfer_id"] != plan:
+                _give(now, before["transfer_id"], "superseded", row)
+            now.in_force[unit], now.judged[unit] = row, row["target_sha256"]
+            _give(now, plan, "released", row)
+        elif said in ("rejected", "recalled"):
+            if before is not None and before["transfer_id"] == plan:
+                del now.in_force[unit]
+            _give(now, plan, said, row)
+        elif said == "reviewed":
+            if now.of(plan) in ("draft", "reviewed"):
+                _give(now, plan, said, row)
+            continue
+        elif said == "rechecked":
+            if before is not None and before["transfer_id"] == plan:
+                now.judged[unit] = row["target_sha256"]
+            continue
+        now.last[unit] = row["decision_id"]
+    return now
+
+
+def _give(now: Standing, plan: str, state: str, row: Row) -> None:
+    now.state[plan], now.why[plan] = state, row
+
+
+def with_states(plans: pd.DataFrame, now: Standing) -> pd.DataFrame:
+    """Rows of `transfers` with the columns that follow from the decisions, where they have those."""
+    import pandas as pd
+
+    ids = plans["transfer_id"]
+    state = ids.map(now.state).where(ids.isin(list(now.state)), "draft").astype(object)
+    values = {
+        "state": state.where(plans["status"] == "ok", ""),
+        "state_at": pd.to_datetime(ids.map({p: row["added_at"] for p, row in now.why.items()}), utc=True),
+        "state_by": ids.map({plan: row["by"] for plan, row in now.why.items()}).fillna(""),
+        "state_note": ids.map({plan: row["note"] for plan, row in now.why.items()}).fillna(""),
+    }
+    known = {name: value for name, value in values.items() if name in plans or name == "state"}
+    return plans.assign(**known)

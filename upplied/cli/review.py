@@ -1,0 +1,160 @@
+"""`upplied review`, `release`, `reject` and `in-force`: what people decide about plans."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, Parameter
+
+from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, show
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+reviewing = App(name="review", help="Look at a plan beside the one in force, and say that it was looked at.")
+releasing = App(name="release", help="Put a plan in force, until a person releases another.")
+rejecting = App(name="reject", help="Say that a plan must not be flown.")
+in_force = App(name="in-force", help="List the plans that people released, and what waits for them.")
+
+ByOption = Annotated[str, Parameter(name="--by", help="Who decides: a name, kept with the decision.")]
+NoteOption = Annotated[str, Parameter(name="--note", help="Why; it stands on the page.")]
+
+COMPARED = {
+    "coverage_inspected_pct": "inspected, shown as well, %",
+    "coverage_seen_pct": "really seen, %",
+    "min_clearance_m": "least clearance, m",
+    "duration_s": "duration, s",
+    "path_length_m": "length, m",
+    "n_viewpoints": "viewpoints",
+}
+LISTED = {
+    "transfer_id": "in force",
+    "demonstration_id": "demonstration",
+    "target_id": "target",
+    "state_by": "released by",
+    "state_at": "at",
+    "coverage_inspected_pct": "inspected %",
+    "min_clearance_m": "clear m",
+    "newer_draft": "newer draft",
+}
+
+
+@reviewing.default
+def review(
+    transfer: str,
+    /,
+    *,
+    by: ByOption = "",
+    note: NoteOption = "",
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """Show a plan beside the one in force; with --by, keep that it was reviewed.
+
+    Parameters
+    ----------
+    transfer : str
+        Its id, or how that begins.
+    """
+    store = opened(catalog)
+    plan = store.find_transfer(transfer)
+    if by:
+        store.review(plan, by, note)
+    every = store.transfers(every=True)
+    row = every[every["transfer_id"] == plan].iloc[-1]
+    same = (every["demonstration_id"] == row["demonstration_id"]) & (every["target_id"] == row["target_id"])
+    force = every[same & (every["purpose"] == row["purpose"]) & (every["state"] == "released")]
+    other = None if force.empty or force.iloc[-1]["transfer_id"] == plan else force.iloc[-1]
+    show(f"{plan}, {row['state'] or row['status']}", _compared(row, other), json)
+    if not json:
+        for text in filter(None, (row["reason"], row["not_flyable"], row["state_note"])):
+            console.print(str(text), markup=False, soft_wrap=True)
+        if row["state"] in ("draft", "reviewed"):
+            next_step(f"release {plan} --by NAME", "put it in force", catalog)
+    return 0
+
+
+def _compared(row: pd.Series, other: pd.Series | None) -> list[dict[str, Any]]:
+    rows = []
+    for name, title in COMPARED.items():
+        this = _number(row[name])
+        made: dict[str, Any] = {"measure": title, "this plan": this}
+        if other is not None:
+            that = _number(other[name])
+            made["in force"] = that
+            made["difference"] = None if this is None or that is None else this - that
+        rows.append(made)
+    return rows
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None or value != value else float(value)
+
+
+@releasing.default
+def release(
+    transfer: str,
+    /,
+    *,
+    by: ByOption,
+    note: NoteOption = "",
+    force: Annotated[
+        tuple[str, ...],
+        Parameter(
+            negative="", help="A rule that is overruled: preset, verdict, rejected, recalled, changed."
+        ),
+    ] = (),
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Put a plan in force for its demonstration and target.
+
+    Parameters
+    ----------
+    transfer : str
+        Its id, or how that begins.
+    """
+    store = opened(catalog)
+    plan = store.find_transfer(transfer)
+    store.release(plan, by, note, force)
+    console.print(f"{plan} is in force, released by {by}", markup=False, soft_wrap=True)
+    next_step(f"export {plan} --to qgc-plan --output mission.plan", "a file to fly", catalog)
+    return 0
+
+
+@rejecting.default
+def reject(
+    transfer: str, /, *, by: ByOption, note: NoteOption = "", catalog: CatalogOption = "catalog"
+) -> int:
+    """Say that a plan must not be flown; where it was in force, none is then.
+
+    Parameters
+    ----------
+    transfer : str
+        Its id, or how that begins.
+    """
+    store = opened(catalog)
+    plan = store.find_transfer(transfer)
+    store.reject(plan, by, note)
+    console.print(f"{plan} is rejected", markup=False, soft_wrap=True)
+    return 0
+
+
+@in_force.default
+def list_in_force(
+    *,
+    structure: Annotated[str | None, Parameter(help="Of this structure alone.")] = None,
+    kind: Annotated[str | None, Parameter(help="Of this kind alone.")] = None,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """List the plans in force; exit code 1 where one was recalled and none is in force in its place."""
+    from upplied.cli.catalog import rows_of
+
+    store = opened(catalog)
+    found = store.in_force(structure=structure, kind=kind)
+    recalled = store.recalled(structure=structure)
+    show("in force", rows_of(found, None if json else LISTED), json)
+    for row in recalled.to_dict("records"):
+        what = f"recalled: {row['transfer_id']}, {row['demonstration_id']} on {row['target_id']}"
+        errors.print(f"{what}: {row['state_note']}", markup=False, soft_wrap=True)
+    return int(bool(len(recalled)))

@@ -1,0 +1,115 @@
+"""Plans in force whose structure changed, judged again on it; what is not safe is recalled.
+
+Safe means the rules of the gate that concern the place: clearance, keep-out boxes, fence, ceiling, ground. A
+plan that cannot be judged is not known to be safe. What it shows of the changed structure is measured as
+well and told; a plan that shows less stays in force, since only a person knows whether that is enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from upplied.catalog import Catalog, open_catalog, recipe
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.verbs import decisions
+from upplied.errors import UppliedError
+from upplied.fleet.run import cores
+from upplied.fleet.workers import JobKilled, Limits, Workers
+from upplied.outputs.missions import gate
+from upplied.outputs.missions.reading import planned
+from upplied.outputs.reports import plan_of
+from upplied.records import Floats, Structure
+from upplied.simulate import measure_flown
+
+BY = "the check of changed structures"
+_PLACE = ("finite", "clearance", "keep-out", "geofence", "ceiling", "ground")
+_USUAL_CLEARANCE_M = 2.0  # of plans that were asked to keep none: what missions keep
+_LOST_POINTS = 1.0  # of inspected coverage, from which on a plan that stays in force is told as a trouble
+
+
+@dataclass(frozen=True)
+class Rechecked:
+    """What came of judging one plan in force again."""
+
+    transfer_id: str
+    target_id: str
+    recalled: bool
+    note: str
+    troubled: bool  # a person should look
+
+    def __str__(self) -> str:
+        word = "RECALLED" if self.recalled else "still in force"
+        return f"{word}: plan {self.transfer_id} of {self.target_id}: {self.note}"
+
+
+def recheck(catalog: Catalog, limits: Limits | None = None) -> list[Rechecked]:
+    """Judge every plan in force whose structure changed since it was last judged; decisions are kept.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    limits : Limits, optional
+        Time and memory of judging one plan.
+    """
+    force = catalog.in_force()
+    changed = force[force["target_changed"]] if len(force) else force
+    if not len(changed):
+        return []
+    done = []
+    with Workers(min(cores(), len(changed)), limits=limits or Limits()) as workers:
+        for row in changed.to_dict("records"):
+            target = catalog.newest("structures", row["target_id"])["sha256"]
+            found = _judged(workers, catalog.location, {str(name): value for name, value in row.items()})
+            keep = decisions.recall if found.recalled else decisions.rechecked
+            keep(catalog, catalog.transfer(found.transfer_id), found.note, target, BY)
+            done.append(found)
+    return done
+
+
+def _judged(workers: Workers, location: str, row: Row) -> Rechecked:
+    names = (str(row["transfer_id"]), str(row["target_id"]))
+    try:
+        broken, shown = workers.run(judge_again, location, names[0])
+    except (JobKilled, UppliedError) as error:
+        return Rechecked(*names, True, f"it cannot be judged on the changed structure: {error}", True)
+    if broken:
+        return Rechecked(*names, True, "; ".join(broken), True)
+    before = row["coverage_inspected_pct"]
+    if isinstance(shown, str):
+        return Rechecked(*names, False, f"it is safe; what it shows cannot be measured: {shown}", True)
+    lost = before - shown > _LOST_POINTS
+    note = f"it is safe there; it shows {shown:.1f} % of what was inspected ({before:.1f} % before)"
+    return Rechecked(*names, False, note, bool(lost))
+
+
+def judge_again(location: str, transfer_id: str) -> tuple[list[str], float | str]:
+    """In a worker: the rules that a plan breaks at its structure as it now is, and what it shows there.
+
+    Returns
+    -------
+    tuple
+        The broken rules in words; the share of what was inspected that is shown as well, %, or why
+        that cannot be measured.
+    """
+    catalog = open_catalog(location)
+    made_from = recipe(catalog, transfer_id)
+    plan = plan_of(catalog, made_from.row)
+    assert plan.trajectory is not None
+    target = catalog.structure(plan.target_id)
+    route = made_from.settings.route
+    wanted = route.clearance_m if route.enforce else _USUAL_CLEARANCE_M
+    broken = place_breaches(plan.trajectory.positions, plan.trajectory.t_s, target, wanted)
+    if broken:
+        return broken, float("nan")
+    try:
+        flown = (made_from.demonstration, made_from.source, target, made_from.settings, catalog.cache)
+        shown = measure_flown(plan.trajectory, plan, *flown).measures.coverage_inspected_pct
+    except UppliedError as error:
+        return [], str(error)
+    return [], shown
+
+
+def place_breaches(positions: Floats, t_s: Floats, target: Structure, clearance_m: float) -> list[str]:
+    """The rules of the place that a path (N, 3), m, breaks at a structure, in words."""
+    found = gate.breaches(planned(positions, t_s), target, gate.Limits(clearance_m=clearance_m))
+    return [str(breach) for breach in found if breach.rule in _PLACE]
