@@ -39,7 +39,9 @@ def check_moved(fleet, kind, preset, seed):
     away = plan_transfer(flight, source, moved_structure(target, shift=FAR), options)
     assert away.status == plan.status == "ok"
     assert strays_m(away, plan, shift=FAR) < (1e-6 if preset == "recommended" else 1e-3)
-    assert away.measures.coverage_seen_pct == pytest.approx(plan.measures.coverage_seen_pct, abs=0.05)
+    # The published registration ends up to a millimetre beside: that is one sample of 1228, seen or not.
+    seen = 0.05 if preset == "recommended" else 0.1
+    assert away.measures.coverage_seen_pct == pytest.approx(plan.measures.coverage_seen_pct, abs=seen)
     assert away.measures.min_clearance_m == pytest.approx(plan.measures.min_clearance_m, abs=1e-3)
     moved = moved_flight(flight, shift=FAR), moved_structure(source, shift=FAR), target
     assert strays_m(plan_transfer(*moved, options), plan) < (1e-6 if preset == "recommended" else 1e-3)
@@ -72,9 +74,6 @@ def test_a_scaled_target_gets_the_scaled_plan(fleet, preset, scale):
     assert scaled.measures.standoff_ratio_p50 == pytest.approx(plan.measures.standoff_ratio_p50, abs=0.05)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="known: 4.2 m from the wall where 6.6 m was flown, 0.91 by the measure"
-)
 def test_a_kept_stand_off_stays_in_metres(fleet):
     flight, source, _ = scene(fleet, "cube", 1)
     options = settings_for("recommended", verdict=ANY, transfer={"standoff": "kept"})

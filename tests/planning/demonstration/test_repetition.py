@@ -95,8 +95,8 @@ def test_between_the_takes_nothing_crawls_and_nobody_hovers(fleet, engine):
         step = np.linalg.norm(np.diff(trajectory.positions[between], axis=0), axis=1)
         spent = np.diff(trajectory.t_s[between])
         assert not ((step < 0.05) & (spent > 1.0)).any()
-        # The demonstration's mean is 0.4 m/s; the camera turns no faster than its pictures are sharp.
-        assert step.sum() / spent.sum() > 0.5
+        # The demonstration's mean is 0.4 m/s, and its pictures are sharp: neither binds in between.
+        assert step.sum() / spent.sum() > 1.0
 
 
 def test_each_engine_is_found_on_a_target_that_is_turned(fleet, engine):

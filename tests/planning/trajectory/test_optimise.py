@@ -7,7 +7,7 @@ import pytest
 
 from upplied.config import OptimiseSettings, RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.carry.standoff import standoff_of
+from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.looks import looks_aside
 from upplied.planning.trajectory.optimise import Wish, optimise
 from upplied.planning.trajectory.state import Flown
@@ -45,9 +45,8 @@ def along(y: float = -6.0, yaw: float = np.pi / 2, height: float = 4.0) -> Flown
 
 
 def wish(view: View, path: Flown, **changes) -> Wish:
-    standoff = standoff_of(
-        np.arange(0, COUNT, 5), np.eye(9), path.positions[::5] * [1, 0, 1], np.abs(path.positions[::5, 1])
-    )
+    foot = (path.positions[::5] * [1, 0, 1])[:, None]
+    standoff = Standoff(np.arange(0, COUNT, 5), foot, np.abs(path.positions[::5, 1]))
     made = Wish(
         flown=path.positions,
         carried=path,

@@ -7,7 +7,7 @@ import pytest
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.carry.standoff import standoff_of
+from upplied.planning.carry.standoff import Standoff
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms import Term
@@ -63,9 +63,8 @@ def coverage(view: View, path: Flown, width: float) -> Coverage:
 
 def term(name: str, view: View) -> Term:
     path, other = flown(), flown(1)
-    standoff = standoff_of(
-        np.arange(0, STATIONS, 3), np.ones((5, 8)), view.cloud.points[:8] + 0.1, np.linspace(3, 9, 5)
-    )
+    seen = np.tile(view.cloud.points[:8] + 0.1, (5, 1, 1))
+    standoff = Standoff(np.arange(0, STATIONS, 3), seen, np.linspace(3, 9, 5))
     airspace = Airspace(view.scene, 4.5, Surroundings(ground_z_m=3.5, ceiling_z_m=4.8), 0.5)
     turned = np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]])
     around = replace(view, camera=replace(view.camera, hfov_deg=220))
@@ -170,7 +169,7 @@ def test_stand_off_costs_nothing_within_its_tolerance():
     path = Flown(np.column_stack([x, np.full(21, -5.0), np.zeros(21)]), x, x)
     station = np.arange(0, 21, 4)
     foot = path.positions[station] * [1, 0, 1]
-    standoff = standoff_of(station, np.eye(len(station)), foot, np.full(len(station), 5.0))
+    standoff = Standoff(station, foot[:, None], np.full(len(station), 5.0))
     one = StandoffKept.of(standoff, path, 0.08)
     assert one.value(path)[0] == 0
     assert one.value(replace(path, positions=path.positions * [1, 1.07, 1]))[0] == 0

@@ -1,7 +1,10 @@
-"""From how far a camera sees what it looks at: the weighted median distance over the picture.
+"""From how far a camera sees what it looks at.
 
-The demonstrated stand-off is asked of what the expert saw, the planned one of its counterparts. It is
-scaled with the structure, kept in metres, or set by a ground sampling distance.
+The demonstrated stand-off is asked of what the expert saw, the planned one of its counterparts. Scaled with
+the structure it is the weighted median distance over the picture: a picture of a structure twice as large,
+from twice as far, shows the same. Kept in metres, or set by a ground sampling distance, it is the distance to
+what is in the middle of the picture: the rest of what the expert saw lies farther apart on a larger
+structure, partly outside of the picture, and says nothing of how near the camera is.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial.distance import cdist
 
-from upplied.config import TransferSettings
+from upplied.config import TransferSettings, focal_px
 from upplied.planning.carry.affine import AxisMap
 from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
@@ -20,6 +23,7 @@ from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 NEAR = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LEAST_M2 = 1e-6  # squared distance, so that nothing is divided by none
 _SEEN = 32  # counterparts that speak for what a viewpoint sees
+_MIDDLE = 0.1  # tangent, 6 deg: deviation of what counts as the middle of a picture
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,6 +33,7 @@ class Standoff(Record):
     station: Ints  # (V,) of the path
     seen: Floats  # (V, S, 3) m, counterparts of what fills the picture, each for an equal share of it
     wanted_m: Floats  # (V,) median distance
+    in_metres: bool = False  # asked for by the user as a length, not as what a picture of that size takes
 
     @property
     def usual_m(self) -> float:
@@ -92,29 +97,101 @@ def _solid_angles(positions: Floats, points: Floats, normals: Floats, weight: Fl
     return angles
 
 
-def expected_standoff(
+@dataclass(frozen=True, eq=False, repr=False)
+class Counted(Record):
+    """What the stand-off of each camera is counted to, and how much it should be."""
+
+    weight: Floats  # (M, K) share of each picture that each counterpart fills, any unit
+    points: Floats  # (K, 3) m, the counterparts
+    middle: Floats | None  # (M, 3) m, what answers to the middle of each picture; None: all of it counts
+    wanted_m: Floats  # (M,) NaN where a camera sees nothing
+
+    def distance(self, positions: Floats) -> Floats:
+        """Stand-off (M,), m, of cameras there; NaN where one sees nothing."""
+        if self.middle is None:
+            return median_distance(positions, self.points, self.weight)
+        return np.linalg.norm(positions - self.middle, axis=1)
+
+    def at(self, station: Ints) -> Standoff:
+        """The stand-off of some of the cameras, each at its station of the path."""
+        weight, wanted_m = self.weight[station], self.wanted_m[station]
+        useful = np.flatnonzero(np.isfinite(wanted_m) & weight.any(axis=1))
+        if self.middle is not None:
+            return Standoff(station[useful], self.middle[station][useful, None], wanted_m[useful], True)
+        chosen = np.empty((len(useful), _SEEN), np.int64)
+        for row, viewpoint in enumerate(useful):
+            share = np.cumsum(weight[viewpoint])
+            chosen[row] = np.searchsorted(share, share[-1] * (np.arange(_SEEN) + 0.5) / _SEEN)
+        return Standoff(station[useful], self.points[chosen], wanted_m[useful])
+
+
+def counted(
     positions: Floats,
     weight: Floats,
-    points: Floats,
+    here: Floats,
+    there: Floats,
     carrier: AxisMap,
     settings: TransferSettings,
     camera: Camera,
     nearest_m: float,
-) -> Floats:
-    """How far each camera should stand from what it sees, (M,), m; NaN where it sees nothing.
+) -> Counted:
+    """From how far each camera should see what on the target.
 
-    The demonstrated stand-off is the median distance over the picture. `scaled` takes the
-    distances as the structure's map carries them, `kept` as flown, and a ground sampling distance
-    sets the distance at which one pixel covers it in the middle of the picture.
+    Parameters
+    ----------
+    positions : array, shape (M, 3), m
+        Demonstrated, source frame.
+    weight : array, shape (M, K)
+        Share of each picture that each sample fills (`picture_share`), 0 for what is not seen.
+    here, there : array, shape (K, 3), m
+        The samples on the source, and their counterparts on the target.
+    carrier : AxisMap
+        Where the source's space lies on the target.
+    settings : TransferSettings
+        `scaled` takes the distances as the structure's map carries them, `kept` as flown, and a ground
+        sampling distance sets the distance at which one pixel covers it in the middle of the picture.
+    camera : Camera
+        Bounds the stand-off by its range.
+    nearest_m : float
+        Smallest stand-off, m: the safety distance.
     """
+    middle = None
     if settings.gsd_m is not None and camera.width_px:
-        pixel = 2 * np.tan(np.radians(min(camera.hfov_deg, 170.0)) / 2) / camera.width_px
-        wanted = np.where(weight.any(axis=1), settings.gsd_m / pixel, np.nan)
+        middle = _middles(positions, weight, here, there)[1]
+        sampled = settings.gsd_m * focal_px(camera.width_px, camera.hfov_deg)
+        wanted = np.where(weight.any(axis=1), sampled, np.nan)
+    elif settings.standoff == "kept":
+        before, middle = _middles(positions, weight, here, there)
+        wanted = np.linalg.norm(positions - before, axis=1)
     else:
-        jacobian = carried_sight(carrier, settings)
-        wanted = median_distance(positions @ jacobian.T, points @ jacobian.T, weight)
+        sight = carrier.matrix
+        wanted = median_distance(positions @ sight.T, here @ sight.T, weight)
     lowest = max(nearest_m, camera.min_range_m) * 1.15  # so that the middle of the view is not too near
-    return np.clip(wanted, lowest, max(0.9 * camera.max_range_m, lowest))
+    wanted = np.clip(wanted, lowest, max(0.9 * camera.max_range_m, lowest))
+    return Counted(weight, there, middle, wanted)
+
+
+def _middles(positions: Floats, weight: Floats, here: Floats, there: Floats) -> tuple[Floats, Floats]:
+    """What is in the middle of each picture, (M, 3), m, and what answers to it; NaN where nothing is seen.
+
+    The middle is about the centre of what is seen, within some degrees: what is beside it is at another
+    depth, or round the corner.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        towards = (weight @ here) / weight.sum(axis=1)[:, None] - positions
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        near = weight * _nearness(positions, towards, here, weight > 0)
+        total = near.sum(axis=1)[:, None]
+        return (near @ here) / total, (near @ there) / total
+
+
+def _nearness(positions: Floats, towards: Floats, points: Floats, seen: Bools) -> Floats:
+    """How near (M, K) each point is to the middle of each picture: 1 for the nearest seen, towards 0."""
+    ahead = towards @ points.T - np.einsum("mj,mj->m", towards, positions)[:, None]
+    tangent = cdist(positions, points, "sqeuclidean") / np.maximum(ahead, 1e-9) ** 2 - 1
+    tangent = np.where(seen & (ahead > 0), tangent, np.inf)
+    least = tangent.min(axis=1, keepdims=True, initial=1e18)
+    return np.asarray(np.exp(-(tangent - least) / (2 * _MIDDLE**2)))
 
 
 def carried_sight(carrier: AxisMap, settings: TransferSettings) -> Floats:
@@ -148,23 +225,3 @@ def _medians(positions: Floats, points: Floats, weight: Floats) -> Floats:
                 medians[index] = distance[place]
                 break
     return medians
-
-
-def standoff_of(station: Ints, weight: Floats, seen: Floats, wanted_m: Floats) -> Standoff:
-    """The stand-off of viewpoints from shares of the picture.
-
-    Parameters
-    ----------
-    station : array of int, shape (V,)
-    weight : array, shape (V, K)
-        Share of each viewpoint's picture that each of K counterparts fills, any unit.
-    seen : array, shape (K, 3), m
-    wanted_m : array, shape (V,), m
-        NaN where a viewpoint sees nothing: it is left out.
-    """
-    useful = np.flatnonzero(np.isfinite(wanted_m) & weight.any(axis=1))
-    chosen = np.empty((len(useful), _SEEN), np.int64)
-    for row, viewpoint in enumerate(useful):
-        share = np.cumsum(weight[viewpoint])
-        chosen[row] = np.searchsorted(share, share[-1] * (np.arange(_SEEN) + 0.5) / _SEEN)
-    return Standoff(station[useful], seen[chosen], wanted_m[useful])

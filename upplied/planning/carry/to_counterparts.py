@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from upplied.config import TransferSettings
 from upplied.planning.carry.affine import AxisMap, aimed
-from upplied.planning.carry.standoff import expected_standoff, median_distance, picture_share
+from upplied.planning.carry.standoff import Counted, counted, picture_share
 from upplied.planning.geometry.frechet import spread
 from upplied.poses import from_yaw_pitch, optical_axis, without_roll, yaw_pitch
 from upplied.records import Camera, Cloud, Correspondences, Floats, Record, Trajectory, Visibility
@@ -30,9 +30,7 @@ class Followed(Record):
 
     positions: Floats  # (M, 3) m, target frame
     quat_xyzw: Floats  # (M, 4), without roll
-    weight: Floats  # (M, K) solid angle under which each demonstrated pose saw each counterpart
-    counterparts: Floats  # (K, 3) m, target frame
-    standoff_m: Floats  # (M,) wanted median distance to them, NaN where a pose saw none
+    standoff: Counted  # what each demonstrated pose saw, and from how far it is to be seen
 
 
 def follow_counterparts(
@@ -75,8 +73,8 @@ def follow_counterparts(
     known = np.flatnonzero((correspondences.target_index >= 0) & visibility.total)
     if len(known) == 0:
         quats = without_roll(carrier.orientations(flight.quat_xyzw))
-        nothing = np.empty((len(flight), 0)), np.empty((0, 3)), np.full(len(flight), np.nan)
-        return Followed(carrier.points(flight.positions), quats, *nothing)
+        nothing = Counted(np.empty((len(flight), 0)), np.empty((0, 3)), None, np.full(len(flight), np.nan))
+        return Followed(carrier.points(flight.positions), quats, nothing)
     here, there = source.points[known], correspondences.target_points[known]
     weight = visibility.seen[:, known] * picture_share(flight.positions, source, known, visibility.total)
     aim_before = _centres(weight, here)
@@ -85,8 +83,8 @@ def follow_counterparts(
     shift = _smoothed(_filled(aim - carrier.points(aim_before)), smoothing)
     aim_filled = carrier.points(_filled(aim_before)) + shift
     positions = carrier.points(flight.positions) + shift
-    wanted = expected_standoff(flight.positions, weight, here, carrier, settings, camera, nearest_m)
-    positions = _stood_off(positions, aim_filled, weight, there, wanted, smoothing)
+    asked = counted(flight.positions, weight, here, there, carrier, settings, camera, nearest_m)
+    positions = _stood_off(positions, aim_filled, asked, smoothing)
     carried = carrier.points(flight.positions)
     if settings.standoff != "scaled" or settings.gsd_m is not None:
         carried = _stretched(carried, positions)  # in metres, a larger structure is flown round more closely
@@ -94,7 +92,7 @@ def follow_counterparts(
     before_to_aim = _filled(aim_before) - flight.positions
     quats = carrier.orientations(flight.quat_xyzw)
     turned = aimed(quats, positions, aim_filled, flight.quat_xyzw, before_to_aim)
-    return Followed(positions, _level(turned, quats), weight, there, wanted)
+    return Followed(positions, _level(turned, quats), asked)
 
 
 def _level(turned: Floats, carried: Floats) -> Floats:
@@ -136,15 +134,13 @@ def _stretched(carried: Floats, positions: Floats) -> Floats:
     return np.asarray(middle + np.where(wide, np.clip(stretch, *_STRETCH), 1.0) * offset)
 
 
-def _stood_off(
-    positions: Floats, aim: Floats, weight: Floats, points: Floats, wanted: Floats, smoothing: float
-) -> Floats:
-    """Move along the line from the aim until the median distance to the counterparts is as wanted."""
+def _stood_off(positions: Floats, aim: Floats, asked: Counted, smoothing: float) -> Floats:
+    """Move along the line from the aim until the stand-off is as wanted."""
     placed = positions
     for _ in range(4):
         ray = placed - aim
         length = np.maximum(np.linalg.norm(ray, axis=1), 1e-9)
-        error = wanted - median_distance(placed, points, weight)
+        error = asked.wanted_m - asked.distance(placed)
         step = _smoothed(_filled(error[:, None]), smoothing)[:, 0]
         step = np.clip(step, -0.6 * length, 2.0 * length)
         placed = placed + ray / length[:, None] * step[:, None]

@@ -19,7 +19,7 @@ from upplied.records import Cloud, Correspondences, Floats, Frame, Record, Regis
 from upplied.scene import Scene, scene_of
 
 _CIRCLE = 2**32  # headings that are told apart
-METHOD_VERSION = "8"  # raised with every change that alters a result, for people; keys hold the sources too
+METHOD_VERSION = "9"  # raised with every change that alters a result, for people; keys hold the sources too
 
 R = TypeVar("R")
 

@@ -16,8 +16,7 @@ from upplied.planning.carry.reference import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import (
     NEAR,
     carried_sight,
-    expected_standoff,
-    median_distance,
+    counted,
     picture_share,
 )
 from upplied.planning.correspondence.pair import Fit, Memo, Pair, content_key, no_memo, remembering
@@ -106,9 +105,9 @@ def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Sett
     weight = shown.seen[index][:, known] * picture_share(positions, fit.source, known, shown.total)
     carrier = registered_map(fit.registration)
     camera, nearest_m = take.inspection.camera, settings.route.clearance_m
-    wanted = expected_standoff(positions, weight, here, carrier, settings.transfer, camera, nearest_m)
     there = fit.correspondences.target_points[known]
-    ratio = median_distance(places, there, weight) / wanted
+    asked = counted(positions, weight, here, there, carrier, settings.transfer, camera, nearest_m)
+    ratio = asked.distance(places) / asked.wanted_m
     return ratio[np.isfinite(ratio)]
 
 

@@ -14,13 +14,13 @@ from upplied.planning.carry.affine import box_map, registered_map, zscore_map
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by, inspected_surface
 from upplied.planning.carry.planar import at_height, in_plane, plane_height
 from upplied.planning.carry.reference import demonstrated_on_target, standing
-from upplied.planning.carry.standoff import Standoff, standoff_of
+from upplied.planning.carry.standoff import Standoff
 from upplied.planning.carry.to_counterparts import Followed, follow_counterparts
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.optimise import Wish, optimise
 from upplied.planning.trajectory.retime import demonstrated_speed
-from upplied.planning.trajectory.sharpness import steady
+from upplied.planning.trajectory.sharpness import steady_degps
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.shape import Shape
 from upplied.planning.trajectory.view import View
@@ -90,7 +90,7 @@ def completed(take: Take, settings: Settings) -> Waypoints:
         airspace=ways.planning,
         speed_mps=_finite(demonstrated_speed(flight.t_s, flight, inspection.breaks)),
         turned_rad=max(turned, _LEAST_TURN_RAD),
-        pan_radps=float(np.radians(steady(settings.retime, [take], settings).max_yaw_rate_degps)),
+        pan_radps=float(np.radians(min(settings.retime.max_yaw_rate_degps, steady_degps([take], settings)))),
         level=settings.transfer.plane,
     )
     fidelity = FIDELITIES[settings.refine.fidelity]
@@ -166,7 +166,7 @@ def _standoff(take: Take, followed: Followed) -> Standoff:
     """The stand-off of the viewpoints, at the same moments that the plan is judged by."""
     asked_s = take.inspection.viewpoints.t_s
     station = np.abs(take.inspection.flight.t_s[:, None] - asked_s).argmin(axis=0)
-    return standoff_of(station, followed.weight[station], followed.counterparts, followed.standoff_m[station])
+    return followed.standoff.at(station)
 
 
 def _finite(speed_mps: Floats) -> Floats:

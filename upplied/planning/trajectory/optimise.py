@@ -127,10 +127,11 @@ def _lasting_terms(
     """The terms that hold for all rounds, with their weights."""
     usual_m, carried = max(wish.standoff.usual_m, 1e-3), wish.carried
     leg = np.linalg.norm(np.diff(carried.positions, axis=0), axis=1)
+    firmly = weights.standoff_in_metres if wish.standoff.in_metres else weights.standoff
     return [
         (shape_weight, wish.demonstrated),
         (weights.place, Place(carried.positions, usual_m)),
-        (weights.standoff, StandoffKept.of(wish.standoff, start, weights.standoff_tolerance)),
+        (firmly, StandoffKept.of(wish.standoff, start, weights.standoff_tolerance)),
         (weights.smoothness, Smoothness(wish.flown, max(float(leg.mean()), 1e-3), usual_m)),
         (weights.turning, Turning(carried.yaw, carried.pitch, wish.turned_rad)),
         (weights.time, Time.of(carried, wish.speed_mps)),

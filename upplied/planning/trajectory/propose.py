@@ -17,8 +17,8 @@ from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.inspection import Inspection
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined
 from upplied.planning.trajectory.complete import completed
-from upplied.planning.trajectory.retime import retime
-from upplied.planning.trajectory.sharpness import sharp_speeds, steady
+from upplied.planning.trajectory.retime import Sharp, retime
+from upplied.planning.trajectory.sharpness import sharp_speeds, steady_degps
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 
@@ -48,8 +48,8 @@ def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bool
     path = _in_a_row(paths)
     if settings.refine.method != "view" or not settings.retime.limits:
         return retime(path, flight, settings.retime, breaks_of(takes))
-    limits = steady(settings.retime, takes, settings)
-    return retime(path, flight, limits, breaks_of(takes), sharp_speeds(path, takes, settings))
+    sharp = Sharp(sharp_speeds(path, takes, settings), steady_degps(takes, settings))
+    return retime(path, flight, settings.retime, breaks_of(takes), sharp)
 
 
 def _in_joined_times(

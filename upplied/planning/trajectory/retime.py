@@ -34,7 +34,7 @@ def retime(
     flight: Trajectory,
     settings: RetimeSettings,
     breaks: Ints | None = None,
-    sharp_mps: Floats | None = None,
+    sharp: Sharp | None = None,
 ) -> tuple[Trajectory, Bools, Floats]:
     """Give a path its times.
 
@@ -48,8 +48,9 @@ def retime(
         Without `limits`, the paper's rule.
     breaks : array of int, optional
         First pose of each part of the demonstration but the first; nothing was flown in between.
-    sharp_mps : array, shape (W,), m/s, optional
-        Speed at each waypoint up to which its pictures are sharp (`sharpness`).
+    sharp : Sharp, optional
+        How fast the path may be flown where the demonstration shows something; in between its parts only
+        the vehicle's limits hold.
 
     Returns
     -------
@@ -62,15 +63,26 @@ def retime(
     """
     if not settings.limits or len(path) < 2:
         return at_demonstrated_speed(path, flight), np.array(path.is_viewpoint, bool), path.t_s
-    sharp_mps = np.full(len(path), np.inf) if sharp_mps is None else sharp_mps
-    path, sharp_mps = _without_repeats(path, sharp_mps)
+    sharp = Sharp(np.full(len(path), np.inf), np.inf) if sharp is None else sharp
+    path, sharp_mps = _without_repeats(path, sharp.speed_mps)
     hover = hovering(path, flight, settings.least_stop_s, breaks)
     stations = _divided(path, hover, sharp_mps)
     bound = demonstrated_speed(stations.t_s, flight, breaks, settings.transit_speed_mps)
-    bound = np.minimum(bound, stations.sharp_mps)
-    times = _timed(stations, bound, settings)
+    shows = _within_parts(stations.t_s, flight, breaks)
+    bound = np.where(shows, np.minimum(bound, stations.sharp_mps), bound)
+    legs_show = _within_parts((stations.t_s[:-1] + stations.t_s[1:]) / 2, flight, breaks)
+    pan = np.radians(np.where(legs_show, sharp.pan_degps, np.inf))
+    times = _timed(stations, bound, pan, settings)
     quats = from_yaw_pitch(stations.yaw, stations.pitch)
     return Trajectory(times, stations.positions, quats), stations.is_viewpoint, stations.t_s
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sharp(Record):
+    """Up to which speeds the pictures of a path are sharp (`sharpness`)."""
+
+    speed_mps: Floats  # (W,) at each waypoint
+    pan_degps: float  # by which the camera turns at most
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,6 +138,14 @@ def _parts(flight: Trajectory, breaks: Ints | None) -> list[Trajectory]:
         for a, b in itertools.pairwise(cuts)
         if b > a
     ]
+
+
+def _within_parts(t_s: Floats, flight: Trajectory, breaks: Ints | None) -> Bools:
+    """Which times (S,) the demonstration shows something at: those within its parts."""
+    within = np.zeros(len(t_s), bool)
+    for part in _parts(flight, breaks):
+        within |= (t_s >= part.t_s[0]) & (t_s <= part.t_s[-1])
+    return within
 
 
 def _divided(path: Waypoints, hover: Floats, sharp_mps: Floats) -> _Stations:
@@ -218,17 +238,17 @@ class _Flown(Record):
         return (after - before) / np.maximum(lasted, self.times[1] - self.times[0])
 
 
-def _timed(path: _Stations, bound: Floats, settings: RetimeSettings) -> Floats:
-    """Times (S,) that keep every limit."""
+def _timed(path: _Stations, bound: Floats, pan: Floats, settings: RetimeSettings) -> Floats:
+    """Times (S,) that keep every limit; `pan` (S - 1,), rad/s, bounds the camera's turning on each leg."""
     legs, turns = np.diff(path.positions, axis=0), np.diff(path.yaw)
     length = np.linalg.norm(legs, axis=1)
     acceleration = settings.max_acceleration_mps2 * _MARGIN
     angular = np.radians(settings.max_yaw_acceleration_degps2) * _MARGIN
     moving = length >= _STANDING_M
-    cap = np.minimum(_leg_caps(path, length, settings), np.minimum(bound[:-1], bound[1:]))
+    cap = np.minimum(_leg_caps(path, length, pan, settings), np.minimum(bound[:-1], bound[1:]))
     # Legs of no length are spent at rest: they get their own time, and no speed.
     index = np.flatnonzero(moving)
-    step = np.maximum(path.hold_s, _turn_times(path, settings))
+    step = np.maximum(path.hold_s, _turn_times(path, pan, settings))
     if len(index):
         rest = np.concatenate([path.at_rest[index], [path.at_rest[index[-1] + 1]]])
         corner = corner_cap(legs[index], turns[index], rest, acceleration, angular)
@@ -237,28 +257,28 @@ def _timed(path: _Stations, bound: Floats, settings: RetimeSettings) -> Floats:
     return np.concatenate([[0.0], np.cumsum(np.maximum(step, _SHORTEST_S))])
 
 
-def _leg_caps(path: _Stations, length: Floats, settings: RetimeSettings) -> Floats:
+def _leg_caps(path: _Stations, length: Floats, pan: Floats, settings: RetimeSettings) -> Floats:
     """Largest speed of each leg (S - 1,) by the limits that concern it alone, m/s."""
     rise = np.diff(path.positions[:, 2])
     least_s = np.maximum(length / settings.max_speed_mps, _SHORTEST_S)
     least_s = np.maximum(least_s, rise / settings.max_climb_mps)
     least_s = np.maximum(least_s, -rise / settings.max_descent_mps)
-    by_yaw, by_pitch = _rates(path, settings)
-    return _MARGIN * length / np.maximum(least_s, np.maximum(by_yaw, by_pitch))
+    yaw_rate, pitch_rate = _most_rates(pan, settings)
+    least_s = np.maximum(least_s, np.abs(np.diff(path.yaw)) / yaw_rate)
+    return _MARGIN * length / np.maximum(least_s, np.abs(np.diff(path.pitch)) / pitch_rate)
 
 
-def _rates(path: _Stations, settings: RetimeSettings) -> tuple[Floats, Floats]:
-    """Least seconds of each leg for the heading's turn, and for the gimbal's."""
-    by_yaw = np.abs(np.diff(path.yaw)) / np.radians(settings.max_yaw_rate_degps)
-    by_pitch = np.abs(np.diff(path.pitch)) / np.radians(settings.max_gimbal_rate_degps)
-    return by_yaw, by_pitch
+def _most_rates(pan: Floats, settings: RetimeSettings) -> tuple[Floats, Floats]:
+    """Largest rate of each leg for the heading's turn, and for the gimbal's, rad/s."""
+    vehicle = np.radians([settings.max_yaw_rate_degps, settings.max_gimbal_rate_degps])
+    return np.minimum(vehicle[0], pan), np.minimum(vehicle[1], pan)
 
 
-def _turn_times(path: _Stations, settings: RetimeSettings) -> Floats:
+def _turn_times(path: _Stations, pan: Floats, settings: RetimeSettings) -> Floats:
     """Least seconds of each leg to turn the camera on the spot, the heading from rest to rest."""
-    by_yaw, by_pitch = _rates(path, settings)
-    turn = np.abs(np.diff(path.yaw))
-    ramp = settings.max_yaw_rate_degps / settings.max_yaw_acceleration_degps2  # s to full rate
+    yaw_rate, pitch_rate = _most_rates(pan, settings)
     angular = np.radians(settings.max_yaw_acceleration_degps2)
-    from_rest = np.where(by_yaw > ramp, by_yaw + ramp, 2 * np.sqrt(turn / angular))
-    return np.maximum(from_rest, by_pitch) / _MARGIN
+    turn, ramp = np.abs(np.diff(path.yaw)), yaw_rate / angular  # s to full rate
+    at_rate = turn / yaw_rate
+    from_rest = np.where(at_rate > ramp, at_rate + ramp, 2 * np.sqrt(turn / angular))
+    return np.maximum(from_rest, np.abs(np.diff(path.pitch)) / pitch_rate) / _MARGIN

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from upplied.config import RetimeSettings, Settings
+from upplied.config import Settings
 from upplied.planning.carry.inspected_surface import inspected_by, look_limits, together
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.visibility.line_of_sight import visible
@@ -51,20 +51,13 @@ def sharp_speeds(path: Waypoints, takes: Sequence[Take], settings: Settings) -> 
     return np.minimum(np.append(fastest, np.inf), np.insert(fastest, 0, np.inf))
 
 
-def steady(limits: RetimeSettings, takes: Sequence[Take], settings: Settings) -> RetimeSettings:
-    """The vehicle's limits, with a camera that turns no faster than it stays sharp, or the expert turned."""
+def steady_degps(takes: Sequence[Take], settings: Settings) -> float:
+    """How many degrees a second the camera may turn: as long as it is sharp, or as the expert turned it."""
     rate = settings.inspection.sharp_radps(takes[0].inspection.camera.hfov_deg)
     for take in takes:
         turn = np.linalg.norm(moments(take.inspection.logged, take.inspection.logged_breaks).turn, axis=1)
         rate = max(rate, float(np.quantile(turn, _USUAL, method="lower")))
-    most = float(np.degrees(rate))
-    return RetimeSettings(
-        **{
-            **vars(limits),
-            "max_yaw_rate_degps": min(limits.max_yaw_rate_degps, most),
-            "max_gimbal_rate_degps": min(limits.max_gimbal_rate_degps, most),
-        }
-    )
+    return float(np.degrees(rate))
 
 
 @njit(cache=True)
