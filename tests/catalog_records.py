@@ -10,6 +10,7 @@ import numpy as np
 
 from upplied.records import (
     Camera,
+    Counterpart,
     Demonstration,
     Measures,
     Placement,
@@ -93,6 +94,9 @@ def plan(
         ),
         measures=Measures(**numbers),
         counterpart_summary="2 parts of 2",
+        counterparts=(
+            Counterpart("part_1 (left)", 98.5, 1, 4, ("part_2 (left)",), ("part_3: why",), "sure?"),
+        ),
         warnings=("wind", 'a "quote"'),
     )
     if status != "ok":

@@ -7,10 +7,13 @@ at the one is planned on the other.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from upplied.planning.surface.parts import mesh_pieces
 from upplied.poses import look_at
 from upplied.records import Camera, Demonstration, Floats, Ints, Structure, Surroundings
 
@@ -43,6 +46,15 @@ def structure(family: str, seed: int, variant: int = 0) -> Structure:
     around = _surroundings(points, np.random.default_rng([FAMILIES.index(family), seed, variant, 7]))
     name = f"{family}-{seed}-{variant}"
     return Structure(name, family, points, np.vstack(triangles).astype(np.int64), surroundings=around)
+
+
+def one_piece(of: Structure) -> Structure:
+    """The same surface as one connected piece, as scans are: edges without width join its pieces."""
+    piece = mesh_pieces(of)
+    first = [of.triangles[np.flatnonzero(piece == each)[0], 0] for each in range(int(piece.max()) + 1)]
+    bridges = np.array([[a, b, b] for a, b in itertools.pairwise(first)], np.int64).reshape(-1, 3)
+    joined = np.concatenate([of.triangles, bridges])
+    return replace(of, structure_id=f"{of.structure_id}-scan", triangles=joined, sha256="")
 
 
 def _parts(family: str, about) -> tuple[Boxes, list[tuple[float, float, float, float]]]:

@@ -60,6 +60,8 @@ class CorrespondenceSettings:
     method: Literal["nearest", "parts"] = "nearest"  # the nearest point, as published, or part to part
     counterparts: tuple[tuple[str, str], ...] = ()  # landmark pairs: (on the source, on the target)
     repeat: Literal["", "each", "mirror"] = ""  # fly each part of the kind, or its mirror image too
+    # How many parts like the inspected one the target must have; with another number the plan is refused.
+    expect: int | None = None
 
 
 @dataclass(frozen=True)
@@ -294,8 +296,10 @@ def _check_value(name: str, value: Any, wanted: Any) -> None:
         fits, rule = isinstance(value, str) and len(value) <= 1000, "text of at most 1000 characters"
     elif wanted is bool:
         fits, rule = isinstance(value, bool), "true or false"
-    elif wanted is int:
-        fits, rule = isinstance(value, int) and not isinstance(value, bool), "a whole number"
+    elif wanted is int or int in choices:
+        optional = type(None) in choices
+        fits = (isinstance(value, int) and not isinstance(value, bool)) or (optional and value is None)
+        rule = "a whole number, or none" if optional else "a whole number"
     elif wanted is float or float in choices:
         optional = type(None) in choices
         fits = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
@@ -319,6 +323,7 @@ _RANGES = {
     "registration.gamma": (0, math.inf),
     "registration.acceptance": (0, math.inf),
     "registration.least_probability": (0, 1),
+    "correspondence.expect": (1, 1000),
     "visibility.max_incidence_deg": (1, 90),
     "viewpoints.shared": (0, 1),
     "viewpoints.most_poses": (2, 100_000),

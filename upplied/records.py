@@ -234,6 +234,14 @@ class Correspondences(Record):
     distance_m: Floats  # (N_demo,) between the partners after alignment; NaN where there is none
     target_points: Floats  # (N_demo, 3) m, target frame: where each point is carried, NaN where nowhere
     summary: str = ""  # parts matched and parts left without a counterpart, in words
+    source_class: Ints | None = None  # (K,) of each part of the demonstration's cloud, -1: in none
+    target_class: Ints | None = None  # (L,) of each part of the target's: parts of one class were matched
+
+    def parts_answering(self, part: int) -> Ints:
+        """The target's parts that were matched with a part of the source; none where it was not."""
+        if self.source_class is None or self.target_class is None or self.source_class[part] < 0:
+            return np.empty(0, np.int64)
+        return np.flatnonzero(self.target_class == self.source_class[part])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -349,6 +357,19 @@ class SurfaceStates(Record):
     normals: Floats | None = None  # (N, 3) unit, outward
 
 
+@dataclass(frozen=True, repr=False)
+class Counterpart(Record):
+    """What answers on the target to one part that was inspected."""
+
+    part: str  # of the source, with its place: ``part_3 (left low)``
+    inspected_pct: float  # share of what was inspected that lies on it
+    twins: int  # other parts of the source of its shape and size
+    found: int  # parts of the target of its shape and size
+    flown: tuple[str, ...] = ()  # parts of the target that the plan flies to
+    left_out: tuple[str, ...] = ()  # those of its shape that it does not, each with the reason
+    doubt: str = ""  # why it is not certain which part of the target answers to it; empty where it is
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Record):
     """What came of transferring one demonstration to one target: a trajectory, or a reason why not."""
@@ -365,6 +386,7 @@ class Plan(Record):
     registration: Registration | None = None
     measures: Measures = field(default_factory=Measures)
     counterpart_summary: str = ""
+    counterparts: tuple[Counterpart, ...] = ()  # of each inspected part, the most inspected first
     acceptance_evidence: str = ""  # what speaks for and against the transfer, in words
     warnings: tuple[str, ...] = ()
     surface: SurfaceStates | None = None  # what the plan sees of the target, where it was computed

@@ -27,6 +27,8 @@ class Choices:
         Landmarks that answer to each other, as SOURCE=TARGET; repeatable.
     repeat : str
         Fly what was demonstrated on one part on each part of its kind, or on its mirror image too.
+    expect : int
+        How many parts like the inspected one a target must have; one with another number is refused.
     fidelity : str
         How much of the demonstrated shape may go for showing more: none to speak of, some, or much.
     clearance : float
@@ -43,6 +45,7 @@ class Choices:
     plane: Annotated[bool, Parameter(negative="", show_default=False)] = False
     counterpart: Pairs = ()
     repeat: Literal["each", "mirror"] | None = None
+    expect: int | None = None
     fidelity: Literal["strict", "balanced", "coverage"] | None = None
     clearance: float | None = None
     search: Literal["none", "heading", "orientation"] | None = None
@@ -56,6 +59,7 @@ class Choices:
             ("transfer", "plane"): self.plane or None,
             ("correspondence", "counterparts"): tuple(map(_pair, self.counterpart)) or None,
             ("correspondence", "repeat"): self.repeat,
+            ("correspondence", "expect"): self.expect,
             ("refine", "fidelity"): self.fidelity,
             ("route", "clearance_m"): self.clearance,
             ("registration", "search"): self.search,

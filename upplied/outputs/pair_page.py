@@ -110,6 +110,7 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
         "status": status,
         "decided": said_of(row),
         "counterparts": _text(row.get("counterpart_summary")),
+        "parts": _parts(row.get("counterparts")),
         "evidence": _text(row.get("acceptance_evidence")),
         "standoff": _text(row.get("standoff_mode")),
         "verdict": verdict(row, _safety_m(row.get("settings_json"))),
@@ -123,6 +124,22 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
 
 def _text(value: Any) -> str:
     return value if isinstance(value, str) else ""
+
+
+def _parts(value: Any) -> str:
+    """What answers to each inspected part, as sentences; the catalog keeps it as a JSON list."""
+    try:
+        found = json.loads(value) if isinstance(value, str) and value else []
+        return " ".join(_part(one) for one in found)
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return ""
+
+
+def _part(one: Mapping[str, Any]) -> str:
+    said = f"{one['part']}, {one['inspected_pct']:.0f} % of what was inspected: {one['found']} like it found"
+    said += f", flown to {', '.join(one['flown'])}" if one["flown"] and not one["doubt"] else ""
+    said += f", left out {', '.join(one['left_out'])}" if one["left_out"] else ""
+    return f"{said}. {one['doubt']}".rstrip(". ") + "."
 
 
 def _safety_m(settings_json: Any) -> float | None:

@@ -8,6 +8,7 @@ from upplied.config import Settings, digest
 from upplied.errors import RefusedError
 from upplied.planning.carry.forecast import forecast_of, unlikely
 from upplied.planning.correspondence.pair import METHOD_VERSION, Memo, no_memo, study_pair
+from upplied.planning.demonstration.counterparts import counterparts_of, doubts, undecided
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.measures.evaluate import judge
@@ -85,7 +86,10 @@ def _planned(
     if (sizes := wrong_size(source, target, settings)) and settings.verdict.enforce:
         return replace(plan, status="refused", reason="; ".join(sizes))
     # Do the structures fit, and what on one answers to what on the other? (Algorithm 1)
-    pair = study_pair(source, target, settings, memo)
+    try:
+        pair = study_pair(source, target, settings, memo)
+    except RefusedError as refusal:  # a part that was named cannot be told apart
+        return replace(plan, status="refused", reason=str(refusal))
     plan = replace(
         plan,
         registration=pair.fit_for(settings).registration,
@@ -106,6 +110,11 @@ def _planned(
     plan = replace(plan, measures=Measures(acceptance_probability=likely.probability))
     if least is not None and likely.probability < least:
         return replace(plan, status="refused", reason=unlikely(likely, least, found))
+    # Which part of the target is it, and can that be told?
+    answers = counterparts_of(takes, settings)
+    plan = replace(plan, counterparts=answers)
+    if unsure := undecided(answers, settings):
+        return replace(plan, status="refused", reason=unsure)
     # From where does the target show the same? (lines 14 to 18)
     try:
         trajectory, is_viewpoint, answers_s = propose(takes, settings)
@@ -114,6 +123,7 @@ def _planned(
     # How good is it? The same measures for every preset.
     measures, surface, warnings = judge(trajectory, answers_s, takes, settings, memo)
     measures = replace(measures, acceptance_probability=likely.probability)
+    warnings = (*doubts(answers), *warnings)
     # May it be flown? What falls short is refused, or says so where it is for comparison.
     short = "; ".join((*sizes, *shortfalls(trajectory, measures, takes, settings)))
     warnings = (*(odd_size(source, target, settings) if not sizes else ()), *warnings)

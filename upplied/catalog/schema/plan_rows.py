@@ -16,7 +16,7 @@ from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table
 from upplied.catalog.schema.tables import WAYPOINTS
 from upplied.config import Settings, settings_for
 from upplied.errors import CatalogError
-from upplied.records import Bools, Measures, Plan, Registration, Trajectory
+from upplied.records import Bools, Counterpart, Measures, Plan, Registration, Trajectory
 
 #: What may be said of how a plan came about; see `transfer_row`.
 PROVENANCE = (
@@ -104,6 +104,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
                 "runner_up_gap": registration.runner_up_gap,
             }
         ),
+        "counterparts": json_text([asdict(one) for one in plan.counterparts]),
         "warnings": json_text(list(plan.warnings)),
         "settings_sha256": settings.sha256,
         "settings_json": settings_text(settings),
@@ -141,11 +142,23 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
         registration=_registration_of(row["registration_json"]),
         measures=Measures(**{name: nan if value is None else value for name, value in measures.items()}),
         counterpart_summary=row["counterpart_summary"],
+        counterparts=_counterparts(row["counterparts"]),
         acceptance_evidence=row["acceptance_evidence"] or "",
         warnings=tuple(json.loads(row["warnings"] or "[]")),
         flyable=bool(row["flyable"]),
         not_flyable=row["not_flyable"] or "",
     )
+
+
+def _counterparts(text: str | None) -> tuple[Counterpart, ...]:
+    """What a row keeps of the inspected parts; none in rows of before there was such a column."""
+    known = {item.name for item in fields(Counterpart)}
+    rows: list[dict[str, Any]] = json.loads(text or "[]")
+    plain: list[dict[str, Any]] = [
+        {name: tuple(value) if isinstance(value, list) else value for name, value in one.items()}
+        for one in rows
+    ]
+    return tuple(Counterpart(**{name: one[name] for name in known & one.keys()}) for one in plain)
 
 
 def trajectory_of(waypoints: pa.Table) -> Trajectory:

@@ -201,6 +201,12 @@ TRANSFERS = Table(
         Column("acceptance", REAL, "1", "how badly the structures fit, free of scale and density", low=0),
         Column("runner_up_gap", REAL, "1", "relative gap to the next best orientation"),
         Column("counterpart_summary", TEXT, "", "parts matched, and parts without a counterpart"),
+        Column(
+            "counterparts",
+            TEXT,
+            "",
+            "JSON list, per inspected part: how many like it, which flown to, left out and why, doubt",
+        ),
         Column("warnings", TEXT, "", "JSON list of what a pilot should know"),
         Column("planned_at", MOMENT, "UTC", "when it was planned, by the planner's clock", required=True),
         Column("run_id", TEXT, "", "the run that planned it"),

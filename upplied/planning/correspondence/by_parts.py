@@ -76,6 +76,8 @@ def by_parts(
             gone,
             parts_of(lying).in_axes(words),
         ),
+        source_class=matching.source_class,
+        target_class=matching.target_class,
     )
 
 

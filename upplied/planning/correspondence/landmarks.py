@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from upplied.errors import SettingsError
+from upplied.errors import RefusedError, SettingsError
 from upplied.planning.correspondence.misfit import UNTURNED
 from upplied.planning.correspondence.part_assignment import like_shape
 from upplied.planning.geometry.boxes import laid
@@ -16,6 +16,8 @@ from upplied.records import Cloud, Floats, Ints, Registration
 Landmarks = Mapping[str, tuple[float, float, float]]
 
 _WORDS = ("left", "right", "inner", "outer", "front", "rear", "high", "low")
+_UNLIKE = 8.0  # ratio of shares of the surface from which a part that was named is not that part alone
+_SAME_SIZE = 1.5  # ratio of areas up to which parts of a structure are of one kind: decks 1.3, abutments 1.8
 _SIDE = 0.05  # of the width: nearer to the middle a part is on neither side
 
 
@@ -48,6 +50,8 @@ def pinned_parts(
     ------
     SettingsError
         If a name is unknown, with the names that would be known.
+    RefusedError
+        If a name is known and the parts of the target, as they were found, do not tell what it means.
     """
     here = parts_of(source).in_axes(words)
     there = parts_of(laid(target, registration)).in_axes(words)
@@ -59,6 +63,10 @@ def pinned_parts(
         other = _named(name_there, target, there, target_landmarks)
         if other is None and set(name_there.split("_")) <= set(_WORDS):
             other = _placed(name_there.split("_"), here, one, there)
+            if other is None:
+                raise _not_told_apart(name, name_there, "no part of the target has the shape and size of it")
+        elif other is not None and not _comparable(here, one, there, other):
+            raise _not_told_apart(name, name_there, _beside(here, one, there, other))
         if other is None:
             places = " or places among " + ", ".join(_WORDS)
             raise _unknown(name_there, "target", target_landmarks, len(there), places)
@@ -66,13 +74,17 @@ def pinned_parts(
     return pinned
 
 
-def choices_for(source: Parts, part: int, target: Parts) -> Ints:
-    """Parts of the laid target of a source part's shape, those on its side first; boxes made equal."""
+def choices_for(source: Parts, part: int, target: Parts, answers: Sequence[int] = ()) -> Ints:
+    """Parts of the laid target of a source part's shape, those on its side first; boxes made equal.
+
+    Where it is known which one answers to it, the others are of its size too: no abutment beside piers.
+    """
+    alike = _alike(source, part, target)
+    if len(answers) == 1:
+        size = target.area[answers[0]]
+        alike = [other for other in alike if 1 / _SAME_SIZE < target.area[other] / size < _SAME_SIZE]
     return np.array(
-        sorted(
-            _alike(source, part, target), key=lambda other: side_of(target, other) != side_of(source, part)
-        ),
-        np.int64,
+        sorted(alike, key=lambda other: side_of(target, other) != side_of(source, part)), np.int64
     )
 
 
@@ -101,6 +113,31 @@ def _placed(words: list[str], source: Parts, part: int, target: Parts) -> int | 
 def _alike(source: Parts, part: int, target: Parts) -> list[int]:
     """Target parts of like shape, with the structures' boxes made equal."""
     return like_shape(_boxed(source), part, _boxed(target), np.sqrt(3.0)).tolist()
+
+
+def _comparable(source: Parts, part: int, target: Parts, other: int) -> bool:
+    """Whether a part of the target may be meant by somebody who names a part of the source.
+
+    Far more unlike parts than those that are matched are believed, but not an engine and a whole airliner.
+    """
+    ratio = target.area[other] / max(source.area[part], 1e-12)
+    return bool(1 / _UNLIKE < ratio < _UNLIKE)
+
+
+def _beside(source: Parts, part: int, target: Parts, other: int) -> str:
+    return (
+        f"there lies part_{other} of the target with {100 * target.area[other]:.1f} % of its surface, and "
+        f"part_{part} of the source has {100 * source.area[part]:.1f} %"
+    )
+
+
+def _not_told_apart(name: str, name_there: str, found: str) -> RefusedError:
+    return RefusedError(
+        f"counterpart {name}={name_there}",
+        f"cannot be told apart on the target: {found}",
+        "a named counterpart is one part of the target",
+        "give a model of the target in which that part is a piece of its own",
+    )
 
 
 def _boxed(parts: Parts) -> Parts:

@@ -30,6 +30,8 @@ class Take(Record):
 
     inspection: Inspection
     pair: Pair
+    part: int = -1  # of the source, that is repeated; -1 where nothing is
+    choice: int = -1  # of the target, that it is repeated on
 
 
 def takes_of(
@@ -60,7 +62,7 @@ def takes_of(
             pairs = (*settings.correspondence.counterparts, (f"part_{part}", f"part_{choice}"))
             chosen = replace(settings, correspondence=replace(settings.correspondence, counterparts=pairs))
             studied = study_pair(pair.source, pair.target, chosen, memo)
-            takes.append(Take(inspect_demonstration(flown, studied, chosen, memo), studied))
+            takes.append(Take(inspect_demonstration(flown, studied, chosen, memo), studied, part, choice))
     return takes or [first]
 
 
@@ -127,5 +129,5 @@ def _on_this_side(part: int, pair: Pair) -> list[int]:
     source = parts_of(fit.source).in_axes(words)
     target = parts_of(laid(fit.target, fit.registration)).in_axes(words)
     side = side_of(source, part)
-    choices = choices_for(source, part, target)
+    choices = choices_for(source, part, target, fit.correspondences.parts_answering(part).tolist())
     return [int(choice) for choice in choices if side_of(target, int(choice)) in (0, side)]

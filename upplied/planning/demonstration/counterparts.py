@@ -1,0 +1,170 @@
+"""Which part of the target answers to each inspected part, and whether that can be told at all.
+
+An engine has a twin under the other wing, and may have four on the target. Where the parts of a structure
+cannot be told apart, as on a scan of one piece, its points still have nearest neighbours and a plan still has
+good figures, of the wrong engine. So a plan asks here first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from upplied.config import Settings
+from upplied.planning.correspondence.describe import place_of
+from upplied.planning.correspondence.landmarks import choices_for
+from upplied.planning.demonstration.repetition import Take
+from upplied.planning.geometry.boxes import laid
+from upplied.planning.surface.frames import named_axes
+from upplied.planning.surface.parts import Parts, labels_of, parts_of
+from upplied.records import Counterpart, Floats, Ints, Record
+
+_INSPECTED = 0.1  # least share of what was inspected, for a part to be asked about
+_MOST = 0.25  # share of what was inspected from which a doubt about it refuses the plan
+_WHOLE = 0.5  # share of the surface from which a stretch of skin of a one-piece structure is the structure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Side(Record):
+    """One structure as its parts are known: from its pieces, or else from where its skin has creases."""
+
+    parts: Parts  # source frame and scale, axes of the places' names
+    label: Ints  # (N,) of its samples
+    pieces: bool  # whether the pieces of its mesh tell parts
+
+
+def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterpart, ...]:
+    """What answers to each inspected part of all takes, the most inspected first.
+
+    None for presets that know no parts.
+    """
+    if settings.correspondence.method != "parts":
+        return ()
+    found: dict[str, Counterpart] = {}
+    for take in takes:
+        source, target = _source(take), _target(take)
+        for part, share in _inspected(take, source.label):
+            one = _counterpart(take, part, share, source, target)
+            known = found.get(one.part)
+            found[one.part] = one if known is None else _both(known, one)
+    return tuple(sorted(_without_flown(list(found.values()), settings), key=lambda one: -one.inspected_pct))
+
+
+def undecided(found: Sequence[Counterpart], settings: Settings) -> str:
+    """Why a plan is refused for what is not told apart or not as many as expected; empty where it is not."""
+    asked = settings.correspondence
+    for one in found:
+        if not one.doubt or one.inspected_pct < 100 * _MOST:
+            continue
+        if asked.repeat:
+            return f"--repeat {asked.repeat} was asked for and {one.doubt}"
+        if one.twins or one.found:
+            return _sentence(one)
+    if asked.expect is not None and found and found[0].found != asked.expect:
+        said = (
+            f"{found[0].found} parts like {found[0].part} were found on the target, "
+            f"{asked.expect} are expected (correspondence.expect)"
+        )
+        return f"{said}; {found[0].doubt}" if found[0].doubt else said
+    return ""
+
+
+def doubts(found: Sequence[Counterpart]) -> tuple[str, ...]:
+    """What is not certain of the inspected parts, as warnings."""
+    return tuple(_sentence(one) for one in found if one.doubt)
+
+
+def _sentence(one: Counterpart) -> str:
+    like = f"{one.twins} more like it on the source" if one.twins else "none like it on the source"
+    return f"{one.doubt} ({like}, {one.found} on the target, as far as parts were found)"
+
+
+def _counterpart(take: Take, part: int, share: float, source: _Side, target: _Side) -> Counterpart:
+    name = _name(source.parts, part)
+    answers = [take.choice] if take.choice >= 0 and part == take.part else _answers(take, part, source)
+    alike = choices_for(source.parts, part, target.parts, answers).tolist() if target.pieces else []
+    twins = choices_for(source.parts, part, source.parts, [part])
+    return Counterpart(
+        part=name,
+        inspected_pct=round(100 * share, 2),
+        twins=len(twins) - 1,
+        found=len({*alike, *answers[:1]}),
+        flown=tuple(_name(target.parts, other) for other in answers),
+        left_out=tuple(_name(target.parts, other) for other in alike if other not in answers),
+        doubt="" if answers else _doubt(take, name, share, target),
+    )
+
+
+def _both(one: Counterpart, other: Counterpart) -> Counterpart:
+    """What two takes say of the same part."""
+    flown, left = (
+        tuple(dict.fromkeys(a + b)) for a, b in ((one.flown, other.flown), (one.left_out, other.left_out))
+    )
+    return replace(one, flown=flown, left_out=left, doubt=one.doubt or other.doubt)
+
+
+def _without_flown(found: Sequence[Counterpart], settings: Settings) -> list[Counterpart]:
+    """The same, with what is left out by all of them alone, and why."""
+    flown = {name for one in found for name in one.flown}
+    asked = settings.correspondence.repeat
+    why = (
+        f"--repeat {asked} flies what lies as the demonstrated part"
+        if asked
+        else "not asked for (--repeat each)"
+    )
+    return [
+        replace(one, left_out=tuple(f"{name}: {why}" for name in one.left_out if name not in flown))
+        for one in found
+    ]
+
+
+def _doubt(take: Take, name: str, share: float, target: _Side) -> str:
+    there = take.pair.target.structure_id
+    why = "no part of it was matched" if target.pieces else "its surface is one piece"
+    return (
+        f"{name}, {100 * share:.0f} % of what was inspected, is not told apart on {there}: {why}, and what "
+        "lies nearest may be another part"
+    )
+
+
+def _inspected(take: Take, label: Ints) -> list[tuple[int, float]]:
+    """The parts on which most of what was inspected lies, and their shares; at least one if there are any."""
+    cloud, weight = take.pair.surface.source, take.inspection.attention.weight
+    area: Floats = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    share = np.bincount(label, weights=weight * area)
+    if share.sum() <= 0:
+        return []
+    share = share / share.sum()
+    return [(int(part), float(share[part])) for part in np.argsort(-share, kind="stable")
+            if share[part] >= min(_INSPECTED, share.max())]  # fmt: skip
+
+
+def _answers(take: Take, part: int, source: _Side) -> list[int]:
+    """The target's parts that were matched with a part of the source, none where it was not."""
+    match = take.pair.surface.correspondences
+    if source.pieces:
+        return match.parts_answering(part).tolist()
+    # The one piece is matched as a whole, which tells nothing of less than the whole.
+    return match.parts_answering(0).tolist() if source.parts.area[part] > _WHOLE else []
+
+
+def _source(take: Take) -> _Side:
+    cloud = take.pair.surface.source
+    label, words = labels_of(cloud), named_axes(take.pair.source.frame)
+    if label.max(initial=0) > 0:
+        return _Side(parts_of(cloud).in_axes(words), label, True)
+    label = take.inspection.attention.part
+    return _Side(parts_of(replace(cloud, part=label)).in_axes(words), label, False)
+
+
+def _target(take: Take) -> _Side:
+    fit = take.pair.surface
+    lying = laid(fit.target, fit.registration)
+    words = named_axes(take.pair.source.frame)
+    return _Side(parts_of(lying).in_axes(words), labels_of(lying), bool(labels_of(lying).max(initial=0) > 0))
+
+
+def _name(parts: Parts, part: int) -> str:
+    return f"part_{part} ({place_of(parts, part)})"
