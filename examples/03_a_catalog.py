@@ -21,5 +21,6 @@ print(f"a second run would plan {len(again.jobs)}; {again.unchanged} are unchang
 
 plans = catalog.transfers(status="ok")
 print(plans.groupby("preset")[["coverage_seen_pct", "min_clearance_m"]].mean().round(2))
-path = catalog.trajectory(plans["transfer_id"].iloc[0])
+flyable = plans[plans["preset"] == "recommended"]  # the others are for comparison, and not given out
+path = catalog.trajectory(flyable["transfer_id"].iloc[-1])
 print("after five seconds the camera is at", path.at(5.0).positions.round(2))

@@ -18,8 +18,10 @@ from hypothesis import strategies as st
 
 from upplied.catalog import export_dataset, export_tables, import_dataset, open_catalog, verify
 from upplied.catalog.database import Catalog
+from upplied.catalog.verbs.decisions import recall
 from upplied.catalog.verbs.standing import standing_of
 from upplied.errors import RefusedError, SettingsError
+from upplied.outputs.render import undecided
 
 TARGET_SHA = structure("target", 1).sha256
 
@@ -89,6 +91,29 @@ def test_a_plan_that_is_rejected_or_recalled_leaves_nothing_in_force(catalog):
     catalog.release(second, "Grace", force=["rejected"])
     assert catalog.decisions(second)["forced"].iloc[-1] == "rejected: it was rejected"
     assert list(catalog.in_force()["transfer_id"]) == [second]
+
+
+def test_what_was_decided_against_is_not_given_out(catalog):
+    """Neither as a mission nor as a trajectory; a draft is looked at, and what is in force is flown."""
+
+    def broken(name):
+        rows = catalog.transfers(every=True).set_index("transfer_id", drop=False)
+        return [breach.rule for breach in undecided(catalog, rows.loc[name].to_dict())]
+
+    first = key("first")
+    assert broken(first) == ["released"] and len(catalog.trajectory(first).t_s) == 60
+    catalog.release(first, "Grace")
+    second = add(catalog, "second", 2)
+    assert broken(first) == [] and len(catalog.trajectory(first).t_s) == 60  # though there is a newer draft
+    catalog.reject(second, "Ada", "too near the mast")
+    assert broken(second) == ["rejected"]
+    with pytest.raises(RefusedError, match=r'rejected: the plan is rejected.*force=\["rejected"\]'):
+        catalog.trajectory(second)
+    assert len(catalog.trajectory(second, ["rejected"]).t_s) == 60
+    recall(catalog, catalog.transfer(first), "a new mast", TARGET_SHA, "the check")
+    assert broken(first) == ["recalled"]
+    with pytest.raises(RefusedError, match="the plan is recalled"):
+        catalog.trajectory(first)
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,10 @@ def check_path(path: Trajectory, seed: int) -> None:
 
 def test_an_older_catalog_is_read_as_it_is_and_not_changed(older):
     before = content(older / "catalog")
-    check_older(open_catalog(older / "catalog"))
+    catalog = open_catalog(older / "catalog")
+    check_older(catalog)
+    assert set(catalog.structures()["overruled"]) == set(catalog.demonstrations()["overruled"]) == {""}
+    assert catalog.overruled().empty
     assert content(older / "catalog") == before
 
 
@@ -65,8 +68,14 @@ def test_an_older_catalog_takes_rows_and_keeps_all_it_had(older, tmp_path):
     assert list(added_at) == list(catalog.transfers(every=True)["planned_at"])
     early = catalog.structures(every=True)["added_at"].max()
     catalog.add_plans([(key_of("boxy"), plan("boxy", 4, preset="baseline"), {})])
-    catalog.add_structures([structure("third", 3)])
+    overruled = json.dumps([{"rule": "size", "severity": "refuse", "found": "too large", "overruled": True}])
+    catalog.add_structures([structure("third", 3, verdicts_json=overruled)])
+    rows = catalog.structures().set_index("structure_id")["overruled"]
+    assert rows["third"] == "size" and set(rows.drop("third")) == {""}
     check_older(open_catalog(older / "catalog"))
+    said = {"transfer_id": key_of("second")[:20], "way": "export", "format": "csv", "rule": "preset"}
+    assert [catalog.add_overruled([{**said, "found": "preset paper"}]) for _ in range(2)] == [1, 0]
+    assert list(catalog.overruled(key_of("second")[:20])["rule"]) == ["preset"]
     compact(catalog)
     check_older(open_catalog(older / "catalog"))
     catalog.add_plans([(key_of("first"), plan("target", 1), {})])  # an older plan is current again

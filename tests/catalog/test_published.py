@@ -95,6 +95,7 @@ def test_what_did_not_change_is_not_written_again(catalog, tmp_path):
         "structures.parquet",
         "demonstrations.parquet",
         "flights.parquet",
+        "overruled.parquet",
     }
     assert before["transfers.parquet"] != after["transfers.parquet"]
 

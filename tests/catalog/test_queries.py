@@ -139,7 +139,7 @@ def test_retired_targets_have_no_current_plan_but_their_history(tmp_path):
 
 
 def test_a_trajectory_at_any_time(catalog):
-    name = catalog.transfers(status="ok")["transfer_id"].iloc[0]
+    name = catalog.transfers(status="ok", preset="recommended")["transfer_id"].iloc[0]
     path = catalog.trajectory(name)
     exact = path.at(path.t_s)
     assert np.allclose(exact.positions, path.positions, atol=1e-12)

@@ -13,11 +13,13 @@ from upplied.cli import main
 from upplied.cli.choices import Choices
 from upplied.cli.export import Flags
 from upplied.config import settings_for
+from upplied.errors import RefusedError
 from upplied.outputs.missions import FORMATS, MissionOptions
 from upplied.records import Placement
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 
+FORCED = ("--force", "preset", "--force", "verdict")  # the plan is a comparison, and turns too hard
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -129,7 +131,7 @@ def test_missions(format, planned, tmp_path, capsys):
     arguments = ["export", planned, "--to", format, "--output", str(output), "--drone", "m30t"]
     assert main(arguments) == 1 and not output.exists()
     assert "preset: the plan is of preset baseline" in capsys.readouterr().err
-    arguments += ["--force", "preset"]
+    arguments += [*FORCED]
     assert main(arguments) == 1 and not output.exists()
     assert "say --draft" in capsys.readouterr().err.lower()
     arguments += ["--draft"]
@@ -143,7 +145,7 @@ def test_the_page_for_the_pilot_passes_the_same_gate(planned, tmp_path, capsys):
     output = tmp_path / "brief.html"
     assert main(["brief", planned, "--output", str(output)]) == 1 and not output.exists()
     assert "--force preset" in capsys.readouterr().err
-    assert main(["brief", planned, "--output", str(output), "--force", "preset", "--draft"]) == 0
+    assert main(["brief", planned, "--output", str(output), *FORCED, "--draft"]) == 0
     assert "OVERRULED preset" in output.read_text()
 
 
@@ -160,7 +162,9 @@ def test_a_flight_in_wind_is_told_in_the_report(planned, tmp_path, capsys):
     (page,) = (reports / "transfers").glob("*.html")
     assert "In a wind of" not in page.read_text()
     capsys.readouterr()
-    assert main(["fly", planned, "--wind", "7", "--seed", "3", "--json"]) == 0
+    assert main(["fly", planned, "--wind", "7"]) == 1  # it is for comparison
+    assert "preset: the plan is of preset baseline" in capsys.readouterr().err
+    assert main(["fly", planned, "--wind", "7", "--seed", "3", "--json", *FORCED]) == 0
     rows = {row["measure"]: row for row in json.loads(capsys.readouterr().out)}
     clearance = rows["least clearance, m"]
     assert clearance["flown"] != clearance["planned"]
@@ -170,8 +174,38 @@ def test_a_flight_in_wind_is_told_in_the_report(planned, tmp_path, capsys):
     assert '"flown":{"said":"In a wind of 7 m/s' in text
 
 
+def test_what_was_overruled_is_kept_listed_and_shown(planned, location, tmp_path, capsys):
+    export = ["export", planned, "--to", "csv", "--output", str(tmp_path / "a.csv"), "--draft", *FORCED]
+    before = len(open_catalog(location).overruled(planned))
+    for _ in range(2):
+        assert main(export) == 0
+    kept = open_catalog(location).overruled(planned)
+    assert len(kept) <= before + 2  # the same again adds nothing
+    rows = kept[kept["format"] == "csv"].set_index("rule")
+    assert set(rows.index) == {"preset", "verdict"} and set(rows["way"]) == {"export"}
+    assert "preset baseline" in rows.loc["preset", "found"]
+    capsys.readouterr()
+    assert main(["catalog", "transfers", "--json"]) == 0
+    rows = {each["transfer_id"]: each for each in json.loads(capsys.readouterr().out)}
+    assert rows[planned]["overruled"] == "preset verdict"
+    assert main(["catalog", "show", planned, "--json"]) == 0
+    shown = [each for each in json.loads(capsys.readouterr().out) if each["what"] == "overruled for"]
+    assert "preset" in {each["rule"] for each in shown}
+    assert main(["report", str(tmp_path / "reports")]) == 0
+    (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
+    assert '"overruled":["export ' in page.read_text() and '"export csv, 20' in page.read_text()
+
+
+def test_only_what_may_be_flown_is_given_out(planned, location):
+    catalog = open_catalog(location)
+    with pytest.raises(RefusedError, match=r'preset baseline.*force=\["preset"'):
+        catalog.trajectory(planned)
+    force = ["preset", "verdict", "superseded"]
+    assert len(catalog.trajectory(planned, force).t_s) == len(catalog.waypoints(planned))
+
+
 def test_a_flight_that_is_blown_away_is_refused(planned, capsys):
-    assert main(["fly", planned, "--wind", "40"]) == 1
+    assert main(["fly", planned, "--wind", "40", *FORCED]) == 1
     assert "fly slower" in capsys.readouterr().err.lower()
 
 
@@ -235,6 +269,7 @@ def test_the_user_says_which_engine_is_meant(tmp_path, monkeypatch):
     assert main([*arguments, "--counterpart", "engine_left=outer"]) == 0
     plans = catalog.transfers(every=True)
     assert list(plans["status"]) == ["ok", "ok"]
-    inner, outer = (catalog.trajectory(name).positions[:, 1].mean() for name in plans["transfer_id"])
+    paths = [catalog.trajectory(name, ["superseded"]) for name in plans["transfer_id"]]
+    inner, outer = (path.positions[:, 1].mean() for path in paths)
     apart = b747.landmarks["engine_left_outer"][1] - b747.landmarks["engine_left"][1]
     assert abs(outer - inner) == pytest.approx(apart, rel=0.5)  # the loop is flown round the other engine

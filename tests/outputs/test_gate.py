@@ -74,6 +74,34 @@ def test_what_was_overruled_stands_in_the_file_where_it_has_room(tmp_path, forma
     assert "OVERRULED clearance" in goal.read_text()
 
 
+def test_what_only_the_written_file_breaks_is_told_and_kept_when_it_is_overruled(tmp_path, monkeypatch):
+    """A plan that keeps its rules, and a format that would not."""
+
+    def lowered(format, content, mission):
+        found = read_mission(format, content, mission)
+        return replace(found, positions=found.positions - [0, 0, 20.0])
+
+    monkeypatch.setattr("upplied.outputs.missions.read_mission", lowered)
+    place, goal, kept = placed_box(ground_z_m=0.0), tmp_path / "a.kml", []
+    with pytest.raises(RefusedError, match="ground: z"):
+        export(made_plan(), place, "kml", goal, keep=kept.extend)
+    assert kept == [] and not goal.exists()
+    options = MissionOptions(force=("ground", "clearance"))
+    done = export(made_plan(), place, "kml", goal, options, keep=kept.extend)
+    assert [breach.rule for breach in kept] == [breach.rule for breach in done.overruled]
+    assert "ground" in {breach.rule for breach in kept} and "OVERRULED ground" in goal.read_text()
+
+
+def test_a_rule_is_not_overruled_where_that_cannot_be_kept(tmp_path):
+    def full(overruled):
+        raise OSError("no space left") if overruled else None
+
+    options, goal = MissionOptions(force=("preset",)), tmp_path / "a.csv"
+    with pytest.raises(OSError, match="no space"):
+        export(replace(made_plan(), preset="paper"), placed_box(), "csv", goal, options, keep=full)
+    assert not goal.exists()
+
+
 def test_a_plan_that_falls_short_is_not_flown(tmp_path):
     short = replace(made_plan(), not_flyable="shows 12.0 % of what was inspected")
     with pytest.raises(RefusedError, match=r"verdict: shows 12\.0 %"):
@@ -124,6 +152,7 @@ def test_speed_acceleration_height_time_and_coverage_have_their_rules():
     assert [each.rule for each in coverage_breaches(0.9, Limits())] == ["coverage"]
     assert coverage_breaches(float("nan"), Limits()) == coverage_breaches(0.96, Limits()) == []
     told = {"preset", "verdict", "superseded", "clearance", "keep-out", "geofence", "ceiling", "ground"}
+    told |= {"released", "rejected", "recalled"}  # test_decisions.py
     assert told | {"finite", "height", "speed", "acceleration", "coverage"} == set(RULES)
     assert "at [1.0, 2.0, 3.0] m" in str(Breach("ground", "z", "low", (1.0, 2.0, 3.0)))
 

@@ -8,7 +8,7 @@ without its points, or with the points of a writer that was stopped half-way.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
@@ -28,6 +28,7 @@ from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.surfaces import SurfaceStore
 from upplied.catalog.verbs import adding, decisions, queries
 from upplied.catalog.verbs.adding import Planned
+from upplied.catalog.verbs.leaving import ASKED, check_leaves
 from upplied.catalog.verbs.queries import PlannedTrajectory, When, Which
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
@@ -183,15 +184,35 @@ class Catalog:
 
     # --- asking: records -----------------------------------------------------------------------
 
-    def trajectory(self, transfer_id: str) -> PlannedTrajectory:
-        """One planned trajectory, which can be asked for its pose at any time.
+    def trajectory(self, transfer_id: str, force: Collection[str] = ()) -> PlannedTrajectory:
+        """One planned trajectory, to be flown; it can be asked for its pose at any time.
+
+        Plans that may not be flown are looked at through `plan` and `waypoints`.
+
+        Parameters
+        ----------
+        transfer_id : str
+        force : collection of str
+            Rules that are overruled: ``preset``, ``verdict``, ``rejected``, ``recalled``, ``superseded``
+            (docs/checks.md).
 
         Raises
         ------
         CatalogError
-            If the transfer is not known, or has no trajectory because it was refused or failed.
+            If the transfer is not known, or has no trajectory because it was refused or failed, or its
+            steps are not those that were planned.
+        RefusedError
+            If it is for comparison, falls short of its floors, was rejected or
+            recalled, or another took its place.
         """
-        row = self.transfer(transfer_id, _OWNER)
+        row = self.transfer(transfer_id, [*_OWNER, *ASKED])
+        path = self.path_of(row)
+        check_leaves(self, row, force)
+        return path
+
+    def path_of(self, row: Row) -> PlannedTrajectory:
+        """The trajectory of one row of `transfers`, whether it may be flown or not."""
+        transfer_id = row["transfer_id"]
         if not row["n_waypoints"]:
             raise CatalogError(
                 f"transfer {transfer_id}", f"has no trajectory: it is {row['status']}: {row['reason']}"
@@ -235,6 +256,10 @@ class Catalog:
     def flights(self, transfer_id: str | None = None) -> pd.DataFrame:
         """Flights of plans in simulation, in the order they were added; those of one plan, or all."""
         return queries.flights(self.tables["flights"], transfer_id)
+
+    def overruled(self, transfer_id: str | None = None) -> pd.DataFrame:
+        """Rules of the gate that a person overruled, in the order they were added; of one plan, or all."""
+        return queries.flights(self.tables["overruled"], transfer_id)
 
     def flown(self, flight_sha256: str) -> Trajectory:
         """The path of one flight, by the hash in its row."""
@@ -358,6 +383,16 @@ class Catalog:
     def add_flight(self, row: Mapping[str, Any], path: Trajectory) -> int:
         """Add one flight of a plan: a row of `flights` without its commit and hash, and what was flown."""
         return adding.add_flight(self, row, path)
+
+    def add_overruled(self, given: Sequence[Mapping[str, Any]]) -> int:
+        """Keep which rules of the gate a person overruled; what is known already adds nothing.
+
+        Parameters
+        ----------
+        given : sequence of mappings
+            Rows of `overruled`, without their id and commit.
+        """
+        return adding.add_overruled(self, given)
 
     def retire_structures(self, structure_ids: Sequence[str]) -> int:
         """Take structures out of the fleet; their history stays. Returns how many were taken out."""

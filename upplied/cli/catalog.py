@@ -77,6 +77,7 @@ def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption
         current = name in set(store.transfers(columns=["transfer_id"])["transfer_id"])
         for row in rows_of(found[found["transfer_id"] == name]):
             rows.append({"what": "plan", "current": current, **row})
+        rows += [{"what": "overruled for", **row} for row in rows_of(store.overruled(name))]
     except CatalogError:
         if not rows:
             raise
@@ -142,8 +143,11 @@ def diff(
 @app.command
 def transfers(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
     """List the newest plan of every demonstration, target and preset."""
-    frame = opened(catalog).transfers()
-    show("transfers", rows_of(frame, None if json else PLANNED), json, SPARE)
+    store = opened(catalog)
+    frame = store.transfers()
+    rules = store.overruled().groupby("transfer_id")["rule"].unique().map(lambda some: " ".join(sorted(some)))
+    frame["overruled"] = frame["transfer_id"].map(rules).fillna("")
+    show("transfers", rows_of(frame, None if json else {**PLANNED, "overruled": "overruled"}), json, SPARE)
     return 0
 
 

@@ -30,6 +30,7 @@ LISTED = {
     "flown_clearance_m": "clear m",
     "axis_pct": "on it %",
     "recorded_pct": "recorded %",
+    "overruled": "overruled",
     "findings": "findings",
 }
 AllowOption = Annotated[

@@ -32,6 +32,10 @@ def fly(
     towards: Annotated[float, Parameter(help="Where it blows to, deg counter-clockwise from +X.")] = 60.0,
     gusts: bool = True,
     seed: Annotated[int, Parameter(help="Of gusts and errors.")] = 0,
+    force: Annotated[
+        tuple[str, ...],
+        Parameter(negative="", help="A rule of the gate that is overruled, by name.", show_default=False),
+    ] = (),
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
@@ -53,7 +57,7 @@ def fly(
     store = opened(catalog)
     transfer = store.find_transfer(transfer)
     with errors.status("flying"):
-        flown = fly_plan(store, transfer, Wind(wind, towards, gusts), seed)
+        flown = fly_plan(store, transfer, Wind(wind, towards, gusts), seed, force)
     row = store.transfer(transfer)
     route = settings_of(row["settings_json"]).route
     show(f"{transfer} in {wind:g} m/s of wind", _compared(flown, row), json)

@@ -75,7 +75,7 @@ def add(
 @app.command(name="list")
 def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
     """List the structures of the catalog, and what was found about each."""
-    table = opened(catalog).structures()[["structure_id", "kind", *_SIZES, "findings"]]
+    table = opened(catalog).structures()[["structure_id", "kind", *_SIZES, "overruled", "findings"]]
     rows = table.rename(columns=_SIZES).to_dict("records") if not json else table.to_dict("records")
     show("structures", rows, json, ("length m", "width m", "height m"))
     return 0

@@ -7,9 +7,13 @@ from dataclasses import asdict
 from upplied import __version__
 from upplied.catalog import Catalog, Recipe, recipe
 from upplied.catalog.schema.rows import Row
+from upplied.catalog.verbs.decisions import standing
+from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import digest
 from upplied.errors import RefusedError
 from upplied.outputs.flown import Flown, flight_row, flown_of
+from upplied.outputs.missions import gate
+from upplied.outputs.render import keep_overruled, undecided
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import METHOD_VERSION
 from upplied.provenance import method
@@ -17,20 +21,30 @@ from upplied.records import Measures, Plan, Structure
 from upplied.simulate import Vehicle, Wind, fly_trajectory, measure_flown
 
 
-def fly_plan(catalog: Catalog, transfer_id: str, wind: Wind | None = None, seed: int = 0) -> Flown:
+def fly_plan(
+    catalog: Catalog,
+    transfer_id: str,
+    wind: Wind | None = None,
+    seed: int = 0,
+    force: tuple[str, ...] = (),
+) -> Flown:
     """Fly a plan of the catalog in wind and keep what came of it; the same flight is not flown twice.
+
+    It passes the gate first, like a mission; `force` names rules that are overruled, which is kept.
 
     Raises
     ------
     CatalogError
         If there is no such plan, or its inputs are gone.
     RefusedError
-        If the plan is not ok, or the vehicle cannot hold its path in this wind.
+        If the plan is not ok, breaks a rule of the gate that is not overruled, or the vehicle cannot
+        hold its path in this wind.
     """
     wind, vehicle = wind or Wind(), Vehicle()
     row = catalog.transfer(transfer_id)
     if row["status"] != "ok":
         raise RefusedError(f"transfer {transfer_id}", f"is {row['status']}", "a plan that is ok")
+    _through_gate(catalog, row, force)
     parts = ["flown", __version__, METHOD_VERSION, method(), transfer_id, row["waypoints_sha256"]]
     flight_id = digest([*parts, asdict(wind), asdict(vehicle), seed])
     before = catalog.flights(transfer_id).to_dict("records")
@@ -60,6 +74,19 @@ def _flown(catalog: Catalog, row: Row, wind: Wind, vehicle: Vehicle, seed: int) 
     )
     said = (wind.speed_mps, wind.towards_deg, wind.gusts, seed)
     return Flown(row["transfer_id"], row["waypoints_sha256"], *said, path, judged.measures)
+
+
+def _through_gate(catalog: Catalog, row: Row, force: tuple[str, ...]) -> None:
+    """Refuse a plan that breaks a rule of the gate; keep which rules were overruled."""
+    asked = settings_of(row["settings_json"]).route.clearance_m
+    target, state = catalog.structure(row["target_id"]), standing(catalog).of(row["transfer_id"])
+    found = [
+        *gate.broken_by(plan_of(catalog, row), target, asked),
+        *undecided(catalog, {**row, "state": state}),
+    ]
+    found = [breach for breach in found if breach.rule != "released"]  # a flight in simulation decides that
+    overruled = gate.pass_or_refuse(f"transfer {row['transfer_id']}", found, force)
+    keep_overruled(catalog, row, "fly", "", overruled)
 
 
 def measured(made_from: Recipe, plan: Plan) -> Measures:

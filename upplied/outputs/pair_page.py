@@ -43,7 +43,8 @@ def demonstration_data(demonstration: Demonstration, profile: Profile, origin: F
 def _passport(passport: Mapping[str, Any]) -> str:
     if not passport:
         return ""
-    findings = [f"{item['rule']}: {item['found']}" for item in passport["findings"]]
+    said = {True: " (overruled)", False: ""}
+    findings = [f"{item['rule']}: {item['found']}{said[item['overruled']]}" for item in passport["findings"]]
     return "; ".join([passport["verdict"], *findings])
 
 
@@ -113,8 +114,8 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
         "parts": _parts(row.get("counterparts")),
         "evidence": _text(row.get("acceptance_evidence")),
         "standoff": _text(row.get("standoff_mode")),
-        "verdict": verdict(row, _safety_m(row.get("settings_json"))),
-        "safety_m": _safety_m(row.get("settings_json")),
+        "verdict": verdict(row, safety_m(row.get("settings_json"))),
+        "safety_m": safety_m(row.get("settings_json")),
         "measures": {item.name: number(row, item.name) for item in fields(Measures)}
         | {name: number(row, name) for name in ("n_viewpoints", "n_waypoints")},
         "provenance": {name: _shown(name, row[name]) for name in _PROVENANCE if name in row},
@@ -142,7 +143,7 @@ def _part(one: Mapping[str, Any]) -> str:
     return f"{said}. {one['doubt']}".rstrip(". ") + "."
 
 
-def _safety_m(settings_json: Any) -> float | None:
+def safety_m(settings_json: Any) -> float | None:
     """The distance that the plan was asked to keep, m; None where it was not asked to or it is not known."""
     try:
         route = json.loads(settings_json)["route"]

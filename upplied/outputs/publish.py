@@ -37,7 +37,7 @@ class Published:
     written: tuple[str, ...]  # files, relative to the folder
     kept: int  # files that were up to date
     removed: tuple[str, ...]
-    problems: tuple[str, ...]  # pairs whose page could not be made, and why
+    problems: tuple[str, ...]  # pairs whose page could not be made, or whose plan fails the gate, and why
 
 
 @dataclass
@@ -137,9 +137,8 @@ def publish_pages(
     removed = place.remove_others()
     replace_file(place.root / _RECORD, json.dumps(place.now, indent=0, sort_keys=True) + "\n")
     kept = len(place.now) - len(place.written)
-    return Published(
-        place.root / "index.html", tuple(place.written), kept, tuple(removed), tuple(problems.values())
-    )
+    told = [*problems.values(), *(f"{name}: {'; '.join(why)}" for name, why in reader.refused.items())]
+    return Published(place.root / "index.html", tuple(place.written), kept, tuple(removed), tuple(told))
 
 
 def publish_file(
@@ -190,7 +189,7 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
     draft = _plain({} if pair.draft is None else {"draft": pair.draft})
     key = digest([code, _plain(pair.plans), _plain(pair.earlier), draft, pair.decided, hashes, flown])
     scripts = [f"data/{name}.js" for name in used]
-    told = digest([key, [reader.flown(row) for row in pair.plans.values()], picture])
+    told = digest([key, [[reader.flown(row), reader.overruled(row)] for row in pair.plans.values()], picture])
     drawn = f"../pictures/{pair.name}.png" if picture else ""
     place.put(f"transfers/{pair.name}.html", told, lambda: _pair_html(reader, pair, scripts, drawn))
     if picture:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,9 @@ def export_transfer(
     row = _row(source, transfer_id)
     camera = source.demonstration(str(row["demonstration_id"])).camera
     structure = source.structure(str(row["target_id"]))
-    return export(plan_of(source, row), structure, format, path, options, camera, _undecided(source, row))
+    keep = partial(keep_overruled, source, row, "export", format)
+    found = undecided(source, row)
+    return export(plan_of(source, row), structure, format, path, options, camera, found, keep)
 
 
 def brief_transfer(
@@ -77,12 +80,28 @@ def brief_transfer(
     row = _row(source, transfer_id)
     camera = source.demonstration(str(row["demonstration_id"])).camera
     structure = source.structure(str(row["target_id"]))
-    missions = missions_for(format, plan_of(source, row), structure, options, camera, _undecided(source, row))
+    missions = missions_for(format, plan_of(source, row), structure, options, camera, undecided(source, row))
+    keep_overruled(source, row, "brief", format, missions[0].overruled)
     warnings = json.loads(row.get("warnings") or "[]")
     return replace_file(Path(path), brief_html(row, missions, structure, options, warnings))
 
 
-def _undecided(source: Source, row: Any) -> list[Breach]:
+def keep_overruled(source: Any, row: Any, way: str, format: str, overruled: Sequence[Breach]) -> None:
+    """Keep in the catalog which rules of the gate were overruled on a way out, before anything leaves.
+
+    Raises
+    ------
+    CatalogError
+        If it cannot be kept there.
+    """
+    forced = [breach for breach in overruled if breach.rule != "released"]  # a draft says so itself
+    if forced and hasattr(source, "add_overruled"):
+        names = ("transfer_id", "waypoints_sha256")
+        said = {**{name: str(row[name] or "") for name in names}, "way": way, "format": format}
+        source.add_overruled([{**said, "rule": one.rule, "found": str(one)} for one in forced])
+
+
+def undecided(source: Source, row: Any) -> list[Breach]:
     """What speaks against flying a plan by what was decided about it, and about others of its pair."""
     state, who = row.get("state") or "draft", row.get("state_by") or "nobody"
     if state == "released":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,8 +21,17 @@ from upplied.outputs.display import (
     structure_data,
 )
 from upplied.outputs.flown import Flights, flown_data, flown_sentence
-from upplied.outputs.pair_page import DRAFTED, demonstration_data, pair_data, path_data, planned_data
-from upplied.outputs.pairs import Pair, number
+from upplied.outputs.missions import gate
+from upplied.outputs.missions.reading import planned
+from upplied.outputs.pair_page import (
+    DRAFTED,
+    demonstration_data,
+    pair_data,
+    path_data,
+    planned_data,
+    safety_m,
+)
+from upplied.outputs.pairs import Pair, number, shown_status
 from upplied.outputs.passport_page import passport_page
 from upplied.records import Demonstration, Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
 from upplied.scene import Scene, scene_of
@@ -71,6 +80,7 @@ class Reader:
         self._scene = lru_cache(4)(self._scene_of)
         self._data = lru_cache(4)(self._data_of)
         self._flown = lru_cache(32)(self._flown_of)
+        self.refused: dict[str, list[str]] = {}  # pairs whose plan does not pass the gate, and why
         self._near: dict[str, Ints] = {}  # of the last target
 
     def sha256(self, table: str, name: str) -> str:
@@ -91,8 +101,12 @@ class Reader:
                 steps = self.source.waypoints(str(row["transfer_id"]))
                 if len(steps):
                     states = self._states(row, pair.target_id)
+                    broken = self._broken(row, steps, pair.target_id)
                     path = profile(trajectory_of(steps), self._scene(pair.target_id))
                     paths[preset] = planned_data(path, viewpoints_of(steps), origin, states)
+                    if broken:
+                        self.refused[pair.name] = broken
+                    paths[preset] |= {"gate": broken, "overruled": self.overruled(row)}
                     flown = self._flights.of(row)
                     if flown is not None:
                         along = profile(flown.trajectory, self._scene(pair.target_id))
@@ -103,6 +117,30 @@ class Reader:
             states = display_states(self._mesh(pair.source_id), inspected)
             demonstration["states"] = packed(states)
         return pair_data(pair, demonstration, paths, picture)
+
+    def overruled(self, row: Any) -> list[str]:
+        """Which rules of the gate a person overruled for a plan, in words."""
+        return self._overruled.get(str(row["transfer_id"]), [])
+
+    @cached_property
+    def _overruled(self) -> dict[str, list[str]]:
+        found: dict[str, list[str]] = {}
+        if hasattr(self.source, "overruled"):
+            for row in self.source.overruled().to_dict("records"):
+                said = f"{row['way']} {row['format'] or ''}".strip()
+                words = f"{said}, {row['added_at']:%Y-%m-%d %H:%M} UTC: {row['found']}"
+                found.setdefault(str(row["transfer_id"]), []).append(words)
+        return found
+
+    def _broken(self, row: Any, steps: pd.DataFrame, target_id: str) -> list[str]:
+        """What the gate finds in the steps of a plan to be flown, in words; its row said nothing of it."""
+        if shown_status(row) != "ok" or row["preset"] != "recommended":
+            return []
+        path = trajectory_of(steps)
+        asked = safety_m(row.get("settings_json"))
+        limits = gate.Limits() if asked is None else gate.Limits(clearance_m=asked)
+        found = gate.breaches(planned(path.positions, path.t_s), self.structure(target_id), limits)
+        return [str(breach) for breach in found]
 
     def flown(self, row: Any) -> str:
         """What came of flying a plan in simulation, in words; empty where nobody did."""
@@ -178,6 +216,8 @@ def plan_of(source: Source, row: Any) -> Plan:
         reason=str(row.get("reason") or ""),
         trajectory=trajectory_of(steps) if len(steps) else None,
         is_viewpoint=steps["is_viewpoint"].to_numpy(bool) if len(steps) else None,
+        flyable=bool(row.get("flyable")),
+        not_flyable=str(row.get("not_flyable") or ""),
         measures=Measures(**{name: value for name, value in given.items() if value is not None}),
         surface=source.surface(str(row["transfer_id"])) if done else None,
         inspected=source.inspected(str(row["transfer_id"])),

@@ -59,6 +59,25 @@ DECISIONS = Table(
     ("added_at",),
 )
 
+OVERRULED = Table(
+    "overruled",
+    "one row per rule of the gate that a person overruled when a plan was exported, briefed or flown",
+    ("overruled_id", "commit_id"),
+    (
+        identity("overruled_id", "hash of the plan, its waypoints, the way, the format and what was found"),
+        identity("transfer_id", "the plan that left"),
+        Column("waypoints_sha256", TEXT, "", "hash of the waypoints that left"),
+        Column("way", TEXT, "", "how it left", required=True, allowed=("export", "brief", "fly")),
+        Column("format", TEXT, "", "of the mission; empty for a flight in simulation"),
+        identity("rule", "the rule that was overruled (docs/checks.md)"),
+        Column("found", TEXT, "", "what was found, in words"),
+        COMMIT,
+        Column("added_at", MOMENT, "UTC", f"when it was added, {ADDED}", required=True),
+        COMMIT_VERSION,
+    ),
+    ("transfer_id", "added_at"),
+)
+
 #: Of a plan, derived from the decisions about it whenever it is read; never stored.
 DECIDED = (
     Column(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -77,12 +77,17 @@ def structure_row(structure: Structure, mesh_sha256: str) -> Row:
         "symmetric": structure.symmetric,
         "findings": "; ".join(_found(item) for item in json.loads(structure.verdicts_json or "[]")),
         "verdicts_json": structure.verdicts_json,
+        "overruled": _overruled(json.loads(structure.verdicts_json or "[]")),
         "retired": False,
     }
 
 
 def _found(verdict: Row) -> str:
     return f"{verdict['rule']}: {verdict['found']}" + " (overruled)" * verdict["overruled"]
+
+
+def _overruled(verdicts: Iterable[Row]) -> str:
+    return " ".join(sorted({verdict["rule"] for verdict in verdicts if verdict["overruled"]}))
 
 
 def structure_of(row: Row, mesh: Structure) -> Structure:
@@ -148,7 +153,8 @@ def _passport_columns(passport: Mapping[str, Any]) -> Row:
     measured = passport["measured"]
     return {
         "verdict": passport["verdict"],
-        "findings": "; ".join(f"{item['rule']}: {item['found']}" for item in passport["findings"]),
+        "findings": "; ".join(map(_found, passport["findings"])),
+        "overruled": _overruled(passport["findings"]),
         **{name: measured[name] for name in PASSPORT},
         "flown_clearance_m": measured["min_clearance_m"],
         "passport_json": json_text(passport),

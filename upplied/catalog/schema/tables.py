@@ -17,11 +17,13 @@ from upplied.catalog.schema.columns import COMMIT as _COMMIT
 from upplied.catalog.schema.columns import COMMIT_VERSION as _COMMIT_VERSION
 from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table
 from upplied.catalog.schema.columns import identity as _id
-from upplied.catalog.schema.decided import DECIDED, DECISIONS
+from upplied.catalog.schema.decided import DECIDED, DECISIONS, OVERRULED
 from upplied.catalog.schema.measures import MEASURES
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.config import PRESETS
 from upplied.records import Measures
+
+_OVERRULED = Column("overruled", TEXT, "", "rules that it breaks and a person overruled, by name")
 
 
 def _version_of(whole: str) -> tuple[Column, ...]:
@@ -73,6 +75,7 @@ STRUCTURES = Table(
         Column("symmetric", TRUTH, "", "declared: no heading can be told from the shape"),
         Column("findings", TEXT, "", "the rules it breaks, and those overruled, in words"),
         Column("verdicts_json", TEXT, "", "the same with what was found, allowed and to be done"),
+        _OVERRULED,
         *_version_of("the fleet"),
     ),
     ("structure_id", "added_at"),
@@ -113,6 +116,7 @@ DEMONSTRATIONS = Table(
             allowed=("", "good", "warned", "overruled"),
         ),
         Column("findings", TEXT, "", "the rules it breaks, in words"),
+        _OVERRULED,
         Column("lowest_m", REAL, "m", "lowest height over the ground, or over the structure's lowest point"),
         Column("flown_clearance_m", REAL, "m", "least distance of the flown path from the structure", low=0),
         Column("inside_pct", REAL, "%", "of the poses, inside the structure", low=0, high=100),
@@ -293,7 +297,7 @@ FLIGHTS = Table(
 
 TABLES = {
     table.name: table
-    for table in (STRUCTURES, DEMONSTRATIONS, POSES, TRANSFERS, WAYPOINTS, FLIGHTS, DECISIONS)
+    for table in (STRUCTURES, DEMONSTRATIONS, POSES, TRANSFERS, WAYPOINTS, FLIGHTS, DECISIONS, OVERRULED)
 }
 
 

@@ -18,6 +18,7 @@ from upplied.catalog.store.merging import TARGET_BYTES, tidy
 from upplied.catalog.verbs import queries
 from upplied.catalog.verbs.standing import DERIVED
 from upplied.checks import check_id
+from upplied.config import digest
 from upplied.records import Demonstration, Plan, Structure, Trajectory
 
 if TYPE_CHECKING:
@@ -106,6 +107,18 @@ def add_flight(catalog: Catalog, row: Mapping[str, Any], path: Trajectory) -> in
 def add_rows(catalog: Catalog, name: str, made: list[Row]) -> int:
     """Commit rows that stand for themselves."""
     return _add(catalog, name, made)
+
+
+def add_overruled(catalog: Catalog, given: Sequence[Mapping[str, Any]]) -> int:
+    """See `Catalog.add_overruled`."""
+    made = {}
+    for row in given:
+        catalog.transfer(row["transfer_id"], ("transfer_id",))
+        made[digest(dict(row))] = dict(row)
+    known = set(catalog.overruled()["overruled_id"])
+    return _add(
+        catalog, "overruled", [{**row, "overruled_id": key} for key, row in made.items() if key not in known]
+    )
 
 
 def adopt_plans(catalog: Catalog, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:

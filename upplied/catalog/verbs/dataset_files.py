@@ -18,7 +18,8 @@ from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, data_dictionar
 from upplied.catalog.store.files import replace_file
 from upplied.errors import CatalogError
 
-EXCHANGED = [name for name in TABLES if name not in ("flights", "decisions")]  # those are of one place
+#: Flights are flown again in a moment; decisions, and what was overruled, are of one place.
+EXCHANGED = [name for name in TABLES if name not in ("flights", "decisions", "overruled")]
 
 _DATASET = "dataset.json"
 _MAX_BYTES = 8 << 30  # of one file of a folder that is imported

@@ -72,7 +72,7 @@ def export_lerobot(
     frames: list[dict[str, Any]] = []  # of the file being filled
     total = files = 0
     for number, row in enumerate(rows):
-        made = _frames(catalog.trajectory(row["transfer_id"]), fps, number, tasks[_task(row)], total)
+        made = _frames(catalog.path_of(row), fps, number, tasks[_task(row)], total)
         count = len(made["index"])
         if frames and sum(len(part["index"]) for part in frames) + count > _FRAMES_A_FILE:
             _write_frames(place, files, frames)

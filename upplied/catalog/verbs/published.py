@@ -120,6 +120,7 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
         "structures": catalog.structures(),
         "flights": catalog.flights(),
         "decisions": catalog.decisions(),
+        "overruled": catalog.overruled(),
     }
     now = Generation(catalog.identity.required(), versions)
     if before is not None and not force:

@@ -54,7 +54,7 @@ def export_tum(
     if not rows and not flights:
         raise InputError("trajectories", "there are none", "at least one plan or demonstration")
     for row in rows:
-        path = catalog.trajectory(row["transfer_id"])
+        path = catalog.path_of(row)
         _write(place / "plans" / f"{row['transfer_id']}.txt", path.t_s, path)
     for name in flights:
         flown = catalog.demonstration(name)

@@ -43,6 +43,7 @@ class Exported:
     paths: tuple[Path, ...]  # one a sortie
     missions: tuple[Mission, ...]  # none for MCAP, which holds the plan itself
     notes: tuple[str, ...]  # what was assumed and checked, in words
+    overruled: tuple[gate.Breach, ...] = ()  # rules of the gate, by `force`
 
 
 def export(
@@ -53,6 +54,7 @@ def export(
     options: MissionOptions | None = None,
     camera: Camera | None = None,
     found: Sequence[gate.Breach] = (),
+    keep: Callable[[Sequence[gate.Breach]], object] = lambda _: None,
 ) -> Exported:
     """Write a plan as a mission file, or as one for each sortie.
 
@@ -70,6 +72,8 @@ def export(
         Of the demonstration, to check that thinning loses no view.
     found : sequence of Breach, optional
         Rules that the plan is known to break already, for instance that it is superseded.
+    keep : callable, optional
+        Told which rules were overruled, before the first file is written.
 
     Raises
     ------
@@ -88,22 +92,29 @@ def export(
         named += gate.breaches(read_mcap(content), structure, limits)
         overruled = gate.pass_or_refuse(structure.structure_id, named, options.overruled)
         if overruled:
-            content = mcap_bytes(plan, structure, camera, overruled)
+            content = mcap_bytes(plan, structure, camera, tuple(gate.told(overruled)))
+        keep(overruled)
         written = replace_file(goal, content)
-        return Exported((written,), (), ("in the structure frame, metres", *overruled))
+        return Exported((written,), (), ("in the structure frame, metres", *gate.told(overruled)), overruled)
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
     write = _WRITERS[format][2]
     missions = missions_for(format, plan, structure, options, camera, found)
-    contents = [encoded(write(mission, options)) for mission in missions]  # all, before the first is written
-    for mission, content in zip(missions, contents, strict=True):
-        reading = read_mission(format, content, mission)
-        gate.pass_or_refuse(mission.name, gate.breaches(reading, structure, limits), options.overruled)
-    paths = [
-        replace_file(_numbered(goal, mission), content)
-        for mission, content in zip(missions, contents, strict=True)
+    found_written: dict[str, gate.Breach] = {}  # of what was overruled, by its words
+    for mission in missions:  # all, before the first is written
+        reading = read_mission(format, encoded(write(mission, options)), mission)
+        passed = gate.pass_or_refuse(
+            mission.name, gate.breaches(reading, structure, limits), options.overruled
+        )
+        found_written |= {str(breach): breach for breach in passed}
+    more = tuple(breach for breach in found_written.values() if breach not in missions[0].overruled)
+    said = tuple(gate.told(more))
+    missions = [
+        replace(one, notes=(*said, *one.notes), overruled=(*one.overruled, *more)) for one in missions
     ]
-    return Exported(tuple(paths), tuple(missions), missions[0].notes)
+    keep(missions[0].overruled)
+    paths = [replace_file(_numbered(goal, mission), encoded(write(mission, options))) for mission in missions]
+    return Exported(tuple(paths), tuple(missions), missions[0].notes, missions[0].overruled)
 
 
 def missions_for(

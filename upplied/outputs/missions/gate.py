@@ -14,7 +14,7 @@ import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
 from upplied.outputs.missions.options import MissionOptions
-from upplied.outputs.missions.reading import Reading
+from upplied.outputs.missions.reading import Reading, planned
 from upplied.outputs.missions.ways import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
@@ -83,6 +83,24 @@ class Breach:
         return ", ".join(filter(None, [f"{self.rule}: {self.found}{where}", self.allowed]))
 
 
+def broken_by(plan: Plan, structure: Structure, clearance_m: float) -> list[Breach]:
+    """Every rule that a stored plan breaks, its steps judged again; none where it has none.
+
+    Parameters
+    ----------
+    plan : Plan
+    structure : Structure
+        The target, with its surroundings.
+    clearance_m : float
+        That the plan was asked to keep.
+    """
+    path = plan.trajectory
+    if path is None:
+        return []
+    limits = Limits(clearance_m=clearance_m)
+    return [*plan_breaches(plan), *breaches(planned(path.positions, path.t_s), structure, limits)]
+
+
 def limits_of(options: MissionOptions) -> Limits:
     """The limits that the person who exports asks for."""
     return Limits(
@@ -128,8 +146,8 @@ def coverage_breaches(share: float, limits: Limits) -> list[Breach]:
     return [Breach("coverage", f"{100 * share:.1f} % of what the plan sees stays in view", allowed)]
 
 
-def pass_or_refuse(what: str, found: Iterable[Breach], force: tuple[str, ...]) -> tuple[str, ...]:
-    """The breaches that were overruled, in words; refuses where others are left.
+def pass_or_refuse(what: str, found: Iterable[Breach], force: tuple[str, ...]) -> tuple[Breach, ...]:
+    """The breaches that were overruled; refuses where others are left.
 
     Raises
     ------
@@ -146,10 +164,19 @@ def pass_or_refuse(what: str, found: Iterable[Breach], force: tuple[str, ...]) -
     if left:
         others = sorted({breach.rule for breach in left[1:]} - {left[0].rule})
         more = f"; also broken: {', '.join(others)}" if others else ""
-        how = "say --draft" if left[0].rule == "released" else f"overrule it: --force {left[0].rule}"
-        remedy = f"{RULES[left[0].rule].remedy}, or {how}"
+        names = " ".join(dict.fromkeys(map(_overrule, left)))
+        remedy = f"{RULES[left[0].rule].remedy}, or say {names}"
         raise RefusedError(what, f"{left[0]}{more}", RULES[left[0].rule].why, remedy)
-    return tuple(f"{DRAFT if breach.rule == 'released' else 'OVERRULED'} {breach}" for breach in found)
+    return tuple(found)
+
+
+def _overrule(breach: Breach) -> str:
+    return "--draft" if breach.rule == "released" else f"--force {breach.rule}"
+
+
+def told(overruled: Iterable[Breach]) -> list[str]:
+    """Breaches that were overruled, as notes of a mission."""
+    return [f"{DRAFT if breach.rule == 'released' else 'OVERRULED'} {breach}" for breach in overruled]
 
 
 def drafted(notes: Iterable[str]) -> list[str]:

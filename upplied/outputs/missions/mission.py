@@ -67,6 +67,7 @@ class Mission(Record):
     photo_distance_m: float  # between photos during the inspection, 0: at `photo` alone
     duration_s: float
     notes: tuple[str, ...] = ()
+    overruled: tuple[gate.Breach, ...] = ()  # rules of the gate; the notes say them too
 
     def __len__(self) -> int:
         return len(self.local)
@@ -113,7 +114,8 @@ def missions_of(
     check_altitude(options.altitude, placement, structure.structure_id)
     limits = gate.limits_of(options)
     broken = [*found, *gate.breaches(planned(path.positions, path.t_s), structure, limits)]
-    notes = list(gate.pass_or_refuse(name, broken, options.overruled))
+    overruled = gate.pass_or_refuse(name, broken, options.overruled)
+    notes = gate.told(overruled)
     airspace = airspace_of(structure, path.positions, options)
     if options.home_m is None:
         home, note = default_home(structure, path.positions[0], options.clearance_m)
@@ -130,7 +132,8 @@ def missions_of(
     kept, note, share = thinned(
         path, fixed, tolerances, airspace, (surface, camera or Camera()), flying.turning
     )
-    notes += [note, *gate.pass_or_refuse(name, gate.coverage_breaches(share, limits), options.overruled)]
+    unseen = gate.pass_or_refuse(name, gate.coverage_breaches(share, limits), options.overruled)
+    notes += [note, *gate.told(unseen)]
     short = Trajectory(path.t_s[kept], path.positions[kept], path.quat_xyzw[kept])
     transits = Transits(structure, airspace, short.positions, home)
     transits.check_home()
@@ -168,6 +171,7 @@ def missions_of(
                 photo_distance_m=options.photo_distance_m if by_distance else 0.0,
                 duration_s=sortie.duration_s,
                 notes=tuple(notes),
+                overruled=(*overruled, *unseen),
             )
         )
     return made
