@@ -19,7 +19,7 @@ from numba import njit
 
 from upplied.config import InspectionSettings
 from upplied.planning.visibility.dwell import stations_at
-from upplied.planning.visibility.moments import Moments, moments, motion_of
+from upplied.planning.visibility.moments import Moments, moments, motion_of, sight_to
 from upplied.planning.visibility.path_views import Views
 from upplied.poses import matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
@@ -148,16 +148,11 @@ def _histograms(
         for index in range(len(points)):
             if not seen[pose, index] or weight[index] <= 0:
                 continue
-            squared, facing = 0.0, 0.0
-            for axis in range(3):
-                ray[axis] = points[index, axis] - positions[pose, axis]
-                squared += ray[axis] * ray[axis]
-                facing -= ray[axis] * normals[index, axis]
-            distance = max(np.sqrt(squared), 1e-9)
+            distance, cosine = sight_to(positions[pose], points[index], normals[index], ray)
             moved = motion_of(ray, distance, velocity[pose], turn[pose])
             place = int(np.log(max(moved, 1e-12) / _LEAST_MOTION) / _MOTION_STEP)
             motion[min(max(place, 0), _MOTION_BINS - 1)] += weight[index] * step_s[pose]
-            angle = np.degrees(np.arccos(min(max(facing / distance, 0.0), 1.0)))
+            angle = np.degrees(np.arccos(min(max(cosine, 0.0), 1.0)))
             incidence[min(int(2 * angle), 179)] += weight[index] * step_s[pose]
     return motion, incidence
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from upplied.planning.visibility.moments import Moments, motion_of
+from upplied.planning.visibility.moments import Moments, motion_of, sight_to
 from upplied.planning.visibility.path_views import Views
 from upplied.records import Bools, Cloud, Floats, Ints, Record
 
@@ -122,13 +122,7 @@ def _dwelt(
         for index in range(number):
             if not seen[pose, index]:
                 continue
-            squared, facing = 0.0, 0.0
-            for axis in range(3):
-                ray[axis] = points[index, axis] - positions[pose, axis]
-                squared += ray[axis] * ray[axis]
-                facing -= ray[axis] * normals[index, axis]
-            distance = max(np.sqrt(squared), 1e-9)
-            cosine = facing / distance
+            distance, cosine = sight_to(positions[pose], points[index], normals[index], ray)
             if cosine < least_cosine or motion_of(ray, distance, velocity[pose], turn[pose]) > sharp:
                 continue
             near[index], frontal[index] = min(near[index], distance), max(frontal[index], cosine)

@@ -102,3 +102,15 @@ def motion_of(
     y = turn[2] * b_x - turn[0] * b_z + (velocity[1] - along * b_y) / distance
     z = turn[0] * b_y - turn[1] * b_x + (velocity[2] - along * b_z) / distance
     return float(np.sqrt(x * x + y * y + z * z))
+
+
+@njit(cache=True, inline="always")
+def sight_to(position: Floats, point: Floats, normal: Floats, ray: Floats) -> tuple[float, float]:
+    """Distance, m, and cosine of incidence of a point from a position; `ray`, m, is filled."""
+    squared, facing = 0.0, 0.0
+    for axis in range(3):
+        ray[axis] = point[axis] - position[axis]
+        squared += ray[axis] * ray[axis]
+        facing -= ray[axis] * normal[axis]
+    distance = max(np.sqrt(squared), 1e-9)
+    return distance, facing / distance

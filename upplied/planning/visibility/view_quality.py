@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from upplied.planning.visibility.moments import motion_of
+from upplied.planning.visibility.moments import motion_of, sight_to
 from upplied.records import Bools, Floats
 
 
@@ -75,13 +75,8 @@ def shown_well(
         for index in range(len(points)):
             if shown[index] or not seen[pose, index]:
                 continue
-            squared, facing = 0.0, 0.0
-            for axis in range(3):
-                ray[axis] = points[index, axis] - positions[pose, axis]
-                squared += ray[axis] * ray[axis]
-                facing -= ray[axis] * normals[index, axis]
-            distance = max(np.sqrt(squared), 1e-12)
-            if not distance <= farthest_m[index] or facing < least_cosine * distance:
+            distance, cosine = sight_to(positions[pose], points[index], normals[index], ray)
+            if not distance <= farthest_m[index] or cosine < least_cosine:
                 continue
             shown[index] = motion_of(ray, distance, velocity[pose], turn[pose]) <= sharp_radps
     return shown
