@@ -9,7 +9,8 @@ if TYPE_CHECKING:
     from upplied.catalog.database import Catalog, open_catalog
     from upplied.catalog.store.cache import Cache
     from upplied.catalog.verbs.changes import changed_structures, diff, history, runs
-    from upplied.catalog.verbs.exchange import export_dataset, import_dataset
+    from upplied.catalog.verbs.exporting import export_dataset
+    from upplied.catalog.verbs.importing import import_dataset
     from upplied.catalog.verbs.lerobot import export_lerobot
     from upplied.catalog.verbs.maintenance import compact, vacuum
     from upplied.catalog.verbs.published import export_tables, published_tables
@@ -46,7 +47,8 @@ _HOME = {
     "store.cache": ("Cache",),
     "verbs.changes": ("changed_structures", "diff", "history", "runs"),
     "database": ("Catalog", "open_catalog"),
-    "verbs.exchange": ("export_dataset", "import_dataset"),
+    "verbs.exporting": ("export_dataset",),
+    "verbs.importing": ("import_dataset",),
     "verbs.lerobot": ("export_lerobot",),
     "verbs.maintenance": ("compact", "vacuum"),
     "verbs.published": ("export_tables", "published_tables"),

@@ -8,21 +8,50 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
 
 import upplied
+from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, data_dictionary
 from upplied.catalog.store.files import replace_file
-from upplied.errors import CatalogError
+from upplied.errors import CatalogError, InputError
+
+if TYPE_CHECKING:
+    from upplied.catalog.database import Catalog
+
 
 #: Flights are flown again in a moment; decisions, and what was overruled, are of one place.
 EXCHANGED = [name for name in TABLES if name not in ("flights", "decisions", "overruled")]
 
 _DATASET = "dataset.json"
 _MAX_BYTES = 8 << 30  # of one file of a folder that is imported
+
+
+def new_folder(folder: str | os.PathLike[str]) -> Path:
+    """Where a dataset may be written: nothing lies there yet.
+
+    Raises
+    ------
+    InputError
+        If the folder is not empty.
+    """
+    place = Path(folder)
+    if place.exists() and any(place.iterdir()):
+        raise InputError(str(place), "is not empty", "a new folder", "choose another")
+    return place
+
+
+def with_path(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> list[Row]:
+    """The rows of some plans, those with a trajectory, as `Catalog.transfers` or their names tell them."""
+    names = list(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
+    return [row for row in map(catalog.transfer, names) if row["n_waypoints"]]
 
 
 def describe(place: Path, about: dict[str, Any]) -> None:

@@ -22,6 +22,7 @@ import pyarrow.parquet as pq
 
 from upplied import poses
 from upplied.catalog.store.files import replace_file
+from upplied.catalog.verbs.dataset_files import new_folder, with_path
 from upplied.catalog.verbs.tum import write_splits
 from upplied.errors import InputError
 from upplied.records import Floats, Trajectory
@@ -59,11 +60,8 @@ def export_lerobot(
     dict
         Number of episodes and frames.
     """
-    place = Path(folder)
-    if place.exists() and any(place.iterdir()):
-        raise InputError(str(place), "is not empty", "a new folder", "choose another")
-    names = list(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
-    rows = [row for row in map(catalog.transfer, names) if row["n_waypoints"]]
+    place = new_folder(folder)
+    rows = with_path(catalog, transfers)
     if not rows or fps < 1:
         found = f"{len(rows)} plans with a trajectory, at {fps} frames a second"
         raise InputError("episodes", found, "at least one of each")

@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 from upplied.catalog.store.files import replace_file
+from upplied.catalog.verbs.dataset_files import new_folder, with_path
 from upplied.errors import InputError
 from upplied.records import Trajectory
 
@@ -45,11 +46,8 @@ def export_tum(
     dict
         Number of plans and demonstrations.
     """
-    place = Path(folder)
-    if place.exists() and any(place.iterdir()):
-        raise InputError(str(place), "is not empty", "a new folder", "choose another")
-    names = list(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
-    rows = [row for row in map(catalog.transfer, names) if row["n_waypoints"]]
+    place = new_folder(folder)
+    rows = with_path(catalog, transfers)
     flights = list(catalog.demonstrations()["demonstration_id"])
     if not rows and not flights:
         raise InputError("trajectories", "there are none", "at least one plan or demonstration")

@@ -1,21 +1,17 @@
-"""A part of a catalog as a folder that stands for itself, and such a folder into another catalog.
+"""A folder that `exporting` wrote, here or elsewhere, into a catalog.
 
-The folder holds the tables as plain Parquet, the meshes, the data dictionary, the licence, and
-``dataset.json`` (`upplied.catalog.verbs.dataset_files`). Nothing of it is believed before it was checked;
-importing it twice adds nothing the second time.
+Nothing of it is believed before it was checked; importing it twice adds nothing the second time.
 """
 
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -25,92 +21,21 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import file_name
-from upplied.catalog.store.files import replace_file
 from upplied.catalog.store.opening import in_schema
 from upplied.catalog.store.surfaces import SURFACES, Samples, States
 from upplied.catalog.verbs import adding
-from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, describe, name_of
-from upplied.catalog.verbs.owned import checked_steps
-from upplied.catalog.verbs.plain import write_tables
+from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, name_of
 from upplied.catalog.verbs.recipes import Recipe, settings_of
-from upplied.catalog.verbs.tum import write_splits
 from upplied.catalog.verbs.verification import broken_values
 from upplied.checks import check_id
-from upplied.errors import CatalogError, InputError
+from upplied.errors import CatalogError
 from upplied.records import Demonstration, Measures, Plan, Structure
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
 _SAME = 2e-3  # of a measure computed again on another machine: a sample in a thousand may turn
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}-v[1-9][0-9]*")
 _IDS = {"structure_id", "kind", "demonstration_id", "source_id", "target_id", "transfer_id", "key"}
-
-
-def export_dataset(
-    catalog: Catalog,
-    folder: str | os.PathLike[str],
-    name: str,
-    transfers: pd.DataFrame | Sequence[str],
-    licence: str,
-    attribution: str = "",
-) -> dict[str, int]:
-    """Write some plans, with all they refer to, as a folder that stands for itself.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    folder : path
-        New, or empty.
-    name : str
-        With its version, as ``airliners-v1``.
-    transfers : DataFrame or sequence of str
-        Rows of `Catalog.transfers`, or names of plans.
-    licence : str
-        Under which the data may be used, as an SPDX name (``CC-BY-4.0``) or in words.
-    attribution : str
-        Whom to name.
-
-    Returns
-    -------
-    dict
-        Rows written, by table.
-    """
-    place = Path(folder)
-    if not _NAME.fullmatch(name):
-        raise InputError(f"dataset name {name[:80]!r}", "is not a name with a version", "like airliners-v1")
-    if not licence.strip():
-        raise InputError(f"dataset {name}", "has no licence", "say one, like CC-BY-4.0")
-    if place.exists() and any(place.iterdir()):
-        raise InputError(str(place), "is not empty", "a new folder", "choose another")
-    plans = _chosen(catalog, transfers)
-    demonstrations = _only(catalog.demonstrations(every=True), "demonstration_id", plans["demonstration_id"])
-    wanted = {*plans["source_id"], *plans["target_id"], *demonstrations["structure_id"]}
-    structures = _only(catalog.structures(every=True), "structure_id", wanted)
-    counts = write_tables(
-        place,
-        {
-            "structures": iter([_table("structures", structures)]),
-            "demonstrations": iter([_table("demonstrations", demonstrations)]),
-            "poses": checked_steps(catalog, "poses", demonstrations),
-            "transfers": iter([_table("transfers", plans)]),
-            "waypoints": checked_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0]),
-        },
-    )
-    for sha256 in sorted(set(structures["mesh_sha256"])):
-        replace_file(place / "meshes" / f"{sha256}.parquet", codec.encode(catalog.meshes.get(sha256)))
-    for sha256 in sorted({sha256 for column in SURFACES for sha256 in plans[column]} - {""}):
-        states = catalog.surfaces.states.get(sha256)
-        samples = catalog.surfaces.samples
-        kept = {"surfaces": (sha256, states), "samples": (states.samples_sha256, None)}
-        for folder, (hashed, record) in kept.items():
-            path = place / folder / file_name(hashed)
-            if not path.exists():
-                replace_file(path, codec.encode(samples.get(hashed) if record is None else record))
-    write_splits(catalog, place, plans.to_dict("records"))
-    about = {"name": name, "licence": licence, "attribution": attribution, "rows": counts}
-    describe(place, about)
-    return counts
 
 
 def import_dataset(
@@ -223,28 +148,6 @@ def _measured_anew(
             elif not np.isclose(says, is_so, _SAME, _SAME, equal_nan=True):
                 raise CatalogError(what, f"{item.name} is said to be {says:g}, and is {is_so:g}")
         yield row, left
-
-
-def _chosen(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> pd.DataFrame:
-    names = set(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
-    every = catalog.transfers(every=True)
-    missing = sorted(names - set(every["transfer_id"]))
-    if missing or not names:
-        raise CatalogError(
-            f"transfers {', '.join(missing[:5]) or '(none)'}",
-            "are not in the catalog",
-            "at least one that is",
-        )
-    return every[every["transfer_id"].isin(names)]
-
-
-def _only(frame: pd.DataFrame, column: str, names: Any) -> pd.DataFrame:
-    """The newest version of each, retired or not."""
-    return frame[frame[column].isin(set(names))].drop_duplicates(column, keep="last")
-
-
-def _table(name: str, frame: pd.DataFrame) -> pa.Table:
-    return pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
 
 
 def _read(place: Path, name: str) -> pa.Table:
