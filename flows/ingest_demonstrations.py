@@ -8,7 +8,7 @@ from prefect.states import State
 from . import tasks
 from .artifacts import ingested_artifacts
 from .lineage import asset, making, source
-from .parameters import Location
+from .parameters import FlightBounds, FlightRule, Location, said_of
 from .roots import check_roots
 from .states import ingested, told_in_words
 
@@ -20,17 +20,27 @@ def run_name() -> str:
 
 @flow(name="ingest-demonstrations", flow_run_name=run_name)
 @told_in_words
-def ingest_demonstrations(logs: list[Location], catalog: Location = "catalog", workers: int = 0) -> State:
+def ingest_demonstrations(
+    logs: list[Location],
+    catalog: Location = "catalog",
+    workers: int = 0,
+    allow: list[FlightRule] = [],  # type: ignore[valid-type] # noqa: B006 - nobody changes it
+    strict: bool = False,
+    bounds: FlightBounds = FlightBounds(),  # type: ignore[valid-type] # noqa: B008
+) -> State:
     """Read logs, or folders of them; what is new or changed is kept.
 
     Args:
         logs: MCAP files, or folders of them.
         catalog: Folder or object-store URI.
         workers: Processes; 0 takes one per core.
+        allow: Rules that are overruled for these logs, which is kept (docs/checks.md).
+        strict: Refuse what is odd too.
+        bounds: Of the rules, where they differ from the defaults.
     """
     for log in logs:
         check_roots(logs=log)
     check_roots(catalog=catalog)
     read = making(tasks.ingest_demonstrations, asset(catalog, "demonstrations"), [*map(source, logs)])
-    files = read(catalog, logs, workers)
+    files = read(catalog, logs, workers, allow, strict, said_of(bounds))
     return ingested(ingested_artifacts("ingest-demonstrations", files), files)

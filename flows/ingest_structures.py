@@ -8,7 +8,7 @@ from prefect.states import State
 from . import tasks
 from .artifacts import ingested_artifacts
 from .lineage import asset, making, source
-from .parameters import Location
+from .parameters import Location, StructureBounds, StructureRule, said_of
 from .roots import check_roots
 from .states import ingested, told_in_words
 
@@ -16,7 +16,13 @@ from .states import ingested, told_in_words
 @flow(name="ingest-structures", flow_run_name="structures of {manifest}")
 @told_in_words
 def ingest_structures(
-    manifest: Location, catalog: Location = "catalog", workers: int = 0, prune: bool = False
+    manifest: Location,
+    catalog: Location = "catalog",
+    workers: int = 0,
+    prune: bool = False,
+    allow: list[StructureRule] = [],  # type: ignore[valid-type] # noqa: B006 - nobody changes it
+    strict: bool = False,
+    bounds: StructureBounds = StructureBounds(),  # type: ignore[valid-type] # noqa: B008
 ) -> State:
     """Read the meshes that a manifest names; what is new or changed is kept.
 
@@ -25,8 +31,11 @@ def ingest_structures(
         catalog: Folder or object-store URI.
         workers: Processes; 0 takes one per core.
         prune: Retire structures that the manifest no longer names; their history stays.
+        allow: Rules that are overruled for these structures, which is kept (docs/checks.md).
+        strict: Refuse what is odd too.
+        bounds: Of the rules, where they differ from the defaults.
     """
     check_roots(catalog=catalog, manifest=manifest)
     read = making(tasks.ingest_structures, asset(catalog, "structures"), [source(manifest)])
-    files = read(catalog, manifest, workers, prune)
+    files = read(catalog, manifest, workers, prune, allow, strict, said_of(bounds))
     return ingested(ingested_artifacts("ingest-structures", files), files)

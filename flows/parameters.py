@@ -10,6 +10,10 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from upplied import fleet
 from upplied.config import Preset, Settings
+from upplied.inputs.passport.rules import RULES as FLIGHT_RULES
+from upplied.inputs.passport.settings import PassportSettings
+from upplied.inputs.structure_rules import RULES as STRUCTURE_RULES
+from upplied.inputs.structure_rules import StructureSettings
 
 Id = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 Location = Annotated[str, Field(min_length=1, description="A folder, or the URI of an object store.")]
@@ -33,6 +37,28 @@ def _changes() -> type[BaseModel]:
 
 
 Changes = _changes()
+
+
+def _bounds(settings: type, least: float) -> type[BaseModel]:
+    """A model of the bounds of rules in which everything may be left out; as `--set` takes them."""
+    hints = get_type_hints(settings)
+    limits = Field(None, ge=0, gt=least, lt=1e9)
+    values: dict[str, Any] = {item.name: (hints[item.name] | None, limits) for item in fields(settings)}
+    made = create_model(f"Bounds{settings.__name__}", __config__=ConfigDict(extra="forbid"), **values)
+    made.__doc__ = "Bounds of rules that differ from their defaults (docs/checks.md)."
+    return made
+
+
+FlightRule = Literal[tuple(sorted(FLIGHT_RULES))]  # type: ignore[valid-type]
+FlightBounds = _bounds(PassportSettings, -1.0)
+StructureRule = Literal[tuple(sorted(STRUCTURE_RULES))]  # type: ignore[valid-type]
+StructureBounds = _bounds(StructureSettings, 0.0)
+
+
+def said_of(bounds: BaseModel) -> list[str]:
+    """Bounds as `--set` says them."""
+    given = bounds.model_dump(exclude_unset=True, exclude_none=True)
+    return [f"{name}={value!r}" for name, value in given.items()]
 
 
 def wish_of(

@@ -6,6 +6,7 @@ table is not the record of what is done: the catalog is.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from prefect import task
@@ -20,6 +21,9 @@ from upplied.catalog import open_catalog
 from upplied.catalog.verbs import maintenance, verification
 from upplied.errors import CatalogError
 from upplied.fleet import manifest as shards
+from upplied.inputs import structure_rules
+from upplied.inputs.passport import settings as passport
+from upplied.inputs.sidecar import LogOptions
 
 from . import pool
 from .lineage import SOMEWHERE, asset
@@ -50,16 +54,34 @@ STORED: dict[str, Any] = {
 
 
 @materialize(SOMEWHERE, name="ingest-structures", task_run_name="ingest structures", **STORED)
-def ingest_structures(catalog: str, manifest: str, workers: int, prune: bool) -> list[dict[str, str]]:
+def ingest_structures(
+    catalog: str,
+    manifest: str,
+    workers: int,
+    prune: bool,
+    allow: Sequence[str] = (),
+    strict: bool = False,
+    said: Sequence[str] = (),
+) -> list[dict[str, str]]:
     """Every structure of a manifest into the catalog; a bad file stops itself alone."""
-    ingested = fleet.ingest_structures(open_catalog(catalog), manifest, workers, prune=prune)
+    asked = fleet.Asked(tuple(allow), strict, structure_rules.changed(said))
+    ingested = fleet.ingest_structures(open_catalog(catalog), manifest, workers, prune=prune, asked=asked)
     return [_plain(item) for item in ingested]
 
 
 @materialize(SOMEWHERE, name="ingest-demonstrations", task_run_name="ingest demonstrations", **STORED)
-def ingest_demonstrations(catalog: str, logs: list[str], workers: int) -> list[dict[str, str]]:
+def ingest_demonstrations(
+    catalog: str,
+    logs: list[str],
+    workers: int,
+    allow: Sequence[str] = (),
+    strict: bool = False,
+    said: Sequence[str] = (),
+) -> list[dict[str, str]]:
     """Every log into the catalog; a bad log stops itself alone."""
-    return [_plain(item) for item in fleet.ingest_demonstrations(open_catalog(catalog), logs, workers)]
+    options = LogOptions(allow=tuple(allow), strict=strict, passport=passport.changed(tuple(said)))
+    ingested = fleet.ingest_demonstrations(open_catalog(catalog), logs, workers, options=options)
+    return [_plain(item) for item in ingested]
 
 
 @materialize(SOMEWHERE, name="record-plans", task_run_name="record plans", cache_policy=NO_CACHE)

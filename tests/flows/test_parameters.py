@@ -1,0 +1,63 @@
+"""Parameters of the flows that take files in: the rules and bounds of `--allow` and `--set`, no others."""
+
+from __future__ import annotations
+
+import pytest
+from prefect.exceptions import ParameterTypeError
+
+from upplied.catalog import open_catalog
+from upplied.flows import tasks
+from upplied.flows.ingest_demonstrations import ingest_demonstrations
+from upplied.flows.ingest_structures import ingest_structures
+from upplied.flows.parameters import FlightBounds, said_of
+from upplied.inputs.passport.settings import changed
+from upplied.outputs.logs import write_log
+from upplied.samples.fleet import member
+from upplied.samples.pilot import fly
+
+FLOWS = {
+    "flights": (ingest_demonstrations, {"logs": ["flight.mcap"]}),
+    "structures": (ingest_structures, {"manifest": "structures.toml"}),
+}
+
+
+@pytest.mark.parametrize("what", FLOWS)
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"allow": ["no-such-rule"]},
+        {"allow": "below-ground"},
+        {"strict": "perhaps"},
+        {"bounds": {"no_such_bound": 1}},
+        {"bounds": {"max_speed_mps": -1, "size_ratio": -1}},
+        {"bounds": {"max_speed_mps": "nan", "size_ratio": float("nan")}},
+        {"bounds": {"max_speed_mps": 1e12, "size_ratio": 1e12}},
+    ],
+)
+def test_what_no_rule_or_bound_can_be_is_refused_when_it_is_said(what, wrong):
+    flow, given = FLOWS[what]
+    flow.validate_parameters(given)
+    with pytest.raises(ParameterTypeError):
+        flow.validate_parameters({**given, **wrong})
+
+
+def test_bounds_that_are_said_reach_the_reader():
+    assert changed(tuple(said_of(FlightBounds()))) == changed(())
+    said = said_of(FlightBounds(max_speed_mps=40, max_clock_steps=3))
+    assert changed(tuple(said)) == changed(("max_speed_mps=40", "max_clock_steps=3"))
+
+
+def test_a_flow_overrules_and_refuses_as_the_command_does(tmp_path):
+    cube, catalog = member("cube-v1").structure, str(tmp_path / "catalog")
+    open_catalog(catalog).add_structures([cube])
+    write_log(tmp_path / "flight.mcap", fly(cube, "sides"), cube)
+    slow = ["max_speed_mps=0.1", "odd_speed_mps=0.1"]
+    read = tasks.ingest_demonstrations.fn
+    (refused,) = read(catalog, [str(tmp_path)], 1, (), False, slow)
+    assert refused["status"] == "failed" and "--allow too-fast" in refused["reason"]
+    (strict,) = read(catalog, [str(tmp_path)], 1, (), True, ["odd_speed_mps=0.1"])
+    assert strict["status"] == "failed" and "fast: " in strict["reason"]
+    (taken,) = read(catalog, [str(tmp_path)], 1, ("too-fast",), False, slow)
+    assert taken["status"] == "added" and "[overruled]" in taken["findings"]
+    (row,) = open_catalog(catalog).demonstrations().to_dict("records")
+    assert (row["overruled"], row["verdict"]) == ("too-fast", "overruled")
