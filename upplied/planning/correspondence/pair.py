@@ -9,13 +9,17 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from upplied.config import CloudSettings, Settings, digest, settings_for
+from upplied.planning.correspondence.likeness import has_parts, parts_like
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.registration import Declared, register
+from upplied.planning.geometry.boxes import laid
 from upplied.planning.surface.frames import named_axes
+from upplied.planning.surface.parts import blades_of
 from upplied.planning.surface.samples import surface_samples
+from upplied.planning.surface.skin import SkinParts, skin_parts
 from upplied.planning.surface.voxels import voxel_cloud
 from upplied.provenance import method
-from upplied.records import Cloud, Correspondences, Floats, Frame, Record, Registration, Structure
+from upplied.records import Cloud, Correspondences, Floats, Frame, Ints, Record, Registration, Structure
 from upplied.scene import Scene, scene_of
 
 _CIRCLE = 2**32  # headings that are told apart
@@ -49,6 +53,14 @@ class Fit(Record):
     target: Cloud
     registration: Registration
     correspondences: Correspondences  # from source to target
+    told: int = -1  # 0 or 1: the parts of the source or the target were told by those of the other one
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PartLabels(Record):
+    """Which part of a structure each of its surface samples lies on."""
+
+    label: Ints  # (N,) 0 .. K - 1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,7 +96,7 @@ def study_pair(source: Structure, target: Structure, settings: Settings, memo: M
         _samples(target, scenes[1], settings.clouds, memo),
     )
     declared = Declared(_declared_turn(source, target), named_axes(source.frame))
-    surface = _fit("surface", samples, (source, target), surface_settings(settings), declared, memo)
+    surface = _surface_fit(samples, (source, target), scenes, surface_settings(settings), declared, memo)
     stood = declared
     if settings.visibility.occlusion:  # what is published knows no turn: it has the one of the surfaces
         stood = replace(declared, turn=surface.registration.rotation @ surface.registration.turn)
@@ -150,20 +162,77 @@ def _fit(
     declared: Declared,
     memo: Memo,
 ) -> Fit:
-    source, target = structures
-    facts = (sort, source.sha256, target.sha256, settings.clouds, settings.registration)
+    facts = _facts(sort, structures, settings, declared)
+    found = _registered(clouds, settings, declared, memo, facts)
+    return Fit(*clouds, found, _matched(clouds, structures, found, settings, declared, memo, facts))
+
+
+def _facts(
+    sort: str, structures: tuple[Structure, Structure], settings: Settings, declared: Declared
+) -> tuple[Any, ...]:
+    """What a fit depends on besides the method."""
     turned = () if np.array_equal(declared.turn, np.eye(3)) else (declared.turn.tolist(),)
-    key = content_key("register", *facts, *turned)
-    found = memo(
-        "registration", Registration, key, lambda: register(*clouds, settings.registration, declared)
-    )
-    key = content_key("correspond", *facts, settings.correspondence, *turned)
-    matched = memo(
+    return sort, *(each.sha256 for each in structures), settings.clouds, settings.registration, *turned
+
+
+def _registered(
+    clouds: tuple[Cloud, Cloud], settings: Settings, declared: Declared, memo: Memo, facts: tuple[Any, ...]
+) -> Registration:
+    key = content_key("register", *facts)
+    return memo("registration", Registration, key, lambda: register(*clouds, settings.registration, declared))
+
+
+def _matched(
+    clouds: tuple[Cloud, Cloud],
+    structures: tuple[Structure, Structure],
+    found: Registration,
+    settings: Settings,
+    declared: Declared,
+    memo: Memo,
+    facts: tuple[Any, ...],
+) -> Correspondences:
+    landmarks = structures[0].landmarks, structures[1].landmarks
+    return memo(
         "correspondences",
         Correspondences,
-        key,
-        lambda: correspond(
-            *clouds, found, settings.correspondence, source.landmarks, target.landmarks, declared.words
-        ),
+        content_key("correspond", *facts, settings.correspondence),
+        lambda: correspond(*clouds, found, settings.correspondence, *landmarks, declared.words),
     )
-    return Fit(*clouds, found, matched)
+
+
+def _surface_fit(
+    clouds: tuple[Cloud, Cloud],
+    structures: tuple[Structure, Structure],
+    scenes: tuple[Scene, Scene],
+    settings: Settings,
+    declared: Declared,
+    memo: Memo,
+) -> Fit:
+    """The fit of the surfaces; where pieces tell the parts of one of them alone, it tells the other's."""
+    if has_parts(clouds[0]) == has_parts(clouds[1]):
+        return _fit("surface", clouds, structures, settings, declared, memo)
+    one = 0 if has_parts(clouds[1]) else 1  # the one of a single piece
+    facts = _facts("surface", structures, settings, declared)
+    found = _registered(clouds, settings, declared, memo, facts)
+    lying = clouds[0], laid(clouds[1], found)
+
+    def told() -> PartLabels:
+        skin = skin_of(structures[one], scenes[one], clouds[one], settings.clouds, memo)
+        return PartLabels(parts_like(lying[one], skin.label, lying[1 - one]))
+
+    label = memo("parts", PartLabels, content_key("parts", *facts), told).label
+    known = replace(clouds[one], part=label)
+    clouds = (known, clouds[1]) if one == 0 else (clouds[0], known)
+    facts = ("parts told", *facts)
+    if blades_of(known).any():  # a rotor that stopped otherwise is laid body on body
+        found = _registered(clouds, settings, declared, memo, facts)
+    return Fit(*clouds, found, _matched(clouds, structures, found, settings, declared, memo, facts), one)
+
+
+def skin_of(
+    structure: Structure, scene: Scene, cloud: Cloud, clouds: CloudSettings, memo: Memo = no_memo
+) -> SkinParts:
+    """The parts of a structure's skin, remembered with it."""
+    key = content_key("skin", structure.sha256, clouds)
+    memo = remembering(memo, structure.sha256)
+    return memo("skin", SkinParts, key, lambda: skin_parts(structure, scene, cloud, clouds.seed))

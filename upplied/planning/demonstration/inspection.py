@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.correspondence.pair import Memo, Pair, content_key, no_memo, remembering
+from upplied.planning.correspondence.pair import Memo, Pair, content_key, no_memo, remembering, skin_of
 from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.attention import Attention, attention
 from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.viewpoints import find_viewpoints
-from upplied.planning.surface.skin import SkinParts, skin_parts
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
@@ -98,12 +97,7 @@ def _attended(
 ) -> Attention:
     """What the flight was about; the parts of the skin are remembered with the structure."""
     cloud, source = pair.surface.source, pair.source
-    skin = memo(
-        "skin",
-        SkinParts,
-        content_key("skin", source.sha256, settings.clouds),
-        lambda: skin_parts(source, pair.source_scene, cloud, settings.clouds.seed),
-    )
+    skin = skin_of(source, pair.source_scene, cloud, settings.clouds, memo)
     return attention(
         demonstration.trajectory,
         demonstration.breaks,

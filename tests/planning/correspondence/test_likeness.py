@@ -1,0 +1,61 @@
+"""Parts of a surface of one piece, told by a structure of the same kind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from upplied.config import settings_for
+from upplied.planning.correspondence.likeness import has_parts, parts_like
+from upplied.planning.correspondence.registration import box_on_box
+from upplied.planning.geometry.boxes import laid
+from upplied.planning.surface.samples import surface_samples
+from upplied.planning.surface.skin import skin_parts
+from upplied.records import Cloud, Structure
+from upplied.samples.fleet import member
+from upplied.scene import scene_of
+
+CLOUDS = settings_for("recommended").clouds
+
+
+@cache
+def surface(structure_id: str) -> Cloud:
+    structure = member(structure_id).structure
+    return surface_samples(structure, scene_of(structure, 1), CLOUDS)
+
+
+def scanned(structure_id: str) -> tuple[Structure, Cloud]:
+    """A structure as a cloud of points, 2 cm off, and its samples."""
+    of = surface(structure_id)
+    rng = np.random.default_rng(0)
+    points = of.points + rng.normal(0, 0.02, of.points.shape)
+    return replace(member(structure_id).structure, vertices=points, triangles=np.empty((0, 3), np.int64),
+                   normals=of.normals, sha256=""), replace(of, points=points, part=None)  # fmt: skip
+
+
+def agreement(found: np.ndarray, true: np.ndarray, least: float) -> float:
+    """The least overlap of a true part of at least a share of the samples with the part found there."""
+    worst = 1.0
+    for part in np.flatnonzero(np.bincount(true) > least * len(true)):
+        mine = true == part
+        best = np.bincount(found[mine]).argmax()
+        worst = min(worst, float((mine & (found == best)).sum() / (mine | (found == best)).sum()))
+    return worst
+
+
+@pytest.mark.parametrize(
+    ("known", "target", "least"),
+    [("turbine-1-v1", "turbine-2-v1", 0.05), ("bridge-1-v1", "bridge-2-v1", 0.06)],
+)
+def test_parts_of_a_cloud_are_those_of_the_model(known: str, target: str, least: float) -> None:
+    structure, cloud = scanned(target)
+    assert not has_parts(cloud)
+    skin = skin_parts(structure, scene_of(structure, 1), cloud).label
+    lying = laid(cloud, box_on_box(surface(known), cloud))
+    found = parts_like(lying, skin, surface(known))
+    true = surface(target).part
+    assert true is not None
+    assert agreement(found, true, least) > 0.7

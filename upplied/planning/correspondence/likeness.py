@@ -1,0 +1,143 @@
+"""Parts of a surface of one piece, from a structure of the same kind whose pieces tell its parts.
+
+A scan, a photogrammetric model or a cloud is one piece. Its skin still goes on over a nacelle and ends where
+that meets the wing (`surface.skin`), and another structure of the kind says what lies about there. So
+stretches of skin are named after the part that a smooth displacement lays on them, stretches of one
+name that touch are one part, and what has the shape of a part found already is another one of its kind,
+whatever lies near it: the outer engine of an airliner whose like has inner ones alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from upplied.planning.correspondence.coherent_point_drift import Patch, drift, spread_over
+from upplied.planning.correspondence.part_alignment import FACING
+from upplied.planning.geometry.boxes import diagonal_of, spacing
+from upplied.planning.surface.parts import labels_of, part_labels
+from upplied.records import Bools, Cloud, Floats, Ints
+
+_CONTROLS, _ANCHORS = 200, 450  # points that move, and points that pull (`correspondence.by_parts`)
+_PURE = 0.6  # least share of a stretch of skin with one name, to be all of that name
+_TOUCH = 2.0  # spacings: samples this near touch
+_COMPACT = 0.25  # of the diagonal: the longest edge of a part of which there may be others elsewhere
+_CRUMB = 0.002  # share of the samples below which a stretch is no part of its own
+_ALIKE = 1.6  # ratio of areas, either way, of two parts of one kind on one structure
+_NEAR, _FACES, _SCORE = 0.06, 0.6, 0.6  # of a part's size; cosine of normals; share of its samples that fit
+_FEW = 15  # samples, at least, of a part that is compared with others
+
+
+def has_parts(cloud: Cloud) -> bool:
+    """Whether the samples of a surface are known to lie on more than one part."""
+    return bool(labels_of(cloud).max(initial=0) > 0)
+
+
+def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
+    """The part (N,) of each sample of a surface of one piece, 0 the largest.
+
+    Parameters
+    ----------
+    whole : Cloud
+        N samples with normals and areas.
+    skin : array of int, shape (N,)
+        The stretch of skin that each lies on.
+    known : Cloud
+        Samples of a structure with parts, in the frame and at the scale of `whole`.
+    """
+    assert whole.normals is not None and whole.area_m2 is not None
+    name = _carried(whole, known)
+    step, reach = spacing(whole), _TOUCH * spacing(whole)
+    stretch = _named_stretches(whole, skin, name)
+    pairs = cKDTree(whole.points).query_pairs(reach, output_type="ndarray")
+    label = _connected(pairs, stretch)
+    label = _others_alike(whole, skin, label, max(step, 1e-9))
+    return part_labels(whole.points, whole.area_m2, label)
+
+
+def _carried(whole: Cloud, known: Cloud) -> Ints:
+    """The part of `known` that lies nearest to each sample, faces alike, after a smooth displacement."""
+    assert whole.normals is not None and known.normals is not None
+    diagonal = diagonal_of(whole.points)
+    none = np.full(len(known), -1), np.full(len(whole), -1)
+    moving = Patch(known.points, known.normals, none[0])
+    fixed = Patch(whole.points, whole.normals, none[1])
+    found = drift(moving.at(spread_over(known, _CONTROLS)), fixed.at(spread_over(whole, _ANCHORS)), diagonal)
+    moved = moving.points + found.at(moving.points, moving.label)
+    weight = FACING * diagonal
+    tree = cKDTree(np.hstack([moved, weight * known.normals]))
+    return labels_of(known)[tree.query(np.hstack([whole.points, weight * whole.normals]))[1]]
+
+
+def _named_stretches(whole: Cloud, skin: Ints, name: Ints) -> Ints:
+    """A name for each sample: its stretch's, or where that has none its own."""
+    assert whole.area_m2 is not None
+    votes = np.zeros((int(skin.max()) + 1, int(name.max()) + 1))
+    np.add.at(votes, (skin, name), whole.area_m2)
+    pure = votes.max(axis=1) >= _PURE * votes.sum(axis=1)
+    return np.where(pure[skin], votes.argmax(axis=1)[skin], name)
+
+
+def _connected(pairs: Ints, name: Ints) -> Ints:
+    """Samples of one name that touch, as parts (N,)."""
+    same = pairs[name[pairs[:, 0]] == name[pairs[:, 1]]]
+    number = len(name)
+    graph = coo_matrix((np.ones(len(same), bool), (same[:, 0], same[:, 1])), (number, number))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
+def _others_alike(whole: Cloud, skin: Ints, label: Ints, step_m: float) -> Ints:
+    """The parts, and beside them stretches of skin that look like one of the compact parts found already."""
+    diagonal = diagonal_of(whole.points)
+    label = label.copy()
+    templates = _compact(whole, label, diagonal)
+    for stretch in np.flatnonzero(np.bincount(skin) >= max(_FEW, _CRUMB * len(skin))):
+        mine = skin == stretch
+        if np.ptp(whole.points[mine], axis=0).max() > _COMPACT * diagonal:
+            continue
+        if (np.bincount(label[mine]).max() > 0.5 * mine.sum()) and _is_alone(label, mine):
+            continue  # a part of its own already
+        if any(_alike(whole, template, mine, step_m) for template in templates):
+            label[mine] = label.max() + 1
+    return label
+
+
+def _compact(whole: Cloud, label: Ints, diagonal: float) -> list[Bools]:
+    """Which samples lie on each part that is small enough for others of its kind to stand elsewhere."""
+    count = np.bincount(label)
+    found = [label == part for part in np.flatnonzero(count >= max(_FEW, _CRUMB * len(label)))]
+    return [mine for mine in found if np.ptp(whole.points[mine], axis=0).max() < _COMPACT * diagonal]
+
+
+def _is_alone(label: Ints, mine: Bools) -> bool:
+    """Whether most of the part that a stretch lies in is that stretch."""
+    part = np.bincount(label[mine]).argmax()
+    return bool(mine[label == part].mean() > 0.5)
+
+
+def _alike(whole: Cloud, template: Bools, mine: Bools, step_m: float) -> bool:
+    """Whether a stretch of skin has the shape of a part, shifted, or mirrored left for right."""
+    assert whole.normals is not None and whole.area_m2 is not None
+    ratio = whole.area_m2[mine].sum() / whole.area_m2[template].sum()
+    if not 1 / _ALIKE < ratio < _ALIKE or (template & mine).any():
+        return False
+    here, facing = whole.points[template], whole.normals[template]
+    there, faces = whole.points[mine], whole.normals[mine]
+    return any(_fits(here * flip, facing * flip, there, faces, step_m) for flip in _FLIPS)
+
+
+_FLIPS = np.array([[1.0, 1, 1], [1, -1, 1], [-1, 1, 1]])
+
+
+def _fits(here: Floats, facing: Floats, there: Floats, faces: Floats, step_m: float) -> bool:
+    """Whether most samples of either surface lie near the other, once middle is laid on middle."""
+    size = float(np.linalg.norm(np.ptp(there, axis=0)))
+    moved = here + (there.min(axis=0) + there.max(axis=0) - here.min(axis=0) - here.max(axis=0)) / 2
+    shares = []
+    for one, normals, other, others in ((moved, facing, there, faces), (there, faces, moved, facing)):
+        apart, index = cKDTree(other).query(one)
+        near = apart < max(_NEAR * size, step_m)
+        shares.append(float((near & ((normals * others[index]).sum(axis=1) > _FACES)).mean()))
+    return min(shares) > _SCORE
