@@ -77,10 +77,11 @@ class ViewpointSettings:
     """What of a flight is carried to the target: segments (paper, Alg. 2, lines 5 to 13), or all of it."""
 
     method: Literal["segments", "poses"] = "segments"  # a view of each segment, as published, or every pose
-    # lambda: a segment ends where less than this share of its first view is still seen. At 0.5 a flight
-    # round an airliner, seen by frustum from 10 m, falls into 3 viewpoints and the shape is lost (Frechet
-    # distance 2.4 on the demonstrated structure itself); 0.9 gives about 25 and the paper's distances.
-    shared: float = 0.9
+    # lambda: a segment ends where less than this share of its first view is still seen; the paper gives no
+    # value. At 0.5 a flight round an airliner, seen by frustum from 10 m, falls into 3 viewpoints and the
+    # shape is lost (Frechet distance 2.4 on the demonstrated structure itself). On the fifteen sample rows
+    # 0.97 instead of 0.9 covers 98.3 % by frustum instead of 96.9 %, at a mean Frechet z of 1.63, not 2.06.
+    shared: float = 0.97
     most_poses: int = 1500  # a longer flight is thinned evenly
 
 
@@ -385,6 +386,7 @@ _PRESETS: dict[str, Settings] = {
         preset="recommended",
         registration=RegistrationSettings(acceptance=1.0, least_probability=0.6),
         correspondence=CorrespondenceSettings(method="parts"),
+        viewpoints=ViewpointSettings(shared=0.9),  # where it looks again, not what it consists of
         visibility=VisibilitySettings(occlusion=True, max_incidence_deg=75.0),
         transfer=TransferSettings(method="counterparts"),
         refine=RefineSettings(method="view"),
