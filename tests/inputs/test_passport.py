@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from upplied.errors import InputError, SettingsError
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.passport import conventions, rules
+from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.measured import Measured
 from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings, changed
 from upplied.inputs.passport.sight import inside
@@ -41,6 +42,8 @@ BREAKS = {  # of each rule, figures that break it
     "clock-stepped": {"clock_steps": 1},
     "near-structure": {"near_pct": 1.0},
     "looks-aside": {"axis_pct": 60.0},
+    "aim-drifts": {"aim_drift_deg": -22.0},
+    "aim-off": {"aim_off_deg": 20.0},
     "fast": {"speed_p99_mps": 14.0},
     "gaps": {"gaps": 2, "long_gaps": 1, "recorded_pct": 97.0},
     "hovering": {"hover_s": 200.0, "cut_hover_s": 170.0},
@@ -319,3 +322,35 @@ def test_two_channels_of_one_topic_at_one_time_are_two_publishers(tmp_path: Path
         read_demonstration(path, structures=lambda _: log.structure)
     second = read_demonstration(path, LogOptions(publisher="#2"), structures=lambda _: log.structure)
     assert np.allclose(second.positions, log.positions + 4.0 * UP)
+
+
+def spun(log: Made, first_deg: float, last_deg: float) -> Made:
+    """Headings that are off by so much at the start and at the end."""
+    turn = Rotation.from_rotvec(np.radians(np.linspace(first_deg, last_deg, len(log)))[:, None] * UP)
+    return replace(log, quats=(turn * Rotation.from_quat(log.quats)).as_quat())
+
+
+def test_a_heading_that_drifts_a_little_or_is_a_little_off_is_warned_of(tmp_path: Path) -> None:
+    """The structure stays in the picture, so nothing else tells it."""
+
+    def told(log: Made) -> dict[str, str]:
+        found = taken(log, tmp_path / "a.mcap").passport["findings"]
+        return {item["rule"]: item["found"] for item in found}
+
+    log = right(11)
+    assert not {"aim-drifts", "aim-off"} & set(told(log))
+    assert "deg to the left of" in told(spun(log, -14, 14))["aim-drifts"]
+    assert "deg to the right of" in told(spun(log, -24, -24))["aim-off"]
+    assert "aim-off" not in told(spun(log, -14, 14))
+
+
+def test_mild_drifts_and_offsets_of_the_heading_are_told_where_the_flight_tells_of_a_heading() -> None:
+    def aim(log: Made) -> tuple[float, float]:
+        quats = log.quats / np.linalg.norm(log.quats, axis=1, keepdims=True)
+        found = aim_of(log.positions, quats, scene_of(log.structure))
+        return abs(found.drift_deg), abs(found.off_deg)
+
+    logs = [right(number) for number in range(0, 40, 2)]
+    assert max(max(aim(log)) for log in logs) < 12
+    assert sum(aim(spun(log, 0, 30))[0] > 15 for log in logs) >= 15
+    assert sum(aim(spun(log, 30, 30))[1] > 15 for log in logs) >= 15

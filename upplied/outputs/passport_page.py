@@ -21,6 +21,8 @@ FIGURES = {
     "fit_pct": "poses an inspection could hold, %",
     "other": "best other convention",
     "other_fit_pct": "poses it could hold then, %",
+    "aim_drift_deg": "camera turning off the nearest surface, deg",
+    "aim_off_deg": "camera looking aside of it, deg",
     "speed_p99_mps": "speed, m/s",
     "acceleration_p99_mps2": "acceleration, m/s2",
     "turn_p99_degps": "turn rate, deg/s",

@@ -13,6 +13,7 @@ from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.mcap.recording import Recording
+from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.conventions import Fit, best_fits
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Sight, ground_of, sight_of
@@ -64,6 +65,8 @@ class Measured:
     other_fit_pct: float = 0.0
     off_centre_m: tuple[float, float] = (0.0, 0.0)  # as the stand-off tells, horizontally
     off_centre_sure: float = 0.0  # share of the stand-off's variance that it explains
+    aim_drift_deg: float = 0.0  # of the camera, to the left of the nearest surface, from end to end
+    aim_off_deg: float = 0.0  # in the middle of the flight
     speed_p99_mps: float = 0.0
     acceleration_p99_mps2: float = 0.0
     turn_p99_degps: float = 0.0
@@ -99,6 +102,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     declared = structure.surroundings.ground_z_m is not None
     floor = ground_of(structure) - settings.ground_slack_m if declared else -np.inf
     off, sure = _off_centre(sight, turns)
+    aim = aim_of(flown.positions, flown.quat_xyzw, scene)
     clearance = _least_clearance(flown, spread, sight, scene.distance)
     doubtful = (
         clearance < settings.least_clearance_m
@@ -131,6 +135,8 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         **_named(best),
         off_centre_m=(round(off[0], 1), round(off[1], 1)),
         off_centre_sure=sure,
+        aim_drift_deg=aim.drift_deg,
+        aim_off_deg=aim.off_deg,
         speed_p99_mps=speed,
         acceleration_p99_mps2=acceleration,
         turn_p99_degps=turning,

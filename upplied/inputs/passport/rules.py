@@ -89,6 +89,22 @@ def _off_centre(m: Measured, s: PassportSettings) -> str:
     return f"the stand-off changes from side to side as if the log lay off by {m.off_centre_m} m (x, y)"
 
 
+def _aim_drifts(m: Measured, s: PassportSettings) -> str:
+    side = "left" if m.aim_drift_deg > 0 else "right"
+    return (
+        f"the camera turns {abs(m.aim_drift_deg):.0f} deg to the {side} of the nearest surface"
+        " from end to end"
+    ) * (abs(m.aim_drift_deg) > s.aim_drift_deg)
+
+
+def _aim_off(m: Measured, s: PassportSettings) -> str:
+    side = "left" if m.aim_off_deg > 0 else "right"
+    return (
+        f"the camera looks {abs(m.aim_off_deg):.0f} deg to the {side} of the nearest surface throughout"
+        * (abs(m.aim_off_deg) > s.aim_off_deg)
+    )
+
+
 def _frame_name(m: Measured, s: PassportSettings) -> str:
     named = [name for name in (m.frame, m.child) if _NED.search(name)]
     asked = any("converted as asked" in note for note in m.frames)
@@ -171,6 +187,12 @@ CHECKS: tuple[FlightRule, ...] = (
     _rule("looks-aside", "warn", ("odd_axis_pct",),
          "an inspection looks at its structure most of the time", "cut the log to the inspection",
          _looks_aside),
+    _rule("aim-drifts", "warn", ("aim_drift_deg",),
+         "a heading that drifts turns the camera steadily aside", "check the compass and the estimator",
+         _aim_drifts),
+    _rule("aim-off", "warn", ("aim_off_deg",),
+         "a heading or a mount that is off looks aside all the time", "check the compass and the mount",
+         _aim_off),
     _rule("fast", "warn", ("odd_speed_mps",),
          "inspections are slow", "check units and stamps",
          _above("speed_p99_mps", "odd_speed_mps", "{:.1f} m/s in the fastest hundredth of the flight")),
