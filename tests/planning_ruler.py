@@ -14,7 +14,8 @@ from upplied.config import Settings
 from upplied.records import Floats, Ints, Structure, Trajectory
 
 SAMPLED_M = 0.1
-_TOLERANCE_M = 2e-3  # of sampling, and of single precision in what is ruled upon
+_FINE_M = 0.004  # where a path comes near, and where fences and keep-out boxes are asked
+_TOLERANCE_M = 2e-3  # of fine sampling (half a step), and of single precision in what is ruled upon
 
 
 def sampled(positions: Floats, step_m: float = SAMPLED_M) -> Floats:
@@ -61,9 +62,22 @@ def inside_polygon(polygon: Floats, points: Floats) -> np.ndarray:
 
 
 def clearance(structure: Structure, trajectory: Trajectory) -> float:
-    """How near the whole path comes to the surface, m."""
-    along = sampled(trajectory.positions)
-    return float(distance_to_triangles(along, structure.vertices, structure.triangles).min())
+    """How near the whole path comes to the surface, m.
+
+    A distance changes by no more than the way: the nearest place is within half a step of one that is
+    nearer than the nearest found and half a step. There the path is asked again, finely.
+    """
+    along, surface = sampled(trajectory.positions), (structure.vertices, structure.triangles)
+    found = distance_to_triangles(along, *surface)
+    near = np.flatnonzero(found <= found.min() + SAMPLED_M / 2)
+    share = np.linspace(-0.5, 0.5, int(SAMPLED_M / _FINE_M) + 1)[:, None, None]
+    before, after = along[np.maximum(near - 1, 0)], along[np.minimum(near + 1, len(along) - 1)]
+    fine = (
+        along[near]
+        + np.maximum(share, 0) * (after - along[near])
+        + np.minimum(share, 0) * (along[near] - before)
+    )
+    return float(min(found.min(), distance_to_triangles(fine.reshape(-1, 3), *surface).min()))
 
 
 def rates(trajectory: Trajectory) -> dict[str, float]:
@@ -96,7 +110,7 @@ def rates(trajectory: Trajectory) -> dict[str, float]:
 def broken_rules(structure: Structure, trajectory: Trajectory, settings: Settings) -> dict[str, float]:
     """Every limit of the settings and of the surroundings that a plan breaks, and by how much."""
     route, limits, around = settings.route, settings.retime, structure.surroundings
-    along = sampled(trajectory.positions)
+    along = sampled(trajectory.positions, 5 * _FINE_M)
     excess = {"clearance": route.clearance_m - clearance(structure, trajectory) - _TOLERANCE_M}
     if around.ground_z_m is not None:
         excess["ground"] = around.ground_z_m + route.ground_clearance_m - along[:, 2].min() - 1e-6

@@ -10,7 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from upplied.config import RetimeSettings
-from upplied.planning.trajectory.retime import at_demonstrated_speed, demonstrated_speed, hovering, retime
+from upplied.planning.trajectory.retime import (
+    Sharp,
+    at_demonstrated_speed,
+    demonstrated_speed,
+    hovering,
+    retime,
+)
+from upplied.planning.trajectory.sharpness import _swung_degps
 from upplied.planning.trajectory.speeds import _fits, corner_cap, passes
 from upplied.poses import from_yaw_pitch, look_at, matrices
 from upplied.records import Floats, Trajectory, Waypoints
@@ -285,3 +292,45 @@ def test_a_gap_in_the_flight_is_no_hover_and_crossed_as_fast_as_the_expert_flew(
     assert np.ptp(planned.t_s[between]) < 1.2 * np.ptp(climb) / 1.2
     closed = Trajectory(flight.t_s, np.vstack([one.positions] * 2), flight.quat_xyzw)
     assert hovering(path, closed, 3.0, seam).sum() == 0  # it ends where it begins, and nobody waited there
+
+
+def test_sharp_pictures_bound_speed_and_turning_where_something_is_shown_and_nowhere_else() -> None:
+    """Two straight lines of one heading each, 90 degrees apart, and the way from one to the other."""
+    x = np.linspace(0, 20, 41)
+    ends = [np.column_stack([x, 0 * x, 0 * x]), np.column_stack([x + 60, 0 * x, 0 * x])]
+    quats = np.repeat(from_yaw_pitch(np.array([0.0, np.pi / 2]), np.zeros(2)), 41, axis=0)
+    times = np.concatenate([x / 2, x / 2 + 20])
+    flight = Trajectory(times, np.vstack(ends), quats)
+    path = Waypoints(flight.positions, quats, times, np.zeros(82, bool))
+    slow = np.where(np.arange(82) < 20, 0.5, np.inf)
+    sharp = Sharp(slow, np.full(82, 5.0))
+    apart, _, answers = retime(path, flight, LIMITS, np.array([41]), sharp)
+    between = (answers >= 10) & (answers <= 20)
+    assert np.ptp(apart.t_s[between]) < 25  # 40 m at no more than 2 m/s
+    speed = np.linalg.norm(np.diff(apart.positions, axis=0), axis=1) / np.diff(apart.t_s)
+    shown_slowly = apart.positions[1:, 0] < 9.5
+    assert speed[shown_slowly].max() <= 0.5 * (1 + 1e-9)
+    assert speed[(apart.positions[:-1, 0] > 12) & (apart.positions[1:, 0] < 18)].min() > 1
+
+
+def test_a_camera_pans_no_faster_than_it_is_sharp_unless_the_expert_swung_it() -> None:
+    x = np.linspace(0, 20, 81)
+    yaw = np.radians(np.clip((x - 8) * 30, 0, 120))
+    path = np.column_stack([x, 0 * x, 0 * x])
+    flight = Trajectory(x, path, from_yaw_pitch(yaw, 0 * yaw))  # 1 m/s, 30 deg/s from 8 to 12 s
+    along = path_of(flight)
+    usual = Sharp(np.full(81, np.inf), np.full(81, 5.0))
+    slow, _, _ = retime(along, flight, LIMITS, None, usual)
+    assert rates(slow)["max_yaw_rate_degps"] <= 5 * (1 + 1e-6)
+    assert slow.t_s[-1] > 120 / 5
+    swung = Sharp(usual.speed_mps, np.maximum(5.0, _swung_degps(along.t_s, flight)))
+    fast, _, _ = retime(along, flight, LIMITS, None, swung)
+    assert 20 < rates(fast)["max_yaw_rate_degps"] <= 30 * (1 + 1e-6)
+    assert fast.t_s[-1] < 26
+    still = (fast.positions[1:, 0] < 7) | (fast.positions[1:, 0] > 13)
+    assert np.abs(np.diff(np.degrees(yaw_of(fast)))[still]).max() < 1e-6
+
+
+def yaw_of(planned: Trajectory) -> Floats:
+    axes = matrices(planned.quat_xyzw)
+    return np.unwrap(np.arctan2(axes[:, 1, 0], axes[:, 0, 0]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from upplied.planning.airspace.rules import Airspace, inside_fence
 from upplied.records import Floats
@@ -79,9 +80,17 @@ def _to_fence(polygon: Floats, xy: Floats) -> Floats:
     return step + _INSIDE_M * np.where(length > _INSIDE_M, step / np.maximum(length, 1e-12), inwards)
 
 
-def _kernel(positions: Floats, reach: float) -> Floats:
-    """(M, M) weights of a running mean of the pushes along the path: a raised cosine, each row sums to 1."""
+def _kernel(positions: Floats, reach: float) -> csr_matrix:
+    """(M, M) weights of a running mean of the pushes along the path: a raised cosine, each row sums to 1.
+
+    What is farther along the path than `reach` has no weight, and takes no place.
+    """
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
-    gap = np.abs(along[:, None] - along) / reach
-    weight = np.where(gap < 1, 0.5 + 0.5 * np.cos(np.pi * gap), 0)
-    return weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)
+    first = np.searchsorted(along, along - reach, side="left")
+    count = np.searchsorted(along, along + reach, side="right") - first
+    start = np.concatenate([[0], np.cumsum(count)])
+    row = np.repeat(np.arange(len(along)), count)
+    column = np.arange(start[-1]) + np.repeat(first - start[:-1], count)
+    weight = 0.5 + 0.5 * np.cos(np.pi * np.minimum(np.abs(along[row] - along[column]) / reach, 1))
+    whole = np.bincount(row, weights=weight)
+    return csr_matrix((weight / whole[row], column, start), shape=(len(along), len(along)))

@@ -17,8 +17,8 @@ from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.inspection import Inspection
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined
 from upplied.planning.trajectory.complete import completed
-from upplied.planning.trajectory.retime import Sharp, retime
-from upplied.planning.trajectory.sharpness import sharp_speeds, steady_degps
+from upplied.planning.trajectory.retime import retime
+from upplied.planning.trajectory.sharpness import sharp_limits
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 
@@ -48,7 +48,7 @@ def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bool
     path = _in_a_row(paths)
     if settings.refine.method != "view" or not settings.retime.limits:
         return retime(path, flight, settings.retime, breaks_of(takes))
-    sharp = Sharp(sharp_speeds(path, takes, settings), steady_degps(takes, settings))
+    sharp = sharp_limits(path, flight, takes, settings)
     return retime(path, flight, settings.retime, breaks_of(takes), sharp)
 
 

@@ -63,15 +63,16 @@ def retime(
     """
     if not settings.limits or len(path) < 2:
         return at_demonstrated_speed(path, flight), np.array(path.is_viewpoint, bool), path.t_s
-    sharp = Sharp(np.full(len(path), np.inf), np.inf) if sharp is None else sharp
-    path, sharp_mps = _without_repeats(path, sharp.speed_mps)
+    anything = np.full(len(path), np.inf)
+    path, sharp = _without_repeats(path, Sharp(anything, anything) if sharp is None else sharp)
     hover = hovering(path, flight, settings.least_stop_s, breaks)
-    stations = _divided(path, hover, sharp_mps)
+    stations = _divided(path, hover, sharp)
     bound = demonstrated_speed(stations.t_s, flight, breaks, settings.transit_speed_mps)
     shows = _within_parts(stations.t_s, flight, breaks)
-    bound = np.where(shows, np.minimum(bound, stations.sharp_mps), bound)
+    bound = np.where(shows, np.minimum(bound, stations.sharp.speed_mps), bound)
     legs_show = _within_parts((stations.t_s[:-1] + stations.t_s[1:]) / 2, flight, breaks)
-    pan = np.radians(np.where(legs_show, sharp.pan_degps, np.inf))
+    pan_degps = np.minimum(stations.sharp.pan_degps[:-1], stations.sharp.pan_degps[1:])
+    pan = np.radians(np.where(legs_show, pan_degps, np.inf))
     times = _timed(stations, bound, pan, settings)
     quats = from_yaw_pitch(stations.yaw, stations.pitch)
     return Trajectory(times, stations.positions, quats), stations.is_viewpoint, stations.t_s
@@ -82,7 +83,7 @@ class Sharp(Record):
     """Up to which speeds the pictures of a path are sharp (`sharpness`)."""
 
     speed_mps: Floats  # (W,) at each waypoint
-    pan_degps: float  # by which the camera turns at most
+    pan_degps: Floats  # (W,) by which the camera turns at most
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,7 +96,7 @@ class _Stations(Record):
     t_s: Floats  # (S,) time of the demonstration
     is_viewpoint: Bools  # (S,)
     at_rest: Bools  # (S,)
-    sharp_mps: Floats  # (S,) speed up to which pictures are sharp
+    sharp: Sharp  # of S stations
     hold_s: Floats  # (S - 1,) time to hover, on legs of no length
 
 
@@ -111,14 +112,14 @@ def at_demonstrated_speed(path: Waypoints, flight: Trajectory) -> Trajectory:
     return Trajectory(np.concatenate([[0.0], np.cumsum(step)]), path.positions, path.quat_xyzw)
 
 
-def _without_repeats(path: Waypoints, sharp_mps: Floats) -> tuple[Waypoints, Floats]:
+def _without_repeats(path: Waypoints, sharp: Sharp) -> tuple[Waypoints, Sharp]:
     """The path without waypoints that repeat the pose before them."""
     moved = np.linalg.norm(np.diff(path.positions, axis=0), axis=1) > _STANDING_M
     turned = angle_between(path.quat_xyzw[:-1], path.quat_xyzw[1:]) > 1e-6
     keep = np.concatenate([[True], moved | turned])
     viewpoint = np.logical_or.reduceat(path.is_viewpoint, np.flatnonzero(keep))
     kept = Waypoints(path.positions[keep], path.quat_xyzw[keep], path.t_s[keep], viewpoint)
-    return kept, sharp_mps[keep]
+    return kept, Sharp(sharp.speed_mps[keep], sharp.pan_degps[keep])
 
 
 def hovering(path: Waypoints, flight: Trajectory, least_s: float, breaks: Ints | None = None) -> Floats:
@@ -148,7 +149,7 @@ def _within_parts(t_s: Floats, flight: Trajectory, breaks: Ints | None) -> Bools
     return within
 
 
-def _divided(path: Waypoints, hover: Floats, sharp_mps: Floats) -> _Stations:
+def _divided(path: Waypoints, hover: Floats, sharp: Sharp) -> _Stations:
     """The path with shorter legs; a hover is a leg of no length, as is a turn on the spot."""
     length = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
     standing = length < _STANDING_M
@@ -168,6 +169,7 @@ def _divided(path: Waypoints, hover: Floats, sharp_mps: Floats) -> _Stations:
     twice = np.flatnonzero(np.diff(origin) == 0)
     hold = np.zeros(len(origin) - 1)
     hold[twice] = hover[waypoint[twice]]
+    ends = [of(origin).astype(int) for of in (np.floor, np.ceil)]
     yaw, pitch = yaw_pitch(path.quat_xyzw)
     yaw = np.unwrap(yaw)
     return _Stations(
@@ -177,7 +179,7 @@ def _divided(path: Waypoints, hover: Floats, sharp_mps: Floats) -> _Stations:
         t_s=np.interp(origin, index, path.t_s),
         is_viewpoint=own & path.is_viewpoint[waypoint],
         at_rest=own & rest[waypoint],
-        sharp_mps=np.minimum(*(sharp_mps[of(origin).astype(int)] for of in (np.floor, np.ceil))),
+        sharp=Sharp(*(np.minimum(of[ends[0]], of[ends[1]]) for of in (sharp.speed_mps, sharp.pan_degps))),
         hold_s=hold,
     )
 

@@ -14,10 +14,11 @@ from numba import njit
 from upplied.config import Settings
 from upplied.planning.carry.inspected_surface import inspected_by, look_limits, together
 from upplied.planning.demonstration.repetition import Take
+from upplied.planning.trajectory.retime import Sharp
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import moments
-from upplied.poses import matrices
-from upplied.records import Bools, Cloud, Floats, Waypoints
+from upplied.poses import angle_between, matrices
+from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
 
 _SAMPLES = 600  # of the inspected surface, that are asked for
 _QUIET = 0.7  # share of what is inspected in a picture that is to be sharp: its rim moves faster, and is
@@ -27,7 +28,36 @@ _SLOWEST_MPS = 0.1
 _USUAL = 0.95  # share of the demonstration's time
 
 
-def sharp_speeds(path: Waypoints, takes: Sequence[Take], settings: Settings) -> Floats:
+def sharp_limits(path: Waypoints, flight: Trajectory, takes: Sequence[Take], settings: Settings) -> Sharp:
+    """How fast a path may be flown, and its camera turned, at each waypoint.
+
+    Where the expert himself swung his camera round faster than it stays sharp he was on the way from one
+    thing to the next: nothing there is to be sharp, and the plan swings as fast as he did.
+
+    Parameters
+    ----------
+    path : Waypoints
+        `t_s` is the time of `flight` that each answers to.
+    flight : Trajectory
+        The demonstration, of all takes one after another (`repetition.joined`).
+    takes : sequence of Take
+    settings : Settings
+    """
+    usual, own = steady_degps(takes, settings), _swung_degps(path.t_s, flight)
+    speed = np.where(own > usual, np.inf, _sharp_speeds(path, takes, settings))
+    return Sharp(speed, np.maximum(own, usual))
+
+
+def _swung_degps(t_s: Floats, flight: Trajectory) -> Floats:
+    """How fast the expert turned his camera at these times (W,), deg/s."""
+    if len(flight) < 2:
+        return np.zeros(len(t_s))
+    spent = np.maximum(np.diff(flight.t_s), 1e-3)
+    rate = np.degrees(angle_between(flight.quat_xyzw[:-1], flight.quat_xyzw[1:])) / spent
+    return np.interp(t_s, (flight.t_s[:-1] + flight.t_s[1:]) / 2, rate)
+
+
+def _sharp_speeds(path: Waypoints, takes: Sequence[Take], settings: Settings) -> Floats:
     """Speed (W,), m/s, at each waypoint up to which the inspected surface in view is sharp; inf for none.
 
     Sharp is what moves no faster through the picture than `settings.inspection` says, or than the
