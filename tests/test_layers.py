@@ -28,14 +28,27 @@ ALLOWED = {
     "planning": FOUNDATION | {"planning"},
     "samples": FOUNDATION | {"planning", "samples"},
     "simulate": FOUNDATION | {"planning"},
+    "proof": FOUNDATION | {"planning", "proof"},
     "inputs": FOUNDATION | {"inputs"},
     "catalog": FOUNDATION | {"catalog"},
     "outputs": FOUNDATION | {"outputs", "inputs", "samples", "catalog", "planning"},
     "recommend": FOUNDATION | {"planning", "catalog", "recommend"},
-    "fleet": FOUNDATION | {"planning", "simulate", "recommend", "inputs", "catalog", "outputs", "fleet"},
+    "fleet": FOUNDATION
+    | {"planning", "simulate", "proof", "recommend", "inputs", "catalog", "outputs", "fleet"},
     "__main__": {"cli"},
     "cli": FOUNDATION
-    | {"planning", "samples", "simulate", "recommend", "inputs", "catalog", "outputs", "fleet", "cli"},
+    | {
+        "planning",
+        "samples",
+        "simulate",
+        "proof",
+        "recommend",
+        "inputs",
+        "catalog",
+        "outputs",
+        "fleet",
+        "cli",
+    },
 }
 # The rooms of planning in the order of the method: each may use those before it.
 ROOMS = (

@@ -23,10 +23,11 @@ from upplied.catalog.store.contents import ContentStore
 from upplied.catalog.store.current import Current
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.identity import Identity
+from upplied.catalog.store.looks import StoredLooks
 from upplied.catalog.store.meshes import MeshStore
 from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.surfaces import SurfaceStore
-from upplied.catalog.verbs import adding, decisions, queries
+from upplied.catalog.verbs import adding, decisions, looks, queries
 from upplied.catalog.verbs.adding import Planned
 from upplied.catalog.verbs.leaving import ASKED, check_leaves
 from upplied.catalog.verbs.queries import PlannedTrajectory, When, Which
@@ -79,6 +80,7 @@ class Catalog:
         self.meshes = MeshStore(self.location)
         self.surfaces = SurfaceStore(self.location)
         self.flown_paths = ContentStore(self.location, "flown", Trajectory, "fly the plan again")
+        self.looks = ContentStore(self.location, "looks", StoredLooks, "add the flight again")
         self._current = {name: Current(self.tables[name]) for name in ("structures", "demonstrations")}
         self.cache = Cache(cache if cache is not None else cache_folder(self.location))
 
@@ -253,13 +255,30 @@ class Catalog:
         sha256 = self.transfer(transfer_id, ("inspected_sha256",))["inspected_sha256"]
         return self.surfaces.get(sha256) if sha256 else None
 
-    def flights(self, transfer_id: str | None = None) -> pd.DataFrame:
-        """Flights of plans in simulation, in the order they were added; those of one plan, or all."""
-        return queries.flights(self.tables["flights"], transfer_id)
+    def flights(
+        self, transfer_id: str | None = None, *, structure: str | None = None, kind: str | None = None
+    ) -> pd.DataFrame:
+        """Flights of plans, flown and simulated, in the order they were added.
+
+        Parameters
+        ----------
+        transfer_id, structure : str, optional
+            Those of one plan, or round one structure.
+        kind : {"flown", "simulated"}, optional
+        """
+        return queries.flights(self.tables["flights"], transfer_id, structure, kind)
+
+    def looks_at(self, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:
+        """How each flight round a structure saw the patch nearest to a place (m, structure frame).
+
+        One row per flight in the order of flying: when, whether it saw the patch, and the nearest look at it
+        (distance, incidence, speed); `patch_off_m` says how far the patch is from the place.
+        """
+        return looks.looks_at(self, structure_id, place_m, kind)
 
     def overruled(self, transfer_id: str | None = None) -> pd.DataFrame:
         """Rules of the gate that a person overruled, in the order they were added; of one plan, or all."""
-        return queries.flights(self.tables["overruled"], transfer_id)
+        return queries.of_plans(self.tables["overruled"], transfer_id)
 
     def flown(self, flight_sha256: str) -> Trajectory:
         """The path of one flight, by the hash in its row."""

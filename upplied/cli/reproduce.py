@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from upplied.cli.terminal import console, errors, opened
+from upplied.errors import RefusedError
 
 
 def reproduce(catalog: str, transfer_id: str) -> int:
@@ -13,6 +14,10 @@ def reproduce(catalog: str, transfer_id: str) -> int:
 
     store = opened(catalog)
     made_from = recipe(store, store.find_transfer(transfer_id))
+    purpose = made_from.row["purpose"] or ""
+    if purpose.startswith("gap "):
+        remedy = f"plan it again: upplied flights gap {purpose.removeprefix('gap ')}"
+        raise RefusedError(f"plan {transfer_id}", "was made from a flight", "", remedy)
     with errors.status("planning again"):
         plan = plan_transfer(made_from.demonstration, made_from.source, made_from.target, made_from.settings)
     different = made_from.differences(plan)

@@ -8,16 +8,21 @@ from upplied import __version__
 from upplied.catalog import Catalog, Recipe, recipe
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.decisions import standing
+from upplied.catalog.verbs.looks import put_looks
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import digest
 from upplied.errors import RefusedError
+from upplied.fleet.flight_logs import flight_columns, required_of, viewpoint_index
 from upplied.outputs.flown import Flown, flight_row, flown_of
 from upplied.outputs.missions import gate
 from upplied.outputs.render import keep_overruled, undecided
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import METHOD_VERSION
+from upplied.proof.align import as_simulated
+from upplied.proof.as_flown import as_flown
 from upplied.provenance import method
 from upplied.records import Measures, Plan, Structure
+from upplied.scene import scene_of
 from upplied.simulate import Vehicle, Wind, fly_trajectory, measure_flown
 
 
@@ -54,8 +59,29 @@ def fly_plan(
     else:
         found = _flown(catalog, row, wind, vehicle, seed)
     if not same or same[-1] is not before[-1]:
-        catalog.add_flight(flight_row(flight_id, found), found.trajectory)  # reports tell of the last
+        catalog.add_flight(_row(catalog, flight_id, row, found), found.trajectory)  # reports tell of the last
     return found
+
+
+def _row(catalog: Catalog, flight_id: str, row: Row, flown: Flown) -> Row:
+    """The row of a simulated flight: as of one that was flown, and its log lies on its plan as it is."""
+    plan, target = catalog.plan(row["transfer_id"]), catalog.structure(row["target_id"])
+    camera = catalog.demonstration(row["demonstration_id"]).camera
+    surface, required = required_of(catalog, row, plan, target, camera)
+    assert plan.trajectory is not None
+    path, moments = flown.trajectory, plan.trajectory.t_s[viewpoint_index(plan)]
+    found = as_simulated(plan.trajectory, path)
+    said = as_flown(plan.trajectory, moments, found, path, surface, camera, scene_of(target))
+    looks = said.looks
+    values = {name: getattr(looks, name) for name in ("distance_m", "incidence_deg", "speed_mps", "t_s")}
+    return {
+        **flight_columns(row, found, said, required),
+        "findings": "",
+        **flight_row(flight_id, flown),
+        "kind": "simulated",
+        "flown_at": catalog.clock.now(),
+        "looks_sha256": put_looks(catalog, surface.points, surface.normals, looks.seen, values),
+    }
 
 
 def _flown(catalog: Catalog, row: Row, wind: Wind, vehicle: Vehicle, seed: int) -> Flown:

@@ -128,7 +128,7 @@ def ingest_demonstrations(
     options = options or LogOptions()
     check_allowed(options.allow, RULES)
     known = _hashes(catalog.demonstrations(), "demonstration_id")
-    placements = _placements(catalog.structures())
+    placements = placements_of(catalog.structures())
     read = partial(learnt_flight, *_place(catalog), placements, options=options)
     same = partial(_same_log, known, placements, options)
     reads = each(read, find_logs(logs), str, workers, same)
@@ -141,7 +141,7 @@ def _place(catalog: Catalog) -> tuple[str, Path]:
     return catalog.location, catalog.cache.folder
 
 
-def _placements(structures: pd.DataFrame) -> dict[str, Placement]:
+def placements_of(structures: pd.DataFrame) -> dict[str, Placement]:
     """Where the known structures stand, for logs in latitude and longitude."""
     placed = structures[structures["lat_deg"].notna()]
     columns = ["structure_id", "lat_deg", "lon_deg", "alt_m", "heading_deg", "datum"]

@@ -23,7 +23,7 @@ from upplied.simulate import measure_flown
 
 BY = "the check of changed structures"
 _PLACE = ("finite", "clearance", "keep-out", "geofence", "ceiling", "ground")
-_USUAL_CLEARANCE_M = 2.0  # of plans that were asked to keep none: what missions keep
+USUAL_CLEARANCE_M = 2.0  # of plans that were asked to keep none: what missions keep
 _LOST_POINTS = 1.0  # of inspected coverage, from which on a plan that stays in force is told as a trouble
 
 
@@ -97,7 +97,7 @@ def judge_again(location: str, transfer_id: str) -> tuple[list[str], float | str
     assert plan.trajectory is not None
     target = catalog.structure(plan.target_id)
     route = made_from.settings.route
-    wanted = route.clearance_m if route.enforce else _USUAL_CLEARANCE_M
+    wanted = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
     broken = place_breaches(plan.trajectory.positions, plan.trajectory.t_s, target, wanted)
     if broken:
         return broken, float("nan")

@@ -1,4 +1,4 @@
-"""A plan flown in simulation, as reports tell of it; rows and paths of flights are the catalog's."""
+"""A flight of a plan, flown or in simulation, as reports tell of it; its row and path are the catalog's."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from upplied.outputs.pairs import number
+from upplied.outputs.pairs import number, stamp
 from upplied.records import Measures, Record, Trajectory
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Flown(Record):
-    """What came of flying a plan in simulation."""
+    """What came of flying a plan."""
 
     transfer_id: str
     waypoints_sha256: str  # of the plan that was flown
@@ -25,6 +25,9 @@ class Flown(Record):
     seed: int
     trajectory: Trajectory  # as flown
     measures: Measures  # of what was flown
+    kind: str = "simulated"  # or "flown"
+    told: str = ""  # of a flight that was flown: when, by whom, how much of the plan, what was found
+    required_pct: float = float("nan")  # of what the plan shows, the share that was truly seen
 
 
 def flight_row(flight_id: str, flown: Flown) -> dict[str, Any]:
@@ -43,17 +46,35 @@ def flown_of(row: Mapping[str, Any], path: Trajectory) -> Flown:
     return Flown(
         str(row["transfer_id"]),
         str(row["waypoints_sha256"] or ""),
-        float(row["wind_mps"]),
-        float(row["towards_deg"]),
+        number(row, "wind_mps") or 0.0,
+        number(row, "towards_deg") or 0.0,
         bool(row["gusts"]),
-        int(row["seed"]),
+        int(number(row, "seed") or 0),
         path,
         Measures(**{name: value for name, value in measures.items() if value is not None}),
+        str(row.get("kind") or "simulated"),
+        _told(row),
+        _known(number(row, "required_pct")),
     )
 
 
+def _known(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def _told(row: Mapping[str, Any]) -> str:
+    """When a flight was flown, by whom, how much of the plan, and what was found of it."""
+    if row.get("kind") != "flown":
+        return ""
+    who = f" by {row['operator']}" if row.get("operator") else ""
+    share = number(row, "flown_pct")
+    part = "" if share is None else f", {share:.0f} % of the plan"
+    found = f" Found: {row['findings']}." if row.get("findings") else ""
+    return f"{stamp(row.get('flown_at'))} UTC{who}{part}.{found}"
+
+
 class Flights:
-    """The last flight of each plan.
+    """The last flight of each plan; one that was flown comes before any that was simulated.
 
     Parameters
     ----------
@@ -68,7 +89,9 @@ class Flights:
     def _last(self) -> dict[str, Mapping[str, Any]]:
         if not hasattr(self._source, "flights"):
             return {}
-        return {str(row["transfer_id"]): row for row in self._source.flights().to_dict("records")}
+        rows = self._source.flights().to_dict("records")
+        rows.sort(key=lambda row: row.get("kind") == "flown")  # stable: the order they were added in
+        return {str(row["transfer_id"]): row for row in rows}
 
     def of(self, row: Mapping[str, Any]) -> Flown | None:
         """The last flight of the plan of this row; None where it was not flown as it now stands."""
@@ -83,10 +106,13 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
     if flown is None:
         return ""
     gusts = f"with gusts (seed {flown.seed})" if flown.gusts else "without gusts"
-    parts = [f"In a wind of {flown.wind_mps:g} m/s towards {flown.towards_deg:g}° {gusts}"]
+    simulated = f"In a wind of {flown.wind_mps:g} m/s towards {flown.towards_deg:g}° {gusts}"
+    parts = [f"Flown {flown.told}" if flown.kind == "flown" else simulated]
     clearance, coverage = flown.measures.min_clearance_m, flown.measures.coverage_seen_pct
     if np.isfinite(clearance):
         parts.append(f"least clearance {clearance:.2f} m{_of(row, 'min_clearance_m', 2, ' m')}")
+    if np.isfinite(flown.required_pct):
+        parts.append(f"of what the plan shows {flown.required_pct:.1f} % was seen")
     if np.isfinite(coverage):
         parts.append(f"really seen {coverage:.1f} %{_of(row, 'coverage_seen_pct', 1, ' %')}")
     return f"{parts[0]}: {', '.join(parts[1:])}." if parts[1:] else f"{parts[0]}: nothing could be measured."
@@ -96,6 +122,7 @@ def flown_data(flown: Flown, row: Mapping[str, Any], path: dict[str, Any]) -> di
     """What a transfer's page shows of a flight; `path` is the flown path as `path_data` gives it."""
     return {
         "said": flown_sentence(flown, row),
+        "kind": flown.kind,
         "path": path,
         "measures": {item.name: number(vars(flown.measures), item.name) for item in fields(Measures)},
     }

@@ -18,6 +18,7 @@ from upplied.catalog.schema.columns import COMMIT_VERSION as _COMMIT_VERSION
 from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table
 from upplied.catalog.schema.columns import identity as _id
 from upplied.catalog.schema.decided import DECIDED, DECISIONS, OVERRULED
+from upplied.catalog.schema.flown import AS_FLOWN
 from upplied.catalog.schema.measures import MEASURES
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.config import PRESETS
@@ -276,13 +277,14 @@ _MEASURED = {item.name for item in fields(Measures)}
 
 FLIGHTS = Table(
     "flights",
-    "one row per flight of a plan in simulation; of those in the same wind the newest counts",
+    "one row per flight of a plan, flown or in simulation",
     ("flight_id",),
     (
-        _id("flight_id", "hash of the plan, wind, vehicle and seed"),
+        _id("flight_id", "hash of the plan and of the log, or of wind, vehicle and seed"),
         _id("transfer_id", "the plan that was flown"),
         Column("waypoints_sha256", TEXT, "", "hash of the waypoints that were flown"),
-        Column("wind_mps", REAL, "m/s", "speed of the wind", low=0),
+        *AS_FLOWN,
+        Column("wind_mps", REAL, "m/s", "speed of the simulated wind", low=0),
         Column("towards_deg", REAL, "deg", "where it blows to, from +X counter-clockwise"),
         Column("gusts", TRUTH, "", "with gusts"),
         Column("seed", WHOLE, "1", "of the gusts"),
@@ -292,7 +294,7 @@ FLIGHTS = Table(
         Column("added_at", MOMENT, "UTC", f"when it was added, {_ADDED}", required=True),
         _COMMIT_VERSION,
     ),
-    ("transfer_id", "added_at"),
+    ("target_id", "added_at"),
 )
 
 TABLES = {

@@ -52,7 +52,7 @@ def in_force(catalog: Catalog, **asked: Any) -> pd.DataFrame:
     newest = catalog.transfers(columns=["transfer_id", *queries.PAIR, "status"], **asked)
     newest = newest[newest["status"] == "ok"].rename(columns={"transfer_id": "newer_draft"})
     found = found.merge(newest.drop(columns="status"), how="left", on=queries.PAIR)
-    same = found["newer_draft"] == found["transfer_id"]
+    same = (found["newer_draft"] == found["transfer_id"]) | (found["purpose"] != "")
     found["newer_draft"] = found["newer_draft"].where(~same).fillna("")
     hashes = catalog.structures().set_index("structure_id")["sha256"]
     judged = standing(catalog).judged
@@ -67,6 +67,7 @@ def foremost(catalog: Catalog) -> pd.DataFrame:
     A plan in force whose demonstration is retired stays.
     """
     newest, force = catalog.transfers(), catalog.transfers(in_force=True)
+    force = force[force["purpose"] == ""]
     if not len(force):
         return newest
     pair = pd.MultiIndex.from_frame(newest[queries.PAIR])

@@ -91,7 +91,8 @@ def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
     if which.in_force:
         found = found[found["state"] == "released"]
     if not which.every:
-        found = found[found["purpose"] == which.purpose]
+        if not which.in_force or which.purpose:
+            found = found[found["purpose"] == which.purpose]
         found = _in_use(tables, found, which)
     if which.status is not None:
         found = found[found["status"] == which.status]
@@ -175,10 +176,23 @@ def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
     return [row for row in plans if row["transfer_id"] not in current]
 
 
-def flights(table: StoredTable, transfer_id: str | None) -> pd.DataFrame:
-    """See `Catalog.flights`."""
+def of_plans(table: StoredTable, transfer_id: str | None) -> pd.DataFrame:
+    """Rows of a table that name plans, in the order they were added; of one plan, or all."""
     where = None if transfer_id is None else pc.field("transfer_id") == transfer_id
     found = frame(table.read(where)).sort_values(["transfer_id", "commit_version"], kind="stable")
+    return found.reset_index(drop=True)
+
+
+def flights(
+    table: StoredTable, transfer_id: str | None, structure: str | None, kind: str | None
+) -> pd.DataFrame:
+    """See `Catalog.flights`."""
+    found = of_plans(table, transfer_id)
+    found["kind"] = found["kind"].where(found["kind"] != "", "simulated")
+    if structure is not None:
+        found = found[found["target_id"] == structure]
+    if kind is not None:
+        found = found[found["kind"] == kind]
     return found.reset_index(drop=True)
 
 

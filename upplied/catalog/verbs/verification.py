@@ -122,6 +122,7 @@ def _contents(catalog: Catalog, transfers: pd.DataFrame) -> Iterator[Finding]:
     for read, named in (
         *((catalog.surfaces.get, transfers.groupby(column)["transfer_id"]) for column in SURFACES),
         (catalog.flown, flights.groupby("flight_sha256")["transfer_id"]),
+        (catalog.looks.get, flights.groupby("looks_sha256")["transfer_id"]),
     ):
         for sha256, owners in named:
             try:

@@ -48,7 +48,7 @@
       viewpoints: viewpoints(upplied.unpack(plan.viewpoints)), states: plan.states ? upplied.unpack(plan.states) : null,
     }));
     planned.push(...data.plans.filter((plan) => plan.flown).map((plan) => ({
-      name: plan.preset + ", flown", colour: COLOURS.flown, path: upplied.path(plan.flown.path), viewpoints: [], states: null, width: 3,
+      name: plan.preset + ", flown", colour: COLOURS.flown, path: upplied.path(plan.flown.path), viewpoints: [], states: plan.flown.states ? upplied.unpack(plan.flown.states) : null, width: 3,
     })));
     const main = data.plans[0];
     document.title = demonstration.id + " → " + data.target;
@@ -88,7 +88,7 @@
         element("label", { class: "check" }, frusta, "viewpoints"),
         planned.some((track) => track.states) ? colourBy : null),
       planned.some((track) => track.states) ? element("p", { class: "legend" }, STATES.map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name))) : null,
-      data.plans.filter((plan) => plan.flown).map((plan) => element("p", { class: "flown" }, element("b", {}, plan.preset + ", flown in simulation. "), plan.flown.said)),
+      data.plans.filter((plan) => plan.flown).map((plan) => element("p", { class: "flown" }, element("b", {}, plan.preset + (plan.flown.kind === "flown" ? ", as flown. " : ", flown in simulation. ")), plan.flown.said)),
       charts, measures(data.plans), remarks(data));
 
     if (!upplied.draws3d()) {
@@ -185,7 +185,7 @@
   function measures(plans) {
     const columns = plans.flatMap((plan) => [
       { name: plan.preset, colour: COLOURS[plan.preset], status: badge(plan.status), values: { ...plan.measures, margin: margin(plan, plan.measures) } },
-      ...(plan.flown ? [{ name: plan.preset + ", flown", colour: COLOURS.flown, status: "simulated", values: { ...plan.flown.measures, margin: margin(plan, plan.flown.measures) } }] : []),
+      ...(plan.flown ? [{ name: plan.preset + ", flown", colour: COLOURS.flown, status: plan.flown.kind || "simulated", values: { ...plan.flown.measures, margin: margin(plan, plan.flown.measures) } }] : []),
     ]);
     const rows = MEASURES.filter(([key]) => columns.some(({ values }) => Number.isFinite(values[key])));
     return element("section", {}, element("h2", {}, "Figures"), element("div", { class: "scroll" }, element("table", { class: "figures" },

@@ -1,0 +1,174 @@
+"""A log comes back: judged on its plan, kept, told in the report, and its gap becomes a plan."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from upplied.catalog import open_catalog, verify
+from upplied.catalog.database import Catalog
+from upplied.cli import main
+from upplied.config import CloudSettings
+from upplied.errors import InputError, RefusedError
+from upplied.fleet.flight_logs import Judged, judge_log, keep, photo_times
+from upplied.fleet.gaps import flight_row, plan_gap
+from upplied.outputs.logs import write_log
+from upplied.outputs.publish import publish_pages
+from upplied.planning.surface.samples import surface_samples
+from upplied.poses import interpolate
+from upplied.proof.as_flown import looks_of
+from upplied.records import Demonstration, Plan, SurfaceStates, Trajectory
+from upplied.samples.fleet import member
+from upplied.samples.pilot import fly
+from upplied.scene import scene_of
+from upplied.simulate import Wind, fly_trajectory
+
+CUBE = member("cube-v1").structure
+FLOWN = fly(CUBE, "sides", seed=1)
+KEY = hashlib.sha256(b"plan").hexdigest()
+ID = KEY[:20]
+START_NS = 1_770_000_000_000_000_000  # 2 February 2026
+
+
+@pytest.fixture(scope="module")
+def made() -> Plan:
+    path = interpolate(FLOWN.trajectory, np.arange(0.0, 120.0, 0.5))
+    scene = scene_of(CUBE)
+    surface = surface_samples(CUBE, scene, CloudSettings(surface_samples=500))
+    shown = looks_of(path, surface, FLOWN.camera, scene).seen
+    return Plan(
+        FLOWN.demonstration_id, "cube-v1", "cube-v1", CUBE.kind, "recommended", "ok", trajectory=path,
+        is_viewpoint=np.arange(len(path)) % 4 == 0, flyable=True,
+        surface=SurfaceStates(surface.points, shown.astype(np.int64), surface.normals),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def catalog(tmp_path, made) -> Catalog:
+    kept = open_catalog(tmp_path / "catalog")
+    kept.add_structures([CUBE])
+    kept.add_demonstrations([FLOWN])
+    kept.add_plans([(KEY, made, {})])
+    return kept
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory, made):
+    """What came back: broken off at 60 %, 25 s after the recorder started."""
+    flown = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
+    part = flown.t_s <= 0.6 * flown.t_s[-1]
+    t_ns = START_NS + np.round(flown.t_s[part] * 1e9).astype(np.int64)
+    record = replace(
+        FLOWN, demonstration_id="flight-7", t_ns=t_ns, positions=flown.positions[part],
+        quat_xyzw=flown.quat_xyzw[part], operator="Ada",
+    )  # fmt: skip
+    return write_log(tmp_path_factory.mktemp("log") / "flight-7.mcap", record, CUBE, heavy_topic=False)
+
+
+def judged(catalog: Catalog, log, plan: str = ID, photos=None) -> Judged:
+    return judge_log(catalog.location, str(log), plan, photos, None)
+
+
+@pytest.mark.ci
+def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path, capsys):
+    row = keep(catalog, judged(catalog, log))
+    assert (row["kind"], row["operator"], f"{row['flown_at']:%Y-%m-%d}") == ("flown", "Ada", "2026-02-02")
+    assert 50 < row["flown_pct"] < 70 and 30 < row["required_pct"] < 95 and "broken off" in row["findings"]
+    keep(catalog, judged(catalog, log))
+    (stored,) = catalog.flights(kind="flown").to_dict("records")
+    assert stored["flight_id"] == row["flight_id"] and verify(catalog) == []
+    # the history of a patch that was seen, and of one that was not
+    looks = catalog.looks.get(stored["looks_sha256"])
+    points = catalog.surfaces.points(looks.samples_sha256)
+    (seen,) = catalog.looks_at("cube-v1", points[looks.patch[0]]).to_dict("records")
+    assert (
+        seen["seen"] and seen["distance_m"] == pytest.approx(looks.distance_m[0]) and seen["patch_off_m"] == 0
+    )
+    unseen = np.setdiff1d(np.arange(len(points)), looks.patch)[0]
+    assert not catalog.looks_at("cube-v1", points[unseen])["seen"].any()
+    # the page shows both paths, the one that was flown with what it saw
+    publish_pages(catalog, tmp_path / "reports", pictures=0)
+    (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
+    assert "Flown 2026-02-02" in page.read_text() and "broken off" in page.read_text()
+    # the gap becomes a plan like any other, a draft beside the one that was flown
+    gap = plan_gap(catalog, row["flight_id"][:10])
+    plan, gap_row = catalog.plan(gap), catalog.transfer(gap)
+    assert gap_row["purpose"] == f"gap {row['flight_id'][:20]}" and plan.flyable
+    assert gap_row["min_clearance_m"] >= 1.99 and 0 < gap_row["duration_s"] < 120
+    assert list(catalog.transfers()["transfer_id"]) == [ID]  # nothing takes the place of the plan
+    scene = scene_of(CUBE)
+    surface, shown = catalog.surface(ID), catalog.surface(gap)
+    missing = (surface.state == 1) & ~np.isin(np.arange(len(points)), looks.patch)
+    assert ((shown.state == 1) | (shown.state == 3))[missing].mean() > 0.995
+    assert plan_gap(catalog, row["flight_id"]) == gap and verify(catalog) == []
+    catalog.release(ID, "Grace")
+    catalog.release(gap, "Grace")
+    assert set(catalog.in_force()["transfer_id"]) == {ID, gap}
+    assert scene is scene_of(CUBE)
+    # by the command
+    where = ["--catalog", catalog.location]
+    assert main(["flights", "show", row["flight_id"][:8], *where]) == 0
+    assert "broken off" in capsys.readouterr().out
+    assert main(["flights", "list", "--json", *where]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["kind"] == "flown"
+    assert main(["flights", "history", "cube-v1", *map(str, points[looks.patch[0]]), *where]) == 0
+    assert "last seen 2026-02-02 from" in capsys.readouterr().out
+    assert main(["transfer", "--reproduce", gap, *where]) == 1
+
+
+def test_the_plan_that_was_flown_is_found(catalog, log):
+    assert judged(catalog, log, plan="").row["transfer_id"] == ID
+
+
+def test_photos_say_when_the_camera_saw(catalog, log, tmp_path):
+    times = tmp_path / "photos.csv"
+    times.write_text("name,t_ns\n" + "".join(f"p{s},{START_NS + s * 10**9}\n" for s in range(90)))
+    row = judged(catalog, log, photos=times).row
+    assert row["photos"] == 90 and row["photos_missing"] == 0
+    assert row["required_pct"] <= judged(catalog, log).row["required_pct"]
+
+
+@pytest.mark.parametrize("text", ["", "noon\n", "1.5\n", "t_ns\n", "12345678901234567890123\n"])
+def test_photos_that_are_no_times_are_told(tmp_path, text):
+    path = tmp_path / "photos.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match="photos"):
+        photo_times(path)
+
+
+def test_a_log_of_another_structure_or_on_no_plan_is_refused(catalog, log, tmp_path):
+    other = replace(CUBE, structure_id="other-v1", sha256="other")
+    catalog.add_structures([other])
+    elsewhere = replace(FLOWN, structure_id="other-v1", positions=FLOWN.positions)
+    path = write_log(tmp_path / "other.mcap", elsewhere, other, heavy_topic=False)
+    with pytest.raises(InputError, match="was flown round other-v1, plan"):
+        judged(catalog, path)
+    with pytest.raises(RefusedError, match="no plan of other-v1 is in the catalog"):
+        judged(catalog, path, plan="")
+    far = Demonstration(
+        "far", "cube-v1", FLOWN.t_ns, FLOWN.positions + 50.0, FLOWN.quat_xyzw, camera=FLOWN.camera
+    )
+    path = write_log(tmp_path / "far.mcap", far, CUBE, heavy_topic=False)
+    with pytest.raises(RefusedError, match="does not lie on the plan"):
+        judged(catalog, path)
+
+
+def test_a_simulated_flight_is_a_flight(catalog, made):
+    from upplied.fleet.flights import _row
+    from upplied.outputs.flown import Flown
+    from upplied.records import Measures
+
+    path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
+    half = Trajectory(path.t_s[:600], path.positions[:600], path.quat_xyzw[:600])
+    flown = Flown(
+        ID, catalog.transfer(ID)["waypoints_sha256"], 4.0, 0.0, True, 2, half, Measures(min_clearance_m=3.0)
+    )
+    catalog.add_flight(_row(catalog, "f" * 64, catalog.transfer(ID), flown), half)
+    row = flight_row(catalog, "ffff")
+    assert (row["kind"], row["seed"], row["target_id"]) == ("simulated", 2, "cube-v1")
+    assert 0 < row["required_pct"] < 100 and row["min_clearance_m"] == 3.0
+    assert catalog.plan(plan_gap(catalog, "ffff")).status == "ok"

@@ -1,0 +1,230 @@
+"""A log on its plan, what it truly saw, and the flight that shows what it left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from upplied.config import CloudSettings, settings_for
+from upplied.errors import RefusedError
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.roadmap import roadmap
+from upplied.planning.airspace.rules import Airspace
+from upplied.planning.surface.samples import surface_samples
+from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
+from upplied.proof.align import align
+from upplied.proof.as_flown import AsFlown, as_flown, looks_of
+from upplied.proof.gap import bound_m, gap_flight
+from upplied.records import Camera, Floats, Trajectory
+from upplied.samples.fleet import member
+from upplied.samples.pilot import fly
+from upplied.scene import scene_of
+from upplied.simulate import Wind, fly_trajectory
+
+CUBE = member("cube-v1").structure
+CAMERA = Camera(70.0, 55.0, 1.0, 25.0)
+SCENE = scene_of(CUBE)
+SURFACE = surface_samples(CUBE, SCENE, CloudSettings(surface_samples=600))
+
+
+def at(path: Trajectory, first_s: float = 0.0, last_s: float = 1e9) -> Trajectory:
+    kept = (path.t_s >= first_s) & (path.t_s <= last_s)
+    return Trajectory(path.t_s[kept] - path.t_s[kept][0], path.positions[kept], path.quat_xyzw[kept])
+
+
+@pytest.fixture(scope="module")
+def plan() -> Trajectory:
+    flown = fly(CUBE, "sides", seed=1).trajectory
+    return interpolate(flown, np.arange(0.0, min(flown.t_s[-1], 150.0), 0.5))
+
+
+@pytest.fixture(scope="module")
+def flown(plan) -> Trajectory:
+    return fly_trajectory(plan, wind=Wind(5.0), seed=3)
+
+
+def judged(plan: Trajectory, log: Trajectory, photo_s: Floats | None = None) -> AsFlown:
+    found = align(plan, log)
+    return as_flown(plan, plan.t_s[::4], found, log, SURFACE, CAMERA, SCENE, photo_s)
+
+
+def test_a_log_that_is_right_is_left_as_it_is(plan, flown):
+    found = align(plan, flown)
+    assert np.array_equal(found.flown.positions, flown.positions) and not found.jumps
+    assert abs(found.clock_s) < 0.15 and found.camera_yaw_deg == 0 and found.residual_p95_m < 0.5
+    said = judged(plan, flown)
+    assert said.flown_pct > 98 and said.cross_track_p95_m < 0.5 and said.frechet_m < 1.0
+    assert not [text for text in said.findings if "broken" in text or "moved" in text]
+    assert said.clearance_m == pytest.approx(path_clearance(SCENE, flown.positions).distance_m)
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    st.floats(-40, 40),
+    st.tuples(*[st.floats(-1.5, 1.5)] * 3),
+    st.floats(-3, 3),
+    st.floats(-4, 4),
+    st.integers(0, 3),
+)
+def test_clock_frame_and_camera_that_are_off_are_found_within_their_errors(clock, shift, turn, yaw_off, seed):
+    path = fly(CUBE, "sides", seed=1).trajectory
+    plan = interpolate(path, np.arange(0.0, 120.0, 0.5))
+    rng = np.random.default_rng(seed)
+    truth = interpolate(plan, np.arange(0.0, 120.0, 0.1))
+    wobble = 0.03 * rng.standard_normal(truth.positions.shape)
+    angle = np.radians(turn)
+    rotation = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    middle = truth.positions.mean(axis=0)
+    moved = (truth.positions + wobble - middle) @ rotation.T + middle + np.array(shift)
+    yaw, pitch = yaw_pitch(truth.quat_xyzw)
+    log = Trajectory(truth.t_s + 41 + clock, moved, from_yaw_pitch(yaw + angle + np.radians(yaw_off), pitch))
+    log = Trajectory(log.t_s - log.t_s[0] + 41 + clock, log.positions, log.quat_xyzw)
+    found = align(plan, log)
+    assert found.clock_s == pytest.approx(41 + clock, abs=0.05)
+    assert np.abs(found.flown.positions - truth.positions).max() < 0.2
+    assert np.sqrt(np.mean((found.flown.positions - truth.positions) ** 2)) < 0.09
+    off = np.degrees(np.angle(np.exp(1j * (yaw_pitch(found.flown.quat_xyzw)[0] - yaw))))
+    assert np.median(np.abs(off)) < 0.6
+
+
+def test_a_jump_that_no_vehicle_flies_is_taken_out(plan, flown):
+    late = flown.t_s > flown.t_s[-1] / 2
+    off = late[:, None] * np.array([0.6, -0.8, 0.0])
+    found = align(plan, Trajectory(flown.t_s, flown.positions + off, flown.quat_xyzw))
+    ((when, size),) = found.jumps
+    assert when == pytest.approx(flown.t_s[-1] / 2, abs=0.2) and size == pytest.approx(1.0, abs=0.15)
+    assert np.sqrt(np.mean((found.flown.positions - flown.positions) ** 2)) < 0.1
+
+
+def test_what_was_not_flown_was_not_seen(plan, flown):
+    whole, part = judged(plan, flown), judged(plan, at(flown, 0, 0.6 * flown.t_s[-1]))
+    assert part.flown_pct == pytest.approx(60, abs=8)
+    assert any(text.startswith("broken off, or the log is cut") for text in part.findings)
+    assert (
+        part.looks.seen <= whole.looks.seen
+    ).all() and part.looks.seen.sum() < 0.9 * whole.looks.seen.sum()
+
+
+def test_a_log_that_begins_late_is_laid_on_the_end_of_its_plan(plan, flown):
+    said = judged(plan, at(flown, 0.5 * flown.t_s[-1]))
+    assert 35 < said.flown_pct < 60 and any(text.startswith("begun late") for text in said.findings)
+
+
+def test_a_silent_stretch_shows_nothing_and_is_told(plan, flown):
+    silent = (flown.t_s > 40) & (flown.t_s < 80)
+    log = Trajectory(flown.t_s[~silent], flown.positions[~silent], flown.quat_xyzw[~silent])
+    said = judged(plan, log)
+    assert any("silent for 40 s" in text for text in said.findings)
+    both = looks_of(at(flown, 0, 40), SURFACE, CAMERA, SCENE).seen
+    both |= looks_of(at(flown, 80), SURFACE, CAMERA, SCENE).seen
+    assert (said.looks.seen == both).mean() > 0.99
+
+
+def test_a_flight_that_waits_is_matched_by_its_places(plan, flown):
+    later = np.where(flown.t_s > 50, flown.t_s + 90, flown.t_s)
+    pause = np.arange(50.1, 140, 0.1)
+    held = interpolate(flown, np.full(len(pause), 50.0))
+    t = np.concatenate([flown.t_s[flown.t_s <= 50], pause, later[flown.t_s > 50]])
+    order = np.argsort(t, kind="stable")
+    positions = np.concatenate(
+        [flown.positions[flown.t_s <= 50], held.positions, flown.positions[flown.t_s > 50]]
+    )
+    quats = np.concatenate(
+        [flown.quat_xyzw[flown.t_s <= 50], held.quat_xyzw, flown.quat_xyzw[flown.t_s > 50]]
+    )
+    found = align(plan, Trajectory(t[order], positions[order], quats[order]))
+    assert np.isnan(found.clock_s) and found.on_plan.mean() > 0.9
+    assert np.nanmin(found.planned_s) < 3 and np.nanmax(found.planned_s) > plan.t_s[-1] - 3
+
+
+def test_a_camera_that_stands_still_is_told(plan, flown):
+    quats = flown.quat_xyzw.copy()
+    stuck = (flown.t_s >= 30) & (flown.t_s < 50)
+    quats[stuck] = quats[stuck.argmax()]
+    said = judged(plan, Trajectory(flown.t_s, flown.positions, quats))
+    assert any(text.startswith("the camera stood for") for text in said.findings)
+    assert not any("camera stood" in text for text in judged(plan, flown).findings)
+
+
+def test_photos_decide_what_was_seen_and_missing_ones_are_counted(plan, flown):
+    every = np.arange(0.0, flown.t_s[-1], 1.0)
+    some = every[(every < 30) | (every > 60)]
+    with_all, with_some = judged(plan, flown, every), judged(plan, flown, some)
+    assert with_all.photos_missing == 0 and 8 <= with_some.photos_missing <= 20
+    assert with_some.looks.seen.sum() < with_all.looks.seen.sum() <= judged(plan, flown).looks.seen.sum()
+    none = judged(plan, flown, np.array([5.0]))
+    assert none.looks.seen.sum() < 0.5 * with_all.looks.seen.sum()
+    assert set(none.looks.t_s[none.looks.seen].tolist()) == {5.0}
+
+
+def test_looks_say_from_where_each_patch_was_seen(flown):
+    looks = looks_of(flown, SURFACE, CAMERA, SCENE)
+    here = interpolate(flown, looks.t_s[looks.seen]).positions
+    gap = np.linalg.norm(here - SURFACE.points[looks.seen], axis=1)
+    assert np.allclose(gap, looks.distance_m[looks.seen], atol=1e-6) and gap.max() <= CAMERA.max_range_m
+    assert (looks.incidence_deg[looks.seen] <= 75.001).all() and np.isnan(looks.distance_m[~looks.seen]).all()
+
+
+def test_a_log_of_elsewhere_is_refused(plan, flown):
+    away = Trajectory(flown.t_s, flown.positions + np.array([40.0, 0, 0]), flown.quat_xyzw)
+    with pytest.raises(RefusedError, match="does not lie on the plan"):
+        align(plan, away)
+
+
+# --- gaps --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def graph(plan):
+    airspace = Airspace(SCENE, 1.5, CUBE.surroundings)
+    return roadmap(airspace, SURFACE, plan.positions[::4])
+
+
+@pytest.mark.parametrize("end", [0.6, 0.9])
+def test_the_flight_that_closes_a_gap_shows_it_safely_and_is_short(plan, flown, graph, end):
+    shown = looks_of(plan, SURFACE, CAMERA, SCENE).seen
+    missing = shown & ~looks_of(at(flown, 0, end * flown.t_s[-1]), SURFACE, CAMERA, SCENE).seen
+    assert missing.any()
+    limits = settings_for("recommended").retime
+    found = gap_flight(plan, SURFACE, missing, CAMERA, graph, limits)
+    again = looks_of(found.trajectory, SURFACE, CAMERA, SCENE).seen
+    assert again[missing & ~found.unattainable].mean() >= 0.995
+    assert (found.shows <= missing).all() and not (found.shows & found.unattainable).any()
+    assert path_clearance(SCENE, found.trajectory.positions).distance_m >= 1.49
+    assert found.bound_m <= found.length_m < np.linalg.norm(np.diff(plan.positions, axis=0), axis=1).sum()
+    assert found.is_viewpoint.any() and (np.diff(found.trajectory.t_s) > 0).all()
+
+
+def test_nothing_missing_and_nothing_to_see_it_from_are_refused(plan, graph):
+    nothing = np.zeros(len(SURFACE), bool)
+    with pytest.raises(RefusedError, match="is empty"):
+        gap_flight(plan, SURFACE, nothing, CAMERA, graph, settings_for("recommended").retime)
+    near_sighted = replace(CAMERA, max_range_m=1.5)
+    with pytest.raises(RefusedError, match="can be seen from no pose"):
+        gap_flight(plan, SURFACE, ~nothing, near_sighted, graph, settings_for("recommended").retime)
+
+
+def test_the_bound_is_never_above_the_best_way_by_brute_force():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        places = rng.random((6, 3)) * 10
+        seen = rng.random((6, 5)) < 0.35
+        seen[rng.integers(0, 6, 5), np.arange(5)] = True
+        least = min(
+            np.linalg.norm(np.diff(places[list(way)], axis=0), axis=1).sum()
+            for way in _ways(6)
+            if seen[list(way)].any(axis=0).all()
+        )
+        assert bound_m(places, seen) <= least + 1e-9
+
+
+def _ways(count: int):
+    from itertools import combinations, permutations
+
+    for size in range(1, count + 1):
+        for chosen in combinations(range(count), size):
+            yield from permutations(chosen)

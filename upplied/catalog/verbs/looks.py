@@ -1,0 +1,68 @@
+"""The history of a patch: when it was seen, from how near and how frontally, flight by flight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import pyarrow.compute as pc
+
+from upplied.catalog.schema import rows
+from upplied.catalog.store.looks import StoredLooks
+from upplied.errors import SettingsError
+from upplied.records import Bools, Floats
+
+if TYPE_CHECKING:
+    from upplied.catalog.database import Catalog
+
+_COLUMNS = ["flight_id", "transfer_id", "kind", "flown_at", "operator", "looks_sha256", "commit_version"]
+
+
+def put_looks(
+    catalog: Catalog, points: Floats, normals: Floats | None, seen: Bools, values: dict[str, Floats]
+) -> str:
+    """Keep how a flight saw the samples (N, 3) of a surface; returns the hash.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    points, normals : array, shape (N, 3)
+    seen : array of bool, shape (N,)
+    values : dict
+        `distance_m`, `incidence_deg`, `speed_mps` and `t_s`, each (N,).
+    """
+    samples = catalog.surfaces.put_samples(points, normals)
+    patch = np.flatnonzero(seen)
+    small: Any = {name: value[patch].astype(np.float32) for name, value in values.items()}
+    number: Any = patch.astype(np.int32)
+    return catalog.looks.put(StoredLooks(samples, number, **small))
+
+
+def looks_at(catalog: Catalog, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:
+    """See `Catalog.looks_at`."""
+    place = np.asarray(place_m, float)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise SettingsError("place", f"is {place_m}", "three coordinates, m, structure frame")
+    table = catalog.tables["flights"].read(pc.field("target_id") == structure_id, _COLUMNS)
+    nearest: dict[str, tuple[int, float]] = {}
+    found = []
+    for row in sorted(rows.rows_of(table), key=lambda row: row["commit_version"]):
+        if not row["looks_sha256"] or kind not in ("", row["kind"]):
+            continue
+        looks = catalog.looks.get(row["looks_sha256"])
+        if looks.samples_sha256 not in nearest:
+            gap = np.linalg.norm(catalog.surfaces.points(looks.samples_sha256) - place, axis=1)
+            nearest[looks.samples_sha256] = int(gap.argmin()), float(gap.min())
+        patch, off = nearest[looks.samples_sha256]
+        at = int(np.searchsorted(looks.patch, patch))
+        seen = at < len(looks.patch) and looks.patch[at] == patch
+        made = {name: row[name] for name in ("flight_id", "transfer_id", "kind", "flown_at", "operator")}
+        made |= {"seen": bool(seen), "patch": patch, "patch_off_m": off}
+        for name in ("distance_m", "incidence_deg", "speed_mps", "t_s"):
+            made[name] = float(getattr(looks, name)[at]) if seen else float("nan")
+        found.append(made)
+    columns = ["flight_id", "transfer_id", "kind", "flown_at", "operator", "seen", "distance_m",
+               "incidence_deg", "speed_mps", "t_s", "patch", "patch_off_m"]  # fmt: skip
+    return pd.DataFrame(found, columns=columns).sort_values("flown_at", kind="stable").reset_index(drop=True)

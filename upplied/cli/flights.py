@@ -1,0 +1,183 @@
+"""`upplied flights`: what was really flown, what it saw, and the flight that shows what it left out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
+
+from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, show
+
+app = App(name="flights", help="What was flown: add a log, compare it with its plan, plan what it left out.")
+
+LISTED = {
+    "flight_id": "flight",
+    "kind": "kind",
+    "target_id": "target",
+    "transfer_id": "plan",
+    "flown_at": "flown",
+    "flown_pct": "of plan %",
+    "required_pct": "seen %",
+    "min_clearance_m": "clear m",
+    "findings": "findings",
+}
+SHOWN = {
+    "kind": "kind",
+    "flown_at": "flown",
+    "operator": "operator",
+    "transfer_id": "plan",
+    "target_id": "target",
+    "flown_pct": "of the plan's length, flown, %",
+    "required_pct": "of what the plan shows, truly seen, %",
+    "min_clearance_m": "least clearance, m",
+    "cross_track_p95_m": "off the planned path, 95th percentile, m",
+    "plan_frechet_m": "Frechet distance from the part of the plan that was flown, m",
+    "duration_s": "duration, s",
+    "photos": "photos",
+    "photos_missing": "viewpoints passed without a photo",
+    "clock_s": "the plan begins at this time of the log, s",
+    "clock_error_s": "error of that, one sigma, s",
+    "shift_m": "the log was moved by, m",
+    "turn_deg": "and turned by, deg",
+    "place_error_m": "error of that, one sigma, m",
+    "camera_yaw_deg": "its camera was turned by, deg",
+    "findings": "findings",
+}
+_DIGITS = 12  # of an id, in a list
+
+
+@app.command
+def add(
+    log: Path,
+    /,
+    *,
+    plan: Annotated[str, Parameter(help="Id of the plan that was flown; else it is found.")] = "",
+    photos: Annotated[Path | None, Parameter(help="Times of the photos: ns of the log's clock.")] = None,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """Read the log of a flight, lay it on its plan, and keep what it truly saw.
+
+    Exit code 1 where the flight left out something that its plan shows.
+
+    Parameters
+    ----------
+    log : Path
+        MCAP, of any family that demonstrations are read from; with its side-car.
+    """
+    from upplied.fleet.flight_logs import add_flight_log
+
+    store = opened(catalog)
+    with errors.status("reading the log"):
+        row = add_flight_log(store, log, plan, photos)
+    _tell(row, json)
+    short = (row["required_pct"] or 0.0) < 100.0
+    if short and not json:
+        next_step(
+            f"flights gap {row['flight_id'][:_DIGITS]}", "the flight that shows what is missing", catalog
+        )
+    return int(short)
+
+
+@app.command(name="list")
+def list_flights(
+    *,
+    structure: Annotated[str | None, Parameter(help="Round this structure alone.")] = None,
+    kind: Annotated[str | None, Parameter(help="flown, or simulated.")] = None,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """List the flights, in the order they were added."""
+    from upplied.cli.catalog import rows_of
+
+    found = opened(catalog).flights(structure=structure, kind=kind)
+    rows = rows_of(found, None if json else LISTED)
+    if not json:
+        rows = [{**row, "flight": row["flight"][:_DIGITS]} for row in rows]
+    show("flights", rows, json, ("findings", "plan", "clear m"))
+    return 0
+
+
+@app.command(name="show")
+def show_one(flight: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+    """Show all that is known of one flight.
+
+    Parameters
+    ----------
+    flight : str
+        Its id, or how that begins.
+    """
+    from upplied.fleet.gaps import flight_row
+
+    _tell(flight_row(opened(catalog), flight), json)
+    return 0
+
+
+@app.command
+def gap(flight: str, /, *, catalog: CatalogOption = "catalog") -> int:
+    """Plan the shortest safe flight that shows what a flight left out; a draft like any other.
+
+    Parameters
+    ----------
+    flight : str
+        Its id, or how that begins.
+    """
+    from upplied.fleet.gaps import plan_gap
+
+    store = opened(catalog)
+    with errors.status("planning"):
+        plan = plan_gap(store, flight)
+    row = store.transfer(plan)
+    console.print(f"{plan}: {store.plan(plan).warnings[0]}", markup=False, soft_wrap=True)
+    console.print(f"{row['duration_s']:.0f} s, clearance {row['min_clearance_m']:.2f} m")
+    next_step(f"release {plan} --by NAME", "put it in force", catalog)
+    return 0
+
+
+@app.command
+def history(
+    structure: str,
+    x: float,
+    y: float,
+    z: float,
+    /,
+    *,
+    kind: Annotated[str, Parameter(help="flown, or simulated.")] = "",
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """Say when the patch nearest to a place was seen, from how near and how frontally.
+
+    Parameters
+    ----------
+    structure : str
+    x, y, z : float
+        Of the place, m, structure frame.
+    """
+    from upplied.cli.catalog import rows_of
+
+    found = opened(catalog).looks_at(structure, (x, y, z), kind)
+    show(f"looks at ({x:g}, {y:g}, {z:g}) m of {structure}", rows_of(found), json, ("patch", "patch_off_m"))
+    seen = found[found["seen"]]
+    if not json:
+        last = None if seen.empty else seen.iloc[-1]
+        said = (
+            "never seen"
+            if last is None
+            else (
+                f"last seen {last['flown_at']:%Y-%m-%d} from {last['distance_m']:.1f} m at "
+                f"{last['incidence_deg']:.0f} degrees"
+            )
+        )
+        console.print(said)
+    return 0
+
+
+def _tell(row: dict[str, Any], json: bool) -> None:
+    plain = {name: None if value != value else value for name, value in row.items()}
+    if json:
+        show("", [plain], json)
+        return
+    told = [{"what": title, "value": plain.get(name)} for name, title in SHOWN.items()]
+    show(f"flight {row['flight_id'][:_DIGITS]}", [each for each in told if each["value"] not in (None, "")])

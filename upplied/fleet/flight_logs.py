@@ -1,0 +1,278 @@
+"""Logs of flights into the catalog: each laid on its plan, what it truly saw, and how it differs."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+
+from upplied.catalog import Catalog, open_catalog
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.verbs.looks import put_looks
+from upplied.config import CloudSettings, digest
+from upplied.errors import InputError, RefusedError, UppliedError
+from upplied.fleet.workers import JobKilled, Limits, Workers
+from upplied.inputs.logs import read_demonstration
+from upplied.inputs.sidecar import LogOptions
+from upplied.planning.surface.samples import surface_samples
+from upplied.proof.align import Alignment, align
+from upplied.proof.as_flown import AsFlown, as_flown, looks_of
+from upplied.records import (
+    Bools,
+    Camera,
+    Cloud,
+    Demonstration,
+    Floats,
+    Ints,
+    Placement,
+    Plan,
+    Structure,
+    Trajectory,
+)
+from upplied.scene import scene_of
+
+_SHOWN = 1  # of SURFACE_STATES
+_MOST_PHOTOS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A flight as it was found to be: its row, its path on the plan, and what it saw."""
+
+    row: Row
+    path: Trajectory
+    surface: Cloud
+    flown: AsFlown
+
+
+def add_flight_log(
+    catalog: Catalog,
+    log: str | Path,
+    transfer_id: str = "",
+    photos: str | Path | None = None,
+    options: LogOptions | None = None,
+    limits: Limits | None = None,
+) -> Row:
+    """Read the log of a flight, lay it on its plan and keep what came of it; a known log adds nothing.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    log : path
+        Of any family of logs that demonstrations are read from.
+    transfer_id : str
+        The plan that was flown; empty: the one of the structure that the log lies on best, among those
+        in force, or the newest where none is.
+    photos : path, optional
+        Times of the photos, one a line, ns of the log's clock; a CSV with a column `t_ns` will do. Without
+        it the camera is taken to see all the time.
+    options : LogOptions, optional
+        What a side-car may say.
+    limits : Limits, optional
+        Time and memory of reading it: a file that crashes a reader costs itself alone.
+
+    Returns
+    -------
+    dict
+        The row of `flights`.
+
+    Raises
+    ------
+    InputError
+        If the log or the photos cannot be read, or are of another structure.
+    RefusedError
+        If the log lies on no plan.
+    """
+    with Workers(1, limits=limits or Limits()) as workers:
+        try:
+            place = catalog.location
+            judged: Judged = workers.run(judge_log, place, str(log), transfer_id, photos, options)
+        except JobKilled as death:
+            raise InputError(str(log), str(death)) from None
+    return keep(catalog, judged)
+
+
+def keep(catalog: Catalog, judged: Judged) -> Row:
+    """Add a judged flight to the catalog, unless it is there; its row."""
+    row, looks = judged.row, judged.flown.looks
+    same = catalog.flights(row["transfer_id"])
+    if row["flight_id"] in set(same["flight_id"]):
+        return {str(k): v for k, v in same[same["flight_id"] == row["flight_id"]].iloc[-1].items()}
+    values = {name: getattr(looks, name) for name in ("distance_m", "incidence_deg", "speed_mps", "t_s")}
+    stored = put_looks(catalog, judged.surface.points, judged.surface.normals, looks.seen, values)
+    row = {**row, "looks_sha256": stored}
+    catalog.add_flight(row, judged.path)
+    return row
+
+
+def judge_log(
+    location: str, log: str, transfer_id: str, photos: str | Path | None, options: LogOptions | None
+) -> Judged:
+    """In a worker: a log read, laid on its plan and judged."""
+    catalog = open_catalog(location)
+    row = catalog.transfer(catalog.find_transfer(transfer_id)) if transfer_id else None
+    options = options or LogOptions()
+    if row is not None and not options.structure_id:
+        options = replace(options, structure_id=row["target_id"])
+    flown = read_demonstration(Path(log), options, _placements(catalog, options.structure_id))
+    if row is not None and flown.structure_id != row["target_id"]:
+        found = f"was flown round {flown.structure_id}, plan {row['transfer_id']} is for {row['target_id']}"
+        raise InputError(log, found, "a flight is judged on the plan that was flown")
+    photo_ns = None if photos is None else photo_times(photos)
+    rows = [row] if row is not None else _candidates(catalog, flown.structure_id)
+    best, where, laid, why = None, None, np.inf, []
+    for each in rows:
+        try:
+            plan = catalog.plan(each["transfer_id"])
+            if plan.trajectory is None:
+                raise RefusedError(f"plan {each['transfer_id']}", f"has no path: it is {plan.status}")
+            on = align(plan.trajectory, flown.trajectory)
+        except RefusedError as refusal:
+            why.append(f"{each['transfer_id']}: {refusal}")
+            continue
+        off = on.residual_p95_m + 10 * (1 - float(on.on_plan.mean()))
+        if off < laid:
+            best, where, laid = each, on, off
+    if best is None or where is None:
+        known = "; ".join(why) or f"no plan of {flown.structure_id} is in the catalog"
+        raise RefusedError(log, f"lies on no plan: {known}", "", "say which plan was flown: --plan ID")
+    return _judged(catalog, best, flown, where, photo_ns)
+
+
+def _judged(
+    catalog: Catalog, row: Row, flown: Demonstration, found: Alignment, photo_ns: Floats | None
+) -> Judged:
+    target = catalog.structure(row["target_id"])
+    plan = catalog.plan(row["transfer_id"])
+    camera = flown.camera
+    if vars(camera) == vars(Camera()):  # the log does not say: the demonstration's
+        camera = catalog.demonstration(row["demonstration_id"]).camera
+    photo_s = None if photo_ns is None else (photo_ns - float(flown.t_ns[0])) * 1e-9
+    surface, required = required_of(catalog, row, plan, target, camera)
+    assert plan.trajectory is not None
+    moments = plan.trajectory.t_s[viewpoint_index(plan)]
+    said = as_flown(
+        plan.trajectory, moments, found, flown.trajectory, surface, camera, scene_of(target), photo_s
+    )
+    parts = ["flown", row["transfer_id"], row["waypoints_sha256"], flown.sha256]
+    parts.append("" if photo_ns is None else hashlib.sha256(photo_ns.tobytes()).hexdigest())
+    made = {
+        "flight_id": digest(parts),
+        "kind": "flown",
+        "flown_at": _moment(int(flown.t_ns[0])),
+        "log_sha256": flown.sha256,
+        "operator": flown.operator,
+        "photos": None if photo_s is None else len(photo_s),
+        **flight_columns(row, found, said, required),
+    }
+    return Judged(made, found.flown, surface, said)
+
+
+def flight_columns(row: Row, found: Alignment, said: AsFlown, required: Bools) -> Row:
+    """What every flight says of itself, by the columns of `flights`."""
+    seen = said.looks.seen[required]
+    steps = np.linalg.norm(np.diff(found.flown.positions, axis=0), axis=1)
+    return {
+        **{name: row[name] for name in ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")},
+        "photos_missing": said.photos_missing,
+        "clock_s": found.clock_s,
+        "clock_error_s": found.clock_error_s if np.isfinite(found.clock_error_s) else None,
+        "shift_m": float(np.linalg.norm(found.shift_m)),
+        "place_error_m": found.place_error_m if np.isfinite(found.place_error_m) else None,
+        "turn_deg": found.heading_deg,
+        "camera_yaw_deg": found.camera_yaw_deg,
+        "camera_pitch_deg": found.camera_pitch_deg,
+        "residual_p95_m": found.residual_p95_m,
+        "cross_track_p95_m": said.cross_track_p95_m,
+        "plan_frechet_m": said.frechet_m,
+        "flown_pct": said.flown_pct,
+        "required_pct": 100 * float(seen.mean()) if len(seen) else None,
+        "findings": "; ".join(said.findings),
+        "min_clearance_m": said.clearance_m,
+        "path_length_m": float(steps.sum()),
+        "duration_s": float(found.flown.t_s[-1] - found.flown.t_s[0]),
+    }
+
+
+def required_of(
+    catalog: Catalog, row: Row, plan: Plan, target: Structure, camera: Camera
+) -> tuple[Cloud, Bools]:
+    """The samples of a target, and which of them (N,) its plan shows: what a flight of it must show."""
+    kept = catalog.surface(row["transfer_id"])
+    if kept is not None and kept.normals is not None:
+        required = kept.state == _SHOWN
+        if required.any():
+            return Cloud(kept.points, kept.normals), required
+    scene = scene_of(target)
+    surface = surface_samples(target, scene, CloudSettings())
+    assert plan.trajectory is not None
+    return surface, looks_of(plan.trajectory, surface, camera, scene).seen
+
+
+def viewpoint_index(plan: Plan) -> Ints:
+    """Which poses of a plan are viewpoints."""
+    return np.flatnonzero(plan.is_viewpoint) if plan.is_viewpoint is not None else np.empty(0, int)
+
+
+def photo_times(path: str | Path) -> Floats:
+    """Times of photos, ns, rising.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or holds none.
+    """
+    rule = "whole numbers, ns of the log's clock, one a line or in a column t_ns"
+    try:
+        with Path(path).open(encoding="utf-8", newline="") as stream:
+            lines = [line for line in csv.reader(stream) if line and line[0].strip()][: _MOST_PHOTOS + 1]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(str(path), f"cannot be read: {error}", rule) from None
+    at = 0
+    if lines and "t_ns" in (names := [name.strip() for name in lines[0]]):
+        at, lines = names.index("t_ns"), lines[1:]
+    try:
+        times = np.array([int(line[at]) for line in lines], np.int64)
+    except (ValueError, IndexError, OverflowError) as error:
+        raise InputError(str(path), f"holds what is no time: {error}", rule) from None
+    if not 0 < len(times) <= _MOST_PHOTOS:
+        raise InputError(str(path), f"holds {len(times)} times", f"1 to {_MOST_PHOTOS}")
+    return np.sort(times)
+
+
+def _candidates(catalog: Catalog, structure_id: str) -> list[Row]:
+    """Plans of a structure that a flight may be of: those in force, else the newest that are ok."""
+    force = catalog.in_force(structure=structure_id)
+    newest = catalog.transfers(structure=structure_id, status="ok", preset="recommended")
+    return [catalog.transfer(str(name)) for name in (force if len(force) else newest)["transfer_id"]]
+
+
+def _placements(catalog: Catalog, structure_id: str) -> dict[str, Placement]:
+    if not structure_id:
+        from upplied.fleet.ingest import placements_of
+
+        return placements_of(catalog.structures())
+    placement = catalog.structure(structure_id).placement
+    return {} if placement is None else {structure_id: placement}
+
+
+def _moment(t_ns: int) -> datetime:
+    return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=t_ns // 1000)
+
+
+def add_flight_logs(
+    catalog: Catalog, logs: Sequence[str | Path], limits: Limits | None = None
+) -> list[tuple[str, Row | str]]:
+    """Each log into the catalog, found by its structure; name and row, or why it was not taken."""
+    done: list[tuple[str, Row | str]] = []
+    for log in logs:
+        try:
+            done.append((str(log), add_flight_log(catalog, log, limits=limits)))
+        except UppliedError as error:
+            done.append((str(log), str(error)))
+    return done

@@ -1,0 +1,125 @@
+"""The flight that shows what a flight left out, as a plan of the catalog like any other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upplied.catalog import Catalog, recipe
+from upplied.catalog.schema.plan_rows import transfer_id as id_of
+from upplied.catalog.schema.rows import Row
+from upplied.config import digest
+from upplied.errors import CatalogError, RefusedError
+from upplied.fleet.flight_logs import required_of
+from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.roadmap import roadmap
+from upplied.planning.airspace.rules import Airspace
+from upplied.planning.plan import METHOD_VERSION
+from upplied.proof.gap import GapFlight, gap_flight
+from upplied.provenance import method, recorded
+from upplied.records import Bools, Cloud, Measures, Plan, SurfaceStates, Trajectory
+from upplied.scene import scene_of
+
+_OTHER, _SHOWN, _MISSED, _UNATTAINABLE = 0, 1, 2, 3  # of SURFACE_STATES
+_PLACES = 300  # of the plan, that the ways may lead by
+
+
+def flight_row(catalog: Catalog, start: str) -> Row:
+    """The row of the one flight whose id begins so.
+
+    Raises
+    ------
+    CatalogError
+        If there is none, or more than one.
+    """
+    every = catalog.flights()
+    found = every[every["flight_id"].str.startswith(start)].drop_duplicates("flight_id", keep="last")
+    if len(found) != 1:
+        known = ", ".join(sorted(every["flight_id"].str[:12].unique())[-5:]) or "none"
+        what = "is not in the catalog" if found.empty else f"may be {len(found)}"
+        raise CatalogError(f"flight {start}", what, f"the last ones: {known}", "see: upplied flights list")
+    return {str(name): value for name, value in found.iloc[0].items()}
+
+
+def plan_gap(catalog: Catalog, start: str) -> str:
+    """Plan the flight that shows what a flight left out of what its plan shows; the id of the plan.
+
+    Raises
+    ------
+    RefusedError
+        If the flight left nothing out, or no safe flight shows it.
+    """
+    row = flight_row(catalog, start)
+    flight_id = str(row["flight_id"])
+    if not row["looks_sha256"]:
+        raise RefusedError(f"flight {start}", "was kept before looks were", "", "fly or add it again")
+    made_from = recipe(catalog, str(row["transfer_id"]))
+    target = catalog.structure(str(row["target_id"]))
+    flown = catalog.plan(str(row["transfer_id"]))
+    camera = made_from.demonstration.camera
+    surface, required = required_of(catalog, made_from.row, flown, target, camera)
+    looks = catalog.looks.get(str(row["looks_sha256"]))
+    seen = np.zeros(len(surface), bool)
+    seen[looks.patch] = True
+    route = made_from.settings.route
+    clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
+    airspace = Airspace(scene_of(target), clearance, target.surroundings, route.ground_clearance_m)
+    assert flown.trajectory is not None
+    every = max(1, len(flown.trajectory) // _PLACES)
+    graph = roadmap(airspace, surface, flown.trajectory.positions[::every])
+    missing = np.asarray(required & ~seen, bool)
+    found = gap_flight(flown.trajectory, surface, missing, camera, graph, made_from.settings.retime)
+    broken = place_breaches(found.trajectory.positions, found.trajectory.t_s, target, clearance)
+    if broken:
+        raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it anew")
+    plan = _plan(
+        flown, found, surface, missing, path_clearance(airspace.scene, found.trajectory.positions).distance_m
+    )
+    key = digest(["gap", flight_id, method(), target.sha256, made_from.settings.sha256])
+    hashes = {name: made_from.row[name] for name in ("demonstration_sha256", "source_sha256")}
+    provenance = {
+        **hashes,
+        **recorded(),
+        "target_sha256": target.sha256,
+        "method_version": METHOD_VERSION,
+        "settings": made_from.settings,
+        "purpose": f"gap {flight_id[:20]}",
+    }
+    catalog.add_plans([(key, plan, provenance)])
+    return id_of(key)
+
+
+def _plan(flown: Plan, found: GapFlight, surface: Cloud, missing: Bools, clearance_m: float) -> Plan:
+    """The record of a gap flight: measures of the path, and what of the gap it shows."""
+    state = np.full(len(surface), _OTHER, np.int64)
+    state[missing] = _MISSED
+    state[found.unattainable] = _UNATTAINABLE
+    state[found.shows] = _SHOWN
+    path = found.trajectory
+    shown, all_of_it = int(found.shows.sum()), int(missing.sum())
+    said = f"shows {100 * shown / all_of_it:.1f} % of the gap; the shortest way there may be is "
+    said += f"{found.bound_m:.0f} m, this one is {found.length_m:.0f} m"
+    return Plan(
+        demonstration_id=flown.demonstration_id,
+        source_id=flown.source_id,
+        target_id=flown.target_id,
+        kind=flown.kind,
+        preset="recommended",
+        status="ok",
+        trajectory=path,
+        is_viewpoint=found.is_viewpoint,
+        registration=flown.registration,
+        measures=Measures(
+            min_clearance_m=clearance_m,
+            path_length_m=found.length_m,
+            duration_s=float(path.t_s[-1]),
+            peak_speed_mps=_peak_speed(path),
+        ),
+        warnings=(said,),
+        surface=SurfaceStates(surface.points, state, surface.normals),
+        flyable=True,
+    )
+
+
+def _peak_speed(path: Trajectory) -> float:
+    return float((np.linalg.norm(np.diff(path.positions, axis=0), axis=1) / np.diff(path.t_s)).max())

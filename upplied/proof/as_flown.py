@@ -1,0 +1,197 @@
+"""What was truly seen as it was flown, sample by sample, and how far the flight kept to its plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.spatial import cKDTree
+
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.geometry.frechet import frechet
+from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.path_views import TRULY, stations
+from upplied.poses import interpolate
+from upplied.proof.align import Alignment
+from upplied.proof.findings import findings, photos_missing
+from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
+from upplied.scene import Scene
+
+_SILENT_S = 1.0  # between two poses of a log: nothing is known in between
+_FRECHET_POSES = 800  # of each path
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Looks(Record):
+    """How each of N samples of a surface was seen, by the nearest look; NaN where it was not seen."""
+
+    seen: Bools  # (N,)
+    distance_m: Floats  # (N,)
+    incidence_deg: Floats  # (N,)
+    speed_mps: Floats  # (N,) of the camera then
+    t_s: Floats  # (N,) of the flight
+
+    def __len__(self) -> int:
+        return len(self.seen)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AsFlown(Record):
+    """What came of a flight."""
+
+    looks: Looks
+    flown_pct: float  # of the plan's length, the share that was flown
+    clearance_m: float  # least distance of the path from the structure, as logged or as corrected
+    clearance_place_m: Floats  # (3,)
+    cross_track_p95_m: float  # from the planned path, of the poses that belong to it
+    frechet_m: float  # between the flown path and the part of the plan that was flown
+    photos_missing: int  # viewpoints without a photo; 0 where no photos are known
+    findings: tuple[str, ...]
+
+
+def as_flown(
+    plan: Trajectory,
+    viewpoint_s: Floats,
+    found: Alignment,
+    logged: Trajectory,
+    surface: Cloud,
+    camera: Camera,
+    scene: Scene,
+    photo_s: Floats | None = None,
+) -> AsFlown:
+    """What a flight saw of a surface, and how it differs from its plan.
+
+    Parameters
+    ----------
+    plan : Trajectory
+    viewpoint_s : array, shape (K,), s
+        Moments of the plan's viewpoints.
+    found : Alignment
+        Of the log on the plan.
+    logged : Trajectory
+        The path as it was logged, of which the clearance is asked as well.
+    surface : Cloud
+        N samples with normals.
+    camera : Camera
+    scene : Scene
+    photo_s : array, shape (F,), s, optional
+        Times of the photos, by the log's clock from its first pose; without them the camera is taken to
+        see all the time.
+    """
+    flown = found.flown
+    looks = looks_of(flown, surface, camera, scene, photo_s)
+    near = found.on_plan
+    covered = np.sort(found.planned_s[near])
+    share = _flown_share(plan, covered)
+    nearest = min(
+        (path_clearance(scene, path.positions) for path in (flown, logged)), key=lambda each: each.distance_m
+    )
+    missing, photos = photos_missing(viewpoint_s, found, photo_s)
+    return AsFlown(
+        looks=looks,
+        flown_pct=share,
+        clearance_m=nearest.distance_m,
+        clearance_place_m=nearest.position,
+        cross_track_p95_m=_cross_track(plan, flown.positions[near]),
+        frechet_m=_frechet(plan, flown, near, covered),
+        photos_missing=missing,
+        findings=(*findings(plan, found, share), *photos),
+    )
+
+
+def looks_of(
+    flown: Trajectory, surface: Cloud, camera: Camera, scene: Scene, photo_s: Floats | None = None
+) -> Looks:
+    """How a flight sees each sample of a surface: in view and range, nothing in between, not too obliquely.
+
+    Nothing is seen while the log is silent: a path is not made up there.
+    """
+    poses = _asked(flown, photo_s)
+    seen = visible(poses.positions, poses.quat_xyzw, surface, camera, TRULY, scene).seen
+    assert surface.normals is not None
+    nearest = _nearest(np.ascontiguousarray(poses.positions), np.ascontiguousarray(surface.points), seen)
+    there = nearest >= 0
+    at = np.maximum(nearest, 0)
+    ray = poses.positions[at] - surface.points if len(poses) else np.full((len(surface), 3), np.nan)
+    distance = np.linalg.norm(ray, axis=1)
+    cosine = (ray * surface.normals).sum(axis=1) / np.maximum(distance, 1e-12)
+    incidence = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    speed = _speeds(flown)
+    values = (distance, incidence, np.interp(poses.t_s[at], flown.t_s, speed), poses.t_s[at])
+    return Looks(there, *(np.where(there, value, np.nan) for value in values))
+
+
+def _asked(flown: Trajectory, photo_s: Floats | None) -> Trajectory:
+    """The poses at which the camera sees: of the photos, or closely spaced along all that was recorded."""
+    if photo_s is not None:
+        inside = photo_s[(photo_s >= flown.t_s[0]) & (photo_s <= flown.t_s[-1])]
+        return interpolate(flown, _recorded(flown, np.sort(inside)))
+    parts = np.split(np.arange(len(flown)), np.flatnonzero(np.diff(flown.t_s) > _SILENT_S) + 1)
+    asked = [
+        stations(Trajectory(flown.t_s[part], flown.positions[part], flown.quat_xyzw[part])) for part in parts
+    ]
+    return Trajectory(
+        np.concatenate([each.t_s for each in asked]),
+        np.concatenate([each.positions for each in asked]),
+        np.concatenate([each.quat_xyzw for each in asked]),
+    )
+
+
+def _recorded(flown: Trajectory, moments: Floats) -> Floats:
+    """Those of the moments at which the log is not silent."""
+    after = np.clip(np.searchsorted(flown.t_s, moments), 1, len(flown) - 1)
+    return moments[flown.t_s[after] - flown.t_s[after - 1] <= _SILENT_S]
+
+
+@njit(cache=True)
+def _nearest(positions: Floats, points: Floats, seen: Bools) -> Ints:
+    """For each point the nearest pose that sees it; -1 for none."""
+    best, found = np.full(len(points), np.inf), np.full(len(points), -1, np.int64)
+    for pose in range(len(positions)):
+        for index in range(len(points)):
+            if seen[pose, index]:
+                gap = 0.0
+                for axis in range(3):
+                    gap += (positions[pose, axis] - points[index, axis]) ** 2
+                if gap < best[index]:
+                    best[index], found[index] = gap, pose
+    return found
+
+
+def _speeds(flown: Trajectory) -> Floats:
+    """Speed (N,) at each pose, m/s, over a second around it."""
+    half = 0.5
+    ahead, behind = (
+        np.column_stack([np.interp(flown.t_s + offset, flown.t_s, axis) for axis in flown.positions.T])
+        for offset in (half, -half)
+    )
+    span = np.minimum(flown.t_s + half, flown.t_s[-1]) - np.maximum(flown.t_s - half, flown.t_s[0])
+    return np.asarray(np.linalg.norm(ahead - behind, axis=1) / np.maximum(span, 1e-9))
+
+
+def _flown_share(plan: Trajectory, covered: Floats) -> float:
+    """Share of the plan's length, %, between moments that some pose answers to."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(plan.positions, axis=0), axis=1))])
+    if len(covered) < 2 or along[-1] == 0:
+        return 0.0
+    ends = np.interp(np.clip(covered, plan.t_s[0], plan.t_s[-1]), plan.t_s, along)
+    gaps = np.diff(ends)
+    return 100 * float(gaps[np.diff(covered) <= _SILENT_S].sum() / along[-1])
+
+
+def _cross_track(plan: Trajectory, positions: Floats) -> float:
+    """95th percentile of the distance from the planned path, m."""
+    if not len(positions):
+        return float("nan")
+    dense = interpolate(plan, np.linspace(plan.t_s[0], plan.t_s[-1], 20 * len(plan))).positions
+    return float(np.percentile(cKDTree(dense).query(positions)[0], 95))
+
+
+def _frechet(plan: Trajectory, flown: Trajectory, near: Bools, covered: Floats) -> float:
+    if near.sum() < 2:
+        return float("nan")
+    span = np.linspace(max(covered[0], plan.t_s[0]), min(covered[-1], plan.t_s[-1]), _FRECHET_POSES)
+    own = flown.positions[near]
+    own = own[np.unique(np.linspace(0, len(own) - 1, min(_FRECHET_POSES, len(own))).astype(int))]
+    return frechet(interpolate(plan, span).positions, own, 1e-4)

@@ -1,0 +1,108 @@
+"""What a person should know of a flight, in words: broken off, resumed, silent, stuck, without photos."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.poses import interpolate, optical_axis
+from upplied.proof.align import Alignment
+from upplied.records import Bools, Floats, Trajectory
+
+_WHOLE_PCT = 98.0  # of the plan's length: less is a flight that was broken off
+_PAUSE_S = 5.0  # longer than the plan takes between two places: the flight was resumed, or waited
+_STUCK_S, _STUCK_DEG, _TURNED_DEG = 5.0, 0.3, 5.0  # a camera that stands while its plan turns
+_BEAT_S = 0.5  # at which the camera is asked whether it turned
+_PHOTO_S = 1.0  # of a viewpoint, within which a photo is its own
+
+
+def findings(plan: Trajectory, found: Alignment, flown_pct: float) -> tuple[str, ...]:
+    """What was done to a log so that it lies on its plan, and what is odd about the flight."""
+    return (*_corrected(found), *_missing(plan, found, flown_pct), *_stuck(plan, found))
+
+
+def photos_missing(
+    viewpoint_s: Floats, found: Alignment, photo_s: Floats | None
+) -> tuple[int, tuple[str, ...]]:
+    """How many of the viewpoints that were passed have no photo, and that in words.
+
+    Parameters
+    ----------
+    viewpoint_s : array, shape (K,), s
+        Moments of the plan's viewpoints.
+    found : Alignment
+    photo_s : array, shape (F,), s, or None
+        Times of the photos by the log's clock, from its first pose; None: not known.
+    """
+    if photo_s is None:
+        return 0, ("no photo times are known: the camera is taken to see all the time",)
+    flown, planned = found.flown.t_s[found.on_plan], found.planned_s[found.on_plan]
+    wanted = viewpoint_s[_near(viewpoint_s, planned)]
+    taken = np.interp(photo_s, flown, planned, left=np.nan, right=np.nan)
+    missing = int((~_near(wanted, taken[np.isfinite(taken)])).sum())
+    said = f"{missing} of {len(wanted)} viewpoints that were passed have no photo"
+    return missing, ((said,) if missing else ())
+
+
+def _corrected(found: Alignment) -> Iterator[str]:
+    for when, size in found.jumps:
+        yield f"the position jumps by {size:.2f} m at {when:.0f} s; taken as the log's"
+    if np.linalg.norm(found.shift_m) > 0:
+        shift = ", ".join(f"{value:+.2f}" for value in found.shift_m)
+        yield f"the log was moved by {shift} m (+-{found.place_error_m:.2f}) to lie on its plan"
+    if found.heading_deg:
+        yield f"the log was turned by {found.heading_deg:+.2f} deg to lie on its plan"
+    if found.camera_yaw_deg or found.camera_pitch_deg:
+        turn = f"{found.camera_yaw_deg:+.1f} deg of heading, {found.camera_pitch_deg:+.1f} deg of pitch"
+        yield f"the logged camera was turned by {turn}"
+    if not np.isfinite(found.clock_s):
+        yield "it was not flown in the times of its plan: places were compared in their order"
+
+
+def _missing(plan: Trajectory, found: Alignment, flown_pct: float) -> Iterator[str]:
+    """Where the flight, or its log, lacks a part of the plan."""
+    flown, planned = found.flown.t_s[found.on_plan], found.planned_s[found.on_plan]
+    left_s, before_s = plan.t_s[-1] - planned.max(), planned.min() - plan.t_s[0]
+    if flown_pct < _WHOLE_PCT and left_s > _PAUSE_S:
+        yield f"broken off, or the log is cut: it ends {left_s:.0f} s before its plan"
+    if flown_pct < _WHOLE_PCT and before_s > _PAUSE_S:
+        yield f"begun late, or the log is cut: it begins {before_s:.0f} s after its plan"
+    waits = np.diff(flown) - np.maximum(np.diff(planned), 0)
+    for at in np.flatnonzero(waits > _PAUSE_S):
+        yield f"resumed after {waits[at]:.0f} s at {flown[at]:.0f} s"
+    silent = np.diff(found.flown.t_s)
+    for at in np.flatnonzero(silent > _PAUSE_S):
+        when = found.flown.t_s[at]
+        yield f"the log is silent for {silent[at]:.0f} s at {when:.0f} s: what was seen then is not known"
+
+
+def _stuck(plan: Trajectory, found: Alignment) -> Iterator[str]:
+    """Stretches in which the camera stood though its plan turned it."""
+    on, flown = np.flatnonzero(found.on_plan), found.flown
+    if len(on) < 2:
+        return
+    beats = np.arange(flown.t_s[on[0]], flown.t_s[on[-1]], _BEAT_S)
+    axis = optical_axis(interpolate(flown, beats).quat_xyzw)
+    moments = np.interp(beats, flown.t_s[on], found.planned_s[on])
+    wanted = optical_axis(interpolate(plan, np.clip(moments, plan.t_s[0], plan.t_s[-1])).quat_xyzw)
+    stands = _angle_deg((axis[:-1] * axis[1:]).sum(axis=1)) < _STUCK_DEG
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], stands, [False]]).astype(int)))
+    for start, end in edges.reshape(-1, 2):
+        turned = float(_angle_deg(wanted[start : end + 1] @ wanted[start]).max())
+        length = float(beats[end] - beats[start]) if end < len(beats) else float(beats[-1] - beats[start])
+        if length >= _STUCK_S and turned > _TURNED_DEG:
+            when = beats[start]
+            yield f"the camera stood for {length:.0f} s at {when:.0f} s; its plan turned {turned:.0f} deg"
+
+
+def _angle_deg(cosine: Floats) -> Floats:
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def _near(moments: Floats, others: Floats, reach_s: float = _PHOTO_S) -> Bools:
+    """Which moments (K,) have another within reach."""
+    if not len(others) or not len(moments):
+        return np.zeros(len(moments), bool)
+    return np.asarray(cKDTree(others[:, None]).query(moments[:, None])[0] <= reach_s, bool)
