@@ -41,6 +41,11 @@ def test_planned_against_flown() -> None:
     assert "cube sides > cuboid" in run("flown.py", "--only", "cuboid", "--flights", "1")
 
 
+@pytest.mark.slow
+def test_all_readers_of_logs_find_the_same_poses() -> None:
+    assert "times what the best of the others does" in run("logs.py", "--megabytes", "20", "--repeats", "1")
+
+
 def test_the_fifteen_rows_are_those_of_the_tables(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(BENCH))
     from transfers import PUBLISHED

@@ -25,6 +25,7 @@ NOT_IMPORTED = {
     "ruff": "a command",
     "mypy": "a command",
     "moto": "a server of its own",
+    "pytest-xdist": "a plugin of pytest",
     "playwright": "a browser in a process of its own",
     "pymavlink": "a process of its own",
     "pycollada": "trimesh writes COLLADA by it",
