@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -262,3 +263,33 @@ def test_no_two_pairs_share_a_page():
     names = [pair_name(demonstration, target) for demonstration in ids for target in ids]
     assert len(set(names)) == len(ids) ** 2
     assert pair_name("cube-sides-v1", "cuboid-v1") == "cube-sides-v1--cuboid-v1"
+
+
+def test_a_plan_that_breaks_a_rule_of_the_gate_says_so_on_its_page_and_in_the_result(tmp_path):
+    """Whatever its row says: its steps are judged again when its page is made."""
+    catalog = FakeCatalog(targets=1)
+    near = catalog.planned("cuboid-0", "recommended", 90.0)
+    path = replace(near.trajectory, positions=near.trajectory.positions * [0.55, 0.55, 1.0])
+    catalog.add(replace(near, trajectory=path))
+    done = publish_pages(catalog, tmp_path)
+    (told,) = [problem for problem in done.problems if "clearance: " in problem]
+    assert "2 m are asked for" in told
+    page = (tmp_path / "transfers" / f"{pair_name('orbit-1', 'cuboid-0')}.html").read_text()
+    (plan,) = [each for each in Page(page).data["transfer"]["plans"] if each["preset"] == "recommended"]
+    assert any("clearance: " in said for said in plan["gate"]) and plan["overruled"] == []
+
+
+def test_what_was_overruled_for_a_plan_stands_on_its_page(tmp_path):
+    catalog = FakeCatalog(targets=1)
+    (name,) = [row["transfer_id"] for row in catalog.rows if row["preset"] == "baseline"]
+    said = {"way": "export", "format": "kml", "rule": "preset", "found": "preset: <b>baseline</b>"}
+    rows = [{"transfer_id": name, "added_at": pd.Timestamp("2026-11-21T03:04Z"), **said}]
+    catalog.overruled = lambda: pd.DataFrame(rows)
+    publish_pages(catalog, tmp_path)
+    text = (tmp_path / "transfers" / f"{pair_name('orbit-1', 'cuboid-0')}.html").read_text()
+    plans = {each["preset"]: each for each in Page(text).data["transfer"]["plans"]}
+    assert plans["baseline"]["overruled"] == ["export kml, 2026-11-21 03:04 UTC: preset: <b>baseline</b>"]
+    assert plans["recommended"]["overruled"] == [] and "<b>baseline</b>" not in text
+    rows.clear()
+    written = publish_pages(catalog, tmp_path).written
+    assert f"transfers/{pair_name('orbit-1', 'cuboid-0')}.html" in written  # it says what it no longer should
