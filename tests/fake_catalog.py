@@ -75,7 +75,7 @@ class FakeCatalog:
             {"transfer_id": key, "demonstration_id": plan.demonstration_id, "source_id": plan.source_id,
              "target_id": plan.target_id, "kind": plan.kind, "preset": plan.preset, "status": plan.status,
              "reason": plan.reason, "planned_at": pd.Timestamp(planned_at), "run_id": "run",
-             "code_version": "0", "warnings": json.dumps(plan.warnings),
+             "code_version": "0", "warnings": json.dumps(plan.warnings), "purpose": "",
              "source_sha256": "s", "target_sha256": "t", **asdict(plan.measures)}
         )  # fmt: skip
         return key

@@ -13,14 +13,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from fake_catalog import FakeCatalog
+from fake_catalog import FakeCatalog, orbit
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.checks import pair_name
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
-from upplied.outputs import render
+from upplied.outputs import downloads, render
 from upplied.outputs.missions import MissionOptions
 from upplied.outputs.publish import publish, publish_file, publish_pages
+from upplied.records import Placement
 
 EVIL = "</script><script>document.title='broken'</script>"
 
@@ -293,3 +294,30 @@ def test_what_was_overruled_for_a_plan_stands_on_its_page(tmp_path):
     rows.clear()
     written = publish_pages(catalog, tmp_path).written
     assert f"transfers/{pair_name('orbit-1', 'cuboid-0')}.html" in written  # it says what it no longer should
+
+
+def test_a_released_plan_has_its_missions_beside_its_page_or_the_reason(tmp_path):
+    catalog = FakeCatalog(targets=1)
+    here = Placement(47.0, 8.0, 400.0, 0.0, "ellipsoid")
+    catalog._structures["cuboid-0"] = replace(catalog.structure("cuboid-0"), placement=here)
+    for row in catalog.rows:
+        row |= {"state": "draft", "state_by": "Ada", "state_at": row["planned_at"], "state_note": ""}
+    publish_pages(catalog, tmp_path, pictures=0)
+    assert not (tmp_path / "missions").exists(), "what nobody released is no mission"
+    name = pair_name("orbit-1", "cuboid-0")
+    catalog.rows[0]["state"] = "released"
+    publish_pages(catalog, tmp_path, pictures=0)
+    told = Page((tmp_path / "transfers" / f"{name}.html").read_text()).data["transfer"]["missions"]
+    assert told == {label: f"../missions/{name}{suffix}" for suffix, label in downloads.FORMATS.values()}
+    plan = json.loads((tmp_path / "missions" / f"{name}.plan").read_text())
+    assert plan["fileType"] == "Plan" and "draft" not in json.dumps(plan).lower()
+    catalog.rows[0]["state"] = "recalled"
+    publish_pages(catalog, tmp_path, pictures=0)
+    assert not list((tmp_path / "missions").iterdir())
+    catalog.rows[0]["state"] = "released"
+    catalog.plans["t0000"] = replace(
+        catalog.plans["t0000"], trajectory=orbit(catalog.structure("cuboid-0"), -2.0)
+    )
+    publish_pages(catalog, tmp_path, pictures=0)
+    told = Page((tmp_path / "transfers" / f"{name}.html").read_text()).data["transfer"]["missions"]
+    assert all(said.startswith("no mission: ") and "clearance" in said for said in told.values()), told

@@ -18,7 +18,7 @@ from upplied.catalog.verbs.published import local_folder, publish_generation
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import SettingsError, UppliedError
-from upplied.outputs import pages
+from upplied.outputs import downloads, pages
 from upplied.outputs.files import replace_file
 from upplied.outputs.pairs import Pair, fleet_data, pairs_of
 from upplied.outputs.reports import Reader, Source
@@ -191,9 +191,25 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
     scripts = [f"data/{name}.js" for name in used]
     told = digest([key, [[reader.flown(row), reader.overruled(row)] for row in pair.plans.values()], picture])
     drawn = f"../pictures/{pair.name}.png" if picture else ""
-    place.put(f"transfers/{pair.name}.html", told, lambda: _pair_html(reader, pair, scripts, drawn))
+    missions = _put_missions(place, reader, pair, key)
+    page = digest([told, missions])
+    place.put(f"transfers/{pair.name}.html", page, lambda: _pair_html(reader, pair, scripts, drawn, missions))
     if picture:
         place.put(f"pictures/{pair.name}.png", key, lambda: reader.picture(pair))
+
+
+def _put_missions(place: _Folder, reader: Reader, pair: Pair, key: str) -> dict[str, str]:
+    """Missions of the released plan beside its page: what each is, and where it lies or why it does not."""
+    transfer_id = downloads.released(pair.plans)
+    put: dict[str, str] = {}
+    for kind, (suffix, label) in downloads.FORMATS.items() if transfer_id else ():
+        name = f"missions/{pair.name}{suffix}"
+        try:
+            place.put(name, key, partial(downloads.mission_file, reader.source, transfer_id, kind))
+            put[label] = f"../{name}"
+        except UppliedError as error:
+            put[label] = f"no mission: {error}"
+    return put
 
 
 def _put_passports(
@@ -214,10 +230,10 @@ def _structure_script(reader: Reader, structure_id: str) -> str:
     return pages.structure_script(reader.structure_data(structure_id))
 
 
-def _pair_html(reader: Reader, pair: Pair, scripts: list[str], picture: str) -> str:
+def _pair_html(reader: Reader, pair: Pair, scripts: list[str], picture: str, missions: dict[str, str]) -> str:
     title = f"{pair.demonstration_id} → {pair.target_id}"
     fallback = f"{title}: {pair.main['status']}. {pair.main.get('reason') or ''} This page needs scripts."
-    data = {"transfer": reader.pair_data(pair, picture), "back": "../index.html"}
+    data = {"transfer": reader.pair_data(pair, picture) | {"missions": missions}, "back": "../index.html"}
     return pages.page(title, data, fallback, "../", scripts)
 
 
@@ -237,5 +253,5 @@ def _recorded(root: Path) -> dict[str, str]:
 def _inside(root: Path, name: str) -> bool:
     """Whether a noted name is one of the kinds of file we write, below the folder."""
     path = root / name
-    known = (root / "transfers", root / "pictures", root / "data", root / "assets")
-    return path.parent in known and not path.is_symlink()
+    known = ("transfers", "pictures", "data", "assets", "demonstrations", "missions")
+    return path.parent in [root / each for each in known] and not path.is_symlink()

@@ -26,7 +26,9 @@
     return element("div", { class: "tools downloads" },
       button("Path (CSV)", () => save(data.pair + ".csv", "text/csv", csv(plan))),
       button("Picture (PNG)", () => picture(data.pair, panes)),
-      element("span", { class: "note" }, "Mission: "),
+      Object.entries(data.missions || {}).map(([label, where]) => where.startsWith("../")
+        ? element("a", { class: "take", href: where, download: "" }, "Mission (" + label + ")") : element("span", { class: "why" }, label + ": " + where)),
+      element("span", { class: "note" }, "By command: "),
       plan.decided.startsWith("draft") ? element("code", {}, "upplied release " + id + " --by NAME;") : null,
       element("code", {}, "upplied export " + id + " --to qgc-plan -o " + data.target + ".plan"),
       element("span", { class: "note" }, "(or mavlink, dji-wpml, litchi, kml, geojson, mcap, csv)"));

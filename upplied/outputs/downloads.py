@@ -1,0 +1,33 @@
+"""The missions that a report folder holds: those of plans that a person released, as they pass the gate."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from upplied.outputs.render import Source, export_transfer
+
+#: Suffix and name of what lies beside a transfer's page; other formats and options by `upplied export`.
+FORMATS = {"qgc-plan": (".plan", "QGroundControl"), "kml": (".kml", "KML"), "mcap": (".mcap", "MCAP")}
+
+
+def released(plans: Mapping[str, Mapping[str, Any]]) -> str:
+    """The plan of a pair that may be flown, by its id; empty where nobody released one."""
+    ids = [str(row["transfer_id"]) for row in plans.values() if row.get("state") == "released"]
+    return ids[0] if ids else ""
+
+
+def mission_file(source: Source, transfer_id: str, format: str) -> bytes:
+    """A mission with the usual options, as the bytes of its file.
+
+    Raises
+    ------
+    UppliedError
+        If it does not pass the gate.
+    """
+    suffix, _ = FORMATS[format]
+    with tempfile.TemporaryDirectory() as folder:
+        written = export_transfer(source, transfer_id, format, Path(folder, f"mission{suffix}"))
+        return written.paths[0].read_bytes()
