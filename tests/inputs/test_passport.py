@@ -354,3 +354,20 @@ def test_mild_drifts_and_offsets_of_the_heading_are_told_where_the_flight_tells_
     assert max(max(aim(log)) for log in logs) < 12
     assert sum(aim(spun(log, 0, 30))[0] > 15 for log in logs) >= 15
     assert sum(aim(spun(log, 30, 30))[1] > 15 for log in logs) >= 15
+
+
+@pytest.mark.parametrize(
+    ("rule", "fault"),
+    [("several-publishers", "two_vehicles"), ("zoom", "zoom"), ("frame-unconnected", "unconnected")],
+)
+def test_rules_that_the_reader_asks_are_what_refuses(tmp_path: Path, rule: str, fault: str) -> None:
+    assert set(BREAKS) | {"several-publishers", "zoom", "frame-unconnected"} == set(rules.RULES)
+    log = FAULTS[fault](right(4), np.random.default_rng(2))
+    with pytest.raises(InputError, match=rule):
+        taken(log, tmp_path / "a.mcap")
+    every = tuple(rules.RULES)
+    passport = taken(log, tmp_path / "a.mcap", allow=every).passport
+    assert passport["verdict"] == "overruled"
+    assert rule in {item["rule"] for item in passport["findings"] if item["overruled"]}
+    fine = taken(right(4), tmp_path / "a.mcap", allow=every).passport
+    assert rule not in {item["rule"] for item in fine["findings"]}

@@ -11,6 +11,7 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ from upplied.inputs.mcap.recording import Channel, Recording, open_recording
 from upplied.inputs.passport.conventions import converted
 from upplied.inputs.passport.measured import Reading
 from upplied.inputs.passport.passport import passport_of
+from upplied.inputs.passport.rules import RULES
+from upplied.inputs.rules import Verdict, broken
 from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions, inspection, placed
 from upplied.inputs.tables import Table
@@ -146,7 +149,8 @@ def _demonstration(
     track = clean(track, facts, f"{what}, {topic}")
     check_one(track, facts, f"{what}, {topic}")
     track = converted(track, facts.convention) if facts.convention else track
-    camera = cameras.through(camera, zoom, track, facts, what)
+    through = partial(cameras.through, camera, zoom, track, what=what)
+    camera = through(facts)
     pointing = gimbal.gimbal(tables, facts)
 
     # From the body to the camera, from the log's frame to the structure's.
@@ -163,8 +167,26 @@ def _demonstration(
     passport: Mapping[str, Any] = {}
     if structure is not None:
         part = zoom and zoom.during(int(flown.t_ns[0]), int(flown.t_ns[-1]))
+        overruled = _overruled(
+            facts,
+            {
+                "zoom": through,
+                "several-publishers": lambda said: _one_body(tables, track, said, what),
+                "frame-unconnected": lambda said: in_frame(track, said, tree, what),
+            },
+        )
         reading = Reading(
-            recording, track, flown, kept, pace, camera, part, to_camera, facts.gap_s, tuple(notes)
+            recording,
+            track,
+            flown,
+            kept,
+            pace,
+            camera,
+            part,
+            to_camera,
+            facts.gap_s,
+            tuple(notes),
+            overruled,
         )
         passport = passport_of(reading, structure, facts, what)
     track = kept
@@ -187,6 +209,23 @@ def _demonstration(
         passport=passport,
     )
     return found, facts
+
+
+def _one_body(tables: Sequence[Table], track: Track, facts: LogOptions, what: str) -> None:
+    choose(tables, facts, what)
+    check_one(track, facts, what)
+
+
+def _overruled(facts: LogOptions, asked: Mapping[str, Callable[[LogOptions], object]]) -> tuple[Verdict, ...]:
+    """Of the rules that the reader asks, those that are broken and overruled."""
+    found = []
+    for rule, ask in asked.items():
+        if rule in facts.allow:
+            try:
+                ask(replace(facts, allow=()))
+            except InputError as error:
+                found.append(replace(broken(RULES[rule], error.found), overruled=True))
+    return tuple(found)
 
 
 def _in_context(error: InputError, path: Path, recording: Recording) -> InputError:

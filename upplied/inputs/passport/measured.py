@@ -17,6 +17,7 @@ from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.conventions import Fit, best_fits
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Sight, ground_of, sight_of
+from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, Zoom
 from upplied.poses import angle_between
 from upplied.records import Camera, Floats, Structure
@@ -42,6 +43,7 @@ class Reading:
     to_camera: Callable[[Track], Track]
     gap_s: float
     notes: tuple[str, ...] = ()
+    overruled: tuple[Verdict, ...] = ()  # rules that the reader asks, broken and overruled
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what:
         If a rule is broken that refuses and is not overruled.
     """
     measured = measure(reading, structure, facts.passport)
-    verdicts = judged(measured, facts.passport, facts.allow, facts.strict)
+    verdicts = (*reading.overruled, *judged(measured, facts.passport, facts.allow, facts.strict))
     refuse(f"{what}, flown on {facts.structure_id}", _with_hint(verdicts, measured))
     overruled = any(verdict.overruled for verdict in verdicts)
     return {
