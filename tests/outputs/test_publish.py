@@ -277,7 +277,8 @@ def test_a_plan_that_breaks_a_rule_of_the_gate_says_so_on_its_page_and_in_the_re
     assert "2 m are asked for" in told
     page = (tmp_path / "transfers" / f"{pair_name('orbit-1', 'cuboid-0')}.html").read_text()
     (plan,) = [each for each in Page(page).data["transfer"]["plans"] if each["preset"] == "recommended"]
-    assert any("clearance: " in said for said in plan["gate"]) and plan["overruled"] == []
+    assert any("clearance: " in said for said in plan["verdict"]["look"]) and plan["overruled"] == []
+    assert plan["status"] == "not flyable" and not plan["verdict"]["flyable"]
 
 
 def test_what_was_overruled_for_a_plan_stands_on_its_page(tmp_path):

@@ -12,11 +12,12 @@ import pandas as pd
 
 from upplied.outputs.along import Profile
 from upplied.outputs.display import packed
-from upplied.outputs.pairs import PRESETS, Pair, change, number, said_of, shown_status, stamp
+from upplied.outputs.pairs import NOT_FLYABLE, PRESETS, Pair, change, number, said_of, shown_status, stamp
 from upplied.outputs.verdicts import verdict
 from upplied.records import Demonstration, Floats, Measures
 
 DRAFTED = "newer draft"  # how a page names it
+_UNSAFE = "Do not fly this plan: its waypoints break rules that every mission keeps."
 _PROVENANCE = (
     "transfer_id", "planned_at", "run_id", "code_version", "icp_score_m2",
     "demonstration_sha256", "source_sha256", "target_sha256", "settings_sha256",
@@ -105,7 +106,9 @@ def _ordered(pair: Pair) -> list[tuple[str, Mapping[str, Any]]]:
 
 
 def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
-    status = shown_status(row)
+    status, told = shown_status(row), verdict(row, safety_m(row.get("settings_json")))
+    if broken := path.get("gate"):
+        status, told = NOT_FLYABLE, {"flyable": False, "headline": _UNSAFE, "look": broken}
     return {
         "preset": preset,
         "status": status,
@@ -114,7 +117,7 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
         "parts": _parts(row.get("counterparts")),
         "evidence": _text(row.get("acceptance_evidence")),
         "standoff": _text(row.get("standoff_mode")),
-        "verdict": verdict(row, safety_m(row.get("settings_json"))),
+        "verdict": told,
         "safety_m": safety_m(row.get("settings_json")),
         "measures": {item.name: number(row, item.name) for item in fields(Measures)}
         | {name: number(row, name) for name in ("n_viewpoints", "n_waypoints")},
