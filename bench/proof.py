@@ -17,6 +17,7 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from upplied.config import CloudSettings, RetimeSettings, settings_for
 from upplied.errors import RefusedError
@@ -36,6 +37,7 @@ _SAMPLES = 1200
 _PHOTO_EVERY_S = 1.0
 _LONGEST_S = 240.0  # of a path that is taken as a plan
 _INCIDENCE_DEG = 75.0
+_SLACK = 1e-3  # of a ray, at the sample, which lies on the surface itself
 
 
 @dataclass(frozen=True)
@@ -200,9 +202,8 @@ class Ground:
         found = align(self.plan, log)
         seen = looks_of(found.flown, self.surface, self.camera, scene, case.log_photo_s - start).seen
         gap = self.required & ~seen
-        true_gap = self.required & ~truly_seen(
-            self.structure, interpolate(case.truth, case.photo_s), self.surface, self.camera
-        )
+        photos = interpolate(case.truth, case.photo_s)
+        true_gap = self.required & ~truly_seen(self.structure, photos, self.surface, self.camera)
         closing = self.closing(gap)
         closed = length = float("nan")
         if closing is not None:
@@ -252,26 +253,36 @@ def truly_seen(structure: Structure, poses: Trajectory, surface: Cloud, camera: 
         inside &= -(ray * surface.normals).sum(axis=1) >= np.cos(np.radians(_INCIDENCE_DEG)) * reach
         some = np.flatnonzero(inside & ~seen)
         if len(some):
-            seen[some] = ~_hidden(poses.positions[at], ray[some], corners)
+            seen[some] = ~_hidden(poses.positions[at], ray[some], corners, _SLACK)
     return seen
 
 
-def _hidden(origin: Floats, rays: Floats, corners: Floats, slack: float = 1e-3) -> Bools:
+@njit(cache=True)
+def _hidden(origin: Floats, rays: Floats, corners: Floats, slack: float) -> Bools:
     """Which rays (K, 3) from one origin meet a triangle (T, 3, 3) before their end."""
-    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    away = origin - corners[:, 0]
-    beside = np.cross(away, one)
-    hidden = np.zeros(len(rays), bool)
-    for start in range(0, len(rays), 64):
-        some = rays[start : start + 64, None]
-        across = np.cross(some, two[None])
-        scale = (across * one).sum(axis=2)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = (across * away).sum(axis=2) / scale
-            v = (some * beside).sum(axis=2) / scale
-            t = ((two * beside).sum(axis=1))[None] / scale
-        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-9) & (t < 1 - slack)
-        hidden[start : start + 64] = hit.any(axis=1)
+    hidden = np.zeros(len(rays), np.bool_)
+    for k in range(len(rays)):
+        d0, d1, d2 = rays[k]
+        for t in range(len(corners)):
+            a0, a1, a2 = corners[t, 0]
+            e0, e1, e2 = corners[t, 1, 0] - a0, corners[t, 1, 1] - a1, corners[t, 1, 2] - a2
+            f0, f1, f2 = corners[t, 2, 0] - a0, corners[t, 2, 1] - a1, corners[t, 2, 2] - a2
+            p0, p1, p2 = d1 * f2 - d2 * f1, d2 * f0 - d0 * f2, d0 * f1 - d1 * f0
+            scale = e0 * p0 + e1 * p1 + e2 * p2
+            if scale == 0.0:
+                continue
+            s0, s1, s2 = origin[0] - a0, origin[1] - a1, origin[2] - a2
+            u = (s0 * p0 + s1 * p1 + s2 * p2) / scale
+            if u < 0.0 or u > 1.0:
+                continue
+            q0, q1, q2 = s1 * e2 - s2 * e1, s2 * e0 - s0 * e2, s0 * e1 - s1 * e0
+            v = (d0 * q0 + d1 * q1 + d2 * q2) / scale
+            if v < 0.0 or u + v > 1.0:
+                continue
+            along = (f0 * q0 + f1 * q1 + f2 * q2) / scale
+            if 1e-9 < along < 1.0 - slack:
+                hidden[k] = True
+                break
     return hidden
 
 

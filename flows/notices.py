@@ -22,6 +22,7 @@ DEPLOYMENTS = (
     "transfer-fleet",
     "ingest-structures",
     "ingest-demonstrations",
+    "ingest-flights",
     "publish-reports",
     "maintain-catalog",
 )

@@ -20,7 +20,9 @@ from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.verbs import maintenance, verification
 from upplied.errors import CatalogError
+from upplied.fleet import gaps
 from upplied.fleet import manifest as shards
+from upplied.fleet.flight_logs import add_flight_logs
 from upplied.inputs import structure_rules
 from upplied.inputs.passport import settings as passport
 from upplied.inputs.sidecar import LogOptions
@@ -82,6 +84,18 @@ def ingest_demonstrations(
     options = LogOptions(allow=tuple(allow), strict=strict, passport=passport.changed(tuple(said)))
     ingested = fleet.ingest_demonstrations(open_catalog(catalog), logs, workers, options=options)
     return [_plain(item) for item in ingested]
+
+
+@materialize(SOMEWHERE, name="ingest-flights", task_run_name="ingest flights", **STORED)
+def ingest_flights(catalog: str, logs: list[str]) -> list[dict[str, str]]:
+    """Every log of a flight into the catalog; a bad log stops itself alone."""
+    return add_flight_logs(open_catalog(catalog), logs)
+
+
+@task(name="plan-gaps", task_run_name="plan gaps", **STORED)
+def plan_gaps(catalog: str, flights: list[str]) -> list[str]:
+    """A draft for what each flight left out; why there is none, in words."""
+    return gaps.plan_gaps(open_catalog(catalog), flights)
 
 
 @materialize(SOMEWHERE, name="record-plans", task_run_name="record plans", cache_policy=NO_CACHE)

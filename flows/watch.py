@@ -1,7 +1,8 @@
 """`upplied watch FOLDER`: tell Prefect of every log that lands in a folder, once it has come whole.
 
 The event ``upplied.log.landed`` starts the deployment ``ingest-demonstrations`` with that log, and its
-end starts ``transfer-fleet`` (the triggers are in prefect.yaml). Anything else may emit the same
+end starts ``transfer-fleet`` (the triggers are in prefect.yaml). With ``--flights`` it is
+``upplied.flight.landed``, which starts ``ingest-flights``. Anything else may emit the same
 event, with the payload ``{"logs": [path, ...]}``.
 """
 
@@ -16,6 +17,7 @@ from prefect.events import emit_event
 from watchfiles import watch as changes
 
 LANDED = "upplied.log.landed"
+FLOWN = "upplied.flight.landed"  # of a log that is a flight of a plan, not a demonstration
 QUIET_S = 10.0  # without a change: a log that says itself that it is whole waits no longer
 PATIENCE_S = 600.0  # one that never says so is told all the same, and ingest finds what is wrong with it
 MAGIC = b"\x89MCAP0\r\n"  # MCAP specification, "Format": a file begins and ends with it
@@ -64,20 +66,20 @@ def is_whole(path: Path) -> bool:
         return head == file.read() == MAGIC
 
 
-def watch(folder: Path) -> None:
+def watch(folder: Path, event: str = LANDED) -> None:
     """Tell of logs until Ctrl-C; what lies there at the start is told too, since ingest knows it."""
     landing = Landing(folder)
-    tell(landing)
+    tell(landing, event)
     # Woken by changes, and often enough without one to see that a log has been quiet.
     for _ in changes(folder, yield_on_timeout=True, rust_timeout=int(QUIET_S * 500), recursive=True):
-        tell(landing)
+        tell(landing, event)
 
 
-def tell(landing: Landing) -> None:
+def tell(landing: Landing, event: str = LANDED) -> None:
     """Emit the event for each log that has landed."""
     for path in landing.landed():
         emit_event(
-            LANDED,
+            event,
             resource={
                 "prefect.resource.id": f"upplied.log.{path.stem}",
                 "prefect.resource.name": path.name,

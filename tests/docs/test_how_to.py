@@ -6,6 +6,7 @@ import re
 import shlex
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from upplied.catalog import open_catalog
 from upplied.cli import main
 from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.outputs.logs import write_log as write_flight
 from upplied.poses import from_yaw_pitch
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -81,6 +83,8 @@ def place(tmp_path_factory) -> Iterator[Path]:
         for name in ("structures.toml", "tank-1.ply", "tank-2.stl"):
             shutil.copy(name, Path("fleet") / name)
         write_log(Path("flight.mcap"), [own_flight()])
+        Path("flown").mkdir()
+        flown_log(Path("flown/tank-2.mcap"))
         yield folder
 
 
@@ -98,6 +102,19 @@ def own_flight():
     )
 
 
+def flown_log(path: Path) -> None:
+    """The first half of the tutorial's plan, as if it had been flown to the letter."""
+    catalog = open_catalog("catalog")
+    row = catalog.transfers(preset="recommended", status="ok").iloc[0]
+    planned, flown = catalog.trajectory(row["transfer_id"]), catalog.demonstration(row["demonstration_id"])
+    half = planned.t_s <= planned.t_s[-1] / 2
+    t_ns = flown.t_ns[0] + np.round(planned.t_s[half] * 1e9).astype(np.int64)
+    poses = {"positions": planned.positions[half], "quat_xyzw": planned.quat_xyzw[half]}
+    target = catalog.structure(row["target_id"])
+    record = replace(flown, demonstration_id="tank-2-flown", structure_id="tank-2", t_ns=t_ns, **poses)
+    write_flight(path, record, target, heavy_topic=False)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("page", "at"), RUN, ids=lambda part: str(part).removeprefix("how-to/"))
 def test_blocks_of_the_how_to_pages_run(place, page, at):
@@ -113,9 +130,11 @@ def test_blocks_of_the_how_to_pages_run(place, page, at):
         before = [body for other, body in blocks(page)[:at] if other == "python"]
         exec("\n".join([*before, text]), {})
     else:
-        table = open_catalog("catalog").transfers(preset="recommended", status="ok")
+        catalog = open_catalog("catalog")
+        plan = catalog.transfers(preset="recommended", status="ok")["transfer_id"].iloc[0]
         for command in filter(is_run, commands(text)):
-            run(command.replace("TRANSFER", table["transfer_id"].iloc[0]))
+            flown = catalog.flights(kind="flown")["flight_id"]
+            run(command.replace("TRANSFER", plan).replace("FLIGHT", flown.iloc[0] if len(flown) else ""))
 
 
 @pytest.mark.slow

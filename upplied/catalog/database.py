@@ -27,7 +27,7 @@ from upplied.catalog.store.looks import StoredLooks
 from upplied.catalog.store.meshes import MeshStore
 from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.surfaces import SurfaceStore
-from upplied.catalog.verbs import adding, decisions, looks, queries
+from upplied.catalog.verbs import adding, belonging, decisions, looks, queries
 from upplied.catalog.verbs.adding import Planned
 from upplied.catalog.verbs.leaving import ASKED, check_leaves
 from upplied.catalog.verbs.queries import PlannedTrajectory, When, Which
@@ -420,6 +420,33 @@ class Catalog:
     def retire_demonstrations(self, demonstration_ids: Sequence[str]) -> int:
         """Take demonstrations out of use; their history stays. Returns how many were taken out."""
         return adding.retire(self, "demonstrations", demonstration_ids)
+
+    # --- settings of things --------------------------------------------------------------------
+
+    def set(self, scope: str, owner: str, values: Mapping[str, Any], by: str, note: str = "") -> int:
+        """Say settings of a kind or a structure, which its plans are then made with.
+
+        Parameters
+        ----------
+        scope : {"kind", "structure"}
+        owner : str
+            The kind, or the id of the structure.
+        values : mapping
+            Setting to value, as ``{"route.clearance_m": 3.0}``; None takes it back.
+        by : str
+            Who says so.
+        note : str
+        """
+        return belonging.say(self, scope, owner, values, by, note)
+
+    def said_settings(self) -> pd.DataFrame:
+        """What was ever said of settings of kinds and structures, in the order of commits."""
+        found = queries.frame(self.tables["settings"].read()).sort_values("commit_version", kind="stable")
+        return found.reset_index(drop=True)
+
+    def settings_of(self, structure_id: str) -> pd.DataFrame:
+        """Every setting that plans of a structure are made with, its value and where that comes from."""
+        return belonging.settings_of(self, structure_id)
 
     # --- deciding ------------------------------------------------------------------------------
 

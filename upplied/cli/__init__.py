@@ -31,6 +31,7 @@ from upplied.cli import (
     review,
     samples,
     serve,
+    settings,
     structures,
     transfer,
 )
@@ -55,6 +56,8 @@ for command in (
     demonstrations.app,
     transfer.app,
     transfer.plan,
+    settings.setting,
+    settings.showing,
     review.reviewing,
     review.releasing,
     review.rejecting,

@@ -62,7 +62,14 @@ def deploy(*, port: PortOption = 4200) -> int:
 
 
 @watching.default
-def watch(folder: Path, *, port: PortOption = 4200) -> int:
+def watch(
+    folder: Path,
+    *,
+    flights: Annotated[
+        bool, Parameter(negative="", help="They are flights of plans: start ingest-flights with them.")
+    ] = False,
+    port: PortOption = 4200,
+) -> int:
     """Emit the event that starts ingest-demonstrations for each log, once it has come whole.
 
     Parameters
@@ -81,9 +88,10 @@ def watch(folder: Path, *, port: PortOption = 4200) -> int:
     if not answers(told["PREFECT_API_URL"]):
         return no_server(told["PREFECT_API_URL"])
     os.environ.update(told)
+    from upplied.flows.watch import FLOWN, LANDED
     from upplied.flows.watch import watch as tell
 
-    tell(folder)
+    tell(folder, FLOWN if flights else LANDED)
     return 0
 
 

@@ -230,11 +230,16 @@ COLUMNS = {
 
 def current(catalog: Catalog, wish: Wish) -> list[dict[str, Any]]:
     """The newest plans of what was wished for: with these very settings, whatever was planned since."""
+    from upplied.fleet.decisions import SettingsOf
+
     table = catalog.transfers(every=True)
-    wanted = table["settings_sha256"].isin([settings.sha256 for settings in wish.settings()])
-    wanted &= table["demonstration_id"].isin(wish.demonstrations) & (table["purpose"] == wish.purpose)
+    wanted = table["demonstration_id"].isin(wish.demonstrations) & (table["purpose"] == wish.purpose)
     wanted &= table["target_id"].isin(wish.targets or catalog.structures()["structure_id"])
-    newest = table.loc[wanted].drop_duplicates(["target_id", "preset"], keep="last")
+    table = table[wanted & table["preset"].isin(wish.presets)]
+    settings_of = SettingsOf(catalog, wish)
+    asked = [settings_of(*row).sha256 for row in table[["preset", "kind", "target_id"]].to_numpy().tolist()]
+    table = table[table["settings_sha256"] == asked]
+    newest = table.drop_duplicates(["target_id", "preset"], keep="last")
     unasked = ["settings_json", "registration_json", "commit_id", "commit_version"]
     rows = newest.sort_values(["target_id", "preset"]).drop(columns=unasked)
     return rows.astype(object).where(rows.notna(), None).to_dict("records")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
+from upplied.catalog.verbs import belonging
 from upplied.checks import check_id, suggested
 from upplied.config import Settings, digest, settings_for
 from upplied.errors import InputError
@@ -40,8 +41,25 @@ class Wish:
         return f"experiment {check_id(self.experiment, 'experiment')}" if self.experiment else ""
 
     def settings(self) -> list[Settings]:
-        """The settings of every preset, with the changes applied."""
+        """The settings of every preset, with the changes applied, where no kind or structure says more."""
         return [settings_for(preset, **self.changes) for preset in self.presets]
+
+
+class SettingsOf:
+    """The settings that a run plans each structure with: the preset's, its kind's, its own, the run's."""
+
+    def __init__(self, catalog: Catalog, wish: Wish) -> None:
+        self._said = belonging.said(catalog)
+        self._changes = wish.changes
+        self._made: dict[tuple[str, str, str], Settings] = {}
+
+    def __call__(self, preset: str, kind: str, structure_id: str) -> Settings:
+        """For one structure; many share one record, since its hash is asked for again and again."""
+        own = structure_id if ("structure", structure_id) in self._said else ""
+        if (preset, kind, own) not in self._made:
+            changes = belonging.changes_for(self._said, preset, kind, structure_id, self._changes)
+            self._made[preset, kind, own] = settings_for(preset, **changes)
+        return self._made[preset, kind, own]
 
 
 @dataclass(frozen=True)
@@ -96,11 +114,12 @@ def decide(catalog: Catalog, wish: Wish | None = None) -> Decision:
     _check_known("demonstration", wish.demonstrations, demonstrations)
     _check_known("structure", wish.targets, structures)
     _check_kinds(wish, demonstrations, structures)
-    wanted = [
-        (settings, *pair, _key(transfer_key(*pair, settings), wish.purpose))
-        for settings in wish.settings()
-        for pair in _pairs(demonstrations, structures, wish)
-    ]
+    settings_of = SettingsOf(catalog, wish)
+    wanted = []
+    for preset in wish.presets:
+        for pair in _pairs(demonstrations, structures, wish):
+            settings = settings_of(preset, pair[2].kind, pair[2].structure_id)
+            wanted.append((settings, *pair, _key(transfer_key(*pair, settings), wish.purpose)))
     done = catalog.settled((key for *_, key in wanted), retry_failed=wish.retry_failed)
     past, jobs = _Past(catalog), []
     for settings, demonstration, source, target, key in wanted:

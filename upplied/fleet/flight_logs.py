@@ -16,6 +16,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.looks import put_looks
 from upplied.config import CloudSettings, digest
 from upplied.errors import InputError, RefusedError, UppliedError
+from upplied.fleet.ingest import find_logs, placements_of
 from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.sidecar import LogOptions
@@ -254,8 +255,6 @@ def _candidates(catalog: Catalog, structure_id: str) -> list[Row]:
 
 def _placements(catalog: Catalog, structure_id: str) -> dict[str, Placement]:
     if not structure_id:
-        from upplied.fleet.ingest import placements_of
-
         return placements_of(catalog.structures())
     placement = catalog.structure(structure_id).placement
     return {} if placement is None else {structure_id: placement}
@@ -267,12 +266,33 @@ def _moment(t_ns: int) -> datetime:
 
 def add_flight_logs(
     catalog: Catalog, logs: Sequence[str | Path], limits: Limits | None = None
-) -> list[tuple[str, Row | str]]:
-    """Each log into the catalog, found by its structure; name and row, or why it was not taken."""
-    done: list[tuple[str, Row | str]] = []
-    for log in logs:
+) -> list[dict[str, str]]:
+    """Each log, or those of each folder, into the catalog, on the plan in force that it lies on best.
+
+    Returns
+    -------
+    list of dict
+        Of each log its name, status (added, unchanged, failed), reason and findings; `flight` is its id,
+        `left_out` says in words how much of what its plan shows it did not, and is empty where it showed all.
+    """
+    known = set(catalog.flights(kind="flown")["flight_id"])
+    done = []
+    for log in find_logs(logs):
+        said = {
+            "name": log.name,
+            "status": "failed",
+            "reason": "",
+            "findings": "",
+            "flight": "",
+            "left_out": "",
+        }
         try:
-            done.append((str(log), add_flight_log(catalog, log, limits=limits)))
+            row = add_flight_log(catalog, log, limits=limits)
         except UppliedError as error:
-            done.append((str(log), str(error)))
+            done.append({**said, "reason": str(error)})
+            continue
+        status = "unchanged" if row["flight_id"] in known else "added"
+        left = 100 - (row["required_pct"] or 0.0)
+        said |= {"status": status, "flight": row["flight_id"], "findings": row["findings"]}
+        done.append({**said, "left_out": f"{left:.1f} % of what its plan shows" if left > 0 else ""})
     return done

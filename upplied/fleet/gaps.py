@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from upplied.catalog import Catalog, recipe
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
 from upplied.catalog.schema.rows import Row
 from upplied.config import digest
-from upplied.errors import CatalogError, RefusedError
+from upplied.errors import CatalogError, RefusedError, UppliedError
 from upplied.fleet.flight_logs import required_of
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
 from upplied.planning.airspace.clearance import path_clearance
@@ -87,6 +89,17 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     }
     catalog.add_plans([(key, plan, provenance)])
     return id_of(key)
+
+
+def plan_gaps(catalog: Catalog, flights: Sequence[str]) -> list[str]:
+    """A draft for what each of some flights left out; why there is none, in words."""
+    problems = []
+    for flight in flights:
+        try:
+            plan_gap(catalog, flight)
+        except UppliedError as error:
+            problems.append(f"no flight closes the gap of {flight[:12]}: {error}")
+    return problems
 
 
 def _plan(flown: Plan, found: GapFlight, surface: Cloud, missing: Bools, clearance_m: float) -> Plan:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from upplied.outputs.pairs import number, stamp
-from upplied.records import Measures, Record, Trajectory
+from upplied.records import SURFACE_STATES, Ints, Measures, Record, SurfaceStates, Trajectory
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -28,6 +28,7 @@ class Flown(Record):
     kind: str = "simulated"  # or "flown"
     told: str = ""  # of a flight that was flown: when, by whom, how much of the plan, what was found
     required_pct: float = float("nan")  # of what the plan shows, the share that was truly seen
+    looks_sha256: str = ""  # of what it saw of each patch; empty where that was not kept
 
 
 def flight_row(flight_id: str, flown: Flown) -> dict[str, Any]:
@@ -55,6 +56,7 @@ def flown_of(row: Mapping[str, Any], path: Trajectory) -> Flown:
         str(row.get("kind") or "simulated"),
         _told(row),
         _known(number(row, "required_pct")),
+        str(row.get("looks_sha256") or ""),
     )
 
 
@@ -116,6 +118,15 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
     if np.isfinite(coverage):
         parts.append(f"really seen {coverage:.1f} %{_of(row, 'coverage_seen_pct', 1, ' %')}")
     return f"{parts[0]}: {', '.join(parts[1:])}." if parts[1:] else f"{parts[0]}: nothing could be measured."
+
+
+def seen_as_flown(planned: SurfaceStates, patches: Ints) -> SurfaceStates:
+    """What a plan shows of a surface, less what its flight did not see; `patches` are those it saw."""
+    state = planned.state.copy()
+    unseen = np.ones(len(state), bool)
+    unseen[patches] = False
+    state[unseen & (state == SURFACE_STATES.index("shown"))] = SURFACE_STATES.index("missed")
+    return replace(planned, state=state)
 
 
 def flown_data(flown: Flown, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from upplied.outputs.display import (
     packed,
     structure_data,
 )
-from upplied.outputs.flown import Flights, flown_data, flown_sentence
+from upplied.outputs.flown import Flights, Flown, flown_data, flown_sentence, seen_as_flown
 from upplied.outputs.missions import gate
 from upplied.outputs.missions.reading import planned
 from upplied.outputs.pair_page import (
@@ -111,6 +111,9 @@ class Reader:
                     if flown is not None:
                         along = profile(flown.trajectory, self._scene(pair.target_id))
                         paths[preset]["flown"] = flown_data(flown, row, path_data(along, origin))
+                        seen = self._seen_as_flown(row, flown, pair.target_id)
+                        if seen is not None:
+                            paths[preset]["flown"]["states"] = packed(seen)
         demonstration = dict(self._flown(pair.demonstration_id))
         inspected = self.source.inspected(str(pair.main["transfer_id"]))
         if inspected is not None:
@@ -159,10 +162,22 @@ class Reader:
         picture = figures.demonstration_png(self.structure(flown.structure_id), flown)
         return passport_page(flown, picture)
 
+    def _seen_as_flown(self, row: Any, flown: Flown, target_id: str) -> np.ndarray | None:
+        """The state of each triangle as it was flown; None where that is not known of the same samples."""
+        store, surface = getattr(self.source, "looks", None), self.source.surface(str(row["transfer_id"]))
+        if store is None or surface is None or not flown.looks_sha256:
+            return None
+        looks = store.get(flown.looks_sha256)
+        samples = self.source.surfaces.points(looks.samples_sha256)  # type: ignore[attr-defined]
+        if not np.array_equal(samples, surface.points):
+            return None
+        return self._display(seen_as_flown(surface, looks.patch), target_id)
+
     def _states(self, row: Any, target_id: str) -> np.ndarray | None:
         surface = self.source.surface(str(row["transfer_id"]))
-        if surface is None:
-            return None
+        return None if surface is None else self._display(surface, target_id)
+
+    def _display(self, surface: SurfaceStates, target_id: str) -> np.ndarray:
         mesh = self._mesh(target_id)
         if not len(surface.points):
             return display_states(mesh, surface)

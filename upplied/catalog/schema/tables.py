@@ -21,6 +21,7 @@ from upplied.catalog.schema.decided import DECIDED, DECISIONS, OVERRULED
 from upplied.catalog.schema.flown import AS_FLOWN
 from upplied.catalog.schema.measures import MEASURES
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.schema.settled import SETTINGS
 from upplied.config import PRESETS
 from upplied.records import Measures
 
@@ -299,7 +300,17 @@ FLIGHTS = Table(
 
 TABLES = {
     table.name: table
-    for table in (STRUCTURES, DEMONSTRATIONS, POSES, TRANSFERS, WAYPOINTS, FLIGHTS, DECISIONS, OVERRULED)
+    for table in (
+        STRUCTURES,
+        DEMONSTRATIONS,
+        POSES,
+        TRANSFERS,
+        WAYPOINTS,
+        FLIGHTS,
+        DECISIONS,
+        OVERRULED,
+        SETTINGS,
+    )
 }
 
 

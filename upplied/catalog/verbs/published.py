@@ -121,6 +121,7 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
         "flights": catalog.flights(),
         "decisions": catalog.decisions(),
         "overruled": catalog.overruled(),
+        "settings": catalog.said_settings(),
     }
     now = Generation(catalog.identity.required(), versions)
     if before is not None and not force:

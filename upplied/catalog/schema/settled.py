@@ -1,0 +1,33 @@
+"""The table of settings that belong to kinds and structures, not to runs."""
+
+from __future__ import annotations
+
+from upplied.catalog.schema.columns import (
+    ADDED,
+    COMMIT,
+    COMMIT_VERSION,
+    MOMENT,
+    TEXT,
+    Column,
+    Table,
+    identity,
+)
+
+SETTINGS = Table(
+    "settings",
+    "one row per setting of a kind or a structure, and per change of it; the newest counts",
+    ("setting_id",),
+    (
+        identity("setting_id", "name of the row"),
+        Column("scope", TEXT, "", "whose it is", required=True, allowed=("kind", "structure")),
+        identity("owner", "the kind, or the id of the structure"),
+        identity("setting", "stage and name, as route.clearance_m"),
+        Column("value_json", TEXT, "", "the value; empty: taken back, and inherited again"),
+        identity("by", "who said so"),
+        Column("note", TEXT, "", "why"),
+        COMMIT,
+        Column("added_at", MOMENT, "UTC", f"when it was said, {ADDED}", required=True),
+        COMMIT_VERSION,
+    ),
+    ("owner", "added_at"),
+)

@@ -1,0 +1,110 @@
+"""Settings that belong to kinds and structures: said once, inherited, and part of what a plan is named by.
+
+What a run asks for comes over what a structure says, that over what its kind says, that over the preset. They
+are for the plans that are to be flown (`recommended`); plans for comparison keep the settings of their
+presets.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from upplied.catalog.schema import rows
+from upplied.catalog.schema.rows import json_text
+from upplied.catalog.verbs import adding
+from upplied.config import settings_for
+from upplied.errors import CatalogError, SettingsError
+
+if TYPE_CHECKING:
+    from upplied.catalog.database import Catalog
+
+Changes = dict[str, dict[str, Any]]  # stage -> setting -> value
+Owner = tuple[str, str]  # scope and owner
+
+FLOWN = "recommended"  # the preset that they are for
+
+
+def said(catalog: Catalog) -> dict[Owner, Changes]:
+    """What kinds and structures say now."""
+    found: dict[Owner, Changes] = {}
+    table = rows.rows_of(catalog.tables["settings"].read())
+    for row in sorted(table, key=lambda row: row["commit_version"]):
+        stage, name = row["setting"].split(".")
+        values = found.setdefault((row["scope"], row["owner"]), {}).setdefault(stage, {})
+        values.pop(name, None)
+        if row["value_json"]:
+            values[name] = _tuples(json.loads(row["value_json"]))
+    return found
+
+
+def changes_for(
+    known: Mapping[Owner, Changes], preset: str, kind: str, structure_id: str, asked: Mapping[str, Any]
+) -> Changes:
+    """The changes to a preset for one structure: its kind's, over them its own, over them those of a run."""
+    parts = [known.get(("kind", kind), {}), known.get(("structure", structure_id), {})]
+    made: Changes = {}
+    for part in [*(parts if preset == FLOWN else []), asked]:
+        for stage, values in part.items():
+            made[stage] = {**made.get(stage, {}), **values}
+    return made
+
+
+def say(catalog: Catalog, scope: str, owner: str, values: Mapping[str, Any], by: str, note: str = "") -> int:
+    """See `Catalog.set`."""
+    if not by.strip():
+        raise SettingsError("a setting", "says not who set it", "a name", "say --by NAME")
+    structures = catalog.structures()
+    known = structures["kind" if scope == "kind" else "structure_id"]
+    if scope not in ("kind", "structure") or owner not in set(known):
+        some = ", ".join(sorted(set(known))[:8])
+        raise CatalogError(f"{scope} {owner}", "is not in the catalog", f"such as {some}" if some else "")
+    commit = adding.new_commit_id(catalog)
+    made: list[rows.Row] = []
+    for setting, value in values.items():
+        stage, dot, name = setting.partition(".")
+        if not dot:
+            raise SettingsError(f"setting {setting!r}", "cannot be read", "STAGE.NAME")
+        if value is None:
+            value_json = ""
+            if not hasattr(getattr(settings_for(FLOWN), stage, None), name):
+                settings_for(FLOWN, **{stage: {name: None}})  # which says what there is instead
+        else:
+            settings_for(FLOWN, **{stage: {name: _tuples(value)}})
+            value_json = json_text(value)
+        made.append(
+            {
+                "setting_id": f"{commit}-{len(made)}",
+                "scope": scope,
+                "owner": owner,
+                "setting": setting,
+                "value_json": value_json,
+                "by": by.strip(),
+                "note": note,
+            }
+        )
+    return adding.add_rows(catalog, "settings", made)
+
+
+def settings_of(catalog: Catalog, structure_id: str) -> pd.DataFrame:
+    """See `Catalog.settings_of`."""
+    kind = str(catalog.newest("structures", structure_id)["kind"])
+    known = said(catalog)
+    whole = settings_for(FLOWN, **changes_for(known, FLOWN, kind, structure_id, {}))
+    found = []
+    for stage, values in asdict(whole).items():
+        for name, value in (values if isinstance(values, dict) else {}).items():
+            source = f"preset {FLOWN}"
+            for scope, owner in (("kind", kind), ("structure", structure_id)):
+                if name in known.get((scope, owner), {}).get(stage, {}):
+                    source = f"{scope} {owner}"
+            found.append({"setting": f"{stage}.{name}", "value": value, "from": source})
+    return pd.DataFrame(found, columns=["setting", "value", "from"])
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value

@@ -1,0 +1,74 @@
+"""`upplied set` and `upplied settings`: settings of kinds and structures, and where each comes from."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+from upplied.cli.review import ByOption, NoteOption
+from upplied.cli.terminal import CatalogOption, JsonOption, console, next_step, opened, show
+
+setting = App(name="set", help="Say settings of a kind or a structure, which its plans are made with.")
+showing = App(name="settings", help="Show the settings of a structure, and where each comes from.")
+
+
+@setting.default
+def say(
+    owner: str,
+    /,
+    *values: Annotated[str, Parameter(allow_leading_hyphen=False)],
+    kind: Annotated[bool, Parameter(negative="", help="The name is that of a kind.")] = False,
+    by: ByOption,
+    note: NoteOption = "",
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Say settings; what a structure says comes over its kind, what a run is asked for over both.
+
+    Parameters
+    ----------
+    owner : str
+        A structure, or with --kind a kind.
+    values : str
+        As STAGE.NAME=VALUE: route.clearance_m=3, transfer.standoff=kept, transfer.gsd_m=0.002; without a
+        value it is taken back, and inherited again.
+    """
+    from upplied.cli.transfer import changes
+    from upplied.errors import SettingsError
+
+    if not values:
+        raise SettingsError("upplied set", "nothing is set", "STAGE.NAME=VALUE")
+    made: dict[str, object] = {}
+    for text in values:
+        if text.endswith("="):
+            made[text[:-1]] = None
+            continue
+        for stage, names in changes((text,)).items():
+            made |= {f"{stage}.{name}": value for name, value in names.items()}
+    opened(catalog).set("kind" if kind else "structure", owner, made, by, note)
+    console.print(f"{owner}: {len(made)} set", markup=False)
+    next_step("plan --dry-run", "which plans that changes", catalog)
+    return 0
+
+
+@showing.default
+def settings(
+    structure: str,
+    /,
+    *,
+    every: Annotated[bool, Parameter(name="--all", negative="", help="Those of the preset too.")] = False,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """Show what the plans of a structure are made with: by default what it or its kind says.
+
+    Parameters
+    ----------
+    structure : str
+        Its id.
+    """
+    found = opened(catalog).settings_of(structure)
+    if not (every or json):
+        found = found[~found["from"].str.startswith("preset")]
+    show(f"settings of {structure}", found.astype(object).to_dict("records"), json)
+    return 0
