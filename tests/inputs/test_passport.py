@@ -42,6 +42,7 @@ BREAKS = {  # of each rule, figures that break it
     "clock-stepped": {"clock_steps": 1},
     "near-structure": {"near_pct": 1.0},
     "looks-aside": {"axis_pct": 60.0},
+    "velocity": {"motion_fit_pct": 20.0, "motion_ratio": 3.28},
     "aim-drifts": {"aim_drift_deg": -22.0},
     "aim-off": {"aim_off_deg": 20.0},
     "fast": {"speed_p99_mps": 14.0},
@@ -371,3 +372,63 @@ def test_rules_that_the_reader_asks_are_what_refuses(tmp_path: Path, rule: str, 
     assert rule in {item["rule"] for item in passport["findings"] if item["overruled"]}
     fine = taken(right(4), tmp_path / "a.mcap", allow=every).passport
     assert rule not in {item["rule"] for item in fine["findings"]}
+
+
+def with_velocity(log: Made, path: Path, *, world: bool = False, change=lambda log: log) -> Path:
+    """Odometry whose twist is that of the poses before they were changed, in the axes of body or world."""
+    t_s, turns = (log.t_ns - log.t_ns[0]) * 1e-9, Rotation.from_quat(log.quats)
+    linear = np.gradient(log.positions, t_s, axis=0)
+    step = (turns[:-1].inv() * turns[1:]).as_rotvec() / np.diff(t_s)[:, None]
+    angular = np.concatenate([step, step[-1:]])
+    if not world:
+        linear = turns.inv().apply(linear)
+    noise = np.random.default_rng(3).normal(0, 0.05, linear.shape)
+    log = change(log)
+    messages = []
+    for row, (t, p, q) in enumerate(zip(log.t_ns, log.positions, log.quats, strict=True)):
+        found = message("nav_msgs/msg/Odometry", int(t), p, q, "map", "base_link")
+        vectors = {"linear": linear[row] + noise[row], "angular": angular[row]}
+        found["twist"]["twist"] = {
+            name: dict(zip("xyz", map(float, values), strict=True)) for name, values in vectors.items()
+        }
+        messages.append((int(log.log_ns[row]), found))
+    facts = {"structure_id": log.structure.structure_id, "body_frame": "camera"}
+    return write_log(path, [Topic("/odom", "nav_msgs/msg/Odometry", messages)], facts)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("as it is", ""),
+        ("of the world", ""),
+        ("mirrored with its headings", "in other directions"),
+        ("in feet", "they move 3.2"),
+        ("twice as fast", "they move 1.9"),
+    ],
+)
+def test_poses_that_move_otherwise_than_the_velocity_in_the_log_are_warned_of(
+    tmp_path: Path, change: str, told: str
+) -> None:
+    """A cube is symmetric: mirrored about its middle, the flight is one that somebody could have flown."""
+    structure, flown = flights("box", 0)
+    middle = (structure.vertices.max(axis=0) + structure.vertices.min(axis=0)) / 2
+    log = made(structure, flown, np.random.default_rng(0))
+
+    def changed_log(log: Made) -> Made:
+        if change == "mirrored with its headings":
+            flip = np.diag([1.0, -1.0, 1.0])
+            turns = flip @ Rotation.from_quat(log.quats).as_matrix() @ flip
+            positions = (log.positions - middle) @ flip + middle
+            return replace(log, positions=positions, quats=Rotation.from_matrix(turns).as_quat())
+        if change == "in feet":
+            return replace(log, positions=log.positions / 0.3048)
+        if change == "twice as fast":
+            return replace(log, t_ns=log.t_ns[0] + (log.t_ns - log.t_ns[0]) // 2)
+        return log
+
+    path = with_velocity(log, tmp_path / "a.mcap", world=change == "of the world", change=changed_log)
+    allow = LogOptions(allow=tuple(rules.RULES))
+    passport = read_demonstration(path, allow, structures=lambda _: structure).passport
+    found = {item["rule"]: item["found"] for item in passport["findings"]}
+    assert told in found["velocity"] if told else "velocity" not in found
+    assert passport["measured"]["motion_fit_pct"] is not None

@@ -187,6 +187,7 @@ def _demonstration(
             facts.gap_s,
             tuple(notes),
             overruled,
+            None if facts.convention else ros.velocity(_named(tables, topic)),
         )
         passport = passport_of(reading, structure, facts, what)
     track = kept
@@ -209,6 +210,12 @@ def _demonstration(
         passport=passport,
     )
     return found, facts
+
+
+def _named(tables: Sequence[Table], topic: str) -> Table | None:
+    """The odometry of a topic, that of most messages where several publish."""
+    found = [table for table in tables if table.channel.topic == topic]
+    return max(found, key=len, default=None)
 
 
 def _one_body(tables: Sequence[Table], track: Track, facts: LogOptions, what: str) -> None:

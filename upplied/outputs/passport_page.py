@@ -23,6 +23,8 @@ FIGURES = {
     "other_fit_pct": "poses it could hold then, %",
     "aim_drift_deg": "camera turning off the nearest surface, deg",
     "aim_off_deg": "camera looking aside of it, deg",
+    "motion_fit_pct": "motion of the poses along the velocity in the log, %",
+    "motion_ratio": "speed of the poses over that in the log",
     "speed_p99_mps": "speed, m/s",
     "acceleration_p99_mps2": "acceleration, m/s2",
     "turn_p99_degps": "turn rate, deg/s",

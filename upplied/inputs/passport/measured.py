@@ -17,10 +17,11 @@ from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.conventions import Fit, best_fits
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Sight, ground_of, sight_of
+from upplied.inputs.passport.velocity import motion_of
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, Zoom
 from upplied.poses import angle_between
-from upplied.records import Camera, Floats, Structure
+from upplied.records import Camera, Floats, Ints, Structure
 from upplied.scene import scene_of
 
 _LOOKS = 500  # poses of a flight that are measured against the structure, spread evenly over it
@@ -44,6 +45,9 @@ class Reading:
     gap_s: float
     notes: tuple[str, ...] = ()
     overruled: tuple[Verdict, ...] = ()  # rules that the reader asks, broken and overruled
+    velocity: tuple[Ints, Floats] | None = (
+        None  # when (N,), ns, and (N, 6), m/s and rad/s, as the log says it
+    )
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,8 @@ class Measured:
     off_centre_sure: float = 0.0  # share of the stand-off's variance that it explains
     aim_drift_deg: float = 0.0  # of the camera, to the left of the nearest surface, from end to end
     aim_off_deg: float = 0.0  # in the middle of the flight
+    motion_fit_pct: float = float("nan")  # of the poses, with the velocity that the same messages say
+    motion_ratio: float = float("nan")  # speed of the poses over that
     speed_p99_mps: float = 0.0
     acceleration_p99_mps2: float = 0.0
     turn_p99_degps: float = 0.0
@@ -120,6 +126,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         2.0 if doubtful else 1 - settings.fit_gain_pct / 100,  # no other could explain enough more
     )
     best = others[0] if others else None
+    motion = motion_of(reading.logged, reading.velocity)
     speed, acceleration, turning = _motion(flown, reading.gap_s)
     zoom = reading.zoom
     return Measured(
@@ -139,6 +146,8 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         off_centre_sure=sure,
         aim_drift_deg=aim.drift_deg,
         aim_off_deg=aim.off_deg,
+        motion_fit_pct=motion.fit_pct,
+        motion_ratio=motion.ratio,
         speed_p99_mps=speed,
         acceleration_p99_mps2=acceleration,
         turn_p99_degps=turning,

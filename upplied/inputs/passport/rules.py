@@ -105,6 +105,15 @@ def _aim_off(m: Measured, s: PassportSettings) -> str:
     )
 
 
+def _velocity(m: Measured, s: PassportSettings) -> str:
+    found = []
+    if m.motion_fit_pct < s.least_motion_fit_pct:
+        found.append(f"they move or turn in other directions (mean cosine {m.motion_fit_pct / 100:.2f})")
+    if max(m.motion_ratio, 1 / max(m.motion_ratio, 1e-9)) > s.motion_ratio:
+        found.append(f"they move {m.motion_ratio:.2f} times as fast")
+    return "poses and velocity of the same messages differ: " + " and ".join(found) if found else ""
+
+
 def _frame_name(m: Measured, s: PassportSettings) -> str:
     named = [name for name in (m.frame, m.child) if _NED.search(name)]
     asked = any("converted as asked" in note for note in m.frames)
@@ -187,6 +196,9 @@ CHECKS: tuple[FlightRule, ...] = (
     _rule("looks-aside", "warn", ("odd_axis_pct",),
          "an inspection looks at its structure most of the time", "cut the log to the inspection",
          _looks_aside),
+    _rule("velocity", "warn", ("least_motion_fit_pct", "motion_ratio"),
+         "poses that were mirrored, turned or scaled move otherwise than their estimator says",
+         "check who wrote the log: its axes, its unit, its clock", _velocity),
     _rule("aim-drifts", "warn", ("aim_drift_deg",),
          "a heading that drifts turns the camera steadily aside", "check the compass and the estimator",
          _aim_drifts),

@@ -38,6 +38,10 @@ class PassportSettings:
     # Of 200 right flights none drifts by more than 10.7 deg or looks aside by more than 9.4.
     aim_drift_deg: float = 15.0  # by which the camera turns off the nearest surface from end to end
     aim_off_deg: float = 15.0  # by which it looks aside of it all the time
+    least_motion_fit_pct: float = (
+        60.0  # mean cosine: other axes give 0 or less, public recordings 98.6 and more
+    )
+    motion_ratio: float = 1.3  # of speeds, either way; a foot is 3.3 times shorter than a metre
     max_speed_mps: float = 25.0  # in 99 % of the flight, over half a second
     odd_speed_mps: float = 12.0
     max_acceleration_mps2: float = 30.0
