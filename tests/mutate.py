@@ -1,8 +1,9 @@
 """How many small faults in the planning and the catalog do their tests notice?
 
-A mutant is the code with one fault: a comparison turned, a sign changed, a constant doubled, a condition
-negated, a statement left out. Mutants are drawn from a seed over all modules; each meets the tests of
-its room, those that import the module first. Printed are the share that the tests killed, and each survivor.
+First it is traced, once for each test file, which lines each test runs and for how long. Then each mutant
+(`mutants`) meets the tests that run its lines, the fastest first, until one fails. A line that is run when a
+module is loaded, or in a compiled function, counts as run by every test that runs any line of its module.
+Printed are the share that the tests killed, and each survivor.
 
     python tests/mutate.py --number 200 --seed 0 [--only upplied/planning/airspace]
 """
@@ -10,179 +11,162 @@ its room, those that import the module first. Printed are the share that the tes
 from __future__ import annotations
 
 import argparse
-import ast
-import copy
+import hashlib
+import json
+import multiprocessing
 import os
-import random
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("upplied/planning", "upplied/catalog")
-WHOLE = {"plan.py", "trajectory", "carry", "measures"}  # judged by whole plans as well
-SLACK_S = 60  # beyond three times what the tests take on sound code: then a mutant hangs, which is noticed
+from mutants import ROOMS, ROOT, Mutant, sample
 
-TURNED: dict[type[ast.AST], type[ast.AST]] = {
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.BitAnd: ast.BitOr,
-    ast.BitOr: ast.BitAnd, ast.And: ast.Or, ast.Or: ast.And, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
-    ast.In: ast.NotIn, ast.NotIn: ast.In,
-}  # fmt: skip
-SWAPPED = {
-    "min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "any": "all", "all": "any",
-    "argmin": "argmax", "argmax": "argmin", "floor": "ceil", "ceil": "floor", "sin": "cos", "cos": "sin",
-}  # fmt: skip
+SLACK_S = 30  # beyond three times what the tests take on sound code: then a mutant hangs, which is noticed
+BUDGET_S = 60  # of tests for one mutant, as they take on sound code; what survives them counts as survived
+KEPT = ROOT / ".cache" / "mutate.json"
+#: Loaded once, and not anew for each mutant: all that is not the project's.
+LIBRARIES = (
+    "pytest", "hypothesis", "numpy", "scipy.optimize", "scipy.spatial", "scipy.interpolate", "scipy.sparse",
+    "numba", "open3d", "pandas", "pyarrow", "deltalake",
+)  # fmt: skip
 
-
-@dataclass(frozen=True)
-class Mutant:
-    """One fault at one place."""
-
-    path: Path  # from the root
-    line: int
-    what: str
-    source: str  # of the whole module, with the fault
+Lines = dict[str, dict[str, list[str]]]  # of a module, of a line: who runs it
 
 
-def faults(tree: ast.Module) -> Iterator[tuple[ast.AST, str]]:
-    """Every node that can be made wrong, and in which way."""
-    skipped = {id(inner) for node in ast.walk(tree) for outer in _silent(node) for inner in ast.walk(outer)}
-    for node in ast.walk(tree):
-        if id(node) in skipped:
+class Tracer:
+    """A plugin of pytest: which lines of the rooms each test runs, and for how long it lasts."""
+
+    def __init__(self, root: Path) -> None:
+        self._inside = tuple(str(root / room) + os.sep for room in ROOMS)
+        self._root, self._who, self._seen = root, "", set[tuple[str, str, int]]()
+        self._known: dict[str, bool] = {}
+        self.seconds: dict[str, float] = {}
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        # What a fixture runs may be meant for all tests of the file.
+        self._who = nodeid.split("::")[0]
+        sys.settrace(self._enter)
+
+    def pytest_runtest_call(self, item: Any) -> None:
+        self._who = item.nodeid
+
+    def pytest_runtest_logfinish(self) -> None:
+        sys.settrace(None)
+
+    def _enter(self, frame: FrameType, event: str, argument: object) -> Any:
+        name = frame.f_code.co_filename
+        if name not in self._known:
+            self._known[name] = name.startswith(self._inside)
+        return self._line if self._known[name] and frame.f_code.co_name != "<module>" else None
+
+    def _line(self, frame: FrameType, event: str, argument: object) -> Any:
+        if event == "line":
+            self._seen.add((frame.f_code.co_filename, self._who, frame.f_lineno))
+        return self._line
+
+    def lines(self) -> Lines:
+        """Of each module and line, who runs it: a test, or by its name alone the file of tests."""
+        found: Lines = {}
+        for name, who, line in sorted(self._seen):
+            module = str(Path(name).relative_to(self._root))
+            found.setdefault(module, {}).setdefault(str(line), []).append(who)
+        return found
+
+
+def _pytest(root: Path, asked: list[str], plugins: list[object]) -> int:
+    """In a process of its own: the tests on a copy of the project."""
+    import pytest
+
+    os.chdir(root)
+    sys.path[:0] = [str(root), str(root / "tests")]
+    sys.dont_write_bytecode = True
+    os.environ |= {"PYTHONPATH": f"{root}:{root / 'tests'}", "PYTHONDONTWRITEBYTECODE": "1"}
+    os.environ.setdefault("UPPLIED_REAL_DATA", str(ROOT.parent / "shared" / "data"))
+    silent = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silent, 1)
+    os.dup2(silent, 2)
+    options = ["-x", "-q", "-m", "not slow", "-p", "no:cacheprovider"]
+    options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # of what is loaded already
+    return int(pytest.main([*options, *asked], plugins=plugins))
+
+
+def _trace(root: Path, file: str, result: Path) -> None:
+    tracer = Tracer(root)
+    code = _pytest(root, [file], [tracer])
+    found = {"passed": code in (0, 5), "seconds": tracer.seconds, "lines": tracer.lines()}
+    result.write_text(json.dumps(found), encoding="utf-8")
+
+
+def _judge(root: Path, asked: list[str]) -> None:
+    os._exit(min(_pytest(root, asked, []), 1))
+
+
+def traced(root: Path) -> dict[str, Any]:
+    """Who runs which line, of every test file; what was traced of the same code and tests is kept."""
+    sources = _digest(*sorted((ROOT / "upplied").rglob("*.py")))
+    kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
+    found = kept.get("files", {}) if kept.get("sources") == sources else {}
+    rooms = [ROOT / "tests" / Path(room).name for room in ROOMS]
+    for path in sorted(path for room in rooms for path in room.rglob("test_*.py")):
+        file, digest = str(path.relative_to(ROOT)), _digest(path)
+        if found.get(file, {}).get("digest") == digest:
             continue
-        if isinstance(node, ast.Compare | ast.BinOp | ast.BoolOp | ast.AugAssign):
-            operator = node.ops[0] if isinstance(node, ast.Compare) else node.op
-            if type(operator) in TURNED:
-                yield node, f"{type(operator).__name__} became {TURNED[type(operator)].__name__}"
-        elif isinstance(node, ast.Constant) and type(node.value) in (int, float, bool):
-            yield node, f"{node.value} became {_other(node.value)}"
-        elif isinstance(node, ast.Attribute | ast.Name) and _name(node) in SWAPPED:
-            yield node, f"{_name(node)} became {SWAPPED[_name(node)]}"
-        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.Invert | ast.USub):
-            yield node, f"{type(node.op).__name__} left out"
-        if isinstance(node, ast.If | ast.IfExp | ast.While):
-            yield node.test, "condition negated"
-        if isinstance(node, ast.Expr | ast.AugAssign | ast.Raise | ast.Continue | ast.Break):
-            yield node, "statement left out"
-
-
-def _silent(node: ast.AST) -> list[ast.AST]:
-    """What of a node says nothing to the machine: annotations, documentation, decorators, messages."""
-    found: list[ast.AST] = []
-    if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
-        found += [line for line in node.body[:1] if isinstance(line, ast.Expr) and _is_text(line.value)]
-    if isinstance(node, ast.FunctionDef):
-        arguments = [*node.args.args, *node.args.kwonlyargs, *node.args.posonlyargs]
-        found += [*node.decorator_list, *([node.returns] if node.returns else [])]
-        found += [argument.annotation for argument in arguments if argument.annotation]
-        if node.name in ("__repr__", "__str__"):
-            found.append(node)
-    if isinstance(node, ast.ClassDef):
-        found += node.decorator_list
-    if isinstance(node, ast.AnnAssign):
-        found.append(node.annotation)
-    if isinstance(node, ast.JoinedStr | ast.Import | ast.ImportFrom):
-        found.append(node)
-    if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
-        found.append(node)
+        begin, result = time.monotonic(), root / "traced.json"
+        process = CONTEXT.Process(target=_trace, args=(root, file, result))
+        process.start()
+        process.join()
+        found[file] = json.loads(result.read_text(encoding="utf-8")) | {"digest": digest}
+        said = "traced" if found[file]["passed"] else "FAILED on sound code, and is asked nothing:"
+        print(f"{said} {file} in {time.monotonic() - begin:.0f} s", flush=True)
+        KEPT.parent.mkdir(exist_ok=True)
+        KEPT.write_text(json.dumps({"sources": sources, "files": found}), encoding="utf-8")
     return found
 
 
-def _is_text(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant) and isinstance(node.value, str)
+def _digest(*paths: Path) -> str:
+    whole = hashlib.sha256()
+    for path in paths:
+        whole.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes())
+    return whole.hexdigest()
 
 
-def _name(node: ast.Attribute | ast.Name) -> str:
-    return node.attr if isinstance(node, ast.Attribute) else node.id
+def tests_for(mutant: Mutant, files: dict[str, Any]) -> list[tuple[str, float]]:
+    """The tests that run a mutant's lines, and their seconds, the fastest first."""
+    asked: dict[str, float] = {}
+    for file, of in files.items():
+        run = of["lines"].get(str(mutant.path), {}) if of["passed"] else {}
+        who = set()
+        for line, names in run.items():
+            if not mutant.traced or int(line) in mutant.lines:
+                who.update(names)
+        seconds = of["seconds"]
+        asked |= seconds if file in who else {name: seconds[name] for name in who}
+    return sorted(asked.items(), key=lambda each: each[1])
 
 
-def _other(value: float | bool) -> float | bool:
-    if isinstance(value, bool):
-        return not value
-    return value + 1 if isinstance(value, int) else (2 * value if value else 1.0)
-
-
-def made_wrong(tree: ast.Module, number: int) -> str:
-    """The source of a module with its fault of that number."""
-    tree = copy.deepcopy(tree)
-    node, what = list(faults(tree))[number]
-    if what == "condition negated":
-        new: ast.AST = ast.UnaryOp(ast.Not(), copy.deepcopy(node))
-    elif what == "statement left out":
-        new = ast.Pass()
-    elif what.endswith("left out"):
-        new = node.operand  # type: ignore[attr-defined]
-    else:
-        new = copy.copy(node)
-        if isinstance(new, ast.Constant):
-            new.value = _other(new.value)  # type: ignore[arg-type]
-        elif isinstance(new, ast.Compare):
-            new.ops = [TURNED[type(new.ops[0])](), *new.ops[1:]]  # type: ignore[list-item]
-        elif isinstance(new, ast.Attribute):
-            new.attr = SWAPPED[new.attr]
-        elif isinstance(new, ast.Name):
-            new.id = SWAPPED[new.id]
-        else:
-            new.op = TURNED[type(new.op)]()  # type: ignore[attr-defined]
-
-    class Exchange(ast.NodeTransformer):
-        def visit(self, here: ast.AST) -> ast.AST:
-            return new if here is node else self.generic_visit(here)
-
-    return ast.unparse(ast.fix_missing_locations(Exchange().visit(tree)))
-
-
-def sample(number: int, seed: int, rooms: tuple[str, ...] = ROOMS) -> list[Mutant]:
-    """Mutants drawn evenly from all places of the rooms, the same for the same seed and code."""
-    places = []
-    for room in rooms:
-        paths = [ROOT / room] if room.endswith(".py") else sorted((ROOT / room).rglob("*.py"))
-        for path in paths:
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            places += [(path, tree, at, node, what) for at, (node, what) in enumerate(faults(tree))]
-    drawn = random.Random(seed).sample(places, min(number, len(places)))
-    return [
-        Mutant(path.relative_to(ROOT), node.lineno, what, made_wrong(tree, at))  # type: ignore[attr-defined]
-        for path, tree, at, node, what in drawn
-    ]
-
-
-def tests_of(module: Path) -> list[list[str]]:
-    """Test files for a module: those of its room that import it, the others of the room, and whole plans."""
-    room = ROOT / "tests" / Path(*module.parts[1:-1])
-    while not room.is_dir() or not list(room.glob("test_*.py")):
-        room = room.parent
-    named = ".".join(module.with_suffix("").parts)
-    files = sorted(room.glob("test_*.py"))
-    own = [str(file.relative_to(ROOT)) for file in files if named in file.read_text(encoding="utf-8")]
-    rest = [str(file.relative_to(ROOT)) for file in files if str(file.relative_to(ROOT)) not in own]
-    whole = ["tests/planning/test_plan.py"] if set(module.parts) & WHOLE else []
-    return [group for group in (own, rest, whole) if group]
-
-
-def passes(tests: list[str], root: Path, timeout_s: float) -> bool:
-    """Whether the tests pass on a copy of the project; hanging is failing."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", *tests]
-    home = {"PYTHONPATH": f"{root}:{root / 'tests'}", "PYTHONDONTWRITEBYTECODE": "1"}
-    data = {"UPPLIED_REAL_DATA": os.environ.get("UPPLIED_REAL_DATA", str(ROOT.parent / "shared" / "data"))}
+def noticed(mutant: Mutant, asked: list[str], seconds: float, root: Path) -> bool:
+    """Whether a test fails on the mutant; hanging is failing."""
+    place = root / mutant.path
+    sound = place.read_text(encoding="utf-8")
+    place.write_text(mutant.source, encoding="utf-8")
     try:
-        done = subprocess.run(
-            command,
-            cwd=root,
-            env=os.environ | data | home,
-            capture_output=True,
-            timeout=timeout_s,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return False
-    return done.returncode == 0
+        process = CONTEXT.Process(target=_judge, args=(root, asked))
+        process.start()
+        process.join(3 * seconds + SLACK_S)
+        if process.is_alive():
+            process.kill()
+            process.join()
+            return True
+        return process.exitcode != 0
+    finally:
+        place.write_text(sound, encoding="utf-8")
 
 
 def main() -> int:
@@ -190,41 +174,40 @@ def main() -> int:
     parser.add_argument("--number", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="*", default=ROOMS, help="rooms or modules, from the project's root")
+    parser.add_argument("--skip", type=int, default=0, help="of the drawn ones, those already judged")
+    parser.add_argument("--hours", type=float, default=24.0, help="after which no further mutant is judged")
     given = parser.parse_args()
-    mutants = sample(given.number, given.seed, tuple(given.only))
+    mutants, begin = sample(given.number, given.seed, tuple(given.only)), time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder) / "project"
-        ignored = shutil.ignore_patterns(".venv", ".git", "__pycache__", ".*_cache", "site", "catalog-data")
+        ignored = shutil.ignore_patterns(".venv", ".git", "__pycache__", ".*_cache", ".cache", "site")
         shutil.copytree(ROOT, root, ignore=ignored, symlinks=True)
-        usual: dict[str, float] = {}
-        killed, survivors = 0, []
-        for number, mutant in enumerate(mutants, 1):
-            noticed = False
-            for group in tests_of(mutant.path):
-                key = " ".join(group)
-                if key not in usual:
-                    begin = time.monotonic()
-                    if not passes(group, root, 3600):
-                        print(f"the tests fail on sound code: {key}")
-                        return 1
-                    usual[key] = time.monotonic() - begin
-                sound = (root / mutant.path).read_text(encoding="utf-8")
-                (root / mutant.path).write_text(mutant.source, encoding="utf-8")
-                noticed = not passes(group, root, 3 * usual[key] + SLACK_S)
-                (root / mutant.path).write_text(sound, encoding="utf-8")
-                if noticed:
+        files = traced(root)
+        judged, survivors = 0, []
+        for number, mutant in enumerate(mutants[given.skip :], given.skip + 1):
+            if time.monotonic() - begin > 3600 * given.hours:
+                break
+            asked, seconds = [], 0.0
+            for name, lasts in tests_for(mutant, files):
+                if asked and seconds + lasts > BUDGET_S:
                     break
-            killed += noticed
-            if not noticed:
-                survivors.append(mutant)
-            said = "killed" if noticed else "SURVIVED"
-            print(f"{number:4d} {said:8s} {mutant.path}:{mutant.line} {mutant.what}", flush=True)
-    share = 100 * killed / max(len(mutants), 1)
-    print(f"\n{killed} of {len(mutants)} mutants killed: {share:.0f} % (seed {given.seed})")
-    for mutant in survivors:
-        print(f"survived: {mutant.path}:{mutant.line} {mutant.what}")
+                asked.append(name)
+                seconds += lasts
+            judged += 1
+            if asked and noticed(mutant, asked, seconds, root):
+                said = "killed"
+            else:
+                said = "SURVIVED" if asked else "RUN BY NO TEST"
+                survivors.append(f"{mutant} ({len(asked)} tests)")
+            print(f"{number:4d} {said:14s} {mutant}", flush=True)
+    share = 100 * (1 - len(survivors) / max(judged, 1))
+    print(f"\n{judged - len(survivors)} of {judged} mutants killed: {share:.0f} % (seed {given.seed})")
+    for survivor in survivors:
+        print(f"survived: {survivor}")
     return 0
 
 
 if __name__ == "__main__":
+    CONTEXT = multiprocessing.get_context("forkserver")
+    CONTEXT.set_forkserver_preload(list(LIBRARIES))
     raise SystemExit(main())

@@ -331,3 +331,31 @@ def test_a_small_push_leaves_a_curve_its_shape() -> None:
     assert independent_clearance(safe) >= CLEARANCE
     untouched = np.abs(np.arange(160) - 71.5) > 12
     assert np.linalg.norm((safe - ring)[untouched], axis=1).max() < 1.0
+
+
+def test_neighbours_of_what_is_pushed_go_with_it() -> None:
+    """One place too near the cube: the path leaves it in a curve, in no spike."""
+    path = line([-20.0, -7.1, 0], [20, -7.1, 0], 81)
+    path[40, 1] += 0.8
+    pushed = pushed_out(path, ways().planning)
+    moved = np.linalg.norm(pushed - path, axis=1)
+    assert moved[40] > 0.7
+    assert moved[38] > 0.2 and moved[42] > 0.2
+    assert moved[:30].max() < 0.05 and moved[51:].max() < 0.05
+
+
+def test_a_detour_is_round_and_has_no_corners() -> None:
+    safe = safe_positions(line([-20.0, -3, 1], [20, -3, 1], 81), ways())
+    assert independent_clearance(safe) >= CLEARANCE
+    step = np.diff(safe, axis=0)
+    step = step[np.linalg.norm(step, axis=1) > 1e-6]
+    ahead = step / np.linalg.norm(step, axis=1, keepdims=True)
+    turn = np.degrees(np.arccos(np.clip((ahead[1:] * ahead[:-1]).sum(axis=1), -1, 1)))
+    assert turn.max() < 60 and turn.sum() < 400
+
+
+def test_places_lean_over_edges_so_that_detours_are_short() -> None:
+    """Round a cube of 10 m at 2 m; no sample faces the way over its edges, so some places lean out there."""
+    safe = safe_positions(line([-20.0, 0, 1], [20, 0, 1], 81), ways())
+    assert independent_clearance(safe) >= CLEARANCE
+    assert np.linalg.norm(np.diff(safe, axis=0), axis=1).sum() < 50.5

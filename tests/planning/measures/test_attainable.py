@@ -75,3 +75,22 @@ def test_whatever_allowed_poses_see_is_nearly_always_called_attainable() -> None
     assert (seen & ~found).sum() <= 0.002 * len(cloud)
     assert 0.5 < found.mean() < 1.0
     assert np.array_equal(found, attainable(cloud, airspace, Camera(), TRULY))
+
+
+def test_what_only_a_window_lets_be_seen_is_found_through_what_served_its_neighbours() -> None:
+    """A wall in a closed room with one window: every sample is seen through it, by few of all directions."""
+    sides = [
+        ([-1, -12, -12], [0, 12, 12]),
+        ([0, -12, -12], [3.1, -11.9, 12]),
+        ([0, 11.9, -12], [3.1, 12, 12]),
+    ]
+    sides += [([0, -12, -12], [3.1, 12, -11.9]), ([0, -12, 11.9], [3.1, 12, 12])]
+    front = [([3, -12, -12], [3.1, -0.8, 12]), ([3, 0.8, -12], [3.1, 12, 12])]
+    front += [([3, -0.8, -12], [3.1, 0.8, -0.8]), ([3, -0.8, 0.8], [3.1, 0.8, 12])]
+    room = boxes(*sides, *front)
+    across = np.linspace(-4, 4, 21)
+    points = np.array([[1e-4, y, z] for y in across for z in across])
+    wall = Cloud(points, np.tile([1.0, 0, 0], (len(points), 1)), np.ones(len(points)))
+    scene = Scene(room.vertices, room.triangles, 1)
+    camera = Camera(min_range_m=0.5, max_range_m=20)
+    assert attainable(wall, Airspace(scene, 2.0, Surroundings(), 1.0), camera, TRULY).all()

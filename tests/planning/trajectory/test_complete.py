@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from upplied.config import FIDELITIES, settings_for
+from upplied.errors import RefusedError
+from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.plan import plan_transfer
+from upplied.planning.trajectory.complete import _refuse_beyond_bound, _within_bound
 from upplied.records import Plan
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
@@ -52,3 +55,21 @@ def test_the_camera_turns_little_more_than_the_experts():
     plan = planned("engine_left", "b747-v1", "balanced")
     assert plan.measures.camera_turn_ratio < 2.5
     assert np.isfinite(plan.measures.coverage_inspected_pct)
+
+
+def test_a_path_beyond_the_bound_is_drawn_to_the_demonstrated_shape_just_as_far_as_needed():
+    turn = np.linspace(0, 1.5 * np.pi, 120)
+    reference = 10 * np.column_stack([np.cos(turn), np.sin(turn), 0.3 * np.sin(3 * turn)])
+    strayed = reference + np.outer(np.sin(turn) ** 2, [0.0, 0.0, 6.0])
+    nowhere = np.eye(3)
+    whole = frechet_floored(reference, strayed)
+    drawn = _within_bound(strayed, reference, nowhere, reference, whole / 2)
+    assert frechet_floored(reference, drawn) == pytest.approx(whole / 2, rel=1e-3)
+    assert frechet_floored(reference, drawn) <= whole / 2
+    np.testing.assert_array_equal(_within_bound(strayed, reference, nowhere, reference, whole), strayed)
+    np.testing.assert_allclose(
+        _within_bound(strayed, reference, nowhere, reference, 0.0), reference, atol=1e-4
+    )
+    _refuse_beyond_bound(drawn, reference, whole / 2)
+    with pytest.raises(RefusedError, match=r"at most 0\.\d+ \(refine.fidelity"):
+        _refuse_beyond_bound(strayed, reference, whole / 2)

@@ -140,6 +140,19 @@ def test_looks_aside_show_what_no_pose_shows_and_keep_the_gimbal(wall: View):
     np.testing.assert_array_equal(aside.positions, path.positions)
 
 
+def test_a_look_aside_comes_and_goes_as_steadily_as_the_camera_turns(wall: View):
+    """One look at a wall behind the camera, which turns by a radian in 2 m."""
+    path = along(yaw=-np.pi / 2)
+    middle = np.linalg.norm(wall.cloud.points - [0.0, 0, 4], axis=1) < 1
+    one = replace(wall, need=np.where(middle, 1 / middle.sum(), 0.0))
+    aside = looks_aside(path, one, 1e-3, 2.0)
+    assert shown(one, aside) == pytest.approx(1)
+    step = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
+    assert (np.abs(np.diff(aside.yaw)) <= step / 2 * (1 + 1e-6)).all()
+    turned = aside.yaw != path.yaw
+    assert 5 <= turned.sum() <= COUNT // 2
+
+
 def test_a_look_that_costs_more_than_it_shows_is_not_taken(wall: View):
     path = along(yaw=-np.pi / 2)
     assert looks_aside(path, wall, 10.0, 1.0) is not path
