@@ -100,6 +100,16 @@ def heading_off(truth: Trajectory) -> Case:
     )
 
 
+def frame_off(truth: Trajectory) -> Case:
+    """The log's frame is moved by half a metre and turned by 1 degree about its middle."""
+    cos, sin, middle = np.cos(np.radians(1)), np.sin(np.radians(1)), truth.positions.mean(axis=0)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    positions = (truth.positions - middle) @ turn.T + middle + np.array([0.4, 0.3, 0.0])
+    yaw, pitch = yaw_pitch(truth.quat_xyzw)
+    case = plain(truth)
+    return replace(case, log=Trajectory(truth.t_s, positions, from_yaw_pitch(yaw + np.radians(1), pitch)))
+
+
 def log_cut(truth: Trajectory) -> Case:
     """The log lacks the last fifth: what was seen then nobody can know, so it is no gap of the truth's."""
     end = 0.8 * truth.t_s[-1]
@@ -121,6 +131,7 @@ FAULTS = {
     "gimbal stuck for 20 s": gimbal_stuck,
     "position off by 1 m after half": gnss_jump,
     "heading off by 2 deg": heading_off,
+    "frame off by 0.5 m and 1 deg": frame_off,
     "log cut at 80 %": log_cut,
     "clock shifted by 3 s": clock_shifted,
 }

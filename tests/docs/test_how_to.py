@@ -83,6 +83,8 @@ def place(tmp_path_factory) -> Iterator[Path]:
         for name in ("structures.toml", "tank-1.ply", "tank-2.stl"):
             shutil.copy(name, Path("fleet") / name)
         write_log(Path("flight.mcap"), [own_flight()])
+        (_, zones) = blocks("how-to/zones.md")
+        Path("monthly.toml").write_text(zones[1], encoding="utf-8")
         Path("flown").mkdir()
         flown_log(Path("flown/tank-2.mcap"))
         yield folder
@@ -120,7 +122,8 @@ def flown_log(path: Path) -> None:
 def test_blocks_of_the_how_to_pages_run(place, page, at):
     language, text = blocks(page)[at]
     if language == "toml":
-        goal = "flight.toml" if page.endswith("drone-log.md") else "structures.toml"
+        names = {"drone-log.md": "flight.toml", "zones.md": "monthly.toml"}
+        goal = names.get(page.removeprefix("how-to/"), "structures.toml")
         (place / goal).write_text(text, encoding="utf-8")
     elif language == "yaml":
         given = yaml.safe_load(text)["parameters"]

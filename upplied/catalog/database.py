@@ -27,7 +27,7 @@ from upplied.catalog.store.looks import StoredLooks
 from upplied.catalog.store.meshes import MeshStore
 from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.surfaces import SurfaceStore
-from upplied.catalog.verbs import adding, belonging, decisions, looks, queries
+from upplied.catalog.verbs import adding, belonging, decisions, looks, queries, required
 from upplied.catalog.verbs.adding import Planned
 from upplied.catalog.verbs.leaving import ASKED, check_leaves
 from upplied.catalog.verbs.queries import PlannedTrajectory, When, Which
@@ -447,6 +447,37 @@ class Catalog:
     def settings_of(self, structure_id: str) -> pd.DataFrame:
         """Every setting that plans of a structure are made with, its value and where that comes from."""
         return belonging.settings_of(self, structure_id)
+
+    def require(
+        self,
+        scope: str,
+        owner: str,
+        name: str,
+        zones: Sequence[Mapping[str, Any]],
+        by: str,
+        note: str = "",
+    ) -> int:
+        """Say which zones of a structure, or of all of a kind, must be seen: the next version of a set.
+
+        Parameters
+        ----------
+        scope : {"kind", "structure"}
+        owner : str
+            The kind, or the id of the structure.
+        name : str
+            Of the set.
+        zones : sequence of mapping
+            Each with `zone` (its name), `where` (landmarks, part_0, "box X Y Z X Y Z", m) and what is
+            asked: `gsd_mm`, `incidence_deg`, `max_age_days`. None takes the set back.
+        by : str
+            Who asks.
+        note : str
+        """
+        return required.require(self, scope, owner, name, zones, by, note)
+
+    def requirements(self, every: bool = False) -> pd.DataFrame:
+        """Sets of requirements, the newest version of each; with `every`, older and taken back ones too."""
+        return required.requirements(self, every)
 
     # --- deciding ------------------------------------------------------------------------------
 

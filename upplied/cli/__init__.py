@@ -34,6 +34,7 @@ from upplied.cli import (
     settings,
     structures,
     transfer,
+    zones,
 )
 from upplied.cli.terminal import console, errors
 from upplied.errors import RefusedError, UppliedError
@@ -57,6 +58,8 @@ for command in (
     transfer.app,
     transfer.plan,
     settings.setting,
+    zones.requiring,
+    zones.showing,
     settings.showing,
     review.reviewing,
     review.releasing,

@@ -26,7 +26,8 @@ class Flown(Record):
     trajectory: Trajectory  # as flown
     measures: Measures  # of what was flown
     kind: str = "simulated"  # or "flown"
-    told: str = ""  # of a flight that was flown: when, by whom, how much of the plan, what was found
+    told: str = ""  # of a flight that was flown: when, by whom, how much of the plan
+    findings: str = ""  # what was found of it, in words
     required_pct: float = float("nan")  # of what the plan shows, the share that was truly seen
     looks_sha256: str = ""  # of what it saw of each patch; empty where that was not kept
 
@@ -55,6 +56,7 @@ def flown_of(row: Mapping[str, Any], path: Trajectory) -> Flown:
         Measures(**{name: value for name, value in measures.items() if value is not None}),
         str(row.get("kind") or "simulated"),
         _told(row),
+        str(row.get("findings") or ""),
         _known(number(row, "required_pct")),
         str(row.get("looks_sha256") or ""),
     )
@@ -65,14 +67,13 @@ def _known(value: float | None) -> float:
 
 
 def _told(row: Mapping[str, Any]) -> str:
-    """When a flight was flown, by whom, how much of the plan, and what was found of it."""
+    """When a flight was flown, by whom, and how much of the plan."""
     if row.get("kind") != "flown":
         return ""
     who = f" by {row['operator']}" if row.get("operator") else ""
     share = number(row, "flown_pct")
     part = "" if share is None else f", {share:.0f} % of the plan"
-    found = f" Found: {row['findings']}." if row.get("findings") else ""
-    return f"{stamp(row.get('flown_at'))} UTC{who}{part}.{found}"
+    return f"{stamp(row.get('flown_at'))} UTC{who}{part}"
 
 
 class Flights:
@@ -117,7 +118,8 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
         parts.append(f"of what the plan shows {flown.required_pct:.1f} % was seen")
     if np.isfinite(coverage):
         parts.append(f"really seen {coverage:.1f} %{_of(row, 'coverage_seen_pct', 1, ' %')}")
-    return f"{parts[0]}: {', '.join(parts[1:])}." if parts[1:] else f"{parts[0]}: nothing could be measured."
+    measured = f"{parts[0]}: {', '.join(parts[1:]) or 'nothing could be measured'}."
+    return f"{measured} Found: {flown.findings}." if flown.findings else measured
 
 
 def seen_as_flown(planned: SurfaceStates, patches: Ints) -> SurfaceStates:

@@ -21,6 +21,7 @@ from upplied.catalog.schema.decided import DECIDED, DECISIONS, OVERRULED
 from upplied.catalog.schema.flown import AS_FLOWN
 from upplied.catalog.schema.measures import MEASURES
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.schema.required import REQUIREMENTS
 from upplied.catalog.schema.settled import SETTINGS
 from upplied.config import PRESETS
 from upplied.records import Measures
@@ -310,6 +311,7 @@ TABLES = {
         DECISIONS,
         OVERRULED,
         SETTINGS,
+        REQUIREMENTS,
     )
 }
 

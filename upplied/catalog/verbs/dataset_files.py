@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 
 
 #: Flights are flown again in a moment; decisions, and what was overruled, are of one place.
-EXCHANGED = [name for name in TABLES if name not in ("flights", "decisions", "overruled", "settings")]
+EXCHANGED = [
+    name for name in TABLES if name not in ("flights", "decisions", "overruled", "settings", "requirements")
+]
 
 _DATASET = "dataset.json"
 _MAX_BYTES = 8 << 30  # of one file of a folder that is imported

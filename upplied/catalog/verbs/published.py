@@ -122,6 +122,7 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
         "decisions": catalog.decisions(),
         "overruled": catalog.overruled(),
         "settings": catalog.said_settings(),
+        "requirements": catalog.requirements(),
     }
     now = Generation(catalog.identity.required(), versions)
     if before is not None and not force:

@@ -48,7 +48,7 @@
       viewpoints: viewpoints(upplied.unpack(plan.viewpoints)), states: plan.states ? upplied.unpack(plan.states) : null,
     }));
     planned.push(...data.plans.filter((plan) => plan.flown).map((plan) => ({
-      name: plan.preset + ", flown", colour: COLOURS.flown, path: upplied.path(plan.flown.path), viewpoints: [], states: plan.flown.states ? upplied.unpack(plan.flown.states) : null, width: 3,
+      name: plan.preset + ", flown", colour: COLOURS.flown, path: upplied.path(plan.flown.path), viewpoints: [], states: plan.flown.states ? upplied.unpack(plan.flown.states) : null, width: 3, proof: plan.flown.kind === "flown",
     })));
     const main = data.plans[0];
     document.title = demonstration.id + " → " + data.target;
@@ -75,7 +75,7 @@
       upplied.verdicts(data.plans), upplied.downloads(data, panes),
       data.plans.filter((plan) => plan.overruled && plan.overruled.length).map((plan) => element("section", { class: "verdict not-flyable" },
         element("h2", {}, plan.preset + ": rules were overruled"), element("ul", {}, plan.overruled.map((said) => element("li", {}, said))))),
-      data.plans.filter((plan) => plan.decided && (plan === main || plan.preset === "newer draft")).map((plan) => element("p", { class: "note decided" }, element("b", {}, plan.preset + ": "), plan.decided)),
+      data.plans.filter((plan) => plan.decided && plan === main).map((plan) => element("p", { class: "note decided" }, element("b", {}, plan.preset + ": "), plan.decided)),
       data.change ? element("p", { class: "note" }, data.change.startsWith("newer draft") ? data.change : "Since the plan before: " + data.change) : null,
       data.picture ? element("img", { class: "printed", src: data.picture, alt: "demonstrated on " + data.source + ", planned for " + data.target }) : null,
       element("section", { class: "views" },
@@ -136,8 +136,9 @@
     aboard.addEventListener("change", async () => { if (!aboard.checked) { await left.home(); await right.home(); } fly(); });
     const repaint = () => { left.visible(0, true, frusta.checked); toggles.forEach((toggle, at) => right.visible(at, toggle.checked, frusta.checked)); };
     [frusta, ...toggles].forEach((input) => input.addEventListener("change", () => { repaint(); fly(); }));
+    const proof = planned.findIndex((track) => track.proof && track.states); // what was truly flown and seen comes first
     colourBy.addEventListener("change", () => right.coloured(colourBy.value === "" ? new Uint8Array(upplied.unpack(upplied.structures[data.target].triangles).length / 3) : planned[colourBy.value].states));
-    Promise.all([left.ready, right.ready, drawn]).then(() => { repaint(); return fly(); }).then(() => app.setAttribute("data-drawn", "true"));
+    Promise.all([left.ready, right.ready, drawn]).then(() => { repaint(); if (proof > 0) { colourBy.value = proof; colourBy.dispatchEvent(new Event("change")); } return fly(); }).then(() => app.setAttribute("data-drawn", "true"));
     return () => { stop(); window.removeEventListener("beforeprint", print); left.purge(); right.purge(); Plotly.purge(charts); app.removeAttribute("data-drawn"); };
   };
 

@@ -1,0 +1,96 @@
+"""Requirements of structures and kinds: sets of zones with a name, whose newest version counts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from upplied.catalog.schema.rows import Row, json_text
+from upplied.catalog.verbs import adding, queries
+from upplied.checks import check_id
+from upplied.errors import CatalogError, SettingsError
+
+if TYPE_CHECKING:
+    from upplied.catalog.database import Catalog
+
+_NUMBERS = {"gsd_mm": (0.0, 1e5), "incidence_deg": (0.0, 90.0), "max_age_days": (0.0, 1e5)}  # above, up to
+_MOST_ZONES = 1000
+
+
+def require(
+    catalog: Catalog,
+    scope: str,
+    owner: str,
+    name: str,
+    zones: Sequence[Mapping[str, Any]],
+    by: str,
+    note: str = "",
+) -> int:
+    """See `Catalog.require`."""
+    check_id(name, "name of requirements")
+    if not by.strip():
+        raise SettingsError(f"requirements {name}", "say not who asks", "a name", "say --by NAME")
+    structures = catalog.structures()
+    known = structures["kind" if scope == "kind" else "structure_id"]
+    if scope not in ("kind", "structure") or owner not in set(known):
+        raise CatalogError(f"{scope} {owner}", "is not in the catalog")
+    checked = [_zone(name, zone) for zone in zones]
+    if len(zones) > _MOST_ZONES or len({zone["zone"] for zone in checked}) < len(zones):
+        rule = f"{_MOST_ZONES} zones at most, each once"
+        raise SettingsError(f"requirements {name}", "name a zone twice, or too many", rule)
+    row = {
+        "requirement_id": adding.new_commit_id(catalog),
+        "scope": scope,
+        "owner": owner,
+        "name": name,
+        "zones_json": json_text(checked) if zones else "",
+        "by": by.strip(),
+        "note": note,
+    }
+    return adding.add_rows(catalog, "requirements", [row])
+
+
+def _zone(name: str, zone: Mapping[str, Any]) -> Row:
+    what = f"requirements {name}, zone {str(zone.get('zone', '(unnamed)'))[:60]}"
+    unknown = sorted(set(zone) - {"zone", "where", *_NUMBERS})
+    if unknown:
+        raise SettingsError(what, f"has {unknown[0][:60]!r}", f"zone, where, {', '.join(_NUMBERS)}")
+    for key in ("zone", "where"):
+        if not isinstance(zone.get(key), str) or not 0 < len(zone[key].strip()) <= 1000:
+            raise SettingsError(what, f"has no {key}", "a text")
+    for key, (low, high) in _NUMBERS.items():
+        value = zone.get(key)
+        if value is None:
+            continue
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not low < value <= high:
+            raise SettingsError(what, f"{key} is {value!r}", f"above {low:g} and up to {high:g}")
+    return {key: value for key, value in zone.items() if value is not None}
+
+
+def requirements(catalog: Catalog, every: bool = False) -> pd.DataFrame:
+    """See `Catalog.requirements`."""
+    found = queries.frame(catalog.tables["requirements"].read()).sort_values("commit_version", kind="stable")
+    owners = ["scope", "owner", "name"]
+    found["version"] = found.groupby(owners).cumcount() + 1
+    if not every:
+        found = found.drop_duplicates(owners, keep="last")
+        found = found[found["zones_json"] != ""]
+    return found.reset_index(drop=True)
+
+
+def zones_of(catalog: Catalog, kind: str, structure_id: str) -> list[Row]:
+    """The zones that are asked of a structure, by its kind and by itself, each with its set and version."""
+    found = []
+    for row in requirements(catalog).to_dict("records"):
+        if (row["scope"], row["owner"]) in (("kind", kind), ("structure", structure_id)):
+            said = {
+                "set": row["name"],
+                "version": row["version"],
+                "asked_by": f"{row['scope']} {row['owner']}",
+            }
+            found += [{**said, **zone} for zone in json.loads(row["zones_json"])]
+    return found

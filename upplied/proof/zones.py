@@ -1,0 +1,95 @@
+"""Whether a zone of a structure was shown as it is asked for: met, missed or unattainable, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.records import Bools, Camera, Floats, Record
+
+
+@dataclass(frozen=True)
+class Demand:
+    """A zone that must be seen, and how."""
+
+    zone: str  # its name
+    where: str  # landmarks, part_0, or "box X Y Z X Y Z" (m), separated by commas
+    gsd_mm: float | None = None  # a pixel covers this much of the surface at most
+    incidence_deg: float | None = None  # from the normal, at most
+    max_age_days: float | None = None  # of a look, at most
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Looked(Record):
+    """How each of N patches was seen at one time; NaN where it was not."""
+
+    distance_m: Floats  # (N,)
+    incidence_deg: Floats  # (N,)
+    age_days: float  # of the looks; 0 for what is planned
+    camera: Camera
+
+
+@dataclass(frozen=True)
+class ZoneVerdict:
+    """What became of a zone."""
+
+    status: str  # "met", "missed" or "unattainable"
+    shown_pct: float  # of what could be seen of it; NaN where nothing could
+    why: str  # empty where it is met
+
+
+def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looked]) -> ZoneVerdict:
+    """Judge a zone by all looks at it; each patch must be shown by one look that keeps every demand.
+
+    Parameters
+    ----------
+    demand : Demand
+    zone : array of bool, shape (N,)
+        Patches of the zone.
+    attainable : array of bool, shape (N,)
+        Patches that some safe camera can see at all; the others are told and do not count.
+    looks : sequence of Looked
+    """
+    asked = zone & attainable
+    beyond = 100 * float((zone & ~attainable).sum() / zone.sum())
+    if not asked.any():
+        return ZoneVerdict("unattainable", float("nan"), "no safe camera can see any of it")
+    seen, sharp, frontal, all_kept = (np.zeros(len(zone), bool) for _ in range(4))
+    for look in looks:
+        there = np.isfinite(look.distance_m)
+        fine = there & _fine(demand, look)
+        level = fine & (demand.incidence_deg is None or look.incidence_deg <= demand.incidence_deg)
+        young = demand.max_age_days is None or look.age_days <= demand.max_age_days
+        seen, sharp, frontal = seen | there, sharp | fine, frontal | level
+        all_kept |= level & young
+    share = 100 * float(all_kept[asked].mean())
+    rest = f"; {beyond:.1f} % of it no safe camera can see" if beyond else ""
+    if all_kept[asked].all():
+        return ZoneVerdict("met", share, rest.removeprefix("; "))
+    steps = (
+        ("was not seen", asked & ~seen),
+        (_coarse(demand, looks), asked & seen & ~sharp),
+        (f"was seen more obliquely than {demand.incidence_deg or 0:g} deg", asked & sharp & ~frontal),
+        (f"was seen longer ago than {demand.max_age_days or 0:g} days", asked & frontal & ~all_kept),
+    )
+    parts = [f"{100 * part.sum() / asked.sum():.1f} % {words}" for words, part in steps if part.any()]
+    return ZoneVerdict("missed", share, ", ".join(parts) + rest)
+
+
+def _fine(demand: Demand, look: Looked) -> Bools:
+    """Patches (N,) of which a pixel covers little enough; none where the camera's pixels are not known."""
+    if demand.gsd_mm is None:
+        return np.ones(len(look.distance_m), bool)
+    camera = look.camera
+    if not camera.width_px:
+        return np.zeros(len(look.distance_m), bool)
+    pixel = 2 * np.tan(np.radians(min(camera.hfov_deg, 179.0) / 2)) / camera.width_px
+    return np.asarray(1e3 * pixel * look.distance_m <= demand.gsd_mm, bool)
+
+
+def _coarse(demand: Demand, looks: Sequence[Looked]) -> str:
+    if any(not look.camera.width_px for look in looks):
+        return "was seen by a camera whose pixels are not known"
+    return f"was seen from too far for {demand.gsd_mm or 0:g} mm a pixel"
