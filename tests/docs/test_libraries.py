@@ -6,6 +6,8 @@ import ast
 import re
 import sys
 import tomllib
+from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -77,7 +79,12 @@ def imported(*folders: str) -> dict[str, set[str]]:
 
 def distributions(module: str) -> set[str]:
     """What brings a module; where none is installed, a distribution of its name."""
-    return {plain(name) for name in packages_distributions().get(module, [module])}
+    return {plain(name) for name in installed().get(module, [module])}
+
+
+@cache
+def installed() -> Mapping[str, list[str]]:
+    return packages_distributions()
 
 
 def test_what_is_declared_is_imported() -> None:
