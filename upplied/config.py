@@ -62,6 +62,9 @@ class CorrespondenceSettings:
     repeat: Literal["", "each", "mirror"] = ""  # fly each part of the kind, or its mirror image too
     # How many parts like the inspected one the target must have; with another number the plan is refused.
     expect: int | None = None
+    # Least probability that an inspected part's counterpart is the right one (`correspondence.certainty`).
+    # Below it a plan is refused where the part was named or has others like it, and warned of otherwise.
+    least_probability: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -325,6 +328,7 @@ _RANGES = {
     "registration.acceptance": (0, math.inf),
     "registration.least_probability": (0, 1),
     "correspondence.expect": (1, 1000),
+    "correspondence.least_probability": (0, 1),
     "visibility.max_incidence_deg": (1, 90),
     "viewpoints.shared": (0, 1),
     "viewpoints.most_poses": (2, 100_000),
@@ -385,7 +389,7 @@ _PRESETS: dict[str, Settings] = {
         _PAPER,
         preset="recommended",
         registration=RegistrationSettings(acceptance=1.0, least_probability=0.6),
-        correspondence=CorrespondenceSettings(method="parts"),
+        correspondence=CorrespondenceSettings(method="parts", least_probability=0.8),
         viewpoints=ViewpointSettings(shared=0.9),  # where it looks again, not what it consists of
         visibility=VisibilitySettings(occlusion=True, max_incidence_deg=75.0),
         transfer=TransferSettings(method="counterparts"),

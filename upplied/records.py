@@ -298,6 +298,7 @@ class Measures(Record):
     """What a plan is judged by; NaN where a measure was not computed (algorithm.md, section 8)."""
 
     acceptance_probability: float = float("nan")
+    counterpart_probability: float = float("nan")
     coverage_inspected_pct: float = float("nan")
     inspected_without_counterpart_pct: float = float("nan")
     inspected_unattainable_pct: float = float("nan")
@@ -367,6 +368,7 @@ class Counterpart(Record):
     found: int  # parts of the target of its shape and size
     flown: tuple[str, ...] = ()  # parts of the target that the plan flies to
     left_out: tuple[str, ...] = ()  # those of its shape that it does not, each with the reason
+    probability: float | None = None  # least of the flown ones, to be the right part; None: not told apart
     doubt: str = ""  # why it is not certain which part of the target answers to it; empty where it is
 
 

@@ -142,6 +142,8 @@ def _parts(value: Any) -> str:
 def _part(one: Mapping[str, Any]) -> str:
     said = f"{one['part']}, {one['inspected_pct']:.0f} % of what was inspected: {one['found']} like it found"
     said += f", flown to {', '.join(one['flown'])}" if one["flown"] and not one["doubt"] else ""
+    sure = one.get("probability")
+    said += f", the right one with probability {sure:.2f}" if isinstance(sure, float) else ""
     said += f", left out {', '.join(one['left_out'])}" if one["left_out"] else ""
     return f"{said}. {one['doubt']}".rstrip(". ") + "."
 

@@ -8,7 +8,12 @@ from upplied.config import Settings, digest
 from upplied.errors import RefusedError
 from upplied.planning.carry.forecast import forecast_of, unlikely
 from upplied.planning.correspondence.pair import METHOD_VERSION, Memo, no_memo, study_pair
-from upplied.planning.demonstration.counterparts import counterparts_of, doubts, undecided
+from upplied.planning.demonstration.counterparts import (
+    counterparts_of,
+    doubts,
+    least_probability,
+    undecided,
+)
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.measures.evaluate import judge
@@ -112,7 +117,8 @@ def _planned(
         return replace(plan, status="refused", reason=unlikely(likely, least, found))
     # Which part of the target is it, and can that be told?
     answers = counterparts_of(takes, settings)
-    plan = replace(plan, counterparts=answers)
+    known = replace(plan.measures, counterpart_probability=least_probability(answers))
+    plan = replace(plan, counterparts=answers, measures=known)
     if unsure := undecided(answers, settings):
         return replace(plan, status="refused", reason=unsure)
     # From where does the target show the same? (lines 14 to 18)
@@ -122,7 +128,11 @@ def _planned(
         return replace(plan, status="refused", reason=str(refusal))
     # How good is it? The same measures for every preset.
     measures, surface, warnings = judge(trajectory, answers_s, takes, settings, memo)
-    measures = replace(measures, acceptance_probability=likely.probability)
+    measures = replace(
+        measures,
+        acceptance_probability=likely.probability,
+        counterpart_probability=known.counterpart_probability,
+    )
     warnings = (*doubts(answers), *warnings)
     # May it be flown? What falls short is refused, or says so where it is for comparison.
     short = "; ".join((*sizes, *shortfalls(trajectory, measures, takes, settings)))

@@ -22,6 +22,14 @@ MEASURES = (
         low=0,
         high=1,
     ),
+    Column(
+        "counterpart_probability",
+        REAL,
+        "1",
+        "that the parts flown to are those that answer to the inspected ones; the least certain of them",
+        low=0,
+        high=1,
+    ),
     Column("acceptance_evidence", TEXT, "", "what speaks for and against it, in words"),
     _share("coverage_inspected_pct", "of what the demonstration was about, the share shown at least as well"),
     _share(

@@ -10,6 +10,7 @@
     ["coverage_of_target_pct", "Of the target", 1, " %", "Of the target's surface that answers to what was inspected, the share shown as well"],
     ["coverage_context_pct", "Context", 1, " %", "Of what else the demonstration saw, the share that is seen"],
     ["acceptance_probability", "Probability of a good transfer", 2, "", "Forecast before planning that most of what was inspected can be shown"],
+    ["counterpart_probability", "Probability of the right part", 2, "", "That the parts flown to are those that answer to the inspected ones; the least certain of them"],
     ["fidelity_resolution_p50", "Resolution kept, median", 2, "", "Best resolution of each patch over the one asked for"],
     ["fidelity_resolution_p05", "Resolution kept, 5th percentile", 2, "", "0 where a patch has no sharp look"],
     ["fidelity_looks_kept_pct", "Looks kept", 0, " %", "Of the directions from which patches were looked at"],

@@ -48,7 +48,7 @@ def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
         Samples of a structure with parts, in the frame and at the scale of `whole`.
     """
     assert whole.normals is not None and whole.area_m2 is not None
-    name = _carried(whole, known)
+    name = carried(whole, known)
     step, reach = spacing(whole), _TOUCH * spacing(whole)
     stretch = _named_stretches(whole, skin, name)
     pairs = cKDTree(whole.points).query_pairs(reach, output_type="ndarray")
@@ -57,8 +57,8 @@ def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
     return part_labels(whole.points, whole.area_m2, label)
 
 
-def _carried(whole: Cloud, known: Cloud) -> Ints:
-    """The part of `known` that lies nearest to each sample, faces alike, after a smooth displacement."""
+def carried(whole: Cloud, known: Cloud) -> Ints:
+    """The part (N,) of `known` that lies nearest to each sample, faces alike, after a smooth displacement."""
     assert whole.normals is not None and known.normals is not None
     diagonal = diagonal_of(whole.points)
     none = np.full(len(known), -1), np.full(len(whole), -1)

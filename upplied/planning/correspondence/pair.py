@@ -9,12 +9,13 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from upplied.config import CloudSettings, Settings, digest, settings_for
-from upplied.planning.correspondence.likeness import has_parts, parts_like
+from upplied.errors import RefusedError
+from upplied.planning.correspondence.likeness import carried, has_parts, parts_like
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.registration import Declared, register
 from upplied.planning.geometry.boxes import laid
 from upplied.planning.surface.frames import named_axes
-from upplied.planning.surface.parts import blades_of
+from upplied.planning.surface.parts import blades_of, parts_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import SkinParts, skin_parts
 from upplied.planning.surface.voxels import voxel_cloud
@@ -22,6 +23,9 @@ from upplied.provenance import method
 from upplied.records import Cloud, Correspondences, Floats, Frame, Ints, Record, Registration, Structure
 from upplied.scene import Scene, scene_of
 
+_EXPLAINED = 0.5  # share of the surface on matched parts, from which the meshes' pieces are believed
+_BETTER = 0.2  # how much more of it must be matched with parts found by geometry
+_SOME = 0.01  # share of the surface from which a part tells how far a structure was taken apart
 _CIRCLE = 2**32  # headings that are told apart
 METHOD_VERSION = "9"  # raised with every change that alters a result, for people; keys hold the sources too
 
@@ -45,6 +49,9 @@ def remembering(memo: Memo, *hashes: str) -> Memo:
     return memo if all(hashes) else no_memo
 
 
+_NOTHING = Correspondences(np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(Record):
     """Two clouds of one sort, and how one lies on the other."""
@@ -54,6 +61,8 @@ class Fit(Record):
     registration: Registration
     correspondences: Correspondences  # from source to target
     told: int = -1  # 0 or 1: the parts of the source or the target were told by those of the other one
+    # (M,) the source's part that a smooth displacement alone lays on each of the target's samples
+    carried: Ints | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -208,25 +217,75 @@ def _surface_fit(
     declared: Declared,
     memo: Memo,
 ) -> Fit:
-    """The fit of the surfaces; where pieces tell the parts of one of them alone, it tells the other's."""
-    if has_parts(clouds[0]) == has_parts(clouds[1]):
-        return _fit("surface", clouds, structures, settings, declared, memo)
-    one = 0 if has_parts(clouds[1]) else 1  # the one of a single piece
+    """The fit of the surfaces; where pieces do not tell the parts of one of them, the other one does."""
     facts = _facts("surface", structures, settings, declared)
     found = _registered(clouds, settings, declared, memo, facts)
+    known = [has_parts(cloud) for cloud in clouds]
+    fit, refusal = None, None
+    if known[0] == known[1]:
+        try:
+            matched = _matched(clouds, structures, found, settings, declared, memo, facts)
+            fit = Fit(*clouds, found, matched)
+        except RefusedError as error:  # a part was named that the pieces do not tell
+            refusal = error
+        if refusal and not any(known):
+            raise refusal
+    if fit is not None and (not any(known) or _explained(fit) >= _EXPLAINED):
+        return _with_carried(fit, memo, facts) if all(known) else fit
+    one = int(_number(clouds[1]) <= _number(clouds[0]))  # a scan falls into few pieces
+    told = _fit_told(Fit(*clouds, found, _NOTHING), one, structures, scenes, settings, declared, memo, facts)
+    if fit is None or _explained(told) > _explained(fit) + _BETTER:
+        fit = told
+    return _with_carried(fit, memo, facts)
+
+
+def _fit_told(
+    fit: Fit,
+    one: int,
+    structures: tuple[Structure, Structure],
+    scenes: tuple[Scene, Scene],
+    settings: Settings,
+    declared: Declared,
+    memo: Memo,
+    facts: tuple[Any, ...],
+) -> Fit:
+    """The fit where the parts of the source (0) or of the target (1) are told by those of the other one."""
+    clouds, found = (fit.source, fit.target), fit.registration
     lying = clouds[0], laid(clouds[1], found)
 
     def told() -> PartLabels:
         skin = skin_of(structures[one], scenes[one], clouds[one], settings.clouds, memo)
         return PartLabels(parts_like(lying[one], skin.label, lying[1 - one]))
 
-    label = memo("parts", PartLabels, content_key("parts", *facts), told).label
-    known = replace(clouds[one], part=label)
+    known = replace(clouds[one], part=memo("parts", PartLabels, content_key("parts", *facts), told).label)
     clouds = (known, clouds[1]) if one == 0 else (clouds[0], known)
     facts = ("parts told", *facts)
     if blades_of(known).any():  # a rotor that stopped otherwise is laid body on body
         found = _registered(clouds, settings, declared, memo, facts)
     return Fit(*clouds, found, _matched(clouds, structures, found, settings, declared, memo, facts), one)
+
+
+def _explained(fit: Fit) -> float:
+    """Share of the surface that lies on parts which were matched, of the structure with less of it."""
+    match = fit.correspondences
+    shares = [
+        float(parts_of(cloud).area[known >= 0].sum())
+        for cloud, known in ((fit.source, match.source_class), (fit.target, match.target_class))
+        if known is not None
+    ]
+    return min(shares, default=0.0)
+
+
+def _number(cloud: Cloud) -> int:
+    """How many parts of some size there are."""
+    return int((parts_of(cloud).area > _SOME).sum())
+
+
+def _with_carried(fit: Fit, memo: Memo, facts: tuple[Any, ...]) -> Fit:
+    key = content_key("carried", *facts)
+    lying = laid(fit.target, fit.registration)
+    found = memo("parts", PartLabels, key, lambda: PartLabels(carried(lying, fit.source)))
+    return replace(fit, carried=found.label)
 
 
 def skin_of(

@@ -122,6 +122,11 @@ def _smallest_turn(a: Floats, b: Floats) -> Floats:
     return np.eye(3) + skew + skew @ skew / max(1 + cosine, 1e-9)
 
 
+def misfit_of_parts(source: Cloud, mine: Bools, lying: Cloud, theirs: Bools, diagonal_m: float) -> float:
+    """How unlike the surfaces of two sets of parts are, box on box; from 1 they are not matched."""
+    return _misfit(source, mine, lying, theirs, diagonal_m) / _MISFIT
+
+
 def _misfit(source: Cloud, mine: Bools, lying: Cloud, theirs: Bools, diagonal_m: float) -> float:
     """Mean two-way distance of two sets of parts, box on box, normals counted.
 

@@ -13,6 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from upplied.config import Settings
+from upplied.planning.correspondence.certainty import (
+    ANSWERS,
+    OTHERS,
+    evidence_of_answer,
+    evidence_of_other,
+    probability,
+)
 from upplied.planning.correspondence.describe import place_of
 from upplied.planning.correspondence.landmarks import choices_for
 from upplied.planning.demonstration.repetition import Take
@@ -23,6 +30,8 @@ from upplied.records import Counterpart, Floats, Ints, Record
 
 _INSPECTED = 0.1  # least share of what was inspected, for a part to be asked about
 _MOST = 0.25  # share of what was inspected from which a doubt about it refuses the plan
+_LOOKED_AT = 0.4  # mean weight from which a stretch of skin was inspected
+_LESSER = 0.4  # share of a part up to which what was inspected may be a part of its own
 _WHOLE = 0.5  # share of the surface from which a stretch of skin of a one-piece structure is the structure
 
 
@@ -46,7 +55,7 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
     for take in takes:
         source, target = _source(take), _target(take)
         for part, share in _inspected(take, source.label):
-            one = _counterpart(take, part, share, source, target)
+            one = _counterpart(take, part, share, source, target, settings)
             known = found.get(one.part)
             found[one.part] = one if known is None else _both(known, one)
     return tuple(sorted(_without_flown(list(found.values()), settings), key=lambda one: -one.inspected_pct))
@@ -60,7 +69,7 @@ def undecided(found: Sequence[Counterpart], settings: Settings) -> str:
             continue
         if asked.repeat:
             return f"--repeat {asked.repeat} was asked for and {one.doubt}"
-        if one.twins or one.found:
+        if one.twins or one.found > 1 or (one.found and not one.flown):
             return _sentence(one)
     if asked.expect is not None and found and found[0].found != asked.expect:
         said = (
@@ -69,6 +78,12 @@ def undecided(found: Sequence[Counterpart], settings: Settings) -> str:
         )
         return f"{said}; {found[0].doubt}" if found[0].doubt else said
     return ""
+
+
+def least_probability(found: Sequence[Counterpart]) -> float:
+    """Of the least certain counterpart; NaN where none is known."""
+    known = [one.probability for one in found if one.probability is not None]
+    return min(known, default=float("nan"))
 
 
 def doubts(found: Sequence[Counterpart]) -> tuple[str, ...]:
@@ -81,20 +96,74 @@ def _sentence(one: Counterpart) -> str:
     return f"{one.doubt} ({like}, {one.found} on the target, as far as parts were found)"
 
 
-def _counterpart(take: Take, part: int, share: float, source: _Side, target: _Side) -> Counterpart:
+def _counterpart(
+    take: Take, part: int, share: float, source: _Side, target: _Side, settings: Settings
+) -> Counterpart:
     name = _name(source.parts, part)
     answers = [take.choice] if take.choice >= 0 and part == take.part else _answers(take, part, source)
     alike = choices_for(source.parts, part, target.parts, answers).tolist() if target.pieces else []
     twins = choices_for(source.parts, part, source.parts, [part])
+    known = _probability(take, part, answers, alike, settings) if answers and source.pieces else None
+    others = _others_within(take, part, source)
+    doubt = _doubt(take, name, share, target, known, settings) if not answers or known is not None else ""
+    if others and not doubt:
+        doubt = (
+            f"what was inspected is a lesser piece of {name}, like {others} others of the source, and is not "
+            f"told apart on {take.pair.target.structure_id}"
+        )
     return Counterpart(
         part=name,
         inspected_pct=round(100 * share, 2),
-        twins=len(twins) - 1,
+        twins=len(twins) - 1 + others,
         found=len({*alike, *answers[:1]}),
         flown=tuple(_name(target.parts, other) for other in answers),
         left_out=tuple(_name(target.parts, other) for other in alike if other not in answers),
-        doubt="" if answers else _doubt(take, name, share, target),
+        probability=None if known is None else round(known, 4),
+        doubt=doubt,
     )
+
+
+def _others_within(take: Take, part: int, source: _Side) -> int:
+    """How many stretches of skin there are like the inspected one, where that is but a piece of its part.
+
+    An engine that was modelled, or scanned, as one with its wing.
+    """
+    if not source.pieces:
+        return 0
+    cloud, found = take.pair.surface.source, take.inspection.attention
+    skin, area = found.part, np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    mine = source.label == part
+    inspected = np.bincount(skin, area * found.weight) > _LOOKED_AT * np.bincount(skin, area)
+    if area[mine & inspected[skin]].sum() > _LESSER * area[mine].sum():
+        return 0
+    stretches = parts_of(replace(cloud, part=skin))
+    most = int(np.bincount(skin[mine], (area * found.weight)[mine]).argmax())
+    alike = choices_for(stretches, most, stretches, [most])
+    return int((~inspected[alike]).sum())
+
+
+def _probability(
+    take: Take, part: int, answers: list[int], alike: list[int], settings: Settings
+) -> float | None:
+    """That these parts of the target are the one that answers, or where one was chosen, one of its kind."""
+    fit = take.pair.surface
+    carried = fit.carried
+    if carried is None:
+        return None
+    lying = laid(fit.target, fit.registration)
+    known = fit.registration.acceptance, fit.told >= 0
+
+    def answer(parts: list[int]) -> float:
+        found = evidence_of_answer(fit.source, part, lying, parts, *known, carried)
+        return probability(found, ANSWERS)
+
+    best = answer(answers)
+    if len(answers) == 1 and (take.choice >= 0 or settings.correspondence.counterparts):
+        for other in alike:
+            if other != answers[0]:
+                found = evidence_of_other(lying, other, answers[0], *known)
+                best = max(best, answer([other]) * probability(found, OTHERS))
+    return best
 
 
 def _both(one: Counterpart, other: Counterpart) -> Counterpart:
@@ -102,7 +171,9 @@ def _both(one: Counterpart, other: Counterpart) -> Counterpart:
     flown, left = (
         tuple(dict.fromkeys(a + b)) for a, b in ((one.flown, other.flown), (one.left_out, other.left_out))
     )
-    return replace(one, flown=flown, left_out=left, doubt=one.doubt or other.doubt)
+    known = [each.probability for each in (one, other) if each.probability is not None]
+    least = min(known) if len(known) == 2 else None
+    return replace(one, flown=flown, left_out=left, probability=least, doubt=one.doubt or other.doubt)
 
 
 def _without_flown(found: Sequence[Counterpart], settings: Settings) -> list[Counterpart]:
@@ -120,13 +191,21 @@ def _without_flown(found: Sequence[Counterpart], settings: Settings) -> list[Cou
     ]
 
 
-def _doubt(take: Take, name: str, share: float, target: _Side) -> str:
-    there = take.pair.target.structure_id
+def _doubt(
+    take: Take, name: str, share: float, target: _Side, known: float | None, settings: Settings
+) -> str:
+    """Why it is not certain what answers to a part, in words; empty where it is."""
+    there, least = take.pair.target.structure_id, settings.correspondence.least_probability
+    what = f"{name}, {100 * share:.0f} % of what was inspected,"
+    if known is not None:
+        if known >= least:
+            return ""
+        return (
+            f"{what} has its counterpart on {there} with probability {known:.2f}, {least:g} is asked for "
+            "(correspondence.least_probability)"
+        )
     why = "no part of it was matched" if target.pieces else "its surface is one piece"
-    return (
-        f"{name}, {100 * share:.0f} % of what was inspected, is not told apart on {there}: {why}, and what "
-        "lies nearest may be another part"
-    )
+    return f"{what} is not told apart on {there}: {why}, and what lies nearest may be another part"
 
 
 def _inspected(take: Take, label: Ints) -> list[tuple[int, float]]:

@@ -1,0 +1,318 @@
+"""Structures as they are built: parts found on scans, how certain that is, and what plans truly show.
+
+    python bench/as_built.py parts FILE
+    python bench/as_built.py fit FILE
+    python bench/as_built.py plans [--only WORD]
+
+`parts` finds the parts of scans (bench/scans.py) by structures whose pieces tell theirs, and the other way
+round, and writes for each part the evidence and whether it is the right one as a line of JSON: right is a
+part of which at least 70 % lies on the generator's part of that name (of that sort, where numbers differ),
+and which holds at least half of it. `fit` calibrates
+`correspondence.certainty` on the samples (FIT) and on structures that nobody built (HELD), judges each by the
+other, and prints the constants of all. `plans` plans inspections on scans, and
+judges by the clean mesh what of the right part is truly seen.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scans import VARIANTS, made, scan, true_parts
+from scipy.optimize import minimize
+
+from upplied.config import settings_for
+from upplied.errors import UppliedError
+from upplied.planning.correspondence.certainty import (
+    CAPS,
+    evidence_of_answer,
+    evidence_of_other,
+)
+from upplied.planning.correspondence.landmarks import choices_for
+from upplied.planning.correspondence.pair import study_pair
+from upplied.planning.geometry.boxes import laid
+from upplied.planning.plan import plan_transfer
+from upplied.planning.surface.parts import labels_of, parts_of
+from upplied.planning.surface.samples import surface_samples
+from upplied.planning.visibility.path_views import TRULY, views
+from upplied.records import Bools, Camera, Floats, Ints, Plan, Trajectory
+from upplied.samples.pilot import fly
+from upplied.scene import scene_of
+
+SOURCES = {
+    "airliner": ("a320-v1", "b747-v1"),
+    "wind_turbine": ("turbine-1-v1",),
+    "bridge": ("bridge-1-v1",),
+    "ship": ("cruise-v1", "yacht-1-v1"),
+}
+FIT = {
+    "airliner": ("b747-v1", "b777-v1", "beluga-v1", "r1", "r2"),
+    "wind_turbine": ("turbine-2-v1", "turbine-3-v1", "r1"),
+    "bridge": ("bridge-2-v1", "p4", "r1"),
+    "ship": ("yacht-2-v1", "yacht-1-v1", "r1"),
+}
+HELD = {
+    "airliner": ("r11", "r12", "r13", "r14"),
+    "wind_turbine": ("r11", "r12"),
+    "bridge": ("p5", "r11", "r12"),
+    "ship": ("r11",),
+}
+SMALL = 0.01  # share of the surface below which a part is not asked about
+RIDGE = 0.1
+LEAST = 0.8  # probability that a plan is asked for
+PURE, WHOLE = 0.7, 0.5  # of a part that is found on the right one, and of the right one that it holds
+
+
+def pairs(variant: str, held: bool) -> Iterator[tuple[str, str, str, str, bool]]:
+    """Kind, source, target, variant, and whether the source is the one that was scanned."""
+    for kind, targets in (HELD if held else FIT).items():
+        for target in targets:
+            for source in SOURCES[kind]:
+                if source != target:
+                    yield kind, source, target, variant, False
+        if variant in ("shell", "cloud"):
+            yield kind, SOURCES[kind][0], targets[0], variant, True
+
+
+def rows_of(
+    kind: str, source: str, target: str, variant: str, turned_round: bool
+) -> Iterator[dict[str, Any]]:
+    """One row for each part that was answered, and for each other one of its kind."""
+    settings = settings_for("recommended")
+    names = (target, source) if turned_round else (source, target)
+    one = scan(kind, names[0], variant if turned_round else "model")
+    other = scan(kind, names[1], "model" if turned_round else variant)
+    fit = study_pair(one, other, settings).surface
+    here, lying = fit.source, laid(fit.target, fit.registration)
+    true_here = true_parts(kind, names[0], here.points)
+    true_there = true_parts(kind, names[1], fit.target.points)
+    told = fit.told >= 0
+    mine, theirs = parts_of(here), parts_of(lying)
+    common = {"kind": kind, "source": names[0], "target": names[1], "variant": variant, "told": told}
+    counts = [_sorts(kind, name) for name in names]
+    wholes, carried = fit.registration.acceptance, fit.carried
+    if carried is None:
+        return
+    area = np.ones(len(lying)) if lying.area_m2 is None else lying.area_m2
+    for part in np.flatnonzero(mine.area > SMALL).tolist():
+        answers = fit.correspondences.parts_answering(part).tolist()
+        if not answers:
+            continue
+        meant = _most(true_here[labels_of(here) == part])
+        strict = counts[0].get(_sort(meant)) == counts[1].get(_sort(meant)) and not _free(meant)
+        right = _right(np.isin(labels_of(lying), answers), true_there, area, meant, strict)
+        found = evidence_of_answer(here, part, lying, answers, wholes, told, carried)
+        yield {**common, "part": meant, "question": "answer", "right": right, "evidence": found.tolist()}
+        for choice in choices_for(mine, part, theirs, answers).tolist():
+            if choice not in answers and len(answers) == 1:
+                right = _right(labels_of(lying) == choice, true_there, area, meant)
+                found = evidence_of_other(lying, answers[0], choice, wholes, told)
+                yield {
+                    **common,
+                    "part": meant,
+                    "question": "other",
+                    "right": right,
+                    "evidence": found.tolist(),
+                }
+
+
+def _sort(name: str) -> str:
+    """What sort of part a name says: ``engine`` of ``engine_left_outer``, ``pier`` of ``pier_2``."""
+    return re.sub(r"_(left|right|outer|inner|front|back|\d+)", "", name)
+
+
+def _sorts(kind: str, name: str) -> dict[str, int]:
+    names = made(kind, name).part_names
+    return {_sort(each): sum(_sort(other) == _sort(each) for other in names) for each in names}
+
+
+def _free(name: str) -> bool:
+    """Whether any of the sort will do: a rotor may stand as it likes."""
+    return name.startswith("blade")
+
+
+def _most(names: np.ndarray) -> str:
+    known, count = np.unique(names, return_counts=True)
+    return str(known[count.argmax()])
+
+
+def _right(mine: Bools, true: np.ndarray, area: Floats, meant: str, strict: bool | None = None) -> bool:
+    """Whether samples are the part that is meant, or one of its sort on its side, or any of its sort."""
+    name = _most(true[mine])
+    fits = name == meant if strict else _sort(name) == _sort(meant)
+    fits &= strict is None or _side(name) == _side(meant)
+    both = area[mine & (true == name)].sum()
+    return bool(fits and both >= PURE * area[mine].sum() and both >= WHOLE * area[true == name].sum())
+
+
+def _side(name: str) -> str:
+    return next((side for side in ("left", "right") if side in name), "")
+
+
+def parts(options: argparse.Namespace) -> None:
+    """Write the evidence of all parts."""
+    with Path(options.file).open("a", encoding="utf-8") as file:
+        for variant in VARIANTS:
+            for held in (False, True):
+                for pair in pairs(variant, held):
+                    try:
+                        for row in rows_of(*pair):
+                            file.write(json.dumps({**row, "held": held}) + "\n")
+                    except UppliedError as error:
+                        print(*pair, error)
+                    file.flush()
+
+
+def fit(options: argparse.Namespace) -> None:
+    """Calibrate and judge both questions."""
+    rows = [json.loads(line) for line in Path(options.file).read_text(encoding="utf-8").splitlines()]
+    for question in ("answer", "other"):
+        some = [row for row in rows if row["question"] == question]
+        evidence = np.minimum(np.array([row["evidence"] for row in some]), CAPS)
+        right, held = (np.array([row[name] for row in some], bool) for name in ("right", "held"))
+        known = np.empty(len(some))
+        for half in (held, ~held):  # each is judged by what was calibrated on the other
+            known[half] = _probability(evidence[half], _calibrated(evidence[~half], right[~half]))
+        print(f"\n{question}: {len(some)} parts, {held.sum()} of them of structures that nobody built")
+        _print_judged("each half judged by the other", known, right)
+        for variant in VARIANTS:
+            which = np.array([row["variant"] == variant for row in some])
+            if which.any():
+                sure = which & (known >= LEAST)
+                print(f"  {variant:8} {which.sum():4} parts, right {100 * right[which].mean():5.1f} %, "
+                      f"said {100 * known[which].mean():5.1f} %; "
+                      f"{100 * sure.sum() / which.sum():5.1f} % pass, "
+                      f"wrong {(sure & ~right).sum()}")  # fmt: skip
+        print("constants, from all:", tuple(round(float(x), 2) for x in _calibrated(evidence, right)))
+
+
+#: Kind, source, inspection, what is asked, target, and the parts that should be shown.
+PLANS: tuple[tuple[str, str, str, dict[str, Any], str, str], ...] = (
+    ("airliner", "a320-v1", "engine_left", {"repeat": "each", "expect": 4}, "b747-v1", "engine"),
+    ("airliner", "a320-v1", "engine_left", {}, "b777-v1", "engine_left"),
+    ("airliner", "a320-v1", "engine_left", {"counterparts": [("engine_left", "outer")]}, "b747-v1",
+     "engine_left_outer"),
+    ("airliner", "a320-v1", "wings", {}, "r11", "wing"),
+    ("airliner", "a320-v1", "fuselage", {}, "b777-v1", "fuselage"),
+    ("wind_turbine", "turbine-1-v1", "tower", {}, "turbine-2-v1", "tower"),
+    ("bridge", "bridge-1-v1", "piers", {}, "bridge-2-v1", "pier"),
+    ("ship", "cruise-v1", "hull", {}, "yacht-2-v1", "hull"),
+)  # fmt: skip
+STRANGERS = (("airliner", "a320-v1", "engine_left", "ship", "cruise-v1"),
+             ("bridge", "bridge-1-v1", "piers", "airliner", "b777-v1"),
+             ("ship", "cruise-v1", "hull", "bridge", "bridge-2-v1"))  # fmt: skip
+CLEARANCE_M = 2.0  # that `recommended` keeps
+SHOWN = 0.8  # of what the plan for the clean mesh shows of the right part
+
+
+def plans(options: argparse.Namespace) -> None:
+    """Plan on scans, and judge by the clean mesh."""
+    print("source inspection > target (asked): variant: status, right part seen on the clean mesh "
+          "(least of several), clearance there; silent wrong plans are marked")  # fmt: skip
+    wrong = refused = planned = near = 0
+    for kind, source, inspection, asked, target, right in PLANS:
+        if options.only not in f"{kind} {inspection} {target}":
+            continue
+        clean = None
+        for variant in VARIANTS:
+            plan = _planned(kind, source, inspection, asked, kind, target, variant)
+            said = any("part_" in warning for warning in plan.warnings)
+            line = f"{source} {inspection} > {target} ({asked or 'once'}): {variant:8} {plan.status:8}"
+            planned += 1
+            if plan.trajectory is None:
+                refused += 1
+                print(f"{line} {plan.reason[:140]}", flush=True)
+                continue
+            seen, clearance = _judged(plan.trajectory, kind, target, right)
+            clean = seen if variant == "model" else clean
+            silent = clean is not None and seen < SHOWN * clean and not said
+            wrong, near = wrong + silent, near + (clearance < CLEARANCE_M)
+            known = plan.measures.counterpart_probability
+            mark = ", SILENT WRONG" if silent else ", warned" if said else ""
+            print(
+                f"{line} seen {100 * seen:3.0f} %, clear {clearance:.2f} m, sure {known:.2f}{mark}",
+                flush=True,
+            )
+    for kind, source, inspection, other, target in STRANGERS:
+        for variant in ("shell", "cloud"):
+            if options.only not in f"{kind} {inspection} {target}":
+                continue
+            plan = _planned(kind, source, inspection, {}, other, target, variant)
+            said = f"stranger {source} {inspection} > {target}: {variant:8}"
+            print(said, plan.status, plan.reason[:80])
+    print(f"{planned} plans, {refused} refused, {wrong} silently wrong, {near} nearer on the clean mesh")
+
+
+def _planned(
+    kind: str, source: str, inspection: str, asked: dict[str, Any], other: str, target: str, variant: str
+) -> Plan:
+    one, there = made(kind, source).structure, scan(other, target, variant)
+    settings = settings_for("recommended", correspondence=asked)
+    return plan_transfer(fly(one, inspection, seed=2), one, replace(there, kind=kind), settings)
+
+
+def _judged(path: Trajectory, kind: str, target: str, right: str) -> tuple[float, float]:
+    """Share of the right part (the least of several) seen on the clean mesh, and the clearance there, m."""
+    clean = made(kind, target).structure
+    scene = scene_of(clean, 1)
+    cloud = surface_samples(clean, scene, settings_for("recommended").clouds)
+    seen = views(path, cloud, Camera(), TRULY, scene).seen.any(axis=0)
+    name = true_parts(kind, target, cloud.points)
+    area = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    meant = [each for each in np.unique(name) if str(each) == right or _sort(str(each)) == right]
+    shares = [float(area[seen & (name == each)].sum() / area[name == each].sum()) for each in meant]
+    along = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(path.positions)])
+    return min(shares), float(scene.distance(along).min())
+
+
+def _calibrated(evidence: Floats, right: Bools) -> Floats:
+    """Logistic regression with weights of at least 0 and a ridge on them, in units of their caps."""
+
+    def loss(values: Floats) -> float:
+        margin = (values[0] - (evidence / CAPS) @ values[1:]) * np.where(right, 1, -1)
+        return float(np.logaddexp(0, -margin).sum() + RIDGE * (values[1:] ** 2).sum())
+
+    start = np.ones(1 + len(CAPS))
+    found = minimize(loss, start, bounds=[(None, None), *[(0, None)] * len(CAPS)], method="L-BFGS-B").x
+    return np.asarray(found / np.array([1.0, *CAPS]))
+
+
+def _probability(evidence: Floats, model: Floats) -> Floats:
+    return np.asarray(1 / (1 + np.exp(evidence @ model[1:] - model[0])))
+
+
+def _print_judged(name: str, known: Floats, right: Bools) -> None:
+    """What was said and what was right, by what was said."""
+    print(f"  {name}: {len(right)} parts, right {100 * right.mean():.1f} %")
+    for low, high in ((0, 0.5), (0.5, 0.8), (0.8, 0.9), (0.9, 0.97), (0.97, 1.01)):
+        some: Ints = np.flatnonzero((known >= low) & (known < high))
+        if len(some):
+            top = min(100 * high, 100)
+            print(f"    {100 * low:3.0f} to {top:3.0f} %: {len(some):4} parts, "
+                  f"said {100 * known[some].mean():5.1f}, right {100 * right[some].mean():5.1f}")  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run one of the commands."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    commands = parser.add_subparsers(required=True)
+    for name, run in (("parts", parts), ("fit", fit)):
+        command = commands.add_parser(name)
+        command.add_argument("file")
+        command.set_defaults(run=run)
+    command = commands.add_parser("plans")
+    command.add_argument("--only", default="", help="kind, inspection and target contain it")
+    command.set_defaults(run=plans)
+    options = parser.parse_args(arguments)
+    options.run(options)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,166 @@
+"""Structures of the sample fleet as they would be scanned: one shell, clouds, cut, noisy, among clutter.
+
+A shell is made from what is visible of each part by Poisson's reconstruction and kept in the folder that
+UPPLIED_SCANS names (default: `upplied-scans` in the temporary folder). The truth of each sample is the part
+of the generator that lies nearest.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.records import Floats, Ints, Structure, Surroundings
+from upplied.samples import bridge
+from upplied.samples.fleet import member, random_member
+from upplied.samples.surfaces import Member, assemble, stamped
+from upplied.scene import Scene, open3d
+
+FOLDER = Path(os.environ.get("UPPLIED_SCANS", Path(tempfile.gettempdir()) / "upplied-scans"))
+VARIANTS = ("model", "shell", "cloud", "cut20", "sparse", "noise", "clutter", "cut40", "cut10")
+_VISIBLE = 160_000  # samples that a shell is made from
+_OFF = 2e-3  # m, above the surface, whence it is asked what is inside another part
+_TRIANGLES = 40_000
+_NOISE_M, _CLOUD_NOISE_M = 0.03, 0.01
+_CLUTTER = 25  # boxes in the air
+
+
+def made(kind: str, name: str) -> Member:
+    """A sample by its id, ``r11`` for one that nobody built, ``p5`` for a bridge of five piers."""
+    if name[0] == "p" and name[1:].isdecimal():
+        return _many_piers(int(name[1:]))
+    return random_member(kind, int(name[1:])) if name[1:].isdecimal() else member(name)
+
+
+def scan(kind: str, name: str, variant: str, seed: int = 0) -> Structure:
+    """A structure as modelled or as scanned; the same for the same seed."""
+    rng = np.random.default_rng([seed, VARIANTS.index(variant)])
+    whole = made(kind, name).structure
+    known = _visible(kind, name)
+    if variant == "model":
+        return whole
+    if variant in ("cloud", "sparse"):
+        chosen = rng.choice(len(known["op"]), 100_000 if variant == "cloud" else 10_000, replace=False)
+        points = known["op"][chosen] + rng.normal(0, _CLOUD_NOISE_M, (len(chosen), 3))
+        return _structure(whole, variant, points, np.empty((0, 3), np.int64), known["on"][chosen])
+    vertices, triangles = np.asarray(known["v"], float), np.asarray(known["f"], np.int64)
+    if variant.startswith("cut"):
+        triangles = _cut(vertices, triangles, int(variant[3:]) / 100, rng)
+    if variant != "shell" and variant != "clutter":
+        vertices = vertices + rng.normal(0, _NOISE_M, vertices.shape)
+    if variant == "clutter":
+        vertices, triangles = _cluttered(vertices, triangles, rng)
+    return _structure(whole, variant, vertices, triangles)
+
+
+@cache
+def _tree(kind: str, name: str) -> cKDTree:
+    return cKDTree(_visible(kind, name)["op"])
+
+
+def true_parts(kind: str, name: str, points: Floats) -> np.ndarray:
+    """The name of the generator's part that lies nearest to each point (N,)."""
+    known = _visible(kind, name)
+    return np.array([str(each) for each in known["names"]])[known["ol"]][_tree(kind, name).query(points)[1]]
+
+
+@cache
+def _visible(kind: str, name: str) -> dict[str, np.ndarray]:
+    """The shell of a member (v, f), and what of its parts is visible: points, normals, part (op, on, ol)."""
+    path = FOLDER / f"{kind}_{name}.npz"
+    if not path.exists():
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(path, **_reconstructed(made(kind, name)))
+    with np.load(path) as kept:
+        return {key: kept[key].astype(float) if key in ("op", "on") else kept[key] for key in kept.files}
+
+
+def _reconstructed(of: Member) -> dict[str, np.ndarray]:
+    structure = of.structure
+    points, normals, triangle = _samples(structure, _VISIBLE, np.random.default_rng(0))
+    keep = np.ones(len(points), bool)
+    ray = np.tile([0.1234, 0.2345, 0.964], (len(points), 1))
+    for part in range(len(of.part_names)):  # part by part: over all of them, what lies inside two is outside
+        scene = Scene(structure.vertices, structure.triangles[of.part_of_triangle == part], 1)
+        keep &= scene.hits(points + _OFF * normals, ray) % 2 == 0
+    points, normals, part_of = points[keep], normals[keep], of.part_of_triangle[triangle][keep]
+    geometry = open3d().geometry
+    cloud = geometry.PointCloud(open3d().utility.Vector3dVector(points))
+    cloud.normals = open3d().utility.Vector3dVector(normals)
+    depth = 8 if structure.kind == "bridge" else 9
+    shell, _ = geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
+    piece, count, _ = shell.cluster_connected_triangles()
+    shell.remove_triangles_by_mask(np.asarray(piece) != np.argmax(count))
+    shell.remove_unreferenced_vertices()
+    shell = shell.simplify_quadric_decimation(_TRIANGLES)
+    return {
+        "v": np.asarray(shell.vertices), "f": np.asarray(shell.triangles), "names": np.array(of.part_names),
+        "op": points.astype(np.float32), "on": normals.astype(np.float32), "ol": part_of,
+    }  # fmt: skip
+
+
+def _samples(of: Structure, number: int, rng: np.random.Generator) -> tuple[Floats, Floats, Ints]:
+    corners = of.vertices[of.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    chosen = rng.choice(len(area), number, p=area / area.sum())
+    root, second = np.sqrt(rng.random(number))[:, None], rng.random(number)[:, None]
+    at = corners[chosen]
+    points = at[:, 0] * (1 - root) + root * (at[:, 1] * (1 - second) + at[:, 2] * second)
+    return points, normals[chosen] / np.maximum(area[chosen, None], 1e-12), chosen
+
+
+def _cut(vertices: Floats, triangles: Ints, share: float, rng: np.random.Generator) -> Ints:
+    """What is left of the triangles where all round a place, a share of the area, was never scanned."""
+    corners = vertices[triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    middle = corners.mean(axis=1)
+    at = middle[rng.choice(len(middle), p=area / area.sum())]
+    order = np.argsort(np.linalg.norm(middle - at, axis=1))
+    gone = order[np.cumsum(area[order]) < share * area.sum()]
+    return np.delete(triangles, gone, axis=0)
+
+
+def _cluttered(vertices: Floats, triangles: Ints, rng: np.random.Generator) -> tuple[Floats, Ints]:
+    """Small boxes in the air round the structure, as birds, cables and ghosts leave."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    box = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))])
+    size = 0.005 * np.linalg.norm(high - low)
+    for _ in range(_CLUTTER):
+        at = low + (high - low) * rng.uniform(0, 1, 3)
+        triangles = np.vstack([triangles, box + len(vertices)])
+        vertices = np.vstack([vertices, at + corners * rng.uniform(0.3, 1.0, 3) * size])
+    return vertices, triangles
+
+
+def _structure(
+    of: Structure, variant: str, vertices: Floats, triangles: Ints, normals: Floats | None = None
+) -> Structure:
+    return stamped(
+        replace(
+            of,
+            structure_id=f"{of.structure_id}-{variant}",
+            vertices=vertices,
+            triangles=triangles,
+            normals=normals,
+            surroundings=Surroundings(ground_z_m=0.0),
+        )
+    )
+
+
+def _many_piers(number: int) -> Member:
+    spacing = 30.0
+    shape = replace(bridge.BRIDGE_1, length_m=spacing * (number + 1), spacing_m=spacing)
+    parts = [bridge._slab(shape), *bridge._parapets(shape)]
+    for pier in range(number):
+        x = spacing * (pier - (number - 1) / 2)
+        parts += [bridge._pier(shape, pier + 1, x), bridge._cap(shape, pier + 1, x)]
+    return assemble(f"bridge-p{number}", "bridge", parts + bridge._abutments(shape), "", landmarks=("pier",))
