@@ -46,6 +46,7 @@ def transfer_fleet(
     changes: Changes = NO_CHANGES,  # type: ignore[valid-type]
     retry_failed: bool = False,
     experiment: Id | None = None,
+    fly: bool = False,
     resources: Resources = ALL_CORES,
 ) -> State:
     """Plan every pair whose inputs changed since it was planned, and publish.
@@ -62,6 +63,7 @@ def transfer_fleet(
         changes: Settings that differ from the presets'.
         retry_failed: Also plan again what failed before.
         experiment: A name; these plans are for comparison, and never become current.
+        fly: Fly each new plan of `recommended` in simulated wind, and tell where it comes too near.
         resources: Engine, processes, time and memory, and how much an engine may lose.
     """
     check_roots(catalog=catalog, reports=reports, manifest=manifest)
@@ -84,6 +86,8 @@ def transfer_fleet(
     while night.goes_on(fleet.decide(kept, wish)):
         night.planned.include(plan(catalog, night.jobs, resources))
         record(catalog, runtime.flow_run.id, night.planned.result)
+        if fly:
+            problems += tasks.fly_drafts(catalog, [job.key for job in night.jobs])
         if reports:
             problems += publish(catalog, reports)
     summary = transfer_artifacts(kept, night.decision, night.planned.result, reports)

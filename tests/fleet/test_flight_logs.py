@@ -172,3 +172,22 @@ def test_a_simulated_flight_is_a_flight(catalog, made):
     assert (row["kind"], row["seed"], row["target_id"]) == ("simulated", 2, "cube-v1")
     assert 0 < row["required_pct"] < 100 and row["min_clearance_m"] == 3.0
     assert catalog.plan(plan_gap(catalog, "ffff")).status == "ok"
+
+
+def test_new_drafts_are_flown_and_those_that_come_too_near_are_told(catalog, made, monkeypatch):
+    from types import SimpleNamespace
+
+    from upplied.fleet import flights
+
+    seen: list[str] = []
+
+    def flown(_catalog, plan, *_):
+        seen.append(plan)
+        return SimpleNamespace(measures=SimpleNamespace(min_clearance_m=1.25))
+
+    monkeypatch.setattr(flights, "fly_plan", flown)
+    other = hashlib.sha256(b"baseline").hexdigest()
+    catalog.add_plans([(other, replace(made, preset="baseline"), {})])
+    told = flights.fly_drafts(catalog, [KEY, other, "0" * 64])
+    assert seen == [ID]  # plans for comparison are not flown
+    assert "comes within 1.25 m, 2 m are asked for" in told[0] and "not in the catalog" in told[1]

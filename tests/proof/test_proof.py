@@ -124,6 +124,15 @@ def test_a_silent_stretch_shows_nothing_and_is_told(plan, flown):
     assert (said.looks.seen == both).mean() > 0.99
 
 
+def test_a_log_of_one_pose_a_second_is_not_taken_for_silent(plan, flown):
+    rng = np.random.default_rng(0)
+    slow = interpolate(flown, np.cumsum(rng.uniform(0.8, 1.3, int(flown.t_s[-1] / 1.1))))
+    said = judged(plan, slow)
+    assert said.flown_pct > 95 and not any("silent" in text for text in said.findings)
+    seen, known = said.looks.seen.sum(), judged(plan, flown).looks.seen.sum()
+    assert seen > 0.97 * known
+
+
 def test_a_flight_that_waits_is_matched_by_its_places(plan, flown):
     later = np.where(flown.t_s > 50, flown.t_s + 90, flown.t_s)
     pause = np.arange(50.1, 140, 0.1)

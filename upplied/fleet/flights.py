@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict
 
 from upplied import __version__
 from upplied.catalog import Catalog, Recipe, recipe
+from upplied.catalog.schema.plan_rows import transfer_id as id_of
 from upplied.catalog.schema.rows import Row
+from upplied.catalog.verbs.belonging import FLOWN
 from upplied.catalog.verbs.decisions import standing
 from upplied.catalog.verbs.looks import put_looks
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import digest
-from upplied.errors import RefusedError
+from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.flight_logs import flight_columns, required_of, viewpoint_index
 from upplied.outputs.flown import Flown, flight_row, flown_of
 from upplied.outputs.missions import gate
@@ -61,6 +64,25 @@ def fly_plan(
     if not same or same[-1] is not before[-1]:
         catalog.add_flight(_row(catalog, flight_id, row, found), found.trajectory)  # reports tell of the last
     return found
+
+
+def fly_drafts(catalog: Catalog, keys: Iterable[str]) -> list[str]:
+    """Fly those of some plans that are to be flown, in the usual wind; what a person should see, in words."""
+    problems = []
+    for key in keys:
+        try:
+            row = catalog.transfer(id_of(key))
+            if row["status"] != "ok" or row["preset"] != FLOWN or not row["flyable"]:
+                continue
+            nearest = fly_plan(catalog, row["transfer_id"]).measures.min_clearance_m
+        except UppliedError as error:
+            problems.append(f"{id_of(key)}, flown in simulation: {error}")
+            continue
+        asked = settings_of(row["settings_json"]).route.clearance_m
+        if nearest < asked:
+            found = f"comes within {nearest:.2f} m, {asked:g} m are asked for"
+            problems.append(f"{id_of(key)} of {row['target_id']}, flown in simulation: {found}")
+    return problems
 
 
 def _row(catalog: Catalog, flight_id: str, row: Row, flown: Flown) -> Row:

@@ -18,7 +18,7 @@ from upplied.proof.findings import findings, photos_missing
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 from upplied.scene import Scene
 
-_SILENT_S = 1.0  # between two poses of a log: nothing is known in between
+_SILENT_S, _SILENT_STEPS = 1.0, 3.0  # between two poses, and at least so many usual steps: nothing is known
 _FRECHET_POSES = 800  # of each path
 
 
@@ -83,7 +83,7 @@ def as_flown(
     looks = looks_of(flown, surface, camera, scene, photo_s)
     near = found.on_plan
     covered = np.sort(found.planned_s[near])
-    share = _flown_share(plan, covered)
+    share = _flown_share(plan, covered, silence_s(flown))
     nearest = min(
         (path_clearance(scene, path.positions) for path in (flown, logged)), key=lambda each: each.distance_m
     )
@@ -122,12 +122,18 @@ def looks_of(
     return Looks(there, *(np.where(there, value, np.nan) for value in values))
 
 
+def silence_s(flown: Trajectory) -> float:
+    """How long a log may say nothing, s, before nothing is known of what the camera saw meanwhile."""
+    step = float(np.median(np.diff(flown.t_s))) if len(flown) > 1 else 0.0
+    return max(_SILENT_S, _SILENT_STEPS * step)
+
+
 def _asked(flown: Trajectory, photo_s: Floats | None) -> Trajectory:
     """The poses at which the camera sees: of the photos, or closely spaced along all that was recorded."""
     if photo_s is not None:
         inside = photo_s[(photo_s >= flown.t_s[0]) & (photo_s <= flown.t_s[-1])]
         return interpolate(flown, _recorded(flown, np.sort(inside)))
-    parts = np.split(np.arange(len(flown)), np.flatnonzero(np.diff(flown.t_s) > _SILENT_S) + 1)
+    parts = np.split(np.arange(len(flown)), np.flatnonzero(np.diff(flown.t_s) > silence_s(flown)) + 1)
     asked = [
         stations(Trajectory(flown.t_s[part], flown.positions[part], flown.quat_xyzw[part])) for part in parts
     ]
@@ -141,7 +147,7 @@ def _asked(flown: Trajectory, photo_s: Floats | None) -> Trajectory:
 def _recorded(flown: Trajectory, moments: Floats) -> Floats:
     """Those of the moments at which the log is not silent."""
     after = np.clip(np.searchsorted(flown.t_s, moments), 1, len(flown) - 1)
-    return moments[flown.t_s[after] - flown.t_s[after - 1] <= _SILENT_S]
+    return moments[flown.t_s[after] - flown.t_s[after - 1] <= silence_s(flown)]
 
 
 @njit(cache=True)
@@ -170,14 +176,14 @@ def _speeds(flown: Trajectory) -> Floats:
     return np.asarray(np.linalg.norm(ahead - behind, axis=1) / np.maximum(span, 1e-9))
 
 
-def _flown_share(plan: Trajectory, covered: Floats) -> float:
+def _flown_share(plan: Trajectory, covered: Floats, silence: float) -> float:
     """Share of the plan's length, %, between moments that some pose answers to."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(plan.positions, axis=0), axis=1))])
     if len(covered) < 2 or along[-1] == 0:
         return 0.0
     ends = np.interp(np.clip(covered, plan.t_s[0], plan.t_s[-1]), plan.t_s, along)
     gaps = np.diff(ends)
-    return 100 * float(gaps[np.diff(covered) <= _SILENT_S].sum() / along[-1])
+    return 100 * float(gaps[np.diff(covered) <= silence].sum() / along[-1])
 
 
 def _cross_track(plan: Trajectory, positions: Floats) -> float:
