@@ -14,10 +14,11 @@ from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.geojson import geojson_text
 from upplied.outputs.missions.kml import kml_text
 from upplied.outputs.missions.mcap import mcap_bytes
-from upplied.outputs.missions.mission import ANYTHING, Mission, missions_of
+from upplied.outputs.missions.mission import ANYTHING, missions_of
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.qgc_plan import qgc_plan_text
 from upplied.outputs.missions.read_back import read_mcap, read_mission
+from upplied.outputs.missions.records import Mission
 from upplied.records import Camera, Plan, Structure, Trajectory
 
 __all__ = ["FORMATS", "Exported", "Mission", "MissionOptions", "export", "missions_of"]

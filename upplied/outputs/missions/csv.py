@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 
-from upplied.outputs.missions.mission import Mission
+from upplied.outputs.missions.records import Mission
 
 COLUMNS = (
     "seq", "lat_deg", "lon_deg", "alt_m", "datum", "height_m", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw",

@@ -16,8 +16,8 @@ import numpy as np
 from upplied.errors import RefusedError, SettingsError
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.gate import drafted
-from upplied.outputs.missions.mission import Mission
 from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.missions.records import Mission
 
 MAX_WAYPOINTS = 200  # what importers are known to take; the format itself counts to 65535
 #: It passes waypoints where it may; at a stop it brakes, turns the gimbal, takes the photo, and starts again.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from upplied.outputs.missions.mission import Mission
+from upplied.outputs.missions.records import Mission
 
 
 def geojson_text(mission: Mission) -> str:

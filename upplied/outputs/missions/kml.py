@@ -5,7 +5,7 @@ from __future__ import annotations
 from xml.sax.saxutils import escape
 
 from upplied.errors import RefusedError
-from upplied.outputs.missions.mission import Mission
+from upplied.outputs.missions.records import Mission
 
 _MODE = {"relative": "relativeToGround", "amsl": "absolute"}
 _LINE = """ <Placemark><name>{name}</name><description>{about}</description>

@@ -12,7 +12,7 @@ import io
 
 from upplied.errors import RefusedError
 from upplied.outputs.missions.flying import Flying
-from upplied.outputs.missions.mission import Mission
+from upplied.outputs.missions.records import Mission
 
 MAX_WAYPOINTS = 99
 #: Without curves it stops at each waypoint.

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from upplied.errors import RefusedError
 from upplied.outputs.missions.flying import Flying
-from upplied.outputs.missions.mission import Mission
 from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.missions.records import Mission
 
 WAYPOINT, RETURN, TAKEOFF = 16, 20, 22
 YAW = 115

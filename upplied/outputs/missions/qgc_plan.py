@@ -8,8 +8,8 @@ from typing import Any
 
 from upplied.outputs.missions.gate import drafted
 from upplied.outputs.missions.mavlink import TAKEOFF, WAYPOINT, Item, items
-from upplied.outputs.missions.mission import Mission
 from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.missions.records import Mission
 
 _FIRMWARE = {"px4": 12, "ardupilot": 3}
 _MULTICOPTER = 2

@@ -19,8 +19,8 @@ from mcap_ros2.reader import read_ros2_messages
 from upplied.errors import RefusedError
 from upplied.outputs.missions.corners import triangle
 from upplied.outputs.missions.geodesy import from_geodetic
-from upplied.outputs.missions.mission import Mission
 from upplied.outputs.missions.reading import Reading, planned
+from upplied.outputs.missions.records import Mission
 from upplied.records import Floats
 
 _TAKEOFF, _WAYPOINT, _SPEED = 22, 16, 178

@@ -1,0 +1,66 @@
+"""A mission: what an autopilot is told, in degrees and metres on the Earth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from upplied.outputs.missions import gate
+from upplied.records import Bools, Floats, Placement, Record
+
+_SAME_PLACE_M = 0.05
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mission(Record):
+    """One sortie: take off at home, climb, fly the waypoints in order, return above home and land.
+
+    Waypoints without `inspect` lead from above home to the inspection and back.
+    """
+
+    name: str
+    number: int  # of this sortie, from 1
+    count: int  # of sorties
+    placement: Placement
+    altitude: str  # what is written: "relative" to take-off, "amsl" or "ellipsoid"
+    home: Floats  # (3,) latitude and longitude, deg, altitude, m
+    home_local: Floats  # (3,) m, structure frame
+    return_height_m: float  # above take-off, at which an automatic return passes over everything
+    geodetic: Floats  # (N, 3) latitude and longitude, deg, altitude in the placement's datum, m
+    local: Floats  # (N, 3) m, structure frame
+    quat_xyzw: Floats  # (N, 4) camera to structure
+    heading_deg: Floats  # (N,) of the camera, 0 .. 360 clockwise from true north
+    pitch_deg: Floats  # (N,) of the gimbal, negative down
+    speed_mps: Floats  # (N,) of the leg that ends at the waypoint
+    hold_s: Floats  # (N,) to hover on arrival, while the camera turns or as the expert did
+    passing_m: Floats  # (N,) how far before and behind it the vehicle may turn; 0: it stops there
+    photo: Bools  # (N,) take one here
+    inspect: Bools  # (N,)
+    photo_distance_m: float  # between photos during the inspection, 0: at `photo` alone
+    duration_s: float
+    notes: tuple[str, ...] = ()
+    overruled: tuple[gate.Breach, ...] = ()  # rules of the gate; the notes say them too
+
+    def __len__(self) -> int:
+        return len(self.local)
+
+    @property
+    def stops(self) -> list[range]:
+        """The waypoints by place: those after the first of a range are turns of the camera on the spot."""
+        starts = [0]
+        for at in range(1, len(self)):
+            if np.linalg.norm(self.local[at] - self.local[starts[-1]]) > _SAME_PLACE_M:
+                starts.append(at)
+        return [range(start, end) for start, end in pairwise([*starts, len(self)])]
+
+    @property
+    def height_m(self) -> Floats:
+        """Height (N,) above take-off, m."""
+        return self.local[:, 2] - self.home_local[2]
+
+    @property
+    def written_alt_m(self) -> Floats:
+        """Altitude (N,) as the mission states it, m."""
+        return self.height_m if self.altitude == "relative" else self.geodetic[:, 2]
