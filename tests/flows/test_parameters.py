@@ -47,6 +47,8 @@ def test_bounds_that_are_said_reach_the_reader():
     assert changed(tuple(said)) == changed(("max_speed_mps=40", "max_clock_steps=3"))
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_flow_overrules_and_refuses_as_the_command_does(tmp_path):
     cube, catalog = member("cube-v1").structure, str(tmp_path / "catalog")
     open_catalog(catalog).add_structures([cube])
@@ -55,9 +57,21 @@ def test_a_flow_overrules_and_refuses_as_the_command_does(tmp_path):
     read = tasks.ingest_demonstrations.fn
     (refused,) = read(catalog, [str(tmp_path)], 1, (), False, slow)
     assert refused["status"] == "failed" and "--allow too-fast" in refused["reason"]
-    (strict,) = read(catalog, [str(tmp_path)], 1, (), True, ["odd_speed_mps=0.1"])
-    assert strict["status"] == "failed" and "fast: " in strict["reason"]
     (taken,) = read(catalog, [str(tmp_path)], 1, ("too-fast",), False, slow)
     assert taken["status"] == "added" and "[overruled]" in taken["findings"]
+    (again,) = read(catalog, [str(tmp_path)], 1)
+    assert again["status"] == "unchanged"  # what was overruled by a person stays so
     (row,) = open_catalog(catalog).demonstrations().to_dict("records")
     assert (row["overruled"], row["verdict"]) == ("too-fast", "overruled")
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_what_was_taken_with_a_warning_is_refused_where_that_is_asked(tmp_path):
+    cube, catalog = member("cube-v1").structure, str(tmp_path / "catalog")
+    open_catalog(catalog).add_structures([cube])
+    write_log(tmp_path / "flight.mcap", fly(cube, "sides"), cube)
+    read = tasks.ingest_demonstrations.fn
+    (taken,) = read(catalog, [str(tmp_path)], 1, (), False, ["odd_speed_mps=0.1"])
+    (strict,) = read(catalog, [str(tmp_path)], 1, (), True, ["odd_speed_mps=0.1"])
+    assert (taken["status"], strict["status"]) == ("added", "failed") and "fast: " in strict["reason"]

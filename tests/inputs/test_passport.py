@@ -12,7 +12,7 @@ from made_logs import Topic, message, transform, write_log
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError, SettingsError
-from upplied.inputs.logs import LogOptions, read_demonstration
+from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
 from upplied.inputs.passport import conventions, rules
 from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.measured import Measured
@@ -432,3 +432,17 @@ def test_poses_that_move_otherwise_than_the_velocity_in_the_log_are_warned_of(
     found = {item["rule"]: item["found"] for item in passport["findings"]}
     assert told in found["velocity"] if told else "velocity" not in found
     assert passport["measured"]["motion_fit_pct"] is not None
+
+
+def test_a_log_is_known_again_unless_what_is_said_changes_what_is_kept_of_it(tmp_path: Path) -> None:
+    path = right(0).write(tmp_path / "a.mcap")
+
+    def known_as(*said: str) -> str:
+        return fingerprint(path, LogOptions(passport=changed(said)))[1]
+
+    assert known_as() == known_as("odd_speed_mps=0.1") == known_as("hover_cap_s=30")
+    assert (
+        len({known_as(), known_as("hover_cap_s=1"), known_as("hover_cap_s=2"), known_as("long_gap_s=9")}) == 4
+    )
+    read = read_demonstration(path, LogOptions(passport=changed(("hover_cap_s=1",))))
+    assert read.sha256 == known_as("hover_cap_s=1")

@@ -127,7 +127,10 @@ def ingest_demonstrations(
     """
     options = options or LogOptions()
     check_allowed(options.allow, RULES)
-    known = _hashes(catalog.demonstrations(), "demonstration_id")
+    table = catalog.demonstrations()
+    if options.strict:  # what was taken with a warning is asked again
+        table = table[table["verdict"] != "warned"]
+    known = _hashes(table, "demonstration_id")
     placements = placements_of(catalog.structures())
     read = partial(learnt_flight, *_place(catalog), placements, options=options)
     same = partial(_same_log, known, placements, options)

@@ -31,6 +31,7 @@ from upplied.inputs.passport.conventions import converted
 from upplied.inputs.passport.measured import Reading
 from upplied.inputs.passport.passport import passport_of
 from upplied.inputs.passport.rules import RULES
+from upplied.inputs.passport.settings import SHAPING, PassportSettings
 from upplied.inputs.rules import Verdict, broken
 from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions, inspection, placed
@@ -122,6 +123,9 @@ def _digest(log: str, facts: LogOptions) -> str:
         for name, value in vars(facts).items()
         if name not in _UNSAID and (value or name not in _LATER)
     }
+    shaped = {name: getattr(facts.passport, name) for name in SHAPING}
+    if shaped != {name: getattr(PassportSettings(), name) for name in SHAPING}:
+        said["shaped"] = shaped
     return digest({"log": log, "said": said})
 
 

@@ -14,10 +14,13 @@ CONVENTIONS = (
     "metres-read-as-feet",
 )  # fmt: skip
 
+#: Bounds that change what is kept of a flight, and so what is planned from it; the others only judge.
+SHAPING = ("long_gap_s", "hover_cap_s")
+
 
 @dataclass(frozen=True)
 class PassportSettings:
-    """What a flight may be measured to be when it is taken in; no plan depends on it (docs/checks.md).
+    """What a flight may be measured to be when it is taken in (docs/checks.md).
 
     Sample flights of 28 structures keep 2.8 m of clearance, look at their structure in 88 % of the poses
     or more, and would fit another convention by 7 % more at most; the bounds leave room beside that.
