@@ -26,6 +26,7 @@ from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajecto
 _STATIONS = 500  # poses of the plan, at most, that viewpoints are chosen from
 _SWEEPS = 6  # of the exchange of viewpoints
 _BOUND_PATCHES = 60  # samples, at most, that the bound on the length is told by
+_PRICED, _COOLED = 150, 0.97  # rounds of prices, and how each is smaller than the one before
 _SLOWEST_MPS, _STANDING_M = 0.3, 1e-6
 _MARGIN_DEG = 4.0  # of the picture, at each rim, that a flight in wind may lose
 
@@ -236,7 +237,8 @@ def bound_m(places: Floats, seen: Bools) -> float:
     """A length, m, below which no way by some of these poses shows every sample.
 
     Of samples whose poses have none in common, each must be seen from a place of its own. A way through them
-    is at least as long as the least tree that joins them, each leg as short as any two of their places.
+    joins them one after the other, each leg no shorter than the gap between any two of their places; the
+    least such way is bounded from below by trees whose nodes carry prices (Held and Karp 1970).
     """
     few = np.argsort(seen.sum(axis=0), kind="stable")
     kept: list[int] = []
@@ -254,4 +256,26 @@ def bound_m(places: Floats, seen: Bools) -> float:
     for i, one in enumerate(kept):
         for j in range(i):
             gap[i, j] = max(apart[np.ix_(seen[:, one], seen[:, kept[j]])].min(), 1e-9)
-    return float(minimum_spanning_tree(gap).sum())
+    return _least_way(gap + gap.T)
+
+
+def _least_way(gap: Floats) -> float:
+    """A lower bound of the open ways by all nodes with these distances (K, K).
+
+    With a price on each node, a way costs its length and each price as often as it has neighbours there:
+    twice, but once at both ends. So the least tree with prices, less all of them twice, plus the two
+    smallest, bounds it.
+    """
+    count, best = len(gap), 0.0
+    price = np.zeros(count)
+    step = float(gap.max()) / count
+    for _ in range(_PRICED):
+        costs = gap + price[:, None] + price[None]
+        shift = 1.0 - float(costs.min())  # the library takes no cost for no edge
+        tree = minimum_spanning_tree(np.triu(costs + shift, 1)).tocoo()
+        length = float(tree.data.sum()) - (count - 1) * shift
+        best = max(best, length - 2 * float(price.sum()) + float(np.sort(price)[:2].sum()))
+        neighbours = np.bincount(np.concatenate([tree.row, tree.col]), minlength=count)
+        price = price + step * (neighbours - 2)
+        step *= _COOLED
+    return best
