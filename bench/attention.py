@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from attention_changes import changed
+from attention_changes import Row, Truth, changed
 from real_data import real_folder, real_structure
 
 from upplied.config import CloudSettings, InspectionSettings
@@ -80,19 +80,6 @@ REAL = (
     ("bridge/larics_bridge", ("piers",)),
 )
 STEP_S = 0.5
-
-Truth = Callable[[Cloud], tuple[Bools, Bools]]
-
-
-@dataclass(frozen=True)
-class Row:
-    """A flight, and which samples it was meant for: strictly, and with what is attached."""
-
-    title: str
-    inspection: str
-    structure: Structure
-    flight: Demonstration
-    truth: Truth
 
 
 @dataclass(frozen=True)

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from upplied.records import Demonstration, Floats, Structure
+from upplied.records import Bools, Cloud, Demonstration, Floats, Structure
 
-if TYPE_CHECKING:
-    from attention import Row
+Truth = Callable[[Cloud], tuple[Bools, Bools]]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A flight, and which samples it was meant for: strictly, and with what is attached."""
+
+    title: str
+    inspection: str
+    structure: Structure
+    flight: Demonstration
+    truth: Truth
 
 
 def changed(row: Row) -> Iterator[tuple[str, Row, int, Demonstration | None]]:

@@ -6,15 +6,12 @@ next chunk is looked for, so that damage costs the chunks it hit and no more.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, BinaryIO
+from typing import Any, BinaryIO, Protocol
 
 from mcap.records import DataEnd
 from mcap.stream_reader import CRCValidationError
 
 from upplied.inputs.mcap.stream import DAMAGE, Guard
-
-if TYPE_CHECKING:
-    from upplied.inputs.mcap.recording import Recording
 
 _CHUNK, _MAGIC_BYTES = 6, 8
 _ANCHORS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")  # the name of the compression in a chunk
@@ -22,13 +19,28 @@ _ANCHOR_AT = 9 + 28  # from the start of the chunk's record
 _WINDOW = 2**20
 
 
-def scan(stream: BinaryIO, recording: Recording, why: str) -> None:
+class Found(Protocol):
+    """What receives the records of a damaged log, as `recording.Recording` does."""
+
+    size: int  # of the file, bytes
+    read_to: int  # byte at which the salvaged log ends
+    losses: list[str]
+    lost_bytes: int
+
+    def budget(self) -> Any:
+        """How much memory its records may take."""
+
+    def add(self, record: Any, start: int, stop: int) -> None:
+        """Take a record that lies between two bytes of the file."""
+
+
+def scan(stream: BinaryIO, recording: Found, why: str) -> None:
     """Find every record from front to back.
 
     Parameters
     ----------
     stream : binary file
-    recording : Recording
+    recording : Found
         Empty; receives channels, metadata, chunks and messages, and in `losses` what was lost.
     why : str
         Why the index could not be used; empty where the log has none, which is no fault.
