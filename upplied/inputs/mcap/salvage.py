@@ -28,7 +28,7 @@ class Found(Protocol):
     lost_bytes: int
 
     def budget(self) -> Any:
-        """How much memory its records may take."""
+        """How often a reader of all its records may read."""
 
     def add(self, record: Any, start: int, stop: int) -> None:
         """Take a record that lies between two bytes of the file."""
