@@ -47,6 +47,9 @@ def verify(catalog: Catalog) -> list[Finding]:
         "structures": catalog.structures(every=True),
         "demonstrations": catalog.demonstrations(every=True),
         "transfers": catalog.transfers(every=True),
+        "flights": catalog.flights(),
+        "decisions": catalog.decisions(),
+        "overruled": catalog.overruled(),
     }
     found: list[Finding] = []
     for name, frame in frames.items():
@@ -89,12 +92,14 @@ def _references(frames: dict[str, pd.DataFrame]) -> Iterator[Finding]:
     known = {
         "structures": set(frames["structures"]["structure_id"]),
         "demonstrations": set(frames["demonstrations"]["demonstration_id"]),
+        "transfers": set(frames["transfers"]["transfer_id"]),
     }
     for table, column, to in (
         ("demonstrations", "structure_id", "structures"),
         ("transfers", "demonstration_id", "demonstrations"),
         ("transfers", "source_id", "structures"),
         ("transfers", "target_id", "structures"),
+        *((table, "transfer_id", "transfers") for table in ("flights", "decisions", "overruled")),
     ):
         lost = frames[table][~frames[table][column].isin(known[to])]
         for name, rows in lost.groupby(column):
