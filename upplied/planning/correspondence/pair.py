@@ -9,10 +9,10 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from upplied.config import CloudSettings, Settings, digest, settings_for
-from upplied.errors import RefusedError
 from upplied.planning.correspondence.likeness import carried, has_parts, parts_like
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.registration import Declared, register
+from upplied.planning.correspondence.rotor import rotor_turned
 from upplied.planning.geometry.boxes import laid
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import blades_of, parts_of
@@ -219,24 +219,25 @@ def _surface_fit(
 ) -> Fit:
     """The fit of the surfaces; where pieces do not tell the parts of one of them, the other one does."""
     facts = _facts("surface", structures, settings, declared)
+    # Which parts there are does not depend on what a user says of them.
+    unasked = replace(settings, correspondence=replace(settings.correspondence, counterparts=()))
     found = _registered(clouds, settings, declared, memo, facts)
     known = [has_parts(cloud) for cloud in clouds]
-    fit, refusal = None, None
+    fit = Fit(*clouds, found, _NOTHING)
     if known[0] == known[1]:
-        try:
-            matched = _matched(clouds, structures, found, settings, declared, memo, facts)
-            fit = Fit(*clouds, found, matched)
-        except RefusedError as error:  # a part was named that the pieces do not tell
-            refusal = error
-        if refusal and not any(known):
-            raise refusal
-    if fit is not None and (not any(known) or _explained(fit) >= _EXPLAINED):
-        return _with_carried(fit, memo, facts) if all(known) else fit
-    one = int(_number(clouds[1]) <= _number(clouds[0]))  # a scan falls into few pieces
-    told = _fit_told(Fit(*clouds, found, _NOTHING), one, structures, scenes, settings, declared, memo, facts)
-    if fit is None or _explained(told) > _explained(fit) + _BETTER:
-        fit = told
-    return _with_carried(fit, memo, facts)
+        fit = replace(
+            fit, correspondences=_matched(clouds, structures, found, unasked, declared, memo, facts)
+        )
+    if any(known) and _explained(fit) < _EXPLAINED:
+        one = int(_number(clouds[1]) <= _number(clouds[0]))  # a scan falls into few pieces
+        told = _fit_told(fit, one, structures, scenes, unasked, declared, memo, facts)
+        if known[0] != known[1] or _explained(told) > _explained(fit) + _BETTER:
+            fit, facts = told, ("parts told", *facts)
+    if settings.correspondence.counterparts:
+        both = fit.source, fit.target
+        asked = _matched(both, structures, fit.registration, settings, declared, memo, facts)
+        fit = replace(fit, correspondences=asked)
+    return _with_carried(fit, memo, facts) if has_parts(fit.source) and has_parts(fit.target) else fit
 
 
 def _fit_told(
@@ -255,7 +256,7 @@ def _fit_told(
 
     def told() -> PartLabels:
         skin = skin_of(structures[one], scenes[one], clouds[one], settings.clouds, memo)
-        return PartLabels(parts_like(lying[one], skin.label, lying[1 - one]))
+        return PartLabels(parts_like(lying[one], skin.label, rotor_turned(lying[1 - one], lying[one])))
 
     known = replace(clouds[one], part=memo("parts", PartLabels, content_key("parts", *facts), told).label)
     clouds = (known, clouds[1]) if one == 0 else (clouds[0], known)

@@ -13,13 +13,14 @@ import numpy as np
 from upplied.config import Settings
 from upplied.errors import SettingsError
 from upplied.planning.correspondence.landmarks import choices_for, side_of
-from upplied.planning.correspondence.pair import Memo, Pair, no_memo, study_pair
+from upplied.planning.correspondence.nearest import correspond
+from upplied.planning.correspondence.pair import Memo, Pair, content_key, no_memo, remembering
 from upplied.planning.demonstration.inspection import Inspection, inspect_demonstration
 from upplied.planning.geometry.boxes import laid
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.poses import from_yaw_pitch, yaw_pitch
-from upplied.records import Demonstration, Floats, Ints, Record, Structure, Trajectory
+from upplied.records import Correspondences, Demonstration, Floats, Ints, Record, Structure, Trajectory
 
 _TRANSIT_S = 10.0  # of the demonstration's time between two takes; the way itself is timed anew
 
@@ -61,9 +62,32 @@ def takes_of(
         for choice in _on_this_side(part, take.pair):
             pairs = (*settings.correspondence.counterparts, (f"part_{part}", f"part_{choice}"))
             chosen = replace(settings, correspondence=replace(settings.correspondence, counterparts=pairs))
-            studied = study_pair(pair.source, pair.target, chosen, memo)
+            studied = _matched_anew(pair, chosen, memo)
             takes.append(Take(inspect_demonstration(flown, studied, chosen, memo), studied, part, choice))
     return takes or [first]
+
+
+def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
+    """The same pair with the surfaces matched as the settings ask."""
+    fit, structures = pair.surface, (pair.source, pair.target)
+    memo = remembering(memo, *(each.sha256 for each in structures))
+    facts = [(each.sha256, each.frame.heading_rad) for each in structures]
+    key = content_key("repeated", *facts, settings.clouds, settings.registration, settings.correspondence)
+    found = memo(
+        "correspondences",
+        Correspondences,
+        key,
+        lambda: correspond(
+            fit.source,
+            fit.target,
+            fit.registration,
+            settings.correspondence,
+            pair.source.landmarks,
+            pair.target.landmarks,
+            named_axes(pair.source.frame),
+        ),
+    )
+    return replace(pair, surface=replace(fit, correspondences=found))
 
 
 def mirrored(demonstration: Demonstration, source: Structure) -> Demonstration:
