@@ -11,7 +11,7 @@ from upplied.planning.geometry.frechet import frechet
 from upplied.poses import from_yaw_pitch, moved, yaw_pitch
 from upplied.records import Demonstration, Floats, Plan, Structure
 
-#: Laws are about the plan itself, also where it shows too little of the structure to be flown.
+#: A refused plan has no path that could be compared: laws ask for the path, and that the verdict is the same.
 ANY = {"enforce": False}
 UNTURNED, NOWHERE = np.eye(3), np.zeros(3)
 

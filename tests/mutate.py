@@ -26,12 +26,13 @@ from typing import Any
 from mutants import ROOMS, ROOT, Mutant, sample
 
 SLACK_S = 30  # beyond three times what the tests take on sound code: then a mutant hangs, which is noticed
+HANGS_S = 600  # after which a file of tests is given up that is being traced
 BUDGET_S = 60  # of tests for one mutant, as they take on sound code; what survives them counts as survived
 KEPT = ROOT / ".cache" / "mutate.json"
-#: Loaded once, and not anew for each mutant: all that is not the project's.
+#: Loaded once, and not anew for each mutant; not pyarrow, which starts threads that do not survive a fork.
 LIBRARIES = (
     "pytest", "hypothesis", "numpy", "scipy.optimize", "scipy.spatial", "scipy.interpolate", "scipy.sparse",
-    "numba", "open3d", "pandas", "pyarrow", "deltalake",
+    "numba", "open3d",
 )  # fmt: skip
 
 Lines = dict[str, dict[str, list[str]]]  # of a module, of a line: who runs it
@@ -45,8 +46,11 @@ class Tracer:
         self._root, self._who, self._seen = root, "", set[tuple[str, str, int]]()
         self._known: dict[str, bool] = {}
         self.seconds: dict[str, float] = {}
+        self.failed: list[str] = []
 
     def pytest_runtest_logreport(self, report: Any) -> None:
+        if report.failed:
+            self.failed.append(report.nodeid)
         self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
@@ -92,48 +96,55 @@ def _pytest(root: Path, asked: list[str], plugins: list[object]) -> int:
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
     os.dup2(silent, 2)
-    options = ["-x", "-q", "-m", "not slow", "-p", "no:cacheprovider"]
+    options = ["-q", "-m", "not slow", "-p", "no:cacheprovider"]
     options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # of what is loaded already
     return int(pytest.main([*options, *asked], plugins=plugins))
 
 
 def _trace(root: Path, file: str, result: Path) -> None:
     tracer = Tracer(root)
-    code = _pytest(root, [file], [tracer])
-    found = {"passed": code in (0, 5), "seconds": tracer.seconds, "lines": tracer.lines()}
+    _pytest(root, [file], [tracer])
+    sound = {name: lasts for name, lasts in tracer.seconds.items() if name not in tracer.failed}
+    found = {"seconds": sound, "failed": tracer.failed, "lines": tracer.lines()}
     result.write_text(json.dumps(found), encoding="utf-8")
 
 
 def _judge(root: Path, asked: list[str]) -> None:
-    os._exit(min(_pytest(root, asked, []), 1))
+    os._exit(min(_pytest(root, ["-x", *asked], []), 1))
 
 
-def traced(root: Path) -> dict[str, Any]:
+def traced(root: Path, rooms: tuple[str, ...]) -> dict[str, Any]:
     """Who runs which line, of every test file; what was traced of the same code and tests is kept."""
-    sources = _digest(*sorted((ROOT / "upplied").rglob("*.py")))
+    sources = _digest(root, *sorted((root / "upplied").rglob("*.py")))
     kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
     found = kept.get("files", {}) if kept.get("sources") == sources else {}
-    rooms = [ROOT / "tests" / Path(room).name for room in ROOMS]
-    for path in sorted(path for room in rooms for path in room.rglob("test_*.py")):
-        file, digest = str(path.relative_to(ROOT)), _digest(path)
+    folders = [root / "tests" / Path(room).name for room in ROOMS if any(of.startswith(room) for of in rooms)]
+    for path in sorted(path for folder in folders for path in folder.rglob("test_*.py")):
+        file, digest = str(path.relative_to(root)), _digest(root, path)
         if found.get(file, {}).get("digest") == digest:
             continue
         begin, result = time.monotonic(), root / "traced.json"
+        result.unlink(missing_ok=True)
         process = CONTEXT.Process(target=_trace, args=(root, file, result))
         process.start()
-        process.join()
+        process.join(HANGS_S)
+        if process.is_alive() or not result.exists():
+            process.kill()
+            process.join()
+            print(f"{file} hangs or crashes, and is not asked", flush=True)
+            continue
         found[file] = json.loads(result.read_text(encoding="utf-8")) | {"digest": digest}
-        said = "traced" if found[file]["passed"] else "FAILED on sound code, and is asked nothing:"
-        print(f"{said} {file} in {time.monotonic() - begin:.0f} s", flush=True)
+        failed = "".join(f"; fails on sound code, and is not asked: {name}" for name in found[file]["failed"])
+        print(f"traced {file} in {time.monotonic() - begin:.0f} s{failed}", flush=True)
         KEPT.parent.mkdir(exist_ok=True)
         KEPT.write_text(json.dumps({"sources": sources, "files": found}), encoding="utf-8")
     return found
 
 
-def _digest(*paths: Path) -> str:
+def _digest(root: Path, *paths: Path) -> str:
     whole = hashlib.sha256()
     for path in paths:
-        whole.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes())
+        whole.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
     return whole.hexdigest()
 
 
@@ -141,13 +152,12 @@ def tests_for(mutant: Mutant, files: dict[str, Any]) -> list[tuple[str, float]]:
     """The tests that run a mutant's lines, and their seconds, the fastest first."""
     asked: dict[str, float] = {}
     for file, of in files.items():
-        run = of["lines"].get(str(mutant.path), {}) if of["passed"] else {}
+        run, seconds = of["lines"].get(str(mutant.path), {}), of["seconds"]
         who = set()
         for line, names in run.items():
             if not mutant.traced or int(line) in mutant.lines:
                 who.update(names)
-        seconds = of["seconds"]
-        asked |= seconds if file in who else {name: seconds[name] for name in who}
+        asked |= seconds if file in who else {name: seconds[name] for name in who & seconds.keys()}
     return sorted(asked.items(), key=lambda each: each[1])
 
 
@@ -182,7 +192,7 @@ def main() -> int:
         root = Path(folder) / "project"
         ignored = shutil.ignore_patterns(".venv", ".git", "__pycache__", ".*_cache", ".cache", "site")
         shutil.copytree(ROOT, root, ignore=ignored, symlinks=True)
-        files = traced(root)
+        files = traced(root, tuple(given.only))
         judged, survivors = 0, []
         for number, mutant in enumerate(mutants[given.skip :], given.skip + 1):
             if time.monotonic() - begin > 3600 * given.hours:
@@ -208,6 +218,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     CONTEXT = multiprocessing.get_context("forkserver")
     CONTEXT.set_forkserver_preload(list(LIBRARIES))
     raise SystemExit(main())

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+import upplied.planning.plan as planning
+from upplied import provenance
 from upplied.catalog import open_catalog
 from upplied.cli import main
 from upplied.cli.choices import Choices
@@ -114,6 +116,28 @@ def test_a_plan_is_made_again(planned, location, capsys):
     assert main(["transfer", "--reproduce", planned]) == 0
     assert "the same again" in capsys.readouterr().out
     assert main(["transfer", "--reproduce", "0" * 20]) == 2
+
+
+def test_a_plan_that_comes_out_otherwise_is_told_with_its_cause(planned, capsys, monkeypatch):
+    """Another version of the method, and of a library; and nothing at all that is known to differ."""
+    made = planning.plan_transfer
+
+    def otherwise(*given):
+        plan = made(*given)
+        path = replace(plan.trajectory, positions=plan.trajectory.positions + 0.01)
+        return replace(plan, trajectory=path)
+
+    monkeypatch.setattr(planning, "plan_transfer", otherwise)
+    assert main(["transfer", "--reproduce", planned]) == 1
+    said = capsys.readouterr().out
+    assert "differs in waypoints_sha256" in said and "please report this as a fault" in said
+    now = provenance.recorded()
+    monkeypatch.setattr(provenance, "recorded", lambda: {**now, "libraries": "numpy 0.9, scipy 99.0"})
+    monkeypatch.setattr(planning, "METHOD_VERSION", "none")
+    assert main(["transfer", "--reproduce", planned]) == 1
+    said = capsys.readouterr().out
+    assert "Cause: method " in said and " became none" in said and " became 0.9" in said
+    assert "report this" not in said
 
 
 @pytest.mark.parametrize(

@@ -90,6 +90,7 @@ def test_identity(structure: str, inspection: str, seed: int) -> None:
     """`recommended` strays no further than `baseline` and 0.1 m, sees as much, and keeps every hover."""
     demonstration = flown(structure, inspection, seed)
     ours, box = (planned(structure, inspection, seed, preset) for preset in ("recommended", "baseline"))
+    assert ours.flyable, ours.not_flyable
     assert ours.measures.frechet_m <= box.measures.frechet_m + 0.1
     line = even(demonstration.positions)
     assert (
@@ -208,7 +209,7 @@ def test_doubling(source: str, inspection: str, target: str, how: str) -> None:
     }[how]()
     settings = settings_for("recommended", verdict=ANY)
     one, two = (plan_transfer(item, fleet()[source], fleet()[target], settings) for item in (plain, other))
-    assert one.status == two.status == "ok"
+    assert one.status == two.status == "ok" and one.flyable == two.flyable
     assert two.measures.coverage_seen_pct == pytest.approx(one.measures.coverage_seen_pct, abs=0.5)
     near = [clearance(fleet()[target], plan.trajectory) for plan in (one, two)]
     assert near[1] == pytest.approx(near[0], abs=0.2)

@@ -34,7 +34,11 @@ def check_mirrored(fleet, source, target, part, preset, seed):
     strays = frechet(mirrored.trajectory.positions * FLIP, plan.trajectory.positions)
     assert strays < 0.02 * fleet[target].diagonal_m
     a, b = mirrored.measures, plan.measures
-    assert a.coverage_seen_pct == pytest.approx(b.coverage_seen_pct, abs=1)
+    assert mirrored.flyable == plan.flyable, (mirrored.not_flyable, plan.not_flyable)
+    assert a.coverage_inspected_pct == pytest.approx(b.coverage_inspected_pct, abs=1)
+    # The samples of a mirrored surface are no mirror images, but drawn anew: of 1500, where 3 % are missed,
+    # two drawings differ by 0.6 points (one sigma).
+    assert a.coverage_seen_pct == pytest.approx(b.coverage_seen_pct, abs=2)
     assert a.duration_s == pytest.approx(b.duration_s, rel=0.1)
     return strays, a, b
 

@@ -46,6 +46,7 @@ def same_measures(turned, plan, share):
     """Within the share of what the law allows."""
     assert turned.status == plan.status == "ok", (turned.reason, plan.reason)
     a, b = turned.measures, plan.measures
+    assert turned.flyable == plan.flyable, (turned.not_flyable, plan.not_flyable)
     for name in ("coverage_paper_pct", "coverage_seen_pct", "coverage_attainable_pct"):
         assert getattr(a, name) == pytest.approx(getattr(b, name), abs=0.5 * share)
     assert a.min_clearance_m == pytest.approx(b.min_clearance_m, abs=0.2 * share)
@@ -89,6 +90,7 @@ def check_turned_target(fleet, kind, turn, search, seed=1, **changes):
     plan = plan_transfer(flight, source, target, options)
     turned = plan_transfer(flight, source, moved_structure(target, turn), options)
     assert turned.status == plan.status == "ok", (turned.reason, plan.reason)
+    assert turned.flyable == plan.flyable, (turned.not_flyable, plan.not_flyable)
     assert strays_m(turned, plan, turn) < 0.02 * target.diagonal_m
     assert turned.measures.coverage_seen_pct == pytest.approx(plan.measures.coverage_seen_pct, abs=1)
     assert turned.measures.coverage_paper_pct == pytest.approx(plan.measures.coverage_paper_pct, abs=1)
