@@ -191,3 +191,45 @@ def test_new_drafts_are_flown_and_those_that_come_too_near_are_told(catalog, mad
     told = flights.fly_drafts(catalog, [KEY, other, "0" * 64])
     assert seen == [ID]  # plans for comparison are not flown
     assert "comes within 1.25 m, 2 m are asked for" in told[0] and "not in the catalog" in told[1]
+
+
+@pytest.mark.ci
+def test_a_plan_that_a_person_changed_is_judged_anew_and_is_a_draft(catalog, tmp_path, capsys):
+    where, file = ["--catalog", catalog.location], tmp_path / "plan.json"
+    assert main(["edit", ID[:8], "--out", str(file), *where]) == 0
+    said = json.loads(file.read_text())
+    count = len(said["viewpoints"])
+    assert main(["edit", ID, "--from", str(file), "--by", "Ada", *where]) == 2
+    assert "changes nothing" in capsys.readouterr().err
+    said["viewpoints"] = [row for row in said["viewpoints"] if row["viewpoint"] not in (4, 5)]
+    said["viewpoints"][0]["pitch_deg"] -= 5.0
+    file.write_text(json.dumps(said))
+    code = main(["edit", ID, "--from", str(file), "--by", "Ada", *where])
+    out = capsys.readouterr().out
+    made = out.split(":")[0].strip()
+    assert "changed by Ada: viewpoint 4 left out, viewpoint 5 left out, viewpoint 0 changed" in out
+    row = catalog.transfer(made)
+    assert row["n_viewpoints"] == count - 2 and code == int(not row["flyable"])
+    assert row["min_clearance_m"] >= 1.99 and row["coverage_inspected_pct"] > 0
+    assert list(catalog.transfers()["transfer_id"]) == [made] and not len(catalog.in_force())
+    assert row["planned_on"] == f"changed by Ada, from {ID}" and verify(catalog) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        '{"plan": "other", "viewpoints": []}',
+        f'{{"plan": "{ID}", "viewpoints": [{{"viewpoint": 900}}]}}',
+        f'{{"plan": "{ID}", "viewpoints": [], "keep_out": [[1, 2]]}}',
+        f'{{"plan": "{ID}", "viewpoints": [], "clearance_m": NaN}}',
+    ],
+)
+def test_a_file_that_is_no_edit_of_the_plan_is_told(catalog, tmp_path, text):
+    from upplied.fleet.edits import edit_plan
+
+    path = tmp_path / "plan.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"plan\.json"):
+        edit_plan(catalog, ID, path, "Ada")

@@ -1,0 +1,189 @@
+"""A plan as a person changed it: viewpoints moved, turned or left out, boxes forbidden; the rest as it was.
+
+What was not touched is flown as it was planned. Where a viewpoint was moved or left out, or a box is in the
+way, a safe way joins what is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from upplied.config import RetimeSettings
+from upplied.errors import RefusedError
+from upplied.planning.airspace.roadmap import Roadmap, way
+from upplied.planning.trajectory.retime import retime
+from upplied.poses import from_yaw_pitch, yaw_pitch
+from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
+
+_SAME_M, _SAME_DEG = 1e-3, 0.05  # of what a file keeps of a pose: less is no change
+_APART_M = 1e-6
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where a person wants a viewpoint: m, structure frame; degrees."""
+
+    position: tuple[float, float, float]
+    yaw_deg: float
+    pitch_deg: float
+
+
+@dataclass(frozen=True)
+class Edit:
+    """What a person changed, by the number of the viewpoint, from 0 in the order of flight."""
+
+    deleted: tuple[int, ...] = ()
+    changed: Mapping[int, Viewpoint] = field(default_factory=dict)
+
+    @property
+    def words(self) -> str:
+        """What was changed, in words."""
+        said = [f"viewpoint {number} left out" for number in self.deleted]
+        said += [f"viewpoint {number} changed" for number in sorted(self.changed)]
+        return ", ".join(said)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Piece(Record):
+    positions: Floats  # (K, 3) m
+    yaw: Floats  # (K,) rad
+    pitch: Floats  # (K,) rad
+    t_s: Floats  # (K,) s, of the plan
+    is_viewpoint: Bools  # (K,)
+
+
+def viewpoints_of(plan: Trajectory, is_viewpoint: Bools) -> list[Viewpoint]:
+    """The viewpoints of a plan, in the order of flight."""
+    yaw, pitch = yaw_pitch(plan.quat_xyzw[is_viewpoint])
+    places = plan.positions[is_viewpoint].tolist()
+    angles = zip(np.degrees(yaw).tolist(), np.degrees(pitch).tolist(), strict=True)
+    return [Viewpoint((x, y, z), *turn) for (x, y, z), turn in zip(places, angles, strict=True)]
+
+
+def edit_of(before: Sequence[Viewpoint], after: Mapping[int, Viewpoint]) -> Edit:
+    """What differs between the viewpoints of a plan and those that a person wants, by their numbers."""
+    deleted = tuple(number for number in range(len(before)) if number not in after)
+    return Edit(deleted, {n: new for n, new in sorted(after.items()) if not _same(before[n], new)})
+
+
+def _same(one: Viewpoint, other: Viewpoint) -> bool:
+    gap = np.linalg.norm(np.subtract(one.position, other.position))
+    turn = max(abs((one.yaw_deg - other.yaw_deg + 180) % 360 - 180), abs(one.pitch_deg - other.pitch_deg))
+    return bool(gap < _SAME_M and turn < _SAME_DEG)
+
+
+def edited(
+    plan: Trajectory, is_viewpoint: Bools, edit: Edit, graph: Roadmap, limits: RetimeSettings
+) -> tuple[Trajectory, Bools]:
+    """The plan as it was changed, with times under the limits of the vehicle.
+
+    Parameters
+    ----------
+    plan : Trajectory
+    is_viewpoint : array of bool, shape (N,)
+    edit : Edit
+    graph : Roadmap
+        Of the structure with what is forbidden now.
+    limits : RetimeSettings
+
+    Raises
+    ------
+    RefusedError
+        If nothing is left, a viewpoint breaks a rule of the airspace, or no safe way joins two of them.
+    """
+    index = np.flatnonzero(is_viewpoint)
+    kept = [number for number in range(len(index)) if number not in edit.deleted]
+    if len(kept) < 2:
+        raise RefusedError("the plan", f"has {len(kept)} viewpoints left", "at least two")
+    whole = _piece(plan, np.arange(len(plan)), is_viewpoint)
+    stops = {number: _stop(whole, int(index[number]), edit.changed.get(number)) for number in kept}
+    for number, stop in stops.items():
+        if why := graph.airspace.why(stop.positions[0]):
+            raise RefusedError(f"viewpoint {number}", why, "", "move it, or leave it out")
+    first, last = kept[0], kept[-1]
+    parts = []
+    if first == 0 and first not in edit.changed:
+        parts.append(_cut(whole, 0, int(index[first])))
+    parts.append(stops[first])
+    for one, other in pairwise(kept):
+        parts += _between(whole, index, (one, other), stops, edit, graph)
+        parts.append(stops[other])
+    if last == len(index) - 1 and last not in edit.changed:
+        parts.append(_cut(whole, int(index[last]) + 1, len(plan)))
+    made = _joined(parts, graph)
+    path = Waypoints(made.positions, from_yaw_pitch(made.yaw, made.pitch), made.t_s, made.is_viewpoint)
+    timed, flags, _ = retime(path, plan, limits)
+    return timed, flags
+
+
+def _piece(plan: Trajectory, rows: Ints, is_viewpoint: Bools) -> _Piece:
+    yaw, pitch = yaw_pitch(plan.quat_xyzw)
+    yaw = np.unwrap(yaw)
+    return _Piece(
+        plan.positions[rows], yaw[rows], pitch[rows], plan.t_s[rows], np.asarray(is_viewpoint, bool)[rows]
+    )
+
+
+def _cut(whole: _Piece, start: int, stop: int) -> _Piece:
+    part = slice(start, stop)
+    return _Piece(
+        whole.positions[part], whole.yaw[part], whole.pitch[part], whole.t_s[part], whole.is_viewpoint[part]
+    )
+
+
+def _stop(whole: _Piece, at: int, wanted: Viewpoint | None) -> _Piece:
+    """A viewpoint as it was, or as it is wanted; its heading turns the short way from what it was."""
+    own = _cut(whole, at, at + 1)
+    if wanted is None:
+        return own
+    turn = np.angle(np.exp(1j * (np.radians(wanted.yaw_deg) - own.yaw)))
+    place, pitch = np.array([wanted.position], float), np.radians([wanted.pitch_deg])
+    return _Piece(place, own.yaw + turn, pitch, own.t_s, own.is_viewpoint)
+
+
+def _between(
+    whole: _Piece, index: Ints, pair: tuple[int, int], stops: Mapping[int, _Piece], edit: Edit, graph: Roadmap
+) -> list[_Piece]:
+    """What is flown between two viewpoints: as it was where nothing was touched, else a safe way."""
+    one, other = pair
+    untouched = other == one + 1 and one not in edit.changed and other not in edit.changed
+    start, stop = int(index[one]), int(index[other])
+    if untouched and not graph.airspace.broken(whole.positions[start : stop + 1]).any():
+        return [_cut(whole, start + 1, stop)]
+    a, b = stops[one], stops[other]
+    line = way(graph, a.positions[0], b.positions[0])
+    if line is None:
+        raise RefusedError(
+            f"viewpoint {other}", f"has no safe way from viewpoint {one}", "", "move one of them"
+        )
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    share = (along / max(along[-1], _APART_M))[1:-1]
+
+    def along_the_way(start: Floats, end: Floats) -> Floats:
+        return np.asarray(start[0] + share * (end[0] - start[0]))
+
+    yaw, pitch, t_s = (along_the_way(*ends) for ends in ((a.yaw, b.yaw), (a.pitch, b.pitch), (a.t_s, b.t_s)))
+    return [_Piece(line[1:-1], yaw, pitch, t_s, np.zeros(len(share), bool))]
+
+
+def _joined(parts: Sequence[_Piece], graph: Roadmap) -> _Piece:
+    """All pieces in order; before the first viewpoint and after the last nothing forbidden is flown."""
+    while parts and graph.airspace.broken(np.concatenate([p.positions for p in parts[:2]])).any():
+        if parts[0].is_viewpoint.any():
+            break
+        parts = parts[1:]
+    while parts and graph.airspace.broken(np.concatenate([p.positions for p in parts[-2:]])).any():
+        if parts[-1].is_viewpoint.any():
+            break
+        parts = parts[:-1]
+    return _Piece(
+        positions=np.concatenate([part.positions for part in parts]),
+        yaw=np.concatenate([part.yaw for part in parts]),
+        pitch=np.concatenate([part.pitch for part in parts]),
+        t_s=np.concatenate([part.t_s for part in parts]),
+        is_viewpoint=np.concatenate([part.is_viewpoint for part in parts]),
+    )
