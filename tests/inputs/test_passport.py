@@ -42,6 +42,7 @@ BREAKS = {  # of each rule, figures that break it
     "clock-stepped": {"clock_steps": 1},
     "near-structure": {"near_pct": 1.0},
     "looks-aside": {"axis_pct": 60.0},
+    "little-off-centre": {"off_centre_m": (1.0, 1.5), "off_centre_sure": 0.95},
     "velocity": {"motion_fit_pct": 20.0, "motion_ratio": 3.28},
     "aim-drifts": {"aim_drift_deg": -22.0},
     "aim-off": {"aim_off_deg": 20.0},

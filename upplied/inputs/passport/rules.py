@@ -89,6 +89,13 @@ def _off_centre(m: Measured, s: PassportSettings) -> str:
     return f"the stand-off changes from side to side as if the log lay off by {m.off_centre_m} m (x, y)"
 
 
+def _little_off_centre(m: Measured, s: PassportSettings) -> str:
+    off = math.hypot(*m.off_centre_m)
+    if m.off_centre_sure < 0.8 or not s.odd_off_centre_m <= off < s.off_centre_m:
+        return ""
+    return f"the stand-off changes from side to side as if the log lay off by {m.off_centre_m} m (x, y)"
+
+
 def _aim_drifts(m: Measured, s: PassportSettings) -> str:
     side = "left" if m.aim_drift_deg > 0 else "right"
     return (
@@ -196,6 +203,9 @@ CHECKS: tuple[FlightRule, ...] = (
     _rule("looks-aside", "warn", ("odd_axis_pct",),
          "an inspection looks at its structure most of the time", "cut the log to the inspection",
          _looks_aside),
+    _rule("little-off-centre", "warn", ("odd_off_centre_m",),
+         "a pilot who circles keeps his distance", "check where the structure stands in the log's frame",
+         _little_off_centre),
     _rule("velocity", "warn", ("least_motion_fit_pct", "motion_ratio"),
          "poses that were mirrored, turned or scaled move otherwise than their estimator says",
          "check who wrote the log: its axes, its unit, its clock", _velocity),

@@ -38,6 +38,7 @@ class PassportSettings:
     fit_gain_pct: float = 15.0  # of the poses that would make sense in another convention alone
     fit_least_pct: float = 75.0  # of the poses, in that convention
     off_centre_m: float = 3.0  # a stand-off that changes with the side, as if the log lay this far off
+    odd_off_centre_m: float = 1.2  # of 150 right flights none is so by more than 0.2 m with as much certainty
     # Of 200 right flights none drifts by more than 10.7 deg or looks aside by more than 9.4.
     aim_drift_deg: float = 15.0  # by which the camera turns off the nearest surface from end to end
     aim_off_deg: float = 15.0  # by which it looks aside of it all the time
