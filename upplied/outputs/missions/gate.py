@@ -176,7 +176,10 @@ def _overrule(breach: Breach) -> str:
 
 def told(overruled: Iterable[Breach]) -> list[str]:
     """Breaches that were overruled, as notes of a mission."""
-    return [f"{DRAFT if breach.rule == 'released' else 'OVERRULED'} {breach}" for breach in overruled]
+    return [
+        f"{DRAFT} {breach.found}" if breach.rule == "released" else f"OVERRULED {breach}"
+        for breach in overruled
+    ]
 
 
 def drafted(notes: Iterable[str]) -> list[str]:
