@@ -79,3 +79,12 @@ def test_the_map_has_north_up_and_every_line_in_it():
     turned = map_png(structure, [north], 270.0)
     assert rows_of(turned, (0, 114, 178)).mean() > rows_of(turned, (201, 207, 214)).mean() + 100
     assert side_png(structure, [north])[:4] == b"\x89PNG"
+
+
+def test_a_draft_says_so_first(made):
+    missions, structure, options = made
+    draft = [
+        replace(each, notes=("DRAFT, NOT RELEASED: it is a draft plan", *each.notes)) for each in missions
+    ]
+    page = brief_html(ROW, draft, structure, options, [])
+    assert "Nobody released this plan" in page and "Passed every rule" not in page

@@ -83,7 +83,9 @@ def _verdict(overruled: Sequence[str]) -> str:
     if not overruled:
         return '<p class="verdict go">Passed every rule of the gate, from take-off to landing.</p>'
     listed = "".join(f"<li>{_said(note)}</li>" for note in overruled)
-    return f'<div class="verdict stop">Not every rule of the gate was kept:<ul>{listed}</ul></div>'
+    draft = all(note.startswith(DRAFT) for note in overruled)
+    words = "Nobody released this plan" if draft else "Rules were overruled"
+    return f'<div class="verdict stop">{words}:<ul>{listed}</ul></div>'
 
 
 def _maps(structure: Structure, missions: Sequence[Mission], lines: Sequence[Line]) -> str:
