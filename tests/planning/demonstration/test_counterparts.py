@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_structures import one_piece
@@ -106,6 +108,17 @@ def test_an_engine_among_others_that_nothing_tells_apart_is_refused_with_the_rea
     plan = plan_transfer(flight, source, scan, asked_for(**asked))
     assert plan.status == "refused" and plan.trajectory is None
     assert "engine_left=" in plan.reason or "is not told apart" in plan.reason
+
+
+def test_an_engine_that_was_modelled_as_one_with_its_wing_is_not_flown_as_a_wing(a320, engine, b747):
+    of = member("a320-v1")
+    edges = []
+    for side in ("left", "right"):
+        wing, nacelle = (of.triangles_of(f"{part}_{side}")[0] for part in ("wing", "engine"))
+        edges.append([a320.triangles[wing, 0], a320.triangles[nacelle, 0], a320.triangles[nacelle, 0]])
+    source = replace(a320, triangles=np.vstack([a320.triangles, edges]), sha256="")
+    _, (one,), refused = answers(engine, source, b747)
+    assert one.twins > 0 and "part of its own" in refused
 
 
 def test_what_has_no_like_is_flown_with_a_warning_that_names_it(a320, scan):

@@ -23,7 +23,7 @@ from upplied.planning.correspondence.certainty import (
 from upplied.planning.correspondence.describe import place_of
 from upplied.planning.correspondence.landmarks import choices_for
 from upplied.planning.demonstration.repetition import Take
-from upplied.planning.geometry.boxes import laid
+from upplied.planning.geometry.boxes import diagonal_of, laid
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
 from upplied.records import Counterpart, Floats, Ints, Record
@@ -31,6 +31,9 @@ from upplied.records import Counterpart, Floats, Ints, Record
 _INSPECTED = 0.1  # least share of what was inspected, for a part to be asked about
 _MOST = 0.25  # share of what was inspected from which a doubt about it refuses the plan
 _LOOKED_AT = 0.4  # mean weight from which a stretch of skin was inspected
+_COMPACT = (
+    0.25  # of the diagonal: longest edge of a stretch of skin that may be a part of its own, not a hull
+)
 _LESSER = 0.4  # share of a part up to which what was inspected may be a part of its own
 _WHOLE = 0.5  # share of the surface from which a stretch of skin of a one-piece structure is the structure
 
@@ -108,8 +111,8 @@ def _counterpart(
     doubt = _doubt(take, name, share, target, known, settings) if not answers or known is not None else ""
     if others and not doubt:
         doubt = (
-            f"what was inspected is a lesser piece of {name}, like {others} others of the source, and is not "
-            f"told apart on {take.pair.target.structure_id}"
+            f"what was inspected of {name} is a part of its own, of which the source has {others} more, and "
+            f"it is not told apart on {take.pair.target.structure_id}"
         )
     return Counterpart(
         part=name,
@@ -138,6 +141,8 @@ def _others_within(take: Take, part: int, source: _Side) -> int:
         return 0
     stretches = parts_of(replace(cloud, part=skin))
     most = int(np.bincount(skin[mine], (area * found.weight)[mine]).argmax())
+    if (stretches.high - stretches.low)[most].max() > _COMPACT * diagonal_of(cloud.points):
+        return 0
     alike = choices_for(stretches, most, stretches, [most])
     return int((~inspected[alike]).sum())
 
