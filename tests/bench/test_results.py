@@ -40,6 +40,12 @@ def test_the_figures_are_those_of_this_version(results):
     assert {f"{title}, recommended" for title in FAST} <= set(kept["rows"])
 
 
+def test_published_figures_are_those_of_this_version():
+    """They are drawn by what a user's quickstart calls: taken in from files, planned, measured."""
+    published = (BENCH.parent / "docs" / "pictures" / "measured.md").read_text(encoding="utf-8")
+    assert f"version {METHOD_VERSION} of the method" in published, "the version was raised: make pictures"
+
+
 @pytest.mark.parametrize("title", FAST)
 def test_results_have_not_moved(results, title):
     check(results, title, "recommended")
