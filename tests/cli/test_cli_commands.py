@@ -86,12 +86,14 @@ def test_one_structure_of_a_manifest_is_checked_against_what_is_declared(tmp_pat
 def test_choices_become_settings():
     pairs = ("nose=bow", "tail=stern")
     chosen = Choices(
-        "kept", 0.01, True, pairs, repeat="mirror", clearance=3.0, search="heading", about="box 0 0 0 1 1 1"
-    )
+        "kept", 0.01, True, pairs, repeat="mirror", expect=2, clearance=3.0, search="heading",
+        about="box 0 0 0 1 1 1",
+    )  # fmt: skip
     made = settings_for("recommended", **chosen.onto({"route": {"clearance_m": 9.0, "enforce": False}}))
     assert (made.transfer.standoff, made.transfer.gsd_m, made.transfer.plane) == ("kept", 0.01, True)
     assert made.correspondence.counterparts == (("nose", "bow"), ("tail", "stern"))
     assert (made.correspondence.repeat, made.registration.search) == ("mirror", "heading")
+    assert made.correspondence.expect == 2
     assert (made.route.clearance_m, made.route.enforce) == (3.0, False)
     assert made.inspection.about == "box 0 0 0 1 1 1"
     assert settings_for("recommended", **Choices().onto({})) == settings_for("recommended")

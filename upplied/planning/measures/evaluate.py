@@ -74,7 +74,7 @@ def judge(
     )
     if answers_s is not None:
         found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, answers_s, takes, settings))
-    said = _warnings(found, true[0].without_pct, settings) + _beyond_the_gimbal(takes, settings)
+    said = _warnings(found, true[0], settings) + _beyond_the_gimbal(takes, settings)
     return found, surface_states(shown), said
 
 
@@ -116,11 +116,14 @@ def _seen_surface(take: Take, fit: Fit, demonstrated: Views, settings: Settings)
     return inspected_surface(fit.source, fit.target, fit.correspondences, demonstrated, sight)
 
 
-def _warnings(found: Measures, without_pct: float, settings: Settings) -> tuple[str, ...]:
+def _warnings(found: Measures, seen: InspectedSurface, settings: Settings) -> tuple[str, ...]:
     """What a person should know before this plan is flown, in words."""
     said = []
-    if without_pct >= 1:
-        said.append(f"{without_pct:.0f} % of what the demonstration saw has no counterpart on the target")
+    if seen.without_pct >= 1:
+        said.append(
+            f"{seen.without_pct:.0f} % of what the demonstration saw has no counterpart on the target: "
+            f"{seen.without:.0f} m2 of the source's surface"
+        )
     short = found.coverage_attainable_pct - found.coverage_seen_pct
     if short > 5:
         said.append(f"{short:.0f} % of what could be seen is missed")
