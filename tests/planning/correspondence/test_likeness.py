@@ -59,3 +59,21 @@ def test_parts_of_a_cloud_are_those_of_the_model(known: str, target: str, least:
     true = surface(target).part
     assert true is not None
     assert agreement(found, true, least) > 0.7
+
+
+def test_what_floats_about_a_scan_is_no_part_of_its_parts() -> None:
+    structure, cloud = scanned("turbine-2-v1")
+    assert cloud.normals is not None and cloud.area_m2 is not None
+    skin = skin_parts(structure, scene_of(structure, 1), cloud).label
+    near = cloud.points[::400] + np.array([3.0, 4.0, 0.0])  # ten ghosts
+    dirty = Cloud(
+        np.vstack([cloud.points, near]),
+        np.vstack([cloud.normals, cloud.normals[::400]]),
+        np.concatenate([cloud.area_m2, cloud.area_m2[::400]]),
+    )
+    lying = laid(dirty, box_on_box(surface("turbine-1-v1"), cloud))
+    found = parts_like(lying, np.concatenate([skin, skin[::400]]), surface("turbine-1-v1"))
+    true = surface("turbine-2-v1").part
+    assert true is not None and agreement(found[: len(cloud)], true, 0.05) > 0.7
+    assert (found[len(cloud) :] == found.max()).mean() > 0.8
+    assert not (found[: len(cloud)] == found.max()).mean() > 0.02

@@ -47,7 +47,29 @@ def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
     known : Cloud
         Samples of a structure with parts, in the frame and at the scale of `whole`.
     """
-    assert whole.normals is not None and whole.area_m2 is not None
+    solid = ~_floating(whole)
+    label = np.empty(len(whole), np.int64)
+    label[solid] = _parts_of_solid(_at(whole, solid), skin[solid], known)
+    label[~solid] = label[solid].max() + 1  # what floats is one part, which answers to none and widens none
+    return label
+
+
+def _floating(whole: Cloud) -> Bools:
+    """Which samples lie on crumbs in the air, that touch nothing: birds, cables, ghosts of a scan."""
+    pairs = cKDTree(whole.points).query_pairs(_TOUCH * spacing(whole), output_type="ndarray")
+    piece = _connected(pairs, np.zeros(len(whole), np.int64))
+    count = np.bincount(piece)[piece]
+    return np.asarray(count < np.minimum(max(_FEW, _CRUMB * len(whole)), count.max()), bool)
+
+
+def _at(cloud: Cloud, chosen: Bools) -> Cloud:
+    """Some of the samples of a cloud."""
+    assert cloud.normals is not None and cloud.area_m2 is not None
+    return Cloud(cloud.points[chosen], cloud.normals[chosen], cloud.area_m2[chosen])
+
+
+def _parts_of_solid(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
+    assert whole.area_m2 is not None
     name = carried(whole, known)
     step, reach = spacing(whole), _TOUCH * spacing(whole)
     stretch = _named_stretches(whole, skin, name)
