@@ -46,7 +46,8 @@ def scan(kind: str, name: str, variant: str, seed: int = 0) -> Structure:
     if variant == "model":
         return whole
     if variant in ("cloud", "sparse"):
-        chosen = rng.choice(len(known["op"]), 100_000 if variant == "cloud" else 10_000, replace=False)
+        count = min(100_000 if variant == "cloud" else 10_000, len(known["op"]))
+        chosen = rng.choice(len(known["op"]), count, replace=False)
         points = known["op"][chosen] + rng.normal(0, _CLOUD_NOISE_M, (len(chosen), 3))
         return _structure(whole, variant, points, np.empty((0, 3), np.int64), known["on"][chosen])
     vertices, triangles = np.asarray(known["v"], float), np.asarray(known["f"], np.int64)
