@@ -118,7 +118,7 @@ def traced(root: Path, rooms: tuple[str, ...]) -> dict[str, Any]:
     sources = _digest(root, *sorted((root / "upplied").rglob("*.py")))
     kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
     found = kept.get("files", {}) if kept.get("sources") == sources else {}
-    folders = [root / "tests" / Path(room).name for room in ROOMS if any(of.startswith(room) for of in rooms)]
+    folders = {_tests_of(root, Path(room)) for room in rooms}
     for path in sorted(path for folder in folders for path in folder.rglob("test_*.py")):
         file, digest = str(path.relative_to(root)), _digest(root, path)
         if found.get(file, {}).get("digest") == digest:
@@ -139,6 +139,14 @@ def traced(root: Path, rooms: tuple[str, ...]) -> dict[str, Any]:
         KEPT.parent.mkdir(exist_ok=True)
         KEPT.write_text(json.dumps({"sources": sources, "files": found}), encoding="utf-8")
     return found
+
+
+def _tests_of(root: Path, room: Path) -> Path:
+    """The folder of tests of a room, or of the nearest room around it that has tests."""
+    folder = root / "tests" / room.relative_to("upplied").with_suffix("")
+    while not any(folder.glob("test_*.py")) and folder != root / "tests" / room.parts[1]:
+        folder = folder.parent
+    return folder
 
 
 def _digest(root: Path, *paths: Path) -> str:
@@ -183,7 +191,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--number", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", nargs="*", default=ROOMS, help="rooms or modules, from the project's root")
+    parser.add_argument("--only", nargs="*", default=ROOMS, help="rooms or modules, asked by their own tests")
     parser.add_argument("--skip", type=int, default=0, help="of the drawn ones, those already judged")
     parser.add_argument("--hours", type=float, default=24.0, help="after which no further mutant is judged")
     given = parser.parse_args()
