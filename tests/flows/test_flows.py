@@ -120,44 +120,6 @@ print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
     assert (place / "reports" / "index.html").is_file()
 
 
-def test_a_flight_that_lands_is_judged_and_what_it_left_out_is_planned(server, place):
-    done = python(
-        server,
-        place,
-        """
-import shutil
-from dataclasses import replace
-from upplied.catalog import open_catalog
-from upplied.outputs.logs import write_log
-from upplied.flows.ingest_demonstrations import ingest_demonstrations
-from upplied.flows.ingest_flights import ingest_flights
-from upplied.flows.transfer_fleet import transfer_fleet
-shutil.copytree("catalog", "flown")  # what is planned here is none of the other tests' business
-ingest_demonstrations(["flight.mcap"], "flown")
-transfer_fleet("flown", presets=["recommended"], targets=["box-random-1"], reports="")
-catalog = open_catalog("flown")
-plan = catalog.transfers(preset="recommended", status="ok").iloc[0]
-path = catalog.trajectory(plan["transfer_id"])
-part = path.t_s <= 0.6 * path.t_s[-1]
-demonstration = catalog.demonstration(plan["demonstration_id"])
-flown = replace(
-    demonstration, demonstration_id="came-back", structure_id=plan["target_id"],
-    t_ns=demonstration.t_ns[0] + (path.t_s[part] * 1e9).astype("int64"),
-    positions=path.positions[part], quat_xyzw=path.quat_xyzw[part],
-)
-write_log("came-back.mcap", flown, catalog.structure(plan["target_id"]), heavy_topic=False)
-open("broken.mcap", "wb").write(b"nothing")
-print(ingest_flights(["came-back.mcap", "broken.mcap"], "flown", "pages", return_state=True).name)
-print(ingest_flights(["came-back.mcap"], "flown", "pages", return_state=True).name)
-print(len(catalog.flights(kind="flown")))
-every = catalog.transfers(every=True)
-print(every["purpose"].str.startswith("gap ").sum())
-""",
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == ["CompletedWithFailures", "Completed", "1", "1"]
-
-
 def test_maintenance_checks_the_catalog_and_says_what_is_wrong_with_it(server, place):
     code = """
 from upplied.flows.maintain_catalog import maintain_catalog
@@ -650,3 +612,43 @@ def test_no_server_is_told_at_once_and_in_words(tmp_path):
     assert done.returncode != 0
     assert "PREFECT_API_URL" in done.stderr
     assert not os.listdir(tmp_path) or not (tmp_path / "reports").exists()
+
+
+def test_a_flight_that_lands_is_judged_and_what_it_left_out_is_planned(server, place):
+    done = python(
+        server,
+        place,
+        """
+from dataclasses import replace
+from upplied.catalog import open_catalog
+from upplied.outputs.logs import write_log
+from upplied.flows.ingest_flights import ingest_flights
+from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+cube = member("cube-v1").structure
+flown = open_catalog("flown")  # what is planned here is none of the other tests' business
+flown.add_structures([cube, random_member("box", 1).structure])
+flown.add_demonstrations([fly(cube, "sides", seed=1)])
+transfer_fleet("flown", presets=["recommended"], targets=["box-random-1"], reports="")
+catalog = open_catalog("flown")
+plan = catalog.transfers(preset="recommended", status="ok").iloc[0]
+path = catalog.trajectory(plan["transfer_id"])
+part = path.t_s <= 0.6 * path.t_s[-1]
+demonstration = catalog.demonstration(plan["demonstration_id"])
+flown = replace(
+    demonstration, demonstration_id="came-back", structure_id=plan["target_id"],
+    t_ns=demonstration.t_ns[0] + (path.t_s[part] * 1e9).astype("int64"),
+    positions=path.positions[part], quat_xyzw=path.quat_xyzw[part],
+)
+write_log("came-back.mcap", flown, catalog.structure(plan["target_id"]), heavy_topic=False)
+open("broken.mcap", "wb").write(b"nothing")
+print(ingest_flights(["came-back.mcap", "broken.mcap"], "flown", "pages", return_state=True).name)
+print(ingest_flights(["came-back.mcap"], "flown", "pages", return_state=True).name)
+print(len(catalog.flights(kind="flown")))
+every = catalog.transfers(every=True)
+print(every["purpose"].str.startswith("gap ").sum())
+""",
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["CompletedWithFailures", "Completed", "1", "1"]
