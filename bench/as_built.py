@@ -37,7 +37,7 @@ from upplied.planning.correspondence.certainty import (
 )
 from upplied.planning.correspondence.landmarks import choices_for
 from upplied.planning.correspondence.pair import study_pair
-from upplied.planning.geometry.boxes import laid
+from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.planning.surface.samples import surface_samples
@@ -90,30 +90,30 @@ def rows_of(
     one = scan(kind, names[0], variant if turned_round else "model")
     other = scan(kind, names[1], "model" if turned_round else variant)
     fit = study_pair(one, other, settings).surface
-    here, lying = fit.source, laid(fit.target, fit.registration)
+    here, registered = fit.source, in_source_frame(fit.target, fit.registration)
     true_here = true_parts(kind, names[0], here.points)
     true_there = true_parts(kind, names[1], fit.target.points)
     told = fit.told >= 0
-    mine, theirs = parts_of(here), parts_of(lying)
+    mine, theirs = parts_of(here), parts_of(registered)
     common = {"kind": kind, "source": names[0], "target": names[1], "variant": variant, "told": told}
     counts = [_sorts(kind, name) for name in names]
     wholes, carried = fit.registration.acceptance, fit.carried
     if carried is None:
         return
-    area = np.ones(len(lying)) if lying.area_m2 is None else lying.area_m2
+    area = np.ones(len(registered)) if registered.area_m2 is None else registered.area_m2
     for part in np.flatnonzero(mine.area > SMALL).tolist():
         answers = fit.correspondences.parts_answering(part).tolist()
         if not answers:
             continue
         meant = _most(true_here[labels_of(here) == part])
         strict = counts[0].get(_sort(meant)) == counts[1].get(_sort(meant)) and not _free(meant)
-        right = _right(np.isin(labels_of(lying), answers), true_there, area, meant, strict)
-        found = evidence_of_answer(here, part, lying, answers, wholes, told, carried)
+        right = _right(np.isin(labels_of(registered), answers), true_there, area, meant, strict)
+        found = evidence_of_answer(here, part, registered, answers, wholes, told, carried)
         yield {**common, "part": meant, "question": "answer", "right": right, "evidence": found.tolist()}
         for choice in choices_for(mine, part, theirs, answers).tolist():
             if choice not in answers and len(answers) == 1:
-                right = _right(labels_of(lying) == choice, true_there, area, meant)
-                found = evidence_of_other(lying, answers[0], choice, wholes, told)
+                right = _right(labels_of(registered) == choice, true_there, area, meant)
+                found = evidence_of_other(registered, answers[0], choice, wholes, told)
                 yield {
                     **common,
                     "part": meant,

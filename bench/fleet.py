@@ -109,7 +109,7 @@ def ceiling(catalog: Catalog, preset: str, seconds: float = 8.0) -> float:
 
     They plan the same target again and again, from what they hold in memory, and nobody commits it.
     """
-    job = fleet.decide(catalog, fleet.Wish((preset,), {"route": {"ground_clearance_m": 2.5}})).jobs[0]
+    job = fleet.decide(catalog, fleet.PlanRequest((preset,), {"route": {"ground_clearance_m": 2.5}})).jobs[0]
 
     def rate(lasting_s: float) -> float:
         began, done = time.perf_counter(), 0
@@ -153,8 +153,8 @@ def warm_up(folder: Path) -> None:
 
 
 def run(catalog: Catalog, presets: tuple[str, ...], workers: int, changes: dict | None = None) -> Clocked:
-    """Plan what a wish asks for and clock it."""
-    jobs = fleet.decide(catalog, fleet.Wish(presets, changes or {})).jobs
+    """Plan what a plan_request asks for and clock it."""
+    jobs = fleet.decide(catalog, fleet.PlanRequest(presets, changes or {})).jobs
     wall, cpu = time.perf_counter(), cpu_s()
     result = fleet.transfer(catalog, jobs, "bench", fleet.Resources(workers))
     assert result.failed == 0, result.troubles
@@ -228,14 +228,14 @@ def deciding(folder: Path, pairs: int) -> None:
     clones = [replace(cube, structure_id=f"t{n:05d}", sha256=f"{n:064d}") for n in range(pairs)]
     catalog.add_structures([cube, *clones])
     catalog.add_demonstrations([fly(cube, "sides")])
-    wish = fleet.Wish(("paper",))
+    plan_request = fleet.PlanRequest(("paper",))
     keeper = Keeper(catalog, "bench")
-    for job in fleet.decide(catalog, wish).jobs:
+    for job in fleet.decide(catalog, plan_request).jobs:
         names = (job.demonstration_id, job.source_id, job.target_id, job.kind, "paper", "refused")
         keeper.add(Outcome(job, Plan(*names), 0.0))
     keeper.close()
     wall, cpu = time.perf_counter(), cpu_s()
-    decision = fleet.decide(catalog, wish)
+    decision = fleet.decide(catalog, plan_request)
     assert decision.unchanged == pairs
     print(
         f"{pairs} unchanged pairs decided in {time.perf_counter() - wall:.2f} s, {cpu_s() - cpu:.2f} CPU s; "

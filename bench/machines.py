@@ -86,7 +86,7 @@ def started(step: str, *words: str) -> subprocess.Popen[str]:
 
 def decide(catalog: Catalog, machines: str) -> dict[str, float]:
     """What the run over the fleet does before anything is planned."""
-    jobs = fleet.decide(catalog, scale.WISH).jobs
+    jobs = fleet.decide(catalog, scale.REQUEST).jobs
     size = shard_targets(len({job.target_id for job in jobs}), int(machines))
     manifest.write_shards(catalog, RUN, fleet.bundles(jobs, size))
     return {"pairs": len(jobs), **used()}

@@ -44,7 +44,7 @@ WORKERS = 2
 POSES = 60
 SHAPES = 100  # different boxes; the structures beyond have the shape of one of them, and their own hash
 CHANGES = {"clouds": {"voxel_points": 60, "raw_points": 1000}}
-WISH = fleet.Wish(("baseline",), CHANGES)
+REQUEST = fleet.PlanRequest(("baseline",), CHANGES)
 TARGET_S = 1.0
 COLUMNS = (
     "CPU ms each",
@@ -152,7 +152,7 @@ def alone(targets: int) -> Cost:
         clock()
         catalog = fleet_of(Path(folder) / "catalog", targets)
         wall, cpu = time.perf_counter(), cpu_s()
-        jobs = fleet.decide(catalog, WISH).jobs
+        jobs = fleet.decide(catalog, REQUEST).jobs
         result = fleet.transfer(catalog, jobs, "bench", fleet.Resources(WORKERS))
         assert result.ok == targets, result.troubles[:3]
         return Cost(

@@ -13,7 +13,7 @@ catalog = upplied.open_catalog("catalog")
 catalog.add_structures([cube, cuboid])
 catalog.add_demonstrations([fly(cube, "sides", seed=1)])
 
-wish = fleet.Wish(presets=("recommended", "baseline"))
+wish = fleet.PlanRequest(presets=("recommended", "baseline"))
 decision = fleet.decide(catalog, wish)
 print(fleet.transfer(catalog, decision.jobs, run_id="by hand", resources=fleet.Resources(workers=1)))
 again = fleet.decide(catalog, wish)

@@ -68,9 +68,9 @@ def wish_of(
     targets: Sequence[str] | None,
     retry_failed: bool,
     experiment: str = "",
-) -> fleet.Wish:
+) -> fleet.PlanRequest:
     """What the parameters of a flow ask of the fleet; None means every one."""
-    return fleet.Wish(
+    return fleet.PlanRequest(
         tuple(presets),
         changes.model_dump(exclude_unset=True),
         tuple(demonstrations or ()),

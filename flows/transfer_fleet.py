@@ -72,7 +72,7 @@ def transfer_fleet(
         read.append(ingest_structures(manifest, catalog, resources.workers, prune, return_state=True))
     if logs:
         read.append(ingest_demonstrations(logs, catalog, resources.workers, return_state=True))
-    wish = wish_of(presets, changes, demonstrations, targets, retry_failed, experiment or "")
+    plan_request = wish_of(presets, changes, demonstrations, targets, retry_failed, experiment or "")
     kept = open_catalog(catalog)
     inputs = [asset(catalog, name) for name in ("structures", "demonstrations")]
     made = asset(catalog, "transfers")
@@ -83,7 +83,7 @@ def transfer_fleet(
     problems = [*tasks.recheck_plans(catalog, resources.timeout_s), *troubles_of(read)]
     # What lands while this run plans or publishes is planned by it as well: a run that is started
     # meanwhile is cancelled.
-    while night.goes_on(fleet.decide(kept, wish)):
+    while night.goes_on(fleet.decide(kept, plan_request)):
         night.planned.include(plan(catalog, night.jobs, resources))
         record(catalog, runtime.flow_run.id, night.planned.result)
         if fly:

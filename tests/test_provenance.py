@@ -35,13 +35,14 @@ def test_another_machine_plans_under_the_same_key(job, monkeypatch):
 
 
 def test_every_source_of_planning_counts(monkeypatch, tmp_path):
-    for name in ("planning/deep", "checks.py", "poses.py", "records.py", "scene.py", "threads.py"):
+    for name in ("planning/deep", "records", "checks.py", "poses.py", "scene.py", "threads.py"):
         path = tmp_path / name
         if path.suffix:
             path.write_text("x = 1\n")
         else:
             path.mkdir(parents=True)
-    (tmp_path / "planning" / "deep" / "a.py").write_text("x = 1\n")
+    for name in ("planning/deep/a.py", "records/b.py"):
+        (tmp_path / name).write_text("x = 1\n")
     monkeypatch.setattr(provenance, "_PACKAGE", tmp_path)
     found = provenance.sources_sha256.__wrapped__
     first = found()

@@ -150,16 +150,16 @@ def comments(kind: type) -> dict[str, str]:
 
 def _may_be(name: str, wanted: Any) -> str:
     """The values that a setting takes, in words."""
-    from upplied.config import _RANGES
+    from upplied.config.ranges import RANGES
 
     choices = get_args(wanted)
     if get_origin(wanted) is Literal:
         return ", ".join(f"`{choice}`" if choice else "none" for choice in choices)
     if wanted is bool:
         return "`true`, `false`"
-    if name not in _RANGES:
+    if name not in RANGES:
         return "pairs of names" if get_origin(wanted) is tuple else "a whole number"
-    low, high = _RANGES[name]
+    low, high = RANGES[name]
     words = f"from {low:,.9g}" if high == math.inf else f"{low:,.9g} to {high:,.9g}"
     return f"{words}, or none" if type(None) in choices else words
 

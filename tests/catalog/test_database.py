@@ -13,9 +13,10 @@ from deltalake import DeltaTable
 
 import upplied
 from upplied.catalog.database import Catalog, open_catalog
-from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES
+from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store import current, delta, opening
-from upplied.catalog.verbs import adding, queries
+from upplied.catalog.verbs import adding, ordering
 from upplied.errors import CatalogError, InputError
 
 
@@ -70,7 +71,7 @@ def test_the_current_version_of_one_row_is_that_of_the_whole_table(catalog, monk
         lambda: catalog.add_structures([structure("s1", 1)]),
     ):
         act()
-        known = {row["structure_id"]: row for row in queries.newest_rows(catalog.tables["structures"])}
+        known = {row["structure_id"]: row for row in ordering.newest_rows(catalog.tables["structures"])}
         assert {name: other.newest("structures", name) for name in known} == known
         with pytest.raises(CatalogError, match="structure s9: is not in the catalog"):
             other.newest("structures", "s9")
@@ -203,7 +204,7 @@ def test_a_plan_asked_for_again_becomes_current_again(catalog):
 
 def test_racing_writers_of_one_key_are_one_plan(catalog, monkeypatch):
     other = open_catalog(catalog.location)
-    monkeypatch.setattr(adding.queries, "rows_of_keys", lambda table, keys: {})  # neither knows of the other
+    monkeypatch.setattr(adding.ordering, "rows_of_keys", lambda table, keys: {})  # neither knows of the other
     for writer in (catalog, other):
         writer.add_plans(plans(3))
     assert len(catalog.tables["transfers"].read()) == 6

@@ -27,7 +27,7 @@ def dataset(tmp_path_factory) -> Path:
     catalog = open_catalog(place / "from")
     catalog.add_structures([cube, random_member("box", 1).structure])
     catalog.add_demonstrations([fly(cube, "sides")])
-    jobs = fleet.decide(catalog, fleet.Wish(("baseline",))).jobs
+    jobs = fleet.decide(catalog, fleet.PlanRequest(("baseline",))).jobs
     assert fleet.plan_here(str(catalog.location), jobs, "run", "test").ok == 1
     export_dataset(catalog, place / "set", "boxes-v1", catalog.transfers(), "CC0-1.0")
     return place / "set"

@@ -79,7 +79,7 @@ def test_what_rows_name_is_on_the_disk(catalog, synced, folder):
 @pytest.mark.parametrize("changed", ["boxy", "target", "flight"])
 def test_a_job_whose_inputs_changed_is_not_planned(catalog, monkeypatch, changed):
     """What would come of it would carry the hashes of other inputs."""
-    (job,) = fleet.decide(catalog, fleet.Wish(("baseline",))).jobs
+    (job,) = fleet.decide(catalog, fleet.PlanRequest(("baseline",))).jobs
     if changed == "flight":
         catalog.add_demonstrations([demonstration(seed=9)])
     else:

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, data_dictionary
+from upplied.catalog.schema.dictionary import data_dictionary
+from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.schema.tables import TABLES
 
 ROOT = Path(__file__).parents[2]
 
@@ -37,7 +39,7 @@ def test_required_columns_are_declared(name: str):
 
 def test_the_dictionary_is_current():
     written = (ROOT / "catalog" / "README.md").read_text(encoding="utf-8")
-    assert written == data_dictionary(), "run: python -m upplied.catalog.schema.tables"
+    assert written == data_dictionary(), "run: python -m upplied.catalog.schema.dictionary"
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=lambda table: table.name)

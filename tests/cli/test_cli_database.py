@@ -34,7 +34,7 @@ def test_a_target_of_another_kind_is_refused_in_words(catalog, capsys):
     told = capsys.readouterr().err
     assert "is of kind ship" in told and "of kind box" in told
     with pytest.raises(InputError, match="is of kind ship, flown was box"):
-        fleet.decide(catalog, fleet.Wish(targets=("ferry",)))
+        fleet.decide(catalog, fleet.PlanRequest(targets=("ferry",)))
 
 
 def test_one_target_that_is_wrong_does_not_stop_the_others(catalog, capsys, monkeypatch):

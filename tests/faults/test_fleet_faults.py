@@ -21,7 +21,7 @@ from upplied.fleet.planner import Outcome
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 
-WISH = fleet.Wish(("baseline",))
+REQUEST = fleet.PlanRequest(("baseline",))
 CULPRITS = {
     "box-random-1": "took longer than 25 s",
     "box-random-2": "needed more memory than the 4 GiB",
@@ -63,7 +63,7 @@ def test_culprits_are_rows_with_a_reason_and_the_rest_is_planned(tmp_path, monke
     catalog = boxes(tmp_path / "catalog", 8)
     resources = fleet.Resources(2, fleet.Limits(timeout_s=25, memory_gib=4))
     monkeypatch.setattr(run, "plan_job", misbehave)
-    result = fleet.transfer(catalog, fleet.decide(catalog, WISH).jobs, "bad night", resources)
+    result = fleet.transfer(catalog, fleet.decide(catalog, REQUEST).jobs, "bad night", resources)
     plans = catalog.transfers().set_index("target_id")
     for target, reason in CULPRITS.items():
         assert plans.loc[target, "status"] == "failed"
@@ -73,8 +73,8 @@ def test_culprits_are_rows_with_a_reason_and_the_rest_is_planned(tmp_path, monke
     assert (result.ok, result.failed) == (3, 5)
 
     monkeypatch.setattr(run, "plan_job", really_plan)
-    assert fleet.decide(catalog, WISH).jobs == []  # what failed waits for a person, or for other inputs
-    again = fleet.decide(catalog, fleet.Wish(("baseline",), retry_failed=True))
+    assert fleet.decide(catalog, REQUEST).jobs == []  # what failed waits for a person, or for other inputs
+    again = fleet.decide(catalog, fleet.PlanRequest(("baseline",), retry_failed=True))
     assert again.reasons == {"failed before": 5}
     assert fleet.transfer(catalog, again.jobs, "good night", resources).ok == 5
     plans = catalog.transfers()
@@ -88,7 +88,7 @@ from upplied.fleet import keeping
 keeping.EVERY_S = 0.0
 if __name__ == "__main__":
     catalog = open_catalog(sys.argv[1])
-    jobs = fleet.decide(catalog, fleet.Wish(("baseline",))).jobs
+    jobs = fleet.decide(catalog, fleet.PlanRequest(("baseline",))).jobs
     said = lambda outcome: print(outcome.job.target_id, flush=True)
     fleet.transfer(catalog, jobs, sys.argv[2], fleet.Resources(2), said)
 """
@@ -134,7 +134,7 @@ def test_a_killed_process_costs_little_and_the_next_run_goes_on(tmp_path, victim
     assert process.returncode == -signal.SIGKILL
     before = len(rows)
     assert 3 <= before < 10
-    assert len(fleet.decide(catalog, WISH).jobs) == 10 - before
+    assert len(fleet.decide(catalog, REQUEST).jobs) == 10 - before
 
     again = start(script, catalog, "second")
     told, _ = again.communicate(timeout=120)

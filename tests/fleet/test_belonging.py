@@ -13,7 +13,7 @@ from upplied.catalog.database import Catalog
 from upplied.cli import main
 from upplied.errors import CatalogError, SettingsError
 
-BOTH = fleet.Wish(("recommended", "baseline"))
+BOTH = fleet.PlanRequest(("recommended", "baseline"))
 
 
 @pytest.fixture
@@ -24,8 +24,8 @@ def catalog(tmp_path) -> Catalog:
     return made
 
 
-def clearances(catalog: Catalog, wish: fleet.Wish = BOTH) -> dict[tuple[str, str], float]:
-    jobs = fleet.decide(catalog, wish).jobs
+def clearances(catalog: Catalog, plan_request: fleet.PlanRequest = BOTH) -> dict[tuple[str, str], float]:
+    jobs = fleet.decide(catalog, plan_request).jobs
     return {(job.target_id, job.settings.preset): job.settings.route.clearance_m for job in jobs}
 
 
@@ -40,7 +40,7 @@ def test_a_structure_says_more_than_its_kind_and_a_run_more_than_both(catalog):
     jobs = fleet.decide(catalog, BOTH).jobs
     assert {job.key for job in jobs if job.settings.preset == "recommended"}.isdisjoint(keys)
     assert {job.key for job in jobs if job.settings.preset == "baseline"} <= keys
-    asked = fleet.Wish(("recommended",), {"route": {"clearance_m": 8.0}}, experiment="far")
+    asked = fleet.PlanRequest(("recommended",), {"route": {"clearance_m": 8.0}}, experiment="far")
     assert set(clearances(catalog, asked).values()) == {8.0}
     catalog.set("structure", "t1", {"route.clearance_m": None}, "Ada")
     assert clearances(catalog)["t1", "recommended"] == 3.0

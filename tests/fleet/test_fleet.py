@@ -19,7 +19,7 @@ from upplied.planning.plan import transfer_key
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 
-WISH = fleet.Wish(("baseline", "paper"))
+REQUEST = fleet.PlanRequest(("baseline", "paper"))
 PLANNED = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
 
 
@@ -35,7 +35,7 @@ def boxes(location: Path) -> Catalog:
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory) -> Catalog:
     catalog = boxes(tmp_path_factory.mktemp("fleet") / "catalog")
-    decision = fleet.decide(catalog, WISH)
+    decision = fleet.decide(catalog, REQUEST)
     fleet.transfer(catalog, decision.jobs, "first", fleet.Resources(2))
     return catalog
 
@@ -71,14 +71,14 @@ def test_every_plan_says_what_it_was_made_from(planned):
 
 
 def test_a_second_run_finds_nothing_to_do(planned):
-    decision = fleet.decide(planned, WISH)
+    decision = fleet.decide(planned, REQUEST)
     assert (decision.jobs, decision.unchanged) == ([], 6)
     assert fleet.transfer(planned, decision.jobs, "second").total == 0
 
 
 def test_what_is_kept_does_not_depend_on_the_number_of_workers(planned, tmp_path):
     alone = boxes(tmp_path / "catalog")
-    fleet.transfer(alone, fleet.decide(alone, WISH).jobs, "alone", fleet.Resources(1))
+    fleet.transfer(alone, fleet.decide(alone, REQUEST).jobs, "alone", fleet.Resources(1))
     first, second = (
         catalog.transfers().sort_values("transfer_id")[PLANNED].reset_index(drop=True)
         for catalog in (planned, alone)
@@ -87,33 +87,37 @@ def test_what_is_kept_does_not_depend_on_the_number_of_workers(planned, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("wish", "why", "count"),
+    ("plan_request", "why", "count"),
     [
-        (fleet.Wish(("paper",), {"viewpoints": {"shared": 0.4}}), "settings changed", 3),
-        (fleet.Wish(("recommended",)), "new pair", 3),
-        (fleet.Wish(("paper",), targets=("cube-v1",)), "new pair", 1),  # itself, where it is asked for
+        (fleet.PlanRequest(("paper",), {"viewpoints": {"shared": 0.4}}), "settings changed", 3),
+        (fleet.PlanRequest(("recommended",)), "new pair", 3),
+        (fleet.PlanRequest(("paper",), targets=("cube-v1",)), "new pair", 1),  # itself, where it is asked for
     ],
 )
-def test_a_decision_says_why(planned, wish, why, count):
-    decision = fleet.decide(planned, wish)
+def test_a_decision_says_why(planned, plan_request, why, count):
+    decision = fleet.decide(planned, plan_request)
     assert decision.reasons == {why: count}
 
 
 def test_a_changed_structure_is_planned_again_and_a_retired_one_no_more(tmp_path):
     catalog = boxes(tmp_path / "catalog")
-    fleet.transfer(catalog, fleet.decide(catalog, fleet.Wish(("paper",))).jobs, "first", fleet.Resources(1))
+    fleet.transfer(
+        catalog, fleet.decide(catalog, fleet.PlanRequest(("paper",))).jobs, "first", fleet.Resources(1)
+    )
     old = catalog.structure("box-random-1")
     catalog.add_structures([replace(old, vertices=old.vertices * 1.01, sha256="")])
-    decision = fleet.decide(catalog, fleet.Wish(("paper",)))
+    decision = fleet.decide(catalog, fleet.PlanRequest(("paper",)))
     assert decision.reasons == {"target changed": 1}
     catalog.retire_structures(["box-random-1"])
-    assert fleet.decide(catalog, fleet.Wish(("paper",))).jobs == []
+    assert fleet.decide(catalog, fleet.PlanRequest(("paper",))).jobs == []
 
 
-@pytest.mark.parametrize("wish", [fleet.Wish(demonstrations=("nobody",)), fleet.Wish(targets=("nothing",))])
-def test_unknown_names_are_refused_with_the_known_ones(planned, wish):
+@pytest.mark.parametrize(
+    "plan_request", [fleet.PlanRequest(demonstrations=("nobody",)), fleet.PlanRequest(targets=("nothing",))]
+)
+def test_unknown_names_are_refused_with_the_known_ones(planned, plan_request):
     with pytest.raises(InputError, match=r"not in the catalog.*(cube-sides|box-random-1)"):
-        fleet.decide(planned, wish)
+        fleet.decide(planned, plan_request)
 
 
 @pytest.mark.parametrize(("targets", "demonstrations"), [(3, 1), (3, 5), (40, 2), (SINGLE_TARGETS + 300, 1)])

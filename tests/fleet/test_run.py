@@ -18,7 +18,7 @@ from upplied.fleet.planner import Outcome
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 
-WISH = fleet.Wish(("baseline",))
+REQUEST = fleet.PlanRequest(("baseline",))
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def attempts(monkeypatch) -> list[str]:
 
 
 def test_every_plan_says_where_it_was_made(catalog):
-    fleet.transfer(catalog, fleet.decide(catalog, WISH).jobs, "night", fleet.Resources(2))
+    fleet.transfer(catalog, fleet.decide(catalog, REQUEST).jobs, "night", fleet.Resources(2))
     found = {tuple(where.split("/")) for where in catalog.transfers()["planned_on"]}
     assert {(host, engine) for host, _, engine in found} == {(socket.gethostname(), "local")}
     assert str(os.getpid()) not in {process for _, process, _ in found}, "the run's own process planned"
@@ -52,7 +52,7 @@ def test_every_plan_says_where_it_was_made(catalog):
 
 def test_a_shard_that_is_started_twice_is_planned_once(catalog, attempts):
     planner.prepare(str(catalog.location))
-    jobs = fleet.decide(catalog, WISH).jobs
+    jobs = fleet.decide(catalog, REQUEST).jobs
     first = fleet.plan_here(str(catalog.location), jobs[:2], "night", "ray")
     again = fleet.plan_here(str(catalog.location), jobs, "night", "ray")
     assert (first.ok, again.ok) == (2, 1)
@@ -62,10 +62,10 @@ def test_a_shard_that_is_started_twice_is_planned_once(catalog, attempts):
 
 def test_a_failure_of_an_older_run_is_not_what_came_of_this_one(catalog):
     """The machine that was to try again was lost before it planned."""
-    jobs = fleet.decide(catalog, WISH).jobs
+    jobs = fleet.decide(catalog, REQUEST).jobs
     hasty = fleet.Resources(1, fleet.Limits(timeout_s=0.001))
     assert fleet.transfer(catalog, jobs, "last night", hasty).failed == 3
-    again = fleet.decide(catalog, replace(WISH, retry_failed=True)).jobs
+    again = fleet.decide(catalog, replace(REQUEST, retry_failed=True)).jobs
     assert [job.key for job in again] == [job.key for job in jobs]
     result, missing = fleet.kept(catalog, again, "tonight")
     assert (result.total, missing) == (0, again)
@@ -76,29 +76,29 @@ def test_a_failure_of_an_older_run_is_not_what_came_of_this_one(catalog):
 def test_settings_that_are_back_are_planned_again_on_any_engine(catalog, attempts):
     """Their plans are there, and yet those of the settings between are current."""
     planner.prepare(str(catalog.location))
-    first, second = WISH, replace(WISH, changes={"viewpoints": {"shared": 0.5}})
-    for night, wish in enumerate((first, second, first)):
-        jobs = fleet.decide(catalog, wish).jobs
+    first, second = REQUEST, replace(REQUEST, changes={"viewpoints": {"shared": 0.5}})
+    for night, plan_request in enumerate((first, second, first)):
+        jobs = fleet.decide(catalog, plan_request).jobs
         fleet.plan_here(str(catalog.location), jobs, f"night {night}", "dask")
     assert fleet.decide(catalog, first).jobs == []
     assert len(fleet.decide(catalog, second).jobs) == 3
 
 
 def test_what_changed_since_the_decision_is_not_planned_as_what_it_was(catalog):
-    jobs = fleet.decide(catalog, WISH).jobs
+    jobs = fleet.decide(catalog, REQUEST).jobs
     old = catalog.structure("box-random-2")
     catalog.add_structures([replace(old, vertices=old.vertices * 1.1, sha256="")])
     result = fleet.transfer(catalog, jobs, "night", fleet.Resources(1))
     assert (result.ok, result.superseded, str(result)) == (2, 1, "2 ok, 0 refused, 0 failed, 1 superseded")
     assert set(catalog.transfers(every=True)["target_id"]) == {"box-random-1", "box-random-3"}
-    assert fleet.decide(catalog, WISH).reasons == {"new pair": 1}
+    assert fleet.decide(catalog, REQUEST).reasons == {"new pair": 1}
 
 
 def test_what_was_planned_is_kept_before_the_run_ends(catalog, monkeypatch):
     """A killed run loses no more than `EVERY_S` of work."""
     monkeypatch.setattr(keeping, "EVERY_S", 0.0)
     rows = []
-    jobs = fleet.decide(catalog, WISH).jobs
+    jobs = fleet.decide(catalog, REQUEST).jobs
     fleet.transfer(
         catalog, jobs, "night", fleet.Resources(1), lambda _: rows.append(len(catalog.transfers(every=True)))
     )
@@ -132,7 +132,9 @@ def test_what_was_read_is_kept_before_all_is_read(tmp_path, monkeypatch):
 
 
 def test_the_shards_of_a_run_are_read_as_they_were_written_and_nothing_else_is(catalog, tmp_path):
-    jobs = fleet.decide(catalog, fleet.Wish(("baseline", "paper"), {"viewpoints": {"shared": 0.4}})).jobs
+    jobs = fleet.decide(
+        catalog, fleet.PlanRequest(("baseline", "paper"), {"viewpoints": {"shared": 0.4}})
+    ).jobs
     made = fleet.bundles(jobs, 2)
     names = manifest.write_shards(catalog, "night-1", made)
     assert [tuple(manifest.read_shard(str(catalog.location), name)) for name in names] == made

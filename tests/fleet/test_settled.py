@@ -1,4 +1,4 @@
-"""There is one answer to the question what is done, and everybody who asks gets it."""
+"""There is one correspond to the question what is done, and everybody who asks gets it."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from catalog_records import demonstration, plan, structure
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs import queries
+from upplied.catalog.verbs import ordering
 from upplied.fleet import run
 from upplied.fleet.decisions import Job
 from upplied.fleet.planner import Outcome
 
-A = fleet.Wish(("baseline",))
-B = fleet.Wish(("baseline",), {"viewpoints": {"shared": 0.4}})
+A = fleet.PlanRequest(("baseline",))
+B = fleet.PlanRequest(("baseline",), {"viewpoints": {"shared": 0.4}})
 
 
 @pytest.fixture
@@ -45,9 +45,9 @@ def planned(monkeypatch) -> list[Job]:
 failing: set[str] = set()
 
 
-def night(catalog: Catalog, wish: fleet.Wish, run_id: str) -> fleet.Result:
+def night(catalog: Catalog, plan_request: fleet.PlanRequest, run_id: str) -> fleet.Result:
     """A run whose shards are planned elsewhere, and one of them twice."""
-    jobs = fleet.decide(catalog, wish).jobs
+    jobs = fleet.decide(catalog, plan_request).jobs
     fleet.plan_here(str(catalog.location), jobs, run_id, "dask")
     fleet.plan_here(str(catalog.location), jobs[:1], run_id, "dask")
     result, missing = fleet.kept(catalog, jobs, run_id)
@@ -60,11 +60,11 @@ def current(catalog: Catalog) -> set[str]:
 
 
 def test_earlier_settings_become_current_again(catalog, planned):
-    for number, wish in enumerate((A, B, A, B, B, A)):
-        result = night(catalog, wish, f"run-{number}")
-        assert current(catalog) == {wish.settings()[0].sha256}
+    for number, plan_request in enumerate((A, B, A, B, B, A)):
+        result = night(catalog, plan_request, f"run-{number}")
+        assert current(catalog) == {plan_request.settings()[0].sha256}
         assert (result.ok, result.failed) == ((3, 0) if number != 4 else (0, 0))
-        assert fleet.decide(catalog, wish).jobs == []
+        assert fleet.decide(catalog, plan_request).jobs == []
     assert len(planned) == 5 * 3  # a shard that is started twice is planned once
 
 
@@ -72,7 +72,7 @@ def test_an_old_failure_is_not_the_result_of_a_later_run(catalog, planned):
     failing.add("t1")
     assert night(catalog, A, "first").failed == 1
     assert fleet.decide(catalog, A).jobs == []
-    again = fleet.Wish(A.presets, retry_failed=True)
+    again = fleet.PlanRequest(A.presets, retry_failed=True)
     jobs = fleet.decide(catalog, again).jobs
     assert [job.target_id for job in jobs] == ["t1"]
     assert fleet.kept(catalog, jobs, "second") == (fleet.Result(), jobs)  # its machine was lost
@@ -86,25 +86,25 @@ def test_an_old_failure_is_not_the_result_of_a_later_run(catalog, planned):
 
 @pytest.mark.parametrize("few", [0, 10_000])
 def test_everybody_asks_the_same(catalog, planned, monkeypatch, few):
-    monkeypatch.setattr(queries, "_FEW_KEYS", few)
+    monkeypatch.setattr(ordering, "_FEW_KEYS", few)
     night(catalog, A, "first")
     failing.add("t2")
     night(catalog, B, "second")
-    for wish in (A, B):
-        keys = [job.key for job in every(catalog, wish)]
+    for plan_request in (A, B):
+        keys = [job.key for job in every(catalog, plan_request)]
         for retry in (False, True):
-            asked = fleet.Wish(wish.presets, wish.changes, retry_failed=retry)
+            asked = fleet.PlanRequest(plan_request.presets, plan_request.changes, retry_failed=retry)
             done = set(catalog.settled(keys, retry_failed=retry))
             assert {job.key for job in fleet.decide(catalog, asked).jobs} == set(keys) - done
-            assert len(done) == (0 if wish is A else 3 - retry)
+            assert len(done) == (0 if plan_request is A else 3 - retry)
             if retry:
                 assert catalog.known_transfers(keys) == done
     assert catalog.settled([]) == {}
 
 
-def every(catalog: Catalog, wish: fleet.Wish) -> Iterable[Job]:
+def every(catalog: Catalog, plan_request: fleet.PlanRequest) -> Iterable[Job]:
     """What would be planned from nothing."""
     empty = open_catalog(str(catalog.location) + "-empty")
     empty.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(3))])
     empty.add_demonstrations([demonstration()])
-    return fleet.decide(empty, wish).jobs
+    return fleet.decide(empty, plan_request).jobs

@@ -285,7 +285,7 @@ def test_a_shard_plans_what_it_is_named_and_nothing_twice(server, place):
     """What a machine of the work pool does; two machines do it in test_machines.py."""
     changes = {"viewpoints": {"shared": 0.5}}
     catalog = open_catalog(place / "catalog")
-    jobs = fleet.decide(catalog, fleet.Wish(("paper",), changes)).jobs
+    jobs = fleet.decide(catalog, fleet.PlanRequest(("paper",), changes)).jobs
     assert len(jobs) == 2
     (shard,) = manifest.write_shards(catalog, "night", [(jobs[0],)])
     assert manifest.read_shard(str(catalog.location), shard) == [jobs[0]]

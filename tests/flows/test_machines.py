@@ -147,7 +147,7 @@ def prepare(server: Server) -> None:
 @pytest.mark.ci
 def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(tmp_path, bucket):
     here = boxes(tmp_path / "here", tmp_path / "cache-here")
-    fleet.transfer(here, fleet.decide(here, fleet.Wish(PRESETS)).jobs, "here", fleet.Resources(2))
+    fleet.transfer(here, fleet.decide(here, fleet.PlanRequest(PRESETS)).jobs, "here", fleet.Resources(2))
     there = boxes(bucket, tmp_path / "cache-there")
     with private_server(tmp_path / "prefect") as server:
         server.wait()

@@ -8,38 +8,18 @@ without its points, or with the points of a writer that was stopped half-way.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import pyarrow as pa
-import pyarrow.compute as pc
-
-from upplied.catalog.schema import plan_rows, rows
-from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.cache import Cache
-from upplied.catalog.store.clock import Clock
-from upplied.catalog.store.contents import ContentStore
-from upplied.catalog.store.current import Current
-from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.store.identity import Identity
-from upplied.catalog.store.looks import StoredLooks
-from upplied.catalog.store.meshes import MeshStore
-from upplied.catalog.store.places import cache_folder, checked
-from upplied.catalog.store.surfaces import SurfaceStore
+from upplied.catalog.reading import OWNER, Reading
 from upplied.catalog.verbs import adding, belonging, decisions, looks, queries, required
 from upplied.catalog.verbs.adding import Planned
 from upplied.catalog.verbs.leaving import ASKED, check_leaves
-from upplied.catalog.verbs.queries import PlannedTrajectory, When, Which
-from upplied.checks import check_id, suggested
-from upplied.errors import CatalogError
-from upplied.records import Demonstration, Plan, Structure, SurfaceStates, Trajectory
+from upplied.catalog.verbs.queries import PlannedTrajectory
+from upplied.records import Demonstration, Plan, Structure, Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
-
-#: What of a plan's row says which waypoints are its own.
-_OWNER = ("transfer_id", "commit_id", "n_waypoints", "waypoints_sha256", "status", "reason", "planned_at")
 
 
 def open_catalog(location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> Catalog:
@@ -62,7 +42,7 @@ def open_catalog(location: str | os.PathLike[str], cache: str | os.PathLike[str]
     return Catalog(location, cache)
 
 
-class Catalog:
+class Catalog(Reading):
     """A catalog at a location; see `open_catalog`.
 
     Every question is answered with a DataFrame whose units are in ``frame.attrs["units"]``, or with
@@ -70,95 +50,7 @@ class Catalog:
     is said); `as_of` asks how the catalog stood then.
     """
 
-    def __init__(self, location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> None:
-        self.location = checked(os.fspath(location))
-        self.clock = Clock(self.location)
-        self.identity = Identity(self.location, list(TABLES))
-        self.tables = {
-            name: StoredTable(self.location, table, self.identity) for name, table in TABLES.items()
-        }
-        self.meshes = MeshStore(self.location)
-        self.surfaces = SurfaceStore(self.location)
-        self.flown_paths = ContentStore(self.location, "flown", Trajectory, "fly the plan again")
-        self.looks = ContentStore(self.location, "looks", StoredLooks, "add the flight again")
-        self._current = {name: Current(self.tables[name]) for name in ("structures", "demonstrations")}
-        self.cache = Cache(cache if cache is not None else cache_folder(self.location))
-
-    def __repr__(self) -> str:
-        return f"Catalog({self.location!r})"
-
     # --- asking: tables ------------------------------------------------------------------------
-
-    def structures(
-        self,
-        *,
-        kind: str | None = None,
-        site: str | None = None,
-        every: bool = False,
-        as_of: When | None = None,
-    ) -> pd.DataFrame:
-        """Structures, the current version of each; with `every`, older and retired versions as well."""
-        return queries.versions(self.tables["structures"], {"kind": kind, "site": site}, every, as_of)
-
-    def demonstrations(
-        self,
-        *,
-        structure: str | None = None,
-        site: str | None = None,
-        every: bool = False,
-        as_of: When | None = None,
-    ) -> pd.DataFrame:
-        """Demonstrations, the current version of each; with `every`, older and retired ones as well."""
-        wanted = {"structure_id": structure, "site": site}
-        return queries.versions(self.tables["demonstrations"], wanted, every, as_of)
-
-    def transfers(
-        self,
-        *,
-        kind: str | None = None,
-        site: str | None = None,
-        structure: str | None = None,
-        demonstration: str | None = None,
-        preset: str | None = None,
-        status: str | None = None,
-        since: When | None = None,
-        as_of: When | None = None,
-        version: int | None = None,
-        every: bool = False,
-        columns: Sequence[str] | None = None,
-        purpose: str = "",
-        in_force: bool = False,
-    ) -> pd.DataFrame:
-        """Plans: the newest of each demonstration, target and preset, whether released or not.
-
-        Parameters
-        ----------
-        kind, site, structure : str, optional
-            Of the target.
-        demonstration, preset : str, optional
-        status : {"ok", "refused", "failed"}, optional
-            Of the newest plan: a pair whose newest plan is refused has none that is ok.
-        since : datetime or str, optional
-            Planned at this moment or later.
-        as_of : datetime or str, optional
-            As the catalog stood at that moment.
-        version : int, optional
-            As of a version of the table, as `history` lists them; `vacuum` says how far back.
-        every : bool
-            Older plans of each pair as well.
-        columns : sequence of str, optional
-            Only these are read.
-        purpose : str
-            Of the newest: those of an experiment (``experiment NAME``) or of a gap (``gap FLIGHT``), which
-            are never among the others.
-        in_force : bool
-            The plans that a person released and that are in force, instead of the newest.
-        """
-        which = Which(
-            kind, site, structure, demonstration, preset, status, since, as_of, version, every, columns,
-            purpose, in_force,
-        )  # fmt: skip
-        return queries.transfers(self.tables, which)
 
     def in_force(self, *, structure: str | None = None, kind: str | None = None) -> pd.DataFrame:
         """The plans in force, as `transfers` has them, with two columns more.
@@ -175,14 +67,6 @@ class Catalog:
     def decisions(self, transfer_id: str | None = None) -> pd.DataFrame:
         """What was decided about plans, in the order of commits; about one, or all."""
         return decisions.decisions(self, transfer_id)
-
-    def waypoints(self, transfer_id: str) -> pd.DataFrame:
-        """The steps of one planned trajectory, in order."""
-        return queries.frame(self._waypoints(self.transfer(transfer_id, _OWNER)))
-
-    def poses(self, demonstration_id: str) -> pd.DataFrame:
-        """The steps of the current version of one demonstration, in order."""
-        return queries.frame(self._poses(self.newest("demonstrations", demonstration_id)))
 
     # --- asking: records -----------------------------------------------------------------------
 
@@ -207,66 +91,10 @@ class Catalog:
             If it is for comparison, falls short of its floors, was rejected or
             recalled, or another took its place.
         """
-        row = self.transfer(transfer_id, [*_OWNER, *ASKED])
+        row = self.transfer(transfer_id, [*OWNER, *ASKED])
         path = self.path_of(row)
         check_leaves(self, row, force)
         return path
-
-    def path_of(self, row: Row) -> PlannedTrajectory:
-        """The trajectory of one row of `transfers`, whether it may be flown or not."""
-        transfer_id = row["transfer_id"]
-        if not row["n_waypoints"]:
-            raise CatalogError(
-                f"transfer {transfer_id}", f"has no trajectory: it is {row['status']}: {row['reason']}"
-            )
-        path = plan_rows.trajectory_of(self._waypoints(row))
-        return PlannedTrajectory(path.t_s, path.positions, path.quat_xyzw)
-
-    def structure(self, structure_id: str) -> Structure:
-        """The current version of one structure, complete."""
-        return self.structure_of(self.newest("structures", structure_id))
-
-    def structure_of(self, row: Row) -> Structure:
-        """The structure of one row of `structures`, of any version."""
-        return rows.structure_of(row, self.meshes.get(row["mesh_sha256"]))
-
-    def demonstration(self, demonstration_id: str) -> Demonstration:
-        """The current version of one demonstration, complete."""
-        return self.demonstration_of(self.newest("demonstrations", demonstration_id))
-
-    def demonstration_of(self, row: Row) -> Demonstration:
-        """The demonstration of one row of `demonstrations`, of any version."""
-        return rows.demonstration_of(row, self._poses(row))
-
-    def plan(self, transfer_id: str) -> Plan:
-        """One plan as it was made, but for what it sees of the surface; see `surface`."""
-        row = self.transfer(transfer_id)
-        return plan_rows.plan_of(row, self._waypoints(row))
-
-    def surface(self, transfer_id: str) -> SurfaceStates | None:
-        """What one plan sees of its target; None where it was not kept."""
-        sha256 = self.transfer(transfer_id, ("surface_sha256",))["surface_sha256"]
-        if sha256:
-            return self.surfaces.get(sha256)
-        return self.cache.get("surface", SurfaceStates, transfer_id, nameless=True)  # of version 0.1.0
-
-    def inspected(self, transfer_id: str) -> SurfaceStates | None:
-        """What of its source structure the demonstration of a plan was about; None where it was not kept."""
-        sha256 = self.transfer(transfer_id, ("inspected_sha256",))["inspected_sha256"]
-        return self.surfaces.get(sha256) if sha256 else None
-
-    def flights(
-        self, transfer_id: str | None = None, *, structure: str | None = None, kind: str | None = None
-    ) -> pd.DataFrame:
-        """Flights of plans, flown and simulated, in the order they were added.
-
-        Parameters
-        ----------
-        transfer_id, structure : str, optional
-            Those of one plan, or round one structure.
-        kind : {"flown", "simulated"}, optional
-        """
-        return queries.flights(self.tables["flights"], transfer_id, structure, kind)
 
     def looks_at(self, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:
         """How each flight round a structure saw the patch nearest to a place (m, structure frame).
@@ -276,95 +104,7 @@ class Catalog:
         """
         return looks.looks_at(self, structure_id, place_m, kind)
 
-    def overruled(self, transfer_id: str | None = None) -> pd.DataFrame:
-        """Rules of the gate that a person overruled, in the order they were added; of one plan, or all."""
-        return queries.of_plans(self.tables["overruled"], transfer_id)
-
-    def flown(self, flight_sha256: str) -> Trajectory:
-        """The path of one flight, by the hash in its row."""
-        return self.flown_paths.get(flight_sha256)
-
-    def transfer(self, transfer_id: str, columns: Sequence[str] | None = None) -> Row:
-        """The row of one plan; only the columns that are named."""
-        check_id(transfer_id, "transfer id")
-        wanted = None if columns is None else list(dict.fromkeys([*columns, *queries.STANDING]))
-        found = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id, wanted)
-        if not len(found):
-            raise CatalogError(
-                f"transfer {transfer_id}",
-                "is not in the catalog",
-                suggested(transfer_id, self._transfer_ids(), 0),
-                "see: upplied catalog transfers",
-            )
-        return queries.standing(rows.rows_of(found))
-
-    def newest(self, table: str, name: str) -> Row:
-        """The row of the current version of one structure or demonstration, retired or not."""
-        column = TABLES[table].names[0]
-        check_id(name, column.replace("_", " "))
-        found = self._current[table].row(name)
-        if found is None:
-            known = self.tables[table].read(None, [column])[column].to_pylist()
-            what = f"{table.removesuffix('s')} {name}"
-            raise CatalogError(what, "is not in the catalog", suggested(name, set(known)))
-        return found
-
-    def demonstration_row(self, demonstration_id: str) -> Row:
-        """The row of the current version of one demonstration."""
-        return self.newest("demonstrations", demonstration_id)
-
-    def find_transfer(self, start: str) -> str:
-        """The id of the one plan whose id begins so; a whole id is found at once.
-
-        Raises
-        ------
-        CatalogError
-            If there is none, or more than one.
-        """
-        check_id(start, "transfer id")
-        table = self.tables["transfers"]
-        if len(table.read(pc.field("transfer_id") == start, ["transfer_id"])):
-            return start
-        found = [name for name in self._transfer_ids() if name.startswith(start)]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise CatalogError(f"transfer {start}", f"may be {len(found)}: {', '.join(found[:5])}")
-        raise CatalogError(
-            f"transfer {start}", "is not in the catalog", suggested(start, self._transfer_ids(), 0)
-        )
-
-    def _transfer_ids(self) -> list[str]:
-        known = self.tables["transfers"].read(None, ["transfer_id"])["transfer_id"].unique()
-        return sorted(known.to_pylist())
-
-    def settled(
-        self, keys: Iterable[str], *, retry_failed: bool = False, run_id: str = ""
-    ) -> dict[str, tuple[str, str]]:
-        """Those of the keys that need no planning, each with status and reason of its plan.
-
-        A key is settled when the plan of that key is the current one of its demonstration, target and
-        preset: one that was followed by another, as by one of other settings, is not.
-
-        Parameters
-        ----------
-        keys : iterable of str
-        retry_failed : bool
-            Failures are not settled, but for those of the run `run_id`.
-        run_id : str
-        """
-        return queries.settled(self.tables["transfers"], keys, retry_failed, run_id)
-
-    def known_transfers(self, keys: Iterable[str]) -> set[str]:
-        """Those of the keys that are `settled` by a plan or an honest refusal."""
-        return set(self.settled(keys, retry_failed=True))
-
     # --- adding --------------------------------------------------------------------------------
-
-    def create(self) -> Catalog:
-        """Make the catalog where there is none yet; adding does so as well."""
-        self.identity.made()
-        return self
 
     def add_structures(self, structures: Sequence[Structure]) -> int:
         """Add structures in one commit; returns how many were new or changed.
@@ -517,11 +257,3 @@ class Catalog:
             else decided about the pair meanwhile.
         """
         return decisions.release(self, transfer_id, by, note, force, after)
-
-    # --- below ---------------------------------------------------------------------------------
-
-    def _waypoints(self, row: Row) -> pa.Table:
-        return queries.steps(self.tables["waypoints"], row)
-
-    def _poses(self, row: Row) -> pa.Table:
-        return queries.steps(self.tables["poses"], row)

@@ -24,7 +24,7 @@ class Choices:
     plane : bool
         A demonstration in a plane stays in its plane.
     counterpart : tuple of str
-        Landmarks that answer to each other, as SOURCE=TARGET; repeatable.
+        Landmarks that correspond to each other, as SOURCE=TARGET; repeatable.
     repeat : str
         Fly what was demonstrated on one part on each part of its kind, or on its mirror image too.
     expect : int

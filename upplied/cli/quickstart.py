@@ -40,7 +40,7 @@ def quickstart(folder: Path = Path(".")) -> int:
         fleet.ingest_demonstrations(catalog, logs, progress=lambda _: advance())
     console.print("3. Every demonstration to every target of its kind")
     presets = ("paper", "recommended", "baseline")
-    result = run(catalog, fleet.decide(catalog, fleet.Wish(presets)), 0, 600.0)
+    result = run(catalog, fleet.decide(catalog, fleet.PlanRequest(presets)), 0, 600.0)
     console.print("4. Tables, pages and pictures")
     with progress("publishing", pairs_in(catalog)) as advance:
         fleet.publish(catalog, reports, progress=lambda _: advance())

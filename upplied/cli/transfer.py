@@ -22,7 +22,7 @@ from upplied.cli.terminal import (
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
-    from upplied.fleet import Decision, Result, Wish
+    from upplied.fleet import Decision, PlanRequest, Result
 
 app = App(name="transfer", help="Carry a demonstration to other structures.")
 plan = App(name="plan", help="Say what a run over the fleet would plan, and why; or plan it.")
@@ -104,11 +104,11 @@ def transfer(
         raise SettingsError("transfer", "no demonstration is named", "", "see: upplied demonstrations list")
     opened_catalog = opened(catalog)
     wanted = fitting(opened_catalog, demonstration, to)
-    wish = fleet.Wish(
+    plan_request = fleet.PlanRequest(
         preset, (choices or Choices()).onto(changes(set_)), (demonstration,), wanted, False, experiment
     )
-    run(opened_catalog, fleet.decide(opened_catalog, wish), workers, timeout)
-    rows = current(opened_catalog, wish)
+    run(opened_catalog, fleet.decide(opened_catalog, plan_request), workers, timeout)
+    rows = current(opened_catalog, plan_request)
     show_plans(demonstration, rows, json)
     if not json and any(row["status"] == "ok" for row in rows):
         next_step("report", "draw the plans as pages to look at", catalog)
@@ -166,8 +166,8 @@ def plan_fleet(
     from upplied import fleet
 
     opened_catalog = opened(catalog)
-    wish = fleet.Wish(preset, changes(set_), retry_failed=retry_failed, experiment=experiment)
-    decision = fleet.decide(opened_catalog, wish)
+    plan_request = fleet.PlanRequest(preset, changes(set_), retry_failed=retry_failed, experiment=experiment)
+    decision = fleet.decide(opened_catalog, plan_request)
     if dry_run:
         show_decision(decision, json)
         if decision.jobs and not json:
@@ -228,15 +228,17 @@ COLUMNS = {
 }
 
 
-def current(catalog: Catalog, wish: Wish) -> list[dict[str, Any]]:
+def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]:
     """The newest plans of what was wished for: with these very settings, whatever was planned since."""
     from upplied.fleet.decisions import SettingsOf
 
     table = catalog.transfers(every=True)
-    wanted = table["demonstration_id"].isin(wish.demonstrations) & (table["purpose"] == wish.purpose)
-    wanted &= table["target_id"].isin(wish.targets or catalog.structures()["structure_id"])
-    table = table[wanted & table["preset"].isin(wish.presets)]
-    settings_of = SettingsOf(catalog, wish)
+    wanted = table["demonstration_id"].isin(plan_request.demonstrations) & (
+        table["purpose"] == plan_request.purpose
+    )
+    wanted &= table["target_id"].isin(plan_request.targets or catalog.structures()["structure_id"])
+    table = table[wanted & table["preset"].isin(plan_request.presets)]
+    settings_of = SettingsOf(catalog, plan_request)
     asked = [settings_of(*row).sha256 for row in table[["preset", "kind", "target_id"]].to_numpy().tolist()]
     table = table[table["settings_sha256"] == asked]
     newest = table.drop_duplicates(["target_id", "preset"], keep="last")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from upplied.fleet.admission import Asked
     from upplied.fleet.checking import check_structures
-    from upplied.fleet.decisions import Decision, Job, Wish, decide
+    from upplied.fleet.decisions import Decision, Job, PlanRequest, decide
     from upplied.fleet.ingest import (
         Ingested,
         ingest_demonstrations,
@@ -44,12 +44,12 @@ __all__ = [
     "Ingested",
     "Job",
     "Limits",
+    "PlanRequest",
     "Rechecked",
     "Resources",
     "Result",
     "Run",
     "Shard",
-    "Wish",
     "bundles",
     "check_structures",
     "cores",
@@ -72,7 +72,7 @@ logging.getLogger("upplied").addHandler(logging.NullHandler())
 _HOME = {
     "upplied.fleet.admission": ("Asked",),
     "upplied.fleet.checking": ("check_structures",),
-    "upplied.fleet.decisions": ("Decision", "Job", "Wish", "decide"),
+    "upplied.fleet.decisions": ("Decision", "Job", "PlanRequest", "decide"),
     "upplied.fleet.ingest": ("Ingested", "ingest_demonstrations", "ingest_structures"),
     "upplied.fleet.keeping": ("Result", "kept"),
     "upplied.fleet.rechecking": ("Rechecked", "recheck"),

@@ -25,7 +25,7 @@ from upplied.records import Demonstration, Structure
 
 
 @dataclass(frozen=True)
-class Wish:
+class PlanRequest:
     """Which plans the fleet should have; empty tuples mean every one."""
 
     presets: tuple[str, ...] = ("recommended", "baseline")
@@ -48,9 +48,9 @@ class Wish:
 class SettingsOf:
     """The settings that a run plans each structure with: the preset's, its kind's, its own, the run's."""
 
-    def __init__(self, catalog: Catalog, wish: Wish) -> None:
+    def __init__(self, catalog: Catalog, plan_request: PlanRequest) -> None:
         self._said = belonging.said(catalog)
-        self._changes = wish.changes
+        self._changes = plan_request.changes
         self._made: dict[tuple[str, str, str], Settings] = {}
 
     def __call__(self, preset: str, kind: str, structure_id: str) -> Settings:
@@ -96,31 +96,31 @@ class Decision:
         return dict(sorted(counted.items(), key=lambda item: (-item[1], item[0])))
 
 
-def decide(catalog: Catalog, wish: Wish | None = None) -> Decision:
+def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decision:
     """Which plans are missing.
 
     Every demonstration goes to every other structure of the kind it was flown on, or to the targets
-    that the wish names; a target that is the demonstration's own structure must be named.
+    that the plan_request names; a target that is the demonstration's own structure must be named.
 
     Raises
     ------
     InputError
-        If the wish names a demonstration or target that the catalog does not hold, or a target of
+        If the plan_request names a demonstration or target that the catalog does not hold, or a target of
         another kind.
     """
-    wish = wish or Wish()
+    plan_request = plan_request or PlanRequest()
     structures = _structures(catalog)
     demonstrations = _demonstrations(catalog)
-    _check_known("demonstration", wish.demonstrations, demonstrations)
-    _check_known("structure", wish.targets, structures)
-    _check_kinds(wish, demonstrations, structures)
-    settings_of = SettingsOf(catalog, wish)
+    _check_known("demonstration", plan_request.demonstrations, demonstrations)
+    _check_known("structure", plan_request.targets, structures)
+    _check_kinds(plan_request, demonstrations, structures)
+    settings_of = SettingsOf(catalog, plan_request)
     wanted = []
-    for preset in wish.presets:
-        for pair in _pairs(demonstrations, structures, wish):
+    for preset in plan_request.presets:
+        for pair in _pairs(demonstrations, structures, plan_request):
             settings = settings_of(preset, pair[2].kind, pair[2].structure_id)
-            wanted.append((settings, *pair, _key(transfer_key(*pair, settings), wish.purpose)))
-    done = catalog.settled((key for *_, key in wanted), retry_failed=wish.retry_failed)
+            wanted.append((settings, *pair, _key(transfer_key(*pair, settings), plan_request.purpose)))
+    done = catalog.settled((key for *_, key in wanted), retry_failed=plan_request.retry_failed)
     past, jobs = _Past(catalog), []
     for settings, demonstration, source, target, key in wanted:
         if key in done:
@@ -128,7 +128,7 @@ def decide(catalog: Catalog, wish: Wish | None = None) -> Decision:
         why = past.why(demonstration, source, target, settings, key)
         names = (demonstration.demonstration_id, source.structure_id, target.structure_id)
         hashes = (demonstration.sha256, source.sha256, target.sha256)
-        jobs.append(Job(*names, target.kind, settings, key, why, hashes, wish.purpose))
+        jobs.append(Job(*names, target.kind, settings, key, why, hashes, plan_request.purpose))
     jobs.sort(key=lambda job: (job.demonstration_id, job.target_id, job.settings.preset))
     return Decision(jobs, len(wanted) - len(jobs))
 
@@ -187,22 +187,24 @@ _COMPARED = (
 
 
 def _pairs(
-    demonstrations: Mapping[str, Demonstration], structures: Mapping[str, Structure], wish: Wish
+    demonstrations: Mapping[str, Demonstration],
+    structures: Mapping[str, Structure],
+    plan_request: PlanRequest,
 ) -> Iterator[tuple[Demonstration, Structure, Structure]]:
-    for demonstration_id in wish.demonstrations or demonstrations:
+    for demonstration_id in plan_request.demonstrations or demonstrations:
         demonstration = demonstrations[demonstration_id]
         source = structures.get(demonstration.structure_id)
         if source is None:
-            if wish.demonstrations:
+            if plan_request.demonstrations:
                 raise InputError(
                     f"demonstration {demonstration_id}",
                     f"was flown on {demonstration.structure_id}, which the catalog does not hold",
                     remedy="add that structure first",
                 )
             continue
-        for target_id in wish.targets or structures:
+        for target_id in plan_request.targets or structures:
             target = structures[target_id]
-            if target.kind == source.kind and (target is not source or wish.targets):
+            if target.kind == source.kind and (target is not source or plan_request.targets):
                 yield demonstration, source, target
 
 
@@ -213,15 +215,17 @@ def _check_known(what: str, wanted: tuple[str, ...], known: Mapping[str, object]
 
 
 def _check_kinds(
-    wish: Wish, demonstrations: Mapping[str, Demonstration], structures: Mapping[str, Structure]
+    plan_request: PlanRequest,
+    demonstrations: Mapping[str, Demonstration],
+    structures: Mapping[str, Structure],
 ) -> None:
     """A target of a kind that nothing was flown on would be passed over in silence."""
     flown = {
         structures[demonstrations[name].structure_id].kind
-        for name in wish.demonstrations or demonstrations
+        for name in plan_request.demonstrations or demonstrations
         if demonstrations[name].structure_id in structures
     }
-    for name in wish.targets:
+    for name in plan_request.targets:
         if structures[name].kind not in flown:
             raise InputError(
                 f"structure {name!r}",

@@ -23,7 +23,7 @@ _BATCH = 200_000
 _SMALL = 0.05  # of the volume of the main cluster's box
 _STICKS_OUT = 0.03  # of the diagonal of the rest's box
 _FLAT = 1e-5  # thickness over length: a plane but for rounding
-_FEW = 32  # triangles of a billboard
+_BILLBOARD_TRIANGLES = 32  # triangles of a billboard
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,7 +118,7 @@ def _spread(vertices: Floats, triangles: Ints, edge: float) -> Iterator[Floats]:
 def _flat(vertices: Floats, triangles: Ints, component: Ints) -> Bools:
     """(C,) components of few triangles in one plane."""
     number = component.max(initial=-1) + 1
-    flat = np.bincount(component, minlength=number) <= _FEW
+    flat = np.bincount(component, minlength=number) <= _BILLBOARD_TRIANGLES
     few = flat[component]
     points, owner = vertices[triangles[few]].reshape(-1, 3), np.repeat(component[few], 3)
     count = np.maximum(np.bincount(owner, minlength=number), 1)

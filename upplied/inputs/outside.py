@@ -59,7 +59,7 @@ def look(
     wanted[crumbs] = 0
     rng = np.random.default_rng(seed)
     sample = _chosen(patch, area, wanted, rng)
-    points, normals = _placed(corners[sample], rng)
+    points, normals = _sample_points(corners[sample], rng)
     scene = Scene(vertices, triangles)
     reach = 2 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     front, back = (
@@ -92,7 +92,7 @@ def _chosen(patch: Ints, area: Floats, wanted: Ints, rng: np.random.Generator) -
     return order[np.clip(np.searchsorted(cumulated, at), first[owner], last[owner])]
 
 
-def _placed(corners: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def _sample_points(corners: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """A random point in each triangle, and its unit normal."""
     root, along = np.sqrt(rng.random(len(corners)))[:, None], rng.random(len(corners))[:, None]
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]

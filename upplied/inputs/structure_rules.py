@@ -45,7 +45,7 @@ RULES = {
              "correct units or scale in the manifest", "unit_slack"),
         Rule("up-axis", "refuse", "a structure on its side is planned for as it lies",
              "correct up and forward in the manifest", "turned_share"),
-        Rule("forward-axis", "warn", "parts answer to parts on the wrong side",
+        Rule("forward-axis", "warn", "parts correspond to parts on the wrong side",
              "correct forward in the manifest", "turned_share"),
         Rule("odd-up-axis", "warn", "it fits its kind with another axis up better, but as declared as well",
              "compare its picture with the real one", "turned_share"),

@@ -131,7 +131,7 @@ def _text(value: Any) -> str:
 
 
 def _parts(value: Any) -> str:
-    """What answers to each inspected part, as sentences; the catalog keeps it as a JSON list."""
+    """What corresponds to each inspected part, as sentences; the catalog keeps it as a JSON list."""
     try:
         found = json.loads(value) if isinstance(value, str) and value else []
         return " ".join(_part(one) for one in found)

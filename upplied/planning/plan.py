@@ -90,7 +90,7 @@ def _planned(
     # Are they of like size, or was a unit mistaken?
     if (sizes := wrong_size(source, target, settings)) and settings.verdict.enforce:
         return replace(plan, status="refused", reason="; ".join(sizes))
-    # Do the structures fit, and what on one answers to what on the other? (Algorithm 1)
+    # Do the structures fit, and what on one corresponds to what on the other? (Algorithm 1)
     try:
         pair = study_pair(source, target, settings, memo)
     except RefusedError as refusal:  # a part that was named cannot be told apart

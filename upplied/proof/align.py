@@ -34,7 +34,7 @@ class Alignment(Record):
     """A log on its plan, and what was done to it."""
 
     flown: Trajectory  # in the frame of the plan; times are the log's, from 0
-    planned_s: Floats  # (N,) moment of the plan that each pose answers to; NaN where to none
+    planned_s: Floats  # (N,) moment of the plan that each pose corresponds to; NaN where to none
     clock_s: float  # the log's time at which the plan begins; NaN where it was not flown in its times
     clock_error_s: float  # one sigma
     shift_m: Floats  # (3,) added to the logged positions, at their middle

@@ -177,7 +177,7 @@ def _speeds(flown: Trajectory) -> Floats:
 
 
 def _flown_share(plan: Trajectory, covered: Floats, silence: float) -> float:
-    """Share of the plan's length, %, between moments that some pose answers to."""
+    """Share of the plan's length, %, between moments that some pose corresponds to."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(plan.positions, axis=0), axis=1))])
     if len(covered) < 2 or along[-1] == 0:
         return 0.0

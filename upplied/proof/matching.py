@@ -1,4 +1,4 @@
-"""Which moment of a plan each pose of a log answers to: by the clock, or by the order of the places."""
+"""Which moment of a plan each pose of a log corresponds to: by the clock, or by the order of the places."""
 
 from __future__ import annotations
 

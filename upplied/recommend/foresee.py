@@ -14,7 +14,7 @@ import numpy as np
 from upplied.planning.correspondence.by_parts import facing_nearest
 from upplied.planning.correspondence.describe import place_of
 from upplied.planning.correspondence.part_alignment import matched, patches, placed
-from upplied.planning.geometry.boxes import diagonal_of, laid
+from upplied.planning.geometry.boxes import diagonal_of, in_source_frame
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.planning.visibility.path_views import Views
 from upplied.recommend.sight import in_sight
@@ -40,7 +40,7 @@ class Inspected(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Agreement(Record):
-    """How much of one structure answers to another, as a whole."""
+    """How much of one structure corresponds to another, as a whole."""
 
     counterpart: Ints  # (N,) for each sample of the source one of the target's; -1: none
     parts: int  # of the source
@@ -88,10 +88,10 @@ def inspected(cloud: Cloud, views: Views) -> Inspected:
 
 
 def agreement(source: Cloud, target: Cloud, registration: Registration) -> Agreement:
-    """What on the target answers to each sample of the source, part on part."""
-    lying, diagonal = laid(target, registration), diagonal_m(source)
-    matching = matched(source, lying)
-    moving, fixed = patches(source, lying, matching)
+    """What on the target corresponds to each sample of the source, part on part."""
+    registered, diagonal = in_source_frame(target, registration), diagonal_m(source)
+    matching = matched(source, registered)
+    moving, fixed = patches(source, registered, matching)
     there = placed(moving, fixed)
     counterpart = facing_nearest(there, fixed, diagonal)
     apart = np.linalg.norm(there.points - fixed.points[counterpart], axis=1)

@@ -15,7 +15,7 @@ from upplied.planning.geometry.boxes import spacing
 from upplied.planning.visibility.path_views import TRULY
 from upplied.records import Bools, Camera, Cloud, Floats, Ints
 
-_NEAR = 0.5  # of the spacing: discs so near to a sample are its own surface
+_OWN_SURFACE = 0.5  # of the spacing: discs so near to a sample are its own surface
 _CELLS = 10  # along the longest side: discs in one cell make a bunch
 
 
@@ -43,7 +43,7 @@ def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bo
         np.ascontiguousarray(stations),
         (camera.min_range_m, camera.max_range_m),
         np.cos(np.radians(TRULY.max_incidence_deg)),
-        _NEAR * spacing(cloud),
+        _OWN_SURFACE * spacing(cloud),
         *_discs(cloud.points, cloud.normals, cloud.area_m2),
     )
     return np.asarray(found, bool)

@@ -12,7 +12,7 @@ from upplied.samples.fleet import member
 from upplied.samples.surfaces import Member
 from upplied.scene import scene_of
 
-# With `counterparts=OUTER_ENGINES` a twin's engines answer to the outer ones of a four-engined airliner.
+# With `counterparts=OUTER_ENGINES` a twin's engines correspond to the outer ones of a four-engined airliner.
 OUTER_ENGINES = {
     f"{part}_{side}": f"{part}_{side}_outer" for part in ("engine", "pylon") for side in ("left", "right")
 }

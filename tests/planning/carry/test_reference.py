@@ -34,10 +34,10 @@ def fleet():
 def test_it_is_turned_as_the_target_is(fleet, kind, part, turn, search):
     """Below 30 degrees it once was not turned at all, and of a structure flipped over it was 114 m off."""
     structure = fleet[kind]
-    lying = replace(moved_structure(structure, turn), surroundings=type(structure.surroundings)())
+    registered = replace(moved_structure(structure, turn), surroundings=type(structure.surroundings)())
     settings = settings_for("recommended", verdict=ANY, registration={"search": search})
     flight = fly(structure, part, seed=1)
-    pair = study_pair(structure, lying, settings)
+    pair = study_pair(structure, registered, settings)
     (take,) = takes_of(flight, pair, settings)
     assert frechet(demonstrated_on_target(take), flight.positions @ turn.T) < 0.02 * structure.diagonal_m
     np.testing.assert_allclose(standing(pair), turn.T, atol=0.02)
@@ -68,7 +68,7 @@ def test_what_the_stand_off_bounds_is_carried_with_it(fleet, monkeypatch, stando
     """From the cruise ship to a yacht a quarter as large: what weighs a path follows the stand-off."""
     wishes, optimise = [], completing.optimise
     monkeypatch.setattr(
-        completing, "optimise", lambda wish, *rest: wishes.append(wish) or optimise(wish, *rest)
+        completing, "optimise", lambda problem, *rest: wishes.append(problem) or optimise(problem, *rest)
     )
     settings = settings_for("recommended", verdict=ANY, transfer={"standoff": standoff})
     plan = plan_transfer(

@@ -11,7 +11,7 @@ import pytest
 from upplied.config import settings_for
 from upplied.planning.correspondence.likeness import has_parts, parts_like
 from upplied.planning.correspondence.registration import box_on_box
-from upplied.planning.geometry.boxes import laid
+from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.records import Cloud, Structure
@@ -54,8 +54,8 @@ def test_parts_of_a_cloud_are_those_of_the_model(known: str, target: str, least:
     structure, cloud = scanned(target)
     assert not has_parts(cloud)
     skin = skin_parts(structure, scene_of(structure, 1), cloud).label
-    lying = laid(cloud, box_on_box(surface(known), cloud))
-    found = parts_like(lying, skin, surface(known))
+    registered = in_source_frame(cloud, box_on_box(surface(known), cloud))
+    found = parts_like(registered, skin, surface(known))
     true = surface(target).part
     assert true is not None
     assert agreement(found, true, least) > 0.7
@@ -71,8 +71,8 @@ def test_what_floats_about_a_scan_is_no_part_of_its_parts() -> None:
         np.vstack([cloud.normals, cloud.normals[::400]]),
         np.concatenate([cloud.area_m2, cloud.area_m2[::400]]),
     )
-    lying = laid(dirty, box_on_box(surface("turbine-1-v1"), cloud))
-    found = parts_like(lying, np.concatenate([skin, skin[::400]]), surface("turbine-1-v1"))
+    registered = in_source_frame(dirty, box_on_box(surface("turbine-1-v1"), cloud))
+    found = parts_like(registered, np.concatenate([skin, skin[::400]]), surface("turbine-1-v1"))
     true = surface("turbine-2-v1").part
     assert true is not None and agreement(found[: len(cloud)], true, 0.05) > 0.7
     assert (found[len(cloud) :] == found.max()).mean() > 0.8

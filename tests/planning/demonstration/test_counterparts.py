@@ -1,4 +1,4 @@
-"""What answers to the inspected parts: found on a scan of one piece, and never a wrong one without a word."""
+"""What corresponds to the inspected parts: found on a scan of one piece, never a wrong one in silence."""
 
 from __future__ import annotations
 

@@ -229,10 +229,10 @@ def test_tau_is_that_of_all_pairs() -> None:
 
 def test_turning_is_counted_without_trembling() -> None:
     yaw = np.radians(np.concatenate([np.linspace(0, 90, 91), np.linspace(90, 30, 61)]))
-    tremble = np.radians(np.random.default_rng(0).normal(0, 0.5, len(yaw)))
-    quats = Rotation.from_euler("z", (yaw + tremble)[:, None]).as_quat()
+    jitter = np.radians(np.random.default_rng(0).normal(0, 0.5, len(yaw)))
+    quats = Rotation.from_euler("z", (yaw + jitter)[:, None]).as_quat()
     assert np.degrees(turned_rad(quats)) == pytest.approx(150, abs=8)
-    still = Rotation.from_euler("z", tremble[:, None]).as_quat()
+    still = Rotation.from_euler("z", jitter[:, None]).as_quat()
     assert turned_rad(still) == 0.0
     angle = np.linspace(0, np.pi, 200)
     arc = 20 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])

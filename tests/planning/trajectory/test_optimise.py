@@ -9,7 +9,7 @@ from upplied.config import OptimiseSettings, RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.looks import looks_aside
-from upplied.planning.trajectory.optimise import Wish, optimise
+from upplied.planning.trajectory.optimise import Problem, optimise
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.shape import Shape
 from upplied.planning.trajectory.view import View
@@ -44,10 +44,10 @@ def along(y: float = -6.0, yaw: float = np.pi / 2, height: float = 4.0) -> Flown
     return Flown(positions, np.full(COUNT, yaw), np.zeros(COUNT))
 
 
-def wish(view: View, path: Flown, **changes) -> Wish:
+def problem(view: View, path: Flown, **changes) -> Problem:
     foot = (path.positions[::5] * [1, 0, 1])[:, None]
     standoff = Standoff(np.arange(0, COUNT, 5), foot, np.abs(path.positions[::5, 1]))
-    made = Wish(
+    made = Problem(
         flown=path.positions,
         carried=path,
         demonstrated=Shape.of(path.positions, np.eye(3)),
@@ -66,19 +66,19 @@ def shown(view: View, path: Flown) -> float:
     return 1 - float(view.need[view.missed(path.positions, quats)].sum())
 
 
-def result(view: View, asked: Wish, shape: float = 0.3, **weights) -> Flown:
+def result(view: View, asked: Problem, shape: float = 0.3, **weights) -> Flown:
     state, variables = optimise(asked, shape, replace(OptimiseSettings(), **weights))
     return state.flown(variables)
 
 
 def test_it_shows_more_of_what_a_flight_too_low_misses(wall: View):
     path = along(height=3.0)
-    done = result(wall, wish(wall, path))
+    done = result(wall, problem(wall, path))
     assert shown(wall, done) > shown(wall, path) + 0.05
 
 
 def test_the_same_again_gives_the_same_bytes(wall: View):
-    asked = wish(wall, along(height=3.0))
+    asked = problem(wall, along(height=3.0))
     first, second = result(wall, asked), result(wall, asked)
     assert first.positions.tobytes() == second.positions.tobytes()
     assert first.yaw.tobytes() == second.yaw.tobytes()
@@ -89,7 +89,7 @@ def test_a_path_that_shows_all_stays_where_it_is(wall: View):
     few = replace(few, need=few.need / few.need.sum())
     path = along()
     assert shown(few, path) == pytest.approx(1)
-    done = result(few, wish(few, path))
+    done = result(few, problem(few, path))
     assert shown(few, done) == pytest.approx(1)
     assert np.linalg.norm(done.positions - path.positions, axis=1).max() < 0.05
     assert np.abs(done.yaw - path.yaw).max() < np.radians(1)
@@ -97,14 +97,14 @@ def test_a_path_that_shows_all_stays_where_it_is(wall: View):
 
 def test_where_nothing_is_needed_the_path_is_the_carried_one(wall: View):
     path = along()
-    done = result(wall, wish(replace(wall, need=np.zeros(len(wall.need))), path))
+    done = result(wall, problem(replace(wall, need=np.zeros(len(wall.need))), path))
     assert np.abs(done.positions - path.positions).max() < 1e-6
 
 
 def test_a_heavier_shape_strays_less(wall: View):
     frontal = replace(wall, settings=VisibilitySettings(occlusion=True, max_incidence_deg=50))
     path = along(y=-3.0)  # from here the upper rows are seen too obliquely, wherever the camera looks
-    asked = wish(frontal, path)
+    asked = problem(frontal, path)
     loose, strict = (result(frontal, asked, shape, place=0.0) for shape in (0.01, 10.0))
     assert shown(frontal, loose) > shown(frontal, path) + 0.1
     one = Shape.of(path.positions, np.eye(3))
@@ -113,19 +113,19 @@ def test_a_heavier_shape_strays_less(wall: View):
 
 def test_the_safety_distance_is_kept_by_a_path_that_starts_too_near(wall: View):
     path = along(y=-1.0)
-    done = result(wall, wish(wall, path), place=0.0, standoff=0.0)
+    done = result(wall, problem(wall, path), place=0.0, standoff=0.0)
     assert np.abs(done.positions[:, 1]).min() > 1.9
 
 
 def test_a_level_flight_stays_level(wall: View):
     path = replace(along(), positions=along().positions * [1, 1, 0] + [0, 0, 3.0])
-    done = result(wall, wish(wall, path, level=True))
+    done = result(wall, problem(wall, path, level=True))
     np.testing.assert_array_equal(done.positions[:, 2], 3.0)
 
 
 def test_dear_turning_turns_less(wall: View):
     path = along(yaw=np.pi / 2 + 0.6)
-    cheap, dear = (result(wall, wish(wall, path), turning=price) for price in (1e-4, 1.0))
+    cheap, dear = (result(wall, problem(wall, path), turning=price) for price in (1e-4, 1.0))
     turned = [np.abs(np.diff(one.yaw)).sum() + np.abs(np.diff(one.pitch)).sum() for one in (cheap, dear)]
     assert turned[1] < 0.5 * turned[0]
 

@@ -26,7 +26,7 @@ MEASURES = (
         "counterpart_probability",
         REAL,
         "1",
-        "that the parts flown to are those that answer to the inspected ones; the least certain of them",
+        "that the parts flown to are those that correspond to the inspected ones; the least certain of them",
         low=0,
         high=1,
     ),
@@ -36,7 +36,7 @@ MEASURES = (
         "inspected_without_counterpart_pct", "of that, what has no counterpart and so counts as not shown"
     ),
     _share("inspected_unattainable_pct", "of that, what no safe camera could show as well"),
-    _share("coverage_of_target_pct", "of the target's surface that answers to it, the share shown as well"),
+    _share("coverage_of_target_pct", "of the target's surface corresponding to it, the share shown as well"),
     _share("coverage_context_pct", "of what else the demonstration saw, the share that is seen"),
     _positive("fidelity_resolution_p50", "1", "best resolution over the one asked for, by patch, median"),
     _positive("fidelity_resolution_p05", "1", "the same, 5th percentile; 0 where there is no sharp look"),

@@ -84,4 +84,4 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
         else:
             flagged = None if flags is None else flags[own]
             if poses_sha256(times[own], positions[own], quats[own], flagged) != sha256[names[start]]:
-                yield names[start][0], "the steps do not answer to the hash in their row"
+                yield names[start][0], "the steps do not match the hash in their row"

@@ -1,7 +1,7 @@
 """The tables of the catalog, each column declared once: name, type, unit, meaning, constraint.
 
 The stored tables, the published Parquet, the checks of `verify` and the data dictionary
-``catalog/README.md`` all follow from here. ``python -m upplied.catalog.schema.tables`` writes the dictionary.
+``catalog/README.md`` all follow from here. `dictionary` writes it.
 
 Columns may be added, and older catalogs then read as missing values; how older programs fare, and when the
 schema version is raised, is told in `upplied.catalog.schema.migrations`.
@@ -10,7 +10,6 @@ schema version is raised, is told in `upplied.catalog.schema.migrations`.
 from __future__ import annotations
 
 from dataclasses import fields
-from pathlib import Path
 
 from upplied.catalog.schema.columns import ADDED as _ADDED
 from upplied.catalog.schema.columns import COMMIT as _COMMIT
@@ -20,7 +19,7 @@ from upplied.catalog.schema.columns import identity as _id
 from upplied.catalog.schema.decided import DECIDED, DECISIONS, OVERRULED
 from upplied.catalog.schema.flown import AS_FLOWN
 from upplied.catalog.schema.measures import MEASURES
-from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.schema.paths import POSES, WAYPOINTS
 from upplied.catalog.schema.required import REQUIREMENTS
 from upplied.catalog.schema.settled import SETTINGS
 from upplied.config import PRESETS
@@ -39,15 +38,6 @@ def _version_of(whole: str) -> tuple[Column, ...]:
         _COMMIT_VERSION,
     )
 
-
-_POSE = (
-    *(Column(f"{axis}_m", REAL, "m", f"position of the camera, {axis}, structure frame") for axis in "xyz"),
-    *(
-        Column(f"q{part}", REAL, "1", f"quaternion, camera to structure, {part}", low=-1, high=1)
-        for part in "xyz"
-    ),
-    Column("qw", REAL, "1", "quaternion, camera to structure, w; never negative", low=0, high=1),
-)
 
 STRUCTURES = Table(
     "structures",
@@ -136,19 +126,6 @@ DEMONSTRATIONS = Table(
     ("demonstration_id", "added_at"),
 )
 
-POSES = Table(
-    "poses",
-    "one row per step of a demonstration, as flown",
-    ("demonstration_id", "commit_id", "seq"),
-    (
-        _id("demonstration_id", "the demonstration it belongs to"),
-        Column("seq", WHOLE, "1", "0, 1, ... in the order of flight", required=True, low=0),
-        Column("t_ns", WHOLE, "ns", "time stamp of the source clock", required=True),
-        *_POSE,
-        _COMMIT,
-    ),
-    ("commit_id", "demonstration_id", "seq"),
-)
 
 TRANSFERS = Table(
     "transfers",
@@ -260,20 +237,6 @@ TRANSFERS = Table(
     ("transfer_id", "planned_at"),
 )
 
-WAYPOINTS = Table(
-    "waypoints",
-    "one row per step of a planned trajectory",
-    ("transfer_id", "commit_id", "seq"),
-    (
-        _id("transfer_id", "the plan it belongs to"),
-        Column("seq", WHOLE, "1", "0, 1, ... in the order of flight", required=True, low=0),
-        Column("t_s", REAL, "s", "time from the start", required=True, low=0),
-        *_POSE,
-        Column("is_viewpoint", TRUTH, "", "a pose chosen to see, not only to pass", required=True),
-        _COMMIT,
-    ),
-    ("commit_id", "transfer_id", "seq"),
-)
 
 _MEASURED = {item.name for item in fields(Measures)}
 
@@ -314,47 +277,3 @@ TABLES = {
         REQUIREMENTS,
     )
 }
-
-
-def data_dictionary() -> str:
-    """The data dictionary as Markdown, for people who open the tables."""
-    parts = [_PREFACE.format(version=SCHEMA_VERSION)]
-    for table in TABLES.values():
-        parts.append(f"## {table.name}\n\n{table.meaning[0].upper()}{table.meaning[1:]}.\n")
-        parts.append("| column | type | unit | meaning | constraint |\n|---|---|---|---|---|")
-        parts += [
-            f"| `{c.name}` | {_TYPES[c.type]} | {c.unit} | {c.meaning} | {c.constraint} |"
-            for c in table.columns
-        ]
-        parts.append("")
-    return "\n".join(parts).rstrip() + "\n"
-
-
-_TYPES = {TEXT: "text", REAL: "float64", WHOLE: "int64", TRUTH: "bool", MOMENT: "time, UTC, us"}
-
-
-_PREFACE = """\
-# The catalog: data dictionary
-
-Written by `python -m upplied.catalog.schema.tables`; schema version {version}.
-
-Metres, seconds and degrees; the structure frame is Z up and +X forward; quaternions are `x y z w` and turn
-the camera frame (x forward, y left, z up) into the structure frame. A missing measure is null (NaN in
-pandas), a missing text is empty.
-
-The tables here are Delta tables. Read them with `upplied.open_catalog(...)`, or read the plain Parquet
-files of the same names and columns that every run publishes into `reports/`. Do not point `pd.read_parquet`
-at a folder of the catalog: it would count rows that the table no longer holds. Rows are only ever added: a
-newer plan is a new row, and which one is current is a question asked when reading. A row of `transfers` or
-`demonstrations` owns the rows of `waypoints` or `poses` that carry its id and its `commit_id`; others
-belong to writers that were stopped, and are not part of the catalog.
-"""
-
-
-def write_data_dictionary(path: Path) -> None:
-    """Write the data dictionary to a file."""
-    path.write_text(data_dictionary(), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    write_data_dictionary(Path(__file__).parents[3] / "catalog" / "README.md")

@@ -10,7 +10,7 @@ from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.telling import told
-from upplied.catalog.verbs import queries
+from upplied.catalog.verbs import ordering
 
 _MOST_ROWS = 50_000  # kept at hand, a kilobyte each
 
@@ -37,11 +37,11 @@ class Current:
         held = self._at_hand
         if held is None or held[0] is not dataset:
             if told(self._table.uri, dataset.count_rows) > _MOST_ROWS:
-                newest = queries.newest_rows(self._table, pc.field(self._name) == name)
+                newest = ordering.newest_rows(self._table, pc.field(self._name) == name)
                 return newest[0] if newest else None
             held = self._at_hand = dataset, *self._read()
         _, table, places = held
-        return queries.newest_of(rows.rows_of(table.take(places[name]))) if name in places else None
+        return ordering.newest_of(rows.rows_of(table.take(places[name]))) if name in places else None
 
     def _read(self) -> tuple[pa.Table, dict[str, list[int]]]:
         table = self._table.read()

@@ -15,19 +15,19 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.merging import TARGET_BYTES, tidy
-from upplied.catalog.verbs import queries
+from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.standing import DERIVED
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.records import Demonstration, Plan, Structure, Trajectory
 
 if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
+    from upplied.catalog.reading import Reading
 
 Planned = tuple[str, Plan, Mapping[str, Any]]  # key, plan, provenance
 
 
-def add_structures(catalog: Catalog, structures: Sequence[Structure]) -> int:
+def add_structures(catalog: Reading, structures: Sequence[Structure]) -> int:
     """See `Catalog.add_structures`."""
     current = _current(catalog.create(), "structures")
     new: dict[str, Row] = {}
@@ -40,7 +40,7 @@ def add_structures(catalog: Catalog, structures: Sequence[Structure]) -> int:
     return _add(catalog, "structures", list(new.values()))
 
 
-def add_demonstrations(catalog: Catalog, demonstrations: Sequence[Demonstration]) -> int:
+def add_demonstrations(catalog: Reading, demonstrations: Sequence[Demonstration]) -> int:
     """See `Catalog.add_demonstrations`."""
     current = _current(catalog.create(), "demonstrations")
     new: dict[str, tuple[Row, Demonstration]] = {}
@@ -56,18 +56,18 @@ def add_demonstrations(catalog: Catalog, demonstrations: Sequence[Demonstration]
     return _add(catalog, "demonstrations", [{**row, "commit_id": commit} for row, _ in new.values()])
 
 
-def add_plans(catalog: Catalog, plans: Sequence[Planned]) -> int:
+def add_plans(catalog: Reading, plans: Sequence[Planned]) -> int:
     """See `Catalog.add_plans`."""
     for key, _, _ in plans:
         check_id(key, "key of a plan")
     table = catalog.create().tables["transfers"]
-    stored = queries.rows_of_keys(table, [key for key, _, _ in plans])
+    stored = ordering.rows_of_keys(table, [key for key, _, _ in plans])
     new = {
         key: (plan, provenance)
         for key, plan, provenance in plans
         if key not in stored or _makes_way(stored[key], plan.status, str(provenance.get("run_id", "")))
     }
-    again = queries.superseded(table, [row for key, row in stored.items() if key not in new])
+    again = ordering.superseded(table, [row for key, row in stored.items() if key not in new])
     new = {key: (keep_surface(catalog, plan), said) for key, (plan, said) in new.items()}
     flown = {
         plan_rows.transfer_id(key): plan for key, (plan, _) in new.items() if plan.trajectory is not None
@@ -87,7 +87,7 @@ def _makes_way(stored: Row, status: str, run_id: str = "") -> bool:
     return stored["status"] == "failed" and not failed_again
 
 
-def keep_surface(catalog: Catalog, plan: Plan) -> Plan:
+def keep_surface(catalog: Reading, plan: Plan) -> Plan:
     """See `Catalog.keep_surface`."""
     put = catalog.surfaces.put
     if plan.surface is not None:
@@ -97,19 +97,19 @@ def keep_surface(catalog: Catalog, plan: Plan) -> Plan:
     return plan
 
 
-def add_flight(catalog: Catalog, row: Mapping[str, Any], path: Trajectory) -> int:
+def add_flight(catalog: Reading, row: Mapping[str, Any], path: Trajectory) -> int:
     """See `Catalog.add_flight`."""
     check_id(row["flight_id"], "flight id")
     catalog.transfer(row["transfer_id"], ("transfer_id",))  # one that nobody planned is an error
     return _add(catalog, "flights", [{**row, "flight_sha256": catalog.flown_paths.put(path)}])
 
 
-def add_rows(catalog: Catalog, name: str, made: list[Row]) -> int:
+def add_rows(catalog: Reading, name: str, made: list[Row]) -> int:
     """Commit rows that stand for themselves."""
     return _add(catalog, name, made)
 
 
-def add_overruled(catalog: Catalog, given: Sequence[Mapping[str, Any]]) -> int:
+def add_overruled(catalog: Reading, given: Sequence[Mapping[str, Any]]) -> int:
     """See `Catalog.add_overruled`."""
     made = {}
     for row in given:
@@ -121,9 +121,9 @@ def add_overruled(catalog: Catalog, given: Sequence[Mapping[str, Any]]) -> int:
     )
 
 
-def adopt_plans(catalog: Catalog, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:
+def adopt_plans(catalog: Reading, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:
     """Add plans of another catalog as they are, with the steps that they own there."""
-    stored = queries.rows_of_keys(catalog.tables["transfers"], [row["key"] for row in plans])
+    stored = ordering.rows_of_keys(catalog.tables["transfers"], [row["key"] for row in plans])
     new = [row for row in plans if row["key"] not in stored or _makes_way(stored[row["key"]], row["status"])]
     owned = [waypoints[row["transfer_id"], row["commit_id"]] for row in new if row["n_waypoints"]]
 
@@ -137,7 +137,7 @@ def adopt_plans(catalog: Catalog, plans: Sequence[Row], waypoints: Mapping[tuple
     return _add(catalog, "transfers", [{**row, **undecided, "commit_id": commit} for row in new])
 
 
-def retire(catalog: Catalog, name: str, ids: Sequence[str]) -> int:
+def retire(catalog: Reading, name: str, ids: Sequence[str]) -> int:
     """Add a version of structures or demonstrations that says they are out of use."""
     found = [catalog.newest(name, item) for item in dict.fromkeys(ids)]
     gone = [row for row in found if not row["retired"]]
@@ -158,13 +158,13 @@ def _repeated(table: StoredTable, stored: Sequence[Row], changes: Mapping[str, A
     return pa.Table.from_pylist(list(found.values()), whole.schema)
 
 
-def _transfer_rows(catalog: Catalog, new: Mapping[str, tuple[Plan, Mapping[str, Any]]]) -> list[Row]:
+def _transfer_rows(catalog: Reading, new: Mapping[str, tuple[Plan, Mapping[str, Any]]]) -> list[Row]:
     """Rows of new plans; hashes that the provenance leaves out are those of the current versions."""
     hashes: dict[str, str] = {}
     if any(_HASHES.keys() - said.keys() for _, said in new.values()):
         for table, name in (("structures", "structure_id"), ("demonstrations", "demonstration_id")):
             hashes.update(
-                (f"{table}/{row[name]}", row["sha256"]) for row in queries.newest_rows(catalog.tables[table])
+                (f"{table}/{row[name]}", row["sha256"]) for row in ordering.newest_rows(catalog.tables[table])
             )
     made = []
     for key, (plan, provenance) in new.items():
@@ -183,15 +183,15 @@ _HASHES = {
 }
 
 
-def _current(catalog: Catalog, name: str) -> dict[str, Row]:
-    return {row[TABLES[name].names[0]]: row for row in queries.newest_rows(catalog.tables[name])}
+def _current(catalog: Reading, name: str) -> dict[str, Row]:
+    return {row[TABLES[name].names[0]]: row for row in ordering.newest_rows(catalog.tables[name])}
 
 
 def _known(name: str, stored: Row | None, given: Row) -> bool:
     return stored is not None and rows.says_same(TABLES[name], stored, given)
 
 
-def _add(catalog: Catalog, name: str, made: list[Row], more: pa.Table | None = None) -> int:
+def _add(catalog: Reading, name: str, made: list[Row], more: pa.Table | None = None) -> int:
     """Commit rows; those that own steps carry the commit that brought these already."""
     commit = {"commit_id": new_commit_id(catalog)}
     new = rows.table_of(TABLES[name], [{**commit, **row} for row in made])
@@ -202,7 +202,7 @@ def _add(catalog: Catalog, name: str, made: list[Row], more: pa.Table | None = N
     return len(new)
 
 
-def _add_steps(catalog: Catalog, name: str, build: Callable[[str], list[pa.Table]]) -> str:
+def _add_steps(catalog: Reading, name: str, build: Callable[[str], list[pa.Table]]) -> str:
     """Commit steps, where there are any; returns the commit that the rows owning them must carry."""
     commit = new_commit_id(catalog)
     steps = build(commit)
@@ -212,6 +212,6 @@ def _add_steps(catalog: Catalog, name: str, build: Callable[[str], list[pa.Table
     return commit
 
 
-def new_commit_id(catalog: Catalog) -> str:
+def new_commit_id(catalog: Reading) -> str:
     """A name that tells the time and is never given twice."""
     return f"{catalog.clock.now():%Y%m%d-%H%M%S-%f}-{secrets.token_hex(4)}"

@@ -21,7 +21,7 @@ from upplied.config import settings_for
 from upplied.errors import CatalogError, SettingsError
 
 if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
+    from upplied.catalog.reading import Reading
 
 Changes = dict[str, dict[str, Any]]  # stage -> setting -> value
 Owner = tuple[str, str]  # scope and owner
@@ -29,7 +29,7 @@ Owner = tuple[str, str]  # scope and owner
 FLOWN = "recommended"  # the preset that they are for
 
 
-def said(catalog: Catalog) -> dict[Owner, Changes]:
+def said(catalog: Reading) -> dict[Owner, Changes]:
     """What kinds and structures say now."""
     found: dict[Owner, Changes] = {}
     table = rows.rows_of(catalog.tables["settings"].read())
@@ -54,7 +54,7 @@ def changes_for(
     return made
 
 
-def say(catalog: Catalog, scope: str, owner: str, values: Mapping[str, Any], by: str, note: str = "") -> int:
+def say(catalog: Reading, scope: str, owner: str, values: Mapping[str, Any], by: str, note: str = "") -> int:
     """See `Catalog.set`."""
     if not by.strip():
         raise SettingsError("a setting", "says not who set it", "a name", "say --by NAME")
@@ -90,7 +90,7 @@ def say(catalog: Catalog, scope: str, owner: str, values: Mapping[str, Any], by:
     return adding.add_rows(catalog, "settings", made)
 
 
-def settings_of(catalog: Catalog, structure_id: str) -> pd.DataFrame:
+def settings_of(catalog: Reading, structure_id: str) -> pd.DataFrame:
     """See `Catalog.settings_of`."""
     kind = str(catalog.newest("structures", structure_id)["kind"])
     known = said(catalog)

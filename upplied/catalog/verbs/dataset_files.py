@@ -18,8 +18,10 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 import upplied
+from upplied.catalog.schema.dictionary import data_dictionary
+from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, data_dictionary
+from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.files import replace_file
 from upplied.errors import CatalogError, InputError
 

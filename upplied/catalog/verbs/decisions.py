@@ -14,13 +14,13 @@ import pandas as pd
 import pyarrow.compute as pc
 
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import adding, queries
+from upplied.catalog.verbs import adding, ordering, queries
 from upplied.catalog.verbs.standing import Standing, standing_of, unit_of
 from upplied.errors import RefusedError, SettingsError
 from upplied.provenance import code_version
 
 if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
+    from upplied.catalog.reading import Reading
 
 #: Rules that a release keeps unless it is forced by their names, and why.
 RELEASE_RULES = {
@@ -33,7 +33,7 @@ RELEASE_RULES = {
 _LONGEST = 2000  # letters of a name or note: it stands on pages
 
 
-def decisions(catalog: Catalog, transfer_id: str | None = None) -> pd.DataFrame:
+def decisions(catalog: Reading, transfer_id: str | None = None) -> pd.DataFrame:
     """See `Catalog.decisions`."""
     table = catalog.tables["decisions"]
     where = None if transfer_id is None else pc.field("transfer_id") == transfer_id
@@ -41,17 +41,17 @@ def decisions(catalog: Catalog, transfer_id: str | None = None) -> pd.DataFrame:
     return found.reset_index(drop=True)
 
 
-def standing(catalog: Catalog) -> Standing:
+def standing(catalog: Reading) -> Standing:
     """What follows from all decisions of a catalog."""
     return standing_of(queries.decided(catalog.tables["decisions"]))
 
 
-def in_force(catalog: Catalog, **asked: Any) -> pd.DataFrame:
+def in_force(catalog: Reading, **asked: Any) -> pd.DataFrame:
     """See `Catalog.in_force`."""
     found = catalog.transfers(in_force=True, **asked)
-    newest = catalog.transfers(columns=["transfer_id", *queries.PAIR, "status"], **asked)
+    newest = catalog.transfers(columns=["transfer_id", *ordering.PAIR, "status"], **asked)
     newest = newest[newest["status"] == "ok"].rename(columns={"transfer_id": "newer_draft"})
-    found = found.merge(newest.drop(columns="status"), how="left", on=queries.PAIR)
+    found = found.merge(newest.drop(columns="status"), how="left", on=ordering.PAIR)
     same = (found["newer_draft"] == found["transfer_id"]) | (found["purpose"] != "")
     found["newer_draft"] = found["newer_draft"].where(~same).fillna("")
     hashes = catalog.structures().set_index("structure_id")["sha256"]
@@ -61,7 +61,7 @@ def in_force(catalog: Catalog, **asked: Any) -> pd.DataFrame:
     return found
 
 
-def foremost(catalog: Catalog) -> pd.DataFrame:
+def foremost(catalog: Reading) -> pd.DataFrame:
     """The newest plans, but the one in force in the place of the newest of its pair and preset.
 
     A plan in force whose demonstration is retired stays.
@@ -70,13 +70,13 @@ def foremost(catalog: Catalog) -> pd.DataFrame:
     force = force[force["purpose"] == ""]
     if not len(force):
         return newest
-    pair = pd.MultiIndex.from_frame(newest[queries.PAIR])
-    left = newest[~pair.isin(pd.MultiIndex.from_frame(force[queries.PAIR]))]
+    pair = pd.MultiIndex.from_frame(newest[ordering.PAIR])
+    left = newest[~pair.isin(pd.MultiIndex.from_frame(force[ordering.PAIR]))]
     every = pd.concat([left, force]) if len(left) else force
-    return every.sort_values(queries.PAIR, kind="stable").reset_index(drop=True)
+    return every.sort_values(ordering.PAIR, kind="stable").reset_index(drop=True)
 
 
-def recalled(catalog: Catalog, structure: str | None = None) -> pd.DataFrame:
+def recalled(catalog: Reading, structure: str | None = None) -> pd.DataFrame:
     """See `Catalog.recalled`."""
     now = standing(catalog)
     left = {
@@ -91,20 +91,20 @@ def recalled(catalog: Catalog, structure: str | None = None) -> pd.DataFrame:
     return every[every["transfer_id"].isin(left) & every["target_id"].isin(used)].reset_index(drop=True)
 
 
-def review(catalog: Catalog, transfer_id: str, by: str, note: str = "") -> str:
+def review(catalog: Reading, transfer_id: str, by: str, note: str = "") -> str:
     """See `Catalog.review`."""
     row = _plan(catalog, transfer_id)
     return _decide(catalog, row, "reviewed", by, note)
 
 
-def reject(catalog: Catalog, transfer_id: str, by: str, note: str = "") -> str:
+def reject(catalog: Reading, transfer_id: str, by: str, note: str = "") -> str:
     """See `Catalog.reject`."""
     row = _plan(catalog, transfer_id)
     return _decide(catalog, row, "rejected", by, note)
 
 
 def release(
-    catalog: Catalog,
+    catalog: Reading,
     transfer_id: str,
     by: str,
     note: str = "",
@@ -132,17 +132,17 @@ def release(
     return made
 
 
-def recall(catalog: Catalog, row: Row, note: str, target_sha256: str, by: str) -> str:
+def recall(catalog: Reading, row: Row, note: str, target_sha256: str, by: str) -> str:
     """Take a plan out of force whose structure changed so that it is not safe there; the decision's name."""
     return _decide(catalog, row, "recalled", by, note, target_sha256=target_sha256)
 
 
-def rechecked(catalog: Catalog, row: Row, note: str, target_sha256: str, by: str) -> str:
+def rechecked(catalog: Reading, row: Row, note: str, target_sha256: str, by: str) -> str:
     """Keep that a plan in force was judged on its changed structure, and stays in force."""
     return _decide(catalog, row, "rechecked", by, note, target_sha256=target_sha256)
 
 
-def _plan(catalog: Catalog, transfer_id: str) -> Row:
+def _plan(catalog: Reading, transfer_id: str) -> Row:
     row = catalog.transfer(transfer_id)
     if row["status"] != "ok" or not row["n_waypoints"]:
         found = f"has no path: it is {row['status']}: {row['reason']}"
@@ -150,7 +150,7 @@ def _plan(catalog: Catalog, transfer_id: str) -> Row:
     return row
 
 
-def _check_release(catalog: Catalog, row: Row, state: str, force: tuple[str, ...]) -> list[str]:
+def _check_release(catalog: Reading, row: Row, state: str, force: tuple[str, ...]) -> list[str]:
     """The rules that are broken and overruled, in words; refuses where others are broken."""
     unknown = sorted(set(force) - set(RELEASE_RULES))
     if unknown:
@@ -178,11 +178,11 @@ def _check_release(catalog: Catalog, row: Row, state: str, force: tuple[str, ...
     return [f"{rule}: {found}" for rule, found in broken]
 
 
-def _target_sha256(catalog: Catalog, row: Row) -> str:
+def _target_sha256(catalog: Reading, row: Row) -> str:
     return str(catalog.newest("structures", row["target_id"])["sha256"])
 
 
-def _decide(catalog: Catalog, row: Row, state: str, by: str, note: str, **said: str) -> str:
+def _decide(catalog: Reading, row: Row, state: str, by: str, note: str, **said: str) -> str:
     """Add a decision; its name."""
     for what, text in (("name", by), ("note", note)):
         if len(text) > _LONGEST:

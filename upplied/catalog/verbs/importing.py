@@ -65,7 +65,7 @@ def import_dataset(
     Raises
     ------
     CatalogError
-        If the folder is not whole, does not answer to its hashes, or contradicts itself or the
+        If the folder is not whole, does not match its hashes, or contradicts itself or the
         catalog. Nothing is added then.
     """
     place = Path(folder)
@@ -87,7 +87,7 @@ def import_dataset(
     plans = rows.rows_of(tables["transfers"])
     for row in plans:
         if plan_rows.transfer_id(row["key"]) != row["transfer_id"]:
-            raise CatalogError(f"{place}: plan {row['transfer_id']}", "does not answer to its key")
+            raise CatalogError(f"{place}: plan {row['transfer_id']}", "does not match its key")
         if row["n_waypoints"]:
             _steps(place, steps["waypoints"], "waypoints", row)
     dataset = name_of(place)
@@ -185,7 +185,7 @@ def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: 
     steps = found.get((row[key], row["commit_id"]))
     hashes = {(row[key], row["commit_id"]): row[f"{name}_sha256"]}
     if steps is None or len(steps) != row[f"n_{name}"] or any(unlike(name, steps, hashes)):
-        raise CatalogError(f"{place}: {name} of {row[key]}", "do not answer to their row")
+        raise CatalogError(f"{place}: {name} of {row[key]}", "do not match their row")
     return steps
 
 

@@ -10,17 +10,17 @@ from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import decisions, queries
+from upplied.catalog.verbs import decisions, ordering
 from upplied.errors import RefusedError
 
 if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
+    from upplied.catalog.reading import Reading
 
 #: Of a row of `transfers`, what `check_leaves` asks.
 ASKED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable")
 
 
-def check_leaves(catalog: Catalog, row: Row, force: Collection[str] = ()) -> None:
+def check_leaves(catalog: Reading, row: Row, force: Collection[str] = ()) -> None:
     """Refuse a plan that is for comparison, falls short of its floors, or has been followed by another.
 
     Parameters
@@ -44,7 +44,7 @@ def check_leaves(catalog: Catalog, row: Row, force: Collection[str] = ()) -> Non
     state = decisions.standing(catalog).of(row["transfer_id"])
     if state in ("rejected", "recalled", "superseded"):
         found[state] = f"the plan is {state}"
-    elif state != "released" and queries.superseded(catalog.tables["transfers"], [row]):
+    elif state != "released" and ordering.superseded(catalog.tables["transfers"], [row]):
         found["superseded"] = "a newer plan of this pair and preset took its place"
     left = {rule: said for rule, said in found.items() if rule not in force}
     if left:

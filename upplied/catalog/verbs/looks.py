@@ -15,13 +15,13 @@ from upplied.errors import SettingsError
 from upplied.records import Bools, Floats
 
 if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
+    from upplied.catalog.reading import Reading
 
 _COLUMNS = ["flight_id", "transfer_id", "kind", "flown_at", "operator", "looks_sha256", "commit_version"]
 
 
 def put_looks(
-    catalog: Catalog, points: Floats, normals: Floats | None, seen: Bools, values: dict[str, Floats]
+    catalog: Reading, points: Floats, normals: Floats | None, seen: Bools, values: dict[str, Floats]
 ) -> str:
     """Keep how a flight saw the samples (N, 3) of a surface; returns the hash.
 
@@ -40,7 +40,7 @@ def put_looks(
     return catalog.looks.put(StoredLooks(samples, number, **small))
 
 
-def looks_at(catalog: Catalog, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:
+def looks_at(catalog: Reading, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:
     """See `Catalog.looks_at`."""
     place = np.asarray(place_m, float)
     if place.shape != (3,) or not np.isfinite(place).all():

@@ -29,7 +29,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from upplied.catalog.schema.columns import Table
-from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES
+from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs import owned
 from upplied.catalog.verbs.decisions import foremost

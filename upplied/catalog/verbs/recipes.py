@@ -12,7 +12,7 @@ from upplied.catalog.schema import rows
 from upplied.catalog.schema.plan_rows import transfer_row
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.verbs import queries
+from upplied.catalog.verbs import ordering
 from upplied.config import Settings, settings_for
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Measures, Plan, Structure
@@ -95,7 +95,7 @@ def _tuples(value: Any) -> Any:
 
 def _version(catalog: Catalog, table: str, name: str, sha256: str) -> Row:
     """The newest version of that id with that hash."""
-    found = queries.newest_rows(
+    found = ordering.newest_rows(
         catalog.tables[table],
         (pc.field(TABLES[table].names[0]) == name) & (pc.field("sha256") == sha256),
     )

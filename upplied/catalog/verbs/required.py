@@ -14,14 +14,14 @@ from upplied.checks import check_id
 from upplied.errors import CatalogError, SettingsError
 
 if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
+    from upplied.catalog.reading import Reading
 
 _NUMBERS = {"gsd_mm": (0.0, 1e5), "incidence_deg": (0.0, 90.0), "max_age_days": (0.0, 1e5)}  # above, up to
 _MOST_ZONES = 1000
 
 
 def require(
-    catalog: Catalog,
+    catalog: Reading,
     scope: str,
     owner: str,
     name: str,
@@ -71,7 +71,7 @@ def _zone(name: str, zone: Mapping[str, Any]) -> Row:
     return {key: value for key, value in zone.items() if value is not None}
 
 
-def requirements(catalog: Catalog, every: bool = False) -> pd.DataFrame:
+def requirements(catalog: Reading, every: bool = False) -> pd.DataFrame:
     """See `Catalog.requirements`."""
     found = queries.frame(catalog.tables["requirements"].read()).sort_values("commit_version", kind="stable")
     owners = ["scope", "owner", "name"]
@@ -82,7 +82,7 @@ def requirements(catalog: Catalog, every: bool = False) -> pd.DataFrame:
     return found.reset_index(drop=True)
 
 
-def zones_of(catalog: Catalog, kind: str, structure_id: str) -> list[Row]:
+def zones_of(catalog: Reading, kind: str, structure_id: str) -> list[Row]:
     """The zones that are asked of a structure, by its kind and by itself, each with its set and version."""
     found = []
     for row in requirements(catalog).to_dict("records"):

@@ -138,7 +138,7 @@ def _contents(catalog: Catalog, transfers: pd.DataFrame) -> Iterator[Finding]:
 
 
 def _settings(transfers: pd.DataFrame) -> Iterator[Finding]:
-    """Settings that do not answer to their hash, where this program knows all of them."""
+    """Settings that do not match their hash, where this program knows all of them."""
     for (text, sha256), rows in transfers.groupby(["settings_json", "settings_sha256"]):
         try:
             settings = settings_of(text)
@@ -148,7 +148,7 @@ def _settings(transfers: pd.DataFrame) -> Iterator[Finding]:
             )
             continue
         if settings.sha256 != sha256 and settings_text(settings) == text:
-            yield Finding(f"settings {sha256[:12]}", f"do not answer to it; of {_some(rows['transfer_id'])}")
+            yield Finding(f"settings {sha256[:12]}", f"do not match it; of {_some(rows['transfer_id'])}")
 
 
 def _steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[Finding]:

@@ -15,7 +15,7 @@ from upplied.records import Bools, Floats, Ints, Record
 
 MAX_NORM_ERROR = 1e-2  # of a quaternion; a rounded or single-precision one is far within
 AT_THE_ENDS = " yet or any more"  # what was dropped for such a reason is not held against the log
-_FEW = 0.05  # of the poses
+_FEW_POSES_SHARE = 0.05  # of the poses
 HOLD_NS = 100_000_000  # how long the first and the last pose are held for another topic's stamps
 
 
@@ -183,7 +183,7 @@ def pose_track(
     bodies = Counter({pair[1]: 0 for pair in groups})
     for pair, rows in groups.items():
         bodies[pair[1]] += len(rows)
-    if len([name for name, number in bodies.items() if number > _FEW * len(table)]) > 1:
+    if len([name for name, number in bodies.items() if number > _FEW_POSES_SHARE * len(table)]) > 1:
         listed = ", ".join(f"{name or 'without a name'} ({number})" for name, number in bodies.most_common(8))
         raise InputError(
             table.channel.topic,

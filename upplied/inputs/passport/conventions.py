@@ -79,7 +79,7 @@ def _scaled(positions: Floats, quats: Floats, factor: float) -> Poses:
     return positions * factor, quats
 
 
-def _placed(positions: Floats, quats: Floats, matrix: Floats, poses: bool) -> Poses:
+def _under(positions: Floats, quats: Floats, matrix: Floats, poses: bool) -> Poses:
     """Positions mirrored; `poses`: what is seen is mirrored with them."""
     if not poses:
         return positions @ matrix.T, quats
@@ -124,21 +124,21 @@ NAMED: dict[str, Convention] = {
                    lambda p, q: (p, Rotation.from_quat(q).inv().as_quat())),
         Convention("inverse-pose", "the world's pose in the camera", _inverse),
         Convention("swapped-xy", "x and y of the positions exchanged",
-                   partial(_placed, matrix=_SWAP, poses=False)),
+                   partial(_under, matrix=_SWAP, poses=False)),
         Convention("swapped-xy-poses", "x and y exchanged, a left-handed frame",
-                   partial(_placed, matrix=_SWAP, poses=True)),
+                   partial(_under, matrix=_SWAP, poses=True)),
         Convention("mirrored-x", "x of the positions mirrored",
-                   partial(_placed, matrix=_MIRROR_X, poses=False)),
+                   partial(_under, matrix=_MIRROR_X, poses=False)),
         Convention("mirrored-y", "y of the positions mirrored",
-                   partial(_placed, matrix=_MIRROR_Y, poses=False)),
+                   partial(_under, matrix=_MIRROR_Y, poses=False)),
         Convention("mirrored-x-poses", "x mirrored, a left-handed frame",
-                   partial(_placed, matrix=_MIRROR_X, poses=True)),
+                   partial(_under, matrix=_MIRROR_X, poses=True)),
         Convention("mirrored-y-poses", "y mirrored, a left-handed frame",
-                   partial(_placed, matrix=_MIRROR_Y, poses=True)),
+                   partial(_under, matrix=_MIRROR_Y, poses=True)),
         Convention("y-up", "y up and z towards the viewer", partial(_turned, left=_Y_UP)),
         Convention("z-forward", "y up and z forward", partial(_turned, left=_CYCLIC)),
         Convention("z-down", "heights as depths",
-                   partial(_placed, matrix=np.diag([1.0, 1.0, -1.0]), poses=False)),
+                   partial(_under, matrix=np.diag([1.0, 1.0, -1.0]), poses=False)),
         *(Convention(name.replace(" ", "-"), f"lengths in {name}", partial(_scaled, factor=factor))
           for name, factor in _UNITS.items()),
     )

@@ -73,7 +73,7 @@ def sheet_png(
     bottom = max(panel.y + panel.image.shape[0] for panel in panels)
     notes = _wrapped(subtitle, width - 2 * _PAD, _SMALL) if subtitle else []
     head = _HEAD + _LINE * len(notes)
-    entries = _placed(legend, width)
+    entries = _legend_rows(legend, width)
     rows = max((row for *_, row in entries), default=-1) + 1
     sheet = Image.new("RGB", (width, head + bottom + (_LINE * rows + _PAD if rows else 0)), BACKGROUND)
     draw = ImageDraw.Draw(sheet)
@@ -131,7 +131,9 @@ def _legend_entry(
     draw.text((x + 34, y), name, fill=TEXT, font=font(_LABEL - 1))
 
 
-def _placed(legend: Sequence[tuple[str, str, str]], width: int) -> list[tuple[str, str, str, float, int]]:
+def _legend_rows(
+    legend: Sequence[tuple[str, str, str]], width: int
+) -> list[tuple[str, str, str, float, int]]:
     """Legend entries with their place: x in px and row."""
     out = []
     x, row = float(_PAD), 0

@@ -78,7 +78,7 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
         origin.append(leg + along[1:] / max(along[-1], 1e-12))
     whence = np.concatenate(origin)
     routed = _with_inserted(path, np.vstack(pieces), whence)
-    smooth = _smoothed(routed.positions, _around_added(whence) & ~routed.is_viewpoint, ways.planning)
+    smooth = _corners_rounded(routed.positions, _around_added(whence) & ~routed.is_viewpoint, ways.planning)
     _refuse_unsafe(smooth, ways.airspace)
     return replace(routed, positions=smooth)
 
@@ -113,7 +113,7 @@ def safe_positions(positions: Floats, ways: Ways) -> Floats:
         changed = np.zeros(len(safe), bool)
         for first, last in _runs(broken):
             _lead_round(safe, changed, first, last + 1, ways.graph)
-        safe = _smoothed(safe, _widened(changed, 15), ways.planning, like=positions)
+        safe = _corners_rounded(safe, _widened(changed, 15), ways.planning, like=positions)
     _refuse_unsafe(safe, ways.airspace)
     return safe
 
@@ -152,7 +152,7 @@ def _at_good_places(positions: Floats, ways: Ways) -> Floats:
             raise _refusal(
                 ways.planning, int(members[0]), pushed[members[0]], "no free way leads here from the rest"
             )
-    return _placed(pushed, good, ways.graph)
+    return _moved_to_free(pushed, good, ways.graph)
 
 
 def _is_outside(positions: Floats, graph: Roadmap) -> bool:
@@ -160,7 +160,7 @@ def _is_outside(positions: Floats, graph: Roadmap) -> bool:
     return any(len(links(graph, position)) for position in positions)
 
 
-def _placed(positions: Floats, good: Bools, graph: Roadmap) -> Floats:
+def _moved_to_free(positions: Floats, good: Bools, graph: Roadmap) -> Floats:
     """Positions that are not good moved to places of the graph, or between their good neighbours."""
     if good.all():
         return positions
@@ -229,7 +229,9 @@ def _around_added(origin: Floats) -> Bools:
     return _widened(~np.isclose(origin, np.round(origin), atol=1e-9), 1)
 
 
-def _smoothed(positions: Floats, movable: Bools, airspace: Airspace, like: Floats | None = None) -> Floats:
+def _corners_rounded(
+    positions: Floats, movable: Bools, airspace: Airspace, like: Floats | None = None
+) -> Floats:
     """Corners rounded where that breaks no rule; ends and what is not movable stay.
 
     Where a path to be `like` is given, the difference from it is smoothed instead: rounding the path

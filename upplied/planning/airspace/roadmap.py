@@ -62,7 +62,7 @@ def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -
     if further is not None:
         places.append(further)
     stacked = np.vstack(places)
-    stacked = stacked[_thinned(stacked, 0.4 * spacing)]
+    stacked = stacked[_one_a_cell(stacked, 0.4 * spacing)]
     stacked = stacked[airspace.allowed(stacked)]
     first, second = _neighbours(stacked, spacing)
     free = ~airspace.broken_legs(stacked[first], stacked[second])
@@ -142,7 +142,7 @@ def _spacing(points: Floats) -> float:
     return max(float(np.median(cKDTree(points).query(points, k=2)[0][:, 1])), 1e-3)
 
 
-def _thinned(points: Floats, spacing: float) -> Ints:
+def _one_a_cell(points: Floats, spacing: float) -> Ints:
     """Indices of one point for each cell of a grid."""
     cell = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
     size = cell.max(axis=0) + 1
@@ -180,7 +180,7 @@ def _neighbours(places: Floats, spacing: float) -> tuple[Ints, Ints]:
         a, b = layer[np.repeat(np.arange(len(layer)), near.shape[1])], layer[near.ravel()]
         pairs.append(_edge_id(a, b, count))
         spacing *= 2.5
-        fewer = layer[_thinned(places[layer], spacing)]
+        fewer = layer[_one_a_cell(places[layer], spacing)]
         if len(fewer) == len(layer) or len(layer) <= _DEGREE:
             break
         layer = fewer

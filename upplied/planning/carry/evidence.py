@@ -12,20 +12,20 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.planning.demonstration.repetition import Take
-from upplied.planning.geometry.boxes import laid, spacing
+from upplied.planning.geometry.boxes import in_source_frame, spacing
 from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.records import Cloud, Floats, Ints, Record
 
 _ASTRAY = 0.5  # cosine of normals below which a counterpart faces another way
 _FACING = 0.1  # of the region's size: what turning a normal by a right angle counts beside distance
 _AROUND = 0.3  # of the region's size: how far its surroundings reach
-_NEAR = 8  # neighbours of a patch by which its stretch is judged
+_NEIGHBOURS = 8  # neighbours of a patch by which its stretch is judged
 _MOST = 1500  # patches that are asked
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evidence(Record):
-    """How well the inspected region and what is around it answer to the target; 0 is perfect."""
+    """How well the inspected region and what is around it correspond to the target; 0 is perfect."""
 
     without: float  # share of what was inspected that has no counterpart
     astray: float  # share whose counterpart faces more than 60 deg another way
@@ -34,7 +34,7 @@ class Evidence(Record):
     bent: float  # what no scaling along the axes explains, over the region's size
     crowded: float  # share that meets on the same target samples, beyond what sampling explains
     back: float  # share of the answering target surface that leads elsewhere on the source
-    gape: float  # how far the surfaces are apart as laid on each other, over the region's size
+    gap: float  # how far the surfaces are apart as laid on each other, over the region's size
     around: float  # the same of the surroundings
     misfit: float  # of the wholes, `Registration.acceptance`
 
@@ -54,13 +54,13 @@ def evidence_of(take: Take) -> Evidence:
     misfit = fit.registration.acceptance
     misfit = 3.0 if not np.isfinite(misfit) else min(misfit, 10.0)
     known = np.flatnonzero((share > 0) & (match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
-    if share.sum() <= 0 or len(known) < 2 * _NEAR:
+    if share.sum() <= 0 or len(known) < 2 * _NEIGHBOURS:
         return Evidence(1.0, 1.0, 1.6, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, misfit)
     without = 1 - float(share[known].sum() / share.sum())
-    lying = laid(target, fit.registration)
-    assert lying.normals is not None
+    registered = in_source_frame(target, fit.registration)
+    assert registered.normals is not None
     mine = share[known]
-    facing = (source.normals[known] * lying.normals[match.target_index[known]]).sum(axis=1)
+    facing = (source.normals[known] * registered.normals[match.target_index[known]]).sum(axis=1)
     size = _size(source.points[known], mine)
     own = share / np.maximum(area, 1e-12)
     return Evidence(
@@ -71,8 +71,8 @@ def evidence_of(take: Take) -> Evidence:
         bent=_bent(source.points[known], match.target_points[known], mine),
         crowded=_crowded(match.target_index[known], source, target, known, fit.registration.scale),
         back=_back(match.target_points[known], match.target_index[known], source.points[known], target, size),
-        gape=_apart(source, lying, share, size),
-        around=_apart(source, lying, area * _nearby(source.points, own, size), size),
+        gap=_apart(source, registered, share, size),
+        around=_apart(source, registered, area * _nearby(source.points, own, size), size),
         misfit=misfit,
     )
 
@@ -86,7 +86,7 @@ def _size(points: Floats, share: Floats) -> float:
 def _uneven(here: Floats, there: Floats, share: Floats) -> float:
     some = np.unique(np.linspace(0, len(here) - 1, min(_MOST, len(here))).astype(np.int64))
     here, there, share = here[some], there[some], share[some]
-    near = cKDTree(here).query(here, k=min(_NEAR + 1, len(here)))[1][:, 1:]
+    near = cKDTree(here).query(here, k=min(_NEIGHBOURS + 1, len(here)))[1][:, 1:]
     before = np.linalg.norm(here[near] - here[:, None], axis=2).mean(axis=1)
     after = np.linalg.norm(there[near] - there[:, None], axis=2).mean(axis=1)
     log = np.log(np.maximum(after, 1e-6) / np.maximum(before, 1e-6))
@@ -130,15 +130,15 @@ def _nearby(points: Floats, own: Floats, size: float) -> Floats:
     return np.asarray(np.clip(1 - off / (_AROUND * size), 0, 1) * (1 - own))
 
 
-def _apart(source: Cloud, lying: Cloud, share: Floats, size: float) -> float:
+def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> float:
     """Mean distance of the surfaces as laid, beyond the spacing of samples, over the region's size."""
-    assert source.normals is not None and lying.normals is not None
+    assert source.normals is not None and registered.normals is not None
     chosen = np.flatnonzero(share > 0.05 * share.max()) if share.max() > 0 else np.empty(0, np.int64)
     if not len(chosen):
         return 0.0
     chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, min(_MOST, len(chosen))).astype(np.int64))]
     weight = _FACING * size
-    tree = cKDTree(np.hstack([lying.points, weight * lying.normals]))
+    tree = cKDTree(np.hstack([registered.points, weight * registered.normals]))
     asked = np.hstack([source.points[chosen], weight * source.normals[chosen]])
-    off = np.maximum(tree.query(asked)[0] - spacing(lying), 0) / size
+    off = np.maximum(tree.query(asked)[0] - spacing(registered), 0) / size
     return float(np.average(np.minimum(off, 1.0), weights=share[chosen]))

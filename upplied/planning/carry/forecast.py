@@ -63,7 +63,7 @@ def in_words(found: Evidence) -> str:
         f" and all by {np.degrees(found.turned):.0f} deg"
         f", patches are stretched unevenly by {100 * np.expm1(found.uneven):.0f} %"
         f", {100 * found.bent:.0f} % of the region's size is left by the best scaling"
-        f", the surfaces are {100 * found.gape:.0f} % of its size apart, {100 * found.around:.0f} % around it"
+        f", the surfaces are {100 * found.gap:.0f} % of its size apart, {100 * found.around:.0f} % around it"
         + _whole(found)
     )
 

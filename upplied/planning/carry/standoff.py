@@ -28,7 +28,7 @@ _MIDDLE = 0.1  # tangent, 6 deg: deviation of what counts as the middle of a pic
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Standoff(Record):
-    """How far each viewpoint was from what it saw, and what answers to that on the target."""
+    """How far each viewpoint was from what it saw, and what corresponds to that on the target."""
 
     station: Ints  # (V,) of the path
     seen: Floats  # (V, S, 3) m, counterparts of what fills the picture, each for an equal share of it
@@ -103,7 +103,7 @@ class Counted(Record):
 
     weight: Floats  # (M, K) share of each picture that each counterpart fills, any unit
     points: Floats  # (K, 3) m, the counterparts
-    middle: Floats | None  # (M, 3) m, what answers to the middle of each picture; None: all of it counts
+    middle: Floats | None  # (M, 3) m, what corresponds to the middle of each picture; None: all of it counts
     wanted_m: Floats  # (M,) NaN where a camera sees nothing
 
     def distance(self, positions: Floats) -> Floats:
@@ -172,7 +172,7 @@ def counted(
 
 
 def _middles(positions: Floats, weight: Floats, here: Floats, there: Floats) -> tuple[Floats, Floats]:
-    """What is in the middle of each picture, (M, 3), m, and what answers to it; NaN where nothing is seen.
+    """What is in the middle of each picture, (M, 3), m, and its counterpart; NaN where nothing is seen.
 
     The middle is about the centre of what is seen, within some degrees: what is beside it is at another
     depth, or round the corner.

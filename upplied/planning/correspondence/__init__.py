@@ -1,1 +1,1 @@
-"""What on the target answers to what on the source: registration, parts, displacement field."""
+"""What on the target corresponds to what on the source: registration, parts, displacement field."""

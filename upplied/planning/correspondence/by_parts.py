@@ -17,7 +17,7 @@ from upplied.planning.correspondence.describe import summary_of
 from upplied.planning.correspondence.misfit import UNTURNED
 from upplied.planning.correspondence.part_alignment import FACING, matched, patches, placed
 from upplied.planning.correspondence.part_assignment import Matching
-from upplied.planning.geometry.boxes import diagonal_of, laid, spacing
+from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
 from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Registration
 
@@ -52,14 +52,14 @@ def by_parts(
     if source.normals is None or target.normals is None:
         raise ValueError("correspondences by parts need normals")
     diagonal = diagonal_of(source.points)
-    lying = laid(target, registration)
-    matching = matched(source, lying, pinned)
-    moving, fixed = patches(source, lying, matching)
+    registered = in_source_frame(target, registration)
+    matching = matched(source, registered, pinned)
+    moving, fixed = patches(source, registered, matching)
     warped = _warped(placed(moving, fixed), fixed, diagonal)
     index = facing_nearest(warped, fixed, diagonal)
-    index = _next_door(warped, fixed, index, labels_of(lying), parts_of(lying), diagonal)
+    index = _next_door(warped, fixed, index, labels_of(registered), parts_of(registered), diagonal)
     on_skin = _on_skin(warped.points, fixed, index, spacing(source))
-    claimed = _claimed(on_skin, moving.label, fixed, spacing(lying))
+    claimed = _claimed(on_skin, moving.label, fixed, spacing(registered))
     goes_on = _goes_on(parts_of(source), matching)[labels_of(source), fixed.label[index]]
     taken = claimed[index] & ~goes_on
     gone = _without(warped, fixed, index, taken, labels_of(source), diagonal)
@@ -74,7 +74,7 @@ def by_parts(
             matching,
             labels_of(source),
             gone,
-            parts_of(lying).in_axes(words),
+            parts_of(registered).in_axes(words),
         ),
         source_class=matching.source_class,
         target_class=matching.target_class,
@@ -151,7 +151,7 @@ def _claimed(on_skin: Floats, label: Ints, fixed: Patch, step_m: float) -> Bools
 
 
 def _goes_on(parts: Parts, matching: Matching) -> Bools:
-    """Whether a part (row) continues the skin of one that answers to the class (column)."""
+    """Whether a part (row) continues the skin of one that corresponds to the class (column)."""
     found = np.zeros((len(parts), max(len(matching), 1)), bool)
     for part in np.flatnonzero(~parts.body):
         classes = matching.source_class[parts.touching[part]]
@@ -160,7 +160,7 @@ def _goes_on(parts: Parts, matching: Matching) -> Bools:
 
 
 def _without(warped: Patch, fixed: Patch, index: Ints, taken: Bools, part: Ints, diagonal_m: float) -> Bools:
-    """Which samples have no counterpart: far from everything, or of a part that finds no like."""
+    """Which samples have no counterpart: far from everything, or of a part without counterpart."""
     free = warped.label < 0
     distance = np.linalg.norm(warped.points - fixed.points[index], axis=1)
     same_face = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) > _SAME_FACE

@@ -1,6 +1,6 @@
 """How certain it is that a part of the target is the one that is meant: a probability from evidence.
 
-Two questions are asked. Does this part answer to that one? Then what a smooth displacement lays on it,
+Two questions are asked. Does this part correspond to that one? Then what a smooth displacement lays on it,
 without any parts, should say so too. Is this part another one of its kind, an outer engine beside the inner
 one? Then it should have its shape and its size. Each is logistic in its evidence, and each weight is at least
 0: nothing that speaks against a part ever speaks for it.
@@ -34,7 +34,7 @@ _DISAGREES, _DISPUTED = 0.6, 0.4
 def evidence_of_answer(
     source: Cloud,
     part: int,
-    lying: Cloud,
+    registered: Cloud,
     answers: Sequence[int],
     wholes: float,
     told: bool,
@@ -44,7 +44,7 @@ def evidence_of_answer(
 
     Parameters
     ----------
-    source, lying : Cloud
+    source, registered : Cloud
         Samples with parts, in the source's frame and at its scale.
     part : int
     answers : sequence of int
@@ -55,12 +55,12 @@ def evidence_of_answer(
     carried : array of int, shape (M,)
         The part of the source that a smooth displacement alone lays on each sample of the target.
     """
-    mine, theirs = labels_of(source) == part, np.isin(labels_of(lying), answers)
+    mine, theirs = labels_of(source) == part, np.isin(labels_of(registered), answers)
     named = carried == part
-    both, area = named & theirs, _area(lying)
+    both, area = named & theirs, _area(registered)
     return np.array(
         [
-            _shape(source, mine, lying, theirs),
+            _shape(source, mine, registered, theirs),
             1 - area[both].sum() / max(area[theirs].sum(), 1e-12),
             1 - area[both].sum() / max(area[named].sum(), 1e-12),
             float(told),
@@ -70,12 +70,12 @@ def evidence_of_answer(
     )
 
 
-def evidence_of_other(lying: Cloud, answer: int, other: int, wholes: float, told: bool) -> Floats:
+def evidence_of_other(registered: Cloud, answer: int, other: int, wholes: float, told: bool) -> Floats:
     """What speaks against a part of the target being of the kind of another, (6,); 0 is perfect."""
-    one, two = (labels_of(lying) == part for part in (answer, other))
-    area = _area(lying)
+    one, two = (labels_of(registered) == part for part in (answer, other))
+    area = _area(registered)
     ratio = abs(np.log(max(area[two].sum(), 1e-12) / max(area[one].sum(), 1e-12)))
-    return np.array([_shape(lying, one, lying, two), 0.0, 0.0, float(told), _whole(wholes), ratio])
+    return np.array([_shape(registered, one, registered, two), 0.0, 0.0, float(told), _whole(wholes), ratio])
 
 
 def probability(evidence: Floats, model: Sequence[float]) -> float:
@@ -85,11 +85,11 @@ def probability(evidence: Floats, model: Sequence[float]) -> float:
     return min(known, _DISPUTED) if evidence[1:3].max() > _DISAGREES else known
 
 
-def _shape(source: Cloud, mine: Bools, lying: Cloud, theirs: Bools) -> float:
+def _shape(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools) -> float:
     """How unlike two parts are, box on box; 1 is what is matched at most where boxes are not alike."""
     if not mine.any() or not theirs.any():
         return CAPS[0]
-    return misfit_of_parts(source, mine, lying, theirs, diagonal_of(source.points))
+    return misfit_of_parts(source, mine, registered, theirs, diagonal_of(source.points))
 
 
 def _whole(wholes: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from upplied.errors import RefusedError, SettingsError
 from upplied.planning.correspondence.misfit import UNTURNED
 from upplied.planning.correspondence.part_assignment import like_shape
-from upplied.planning.geometry.boxes import laid
+from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
 from upplied.records import Cloud, Floats, Ints, Registration
 
@@ -54,7 +54,7 @@ def pinned_parts(
         If a name is known and the parts of the target, as they were found, do not tell what it means.
     """
     here = parts_of(source).in_axes(words)
-    there = parts_of(laid(target, registration)).in_axes(words)
+    there = parts_of(in_source_frame(target, registration)).in_axes(words)
     pinned = {}
     for name, name_there in pairs:
         one = _named(name, source, here, source_landmarks)
@@ -62,7 +62,7 @@ def pinned_parts(
             raise _unknown(name, "source", source_landmarks, len(here), "")
         other = _named(name_there, target, there, target_landmarks)
         if other is None and set(name_there.split("_")) <= set(_WORDS):
-            other = _placed(name_there.split("_"), here, one, there)
+            other = _by_place(name_there.split("_"), here, one, there)
             if other is None:
                 raise _not_told_apart(name, name_there, "no part of the target has the shape and size of it")
         elif other is not None and not _comparable(here, one, there, other):
@@ -77,7 +77,7 @@ def pinned_parts(
 def choices_for(source: Parts, part: int, target: Parts, answers: Sequence[int] = ()) -> Ints:
     """Parts of the laid target of a source part's shape, those on its side first; boxes made equal.
 
-    Where it is known which one answers to it, the others are of its size too: no abutment beside piers.
+    Where it is known which one corresponds to it, the others are of its size too: no abutment beside piers.
     """
     alike = _alike(source, part, target)
     if len(answers) == 1:
@@ -98,7 +98,7 @@ def _named(name: str, cloud: Cloud, parts: Parts, landmarks: Landmarks) -> int |
     return None
 
 
-def _placed(words: list[str], source: Parts, part: int, target: Parts) -> int | None:
+def _by_place(words: list[str], source: Parts, part: int, target: Parts) -> int | None:
     candidates = _alike(source, part, target)
     side = {"left": 1, "right": -1}.get(next((word for word in words if word in ("left", "right")), ""), 0)
     side = side or side_of(source, part)
@@ -112,7 +112,7 @@ def _placed(words: list[str], source: Parts, part: int, target: Parts) -> int | 
 
 def _alike(source: Parts, part: int, target: Parts) -> list[int]:
     """Target parts of like shape, with the structures' boxes made equal."""
-    return like_shape(_boxed(source), part, _boxed(target), np.sqrt(3.0)).tolist()
+    return like_shape(_in_unit_box(source), part, _in_unit_box(target), np.sqrt(3.0)).tolist()
 
 
 def _comparable(source: Parts, part: int, target: Parts, other: int) -> bool:
@@ -140,7 +140,7 @@ def _not_told_apart(name: str, name_there: str, found: str) -> RefusedError:
     )
 
 
-def _boxed(parts: Parts) -> Parts:
+def _in_unit_box(parts: Parts) -> Parts:
     low, size = parts.low.min(axis=0), np.maximum(np.ptp(np.vstack([parts.low, parts.high]), axis=0), 1e-9)
     return Parts(
         low=(parts.low - low) / size,
@@ -155,7 +155,7 @@ def _boxed(parts: Parts) -> Parts:
 
 def _offsets(parts: Parts) -> Floats:
     """Middles (K, 3) from the middle of the structure, over its size."""
-    return np.asarray(_boxed(parts).middle - 0.5)
+    return np.asarray(_in_unit_box(parts).middle - 0.5)
 
 
 def side_of(parts: Parts, part: int) -> int:

@@ -3,7 +3,7 @@
 The published score cannot tell: it grows with the spacing of the samples and with the structure,
 sees one direction only, and the boxes it starts from make anything as large as anything. Here three
 things count, each without a unit: how much of the space that one occupies the other occupies too,
-how far the surfaces gape beyond the spacing of their samples, and how unevenly the boxes had to be
+how far the surfaces are apart beyond the spacing of their samples, and how unevenly the boxes had to be
 stretched.
 """
 
@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.describe import place_in
 from upplied.planning.correspondence.part_alignment import matched, patches, placed
-from upplied.planning.geometry.boxes import diagonal_of, laid, spacing
+from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Bools, Cloud, Floats, Record, Registration
 
@@ -30,7 +30,7 @@ _WEIGHTS = (
     1 / 0.45,
     1 / 0.09,
     1 / 6,
-)  # of missing overlap, gape and stretch; each alone reaches the gate at 1
+)  # of missing overlap, gap and stretch; each alone reaches the gate at 1
 
 
 UNTURNED = np.eye(3)
@@ -41,7 +41,7 @@ class Misfit(Record):
     """How badly two structures fit, lower is better."""
 
     overlap: float  # share of the cells of either that are at most one cell from the other's
-    gape: float  # mean distance of the surfaces, both ways, over the diagonal
+    gap: float  # mean distance of the surfaces, both ways, over the diagonal
     stretch: float  # |log| of the scale of the axis that differs most from the middle one
     value: float  # what is gated, by `RegistrationSettings.acceptance`
     where: str  # what fits worst, in words; empty where nothing does
@@ -55,22 +55,22 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
     Long parts that point another way on the target, as the blades of a rotor that stopped elsewhere
     do, are turned along their partners first.
     """
-    lying = laid(target, registration)
-    here = _with_blades_turned(source, lying)
-    overlap = _overlap(here.points, lying.points)
+    registered = in_source_frame(target, registration)
+    here = _with_blades_turned(source, registered)
+    overlap = _overlap(here.points, registered.points)
     diagonal = diagonal_of(source.points)
-    forth, back = _distances(here, lying, diagonal), _distances(lying, here, diagonal)
-    gape = (_mean(here, forth) + _mean(lying, back)) / 2
+    forth, back = _distances(here, registered, diagonal), _distances(registered, here, diagonal)
+    gap = (_mean(here, forth) + _mean(registered, back)) / 2
     logs = np.sort(np.log(registration.scale))
     stretch = float(np.abs(logs - logs[1]).max())
-    value = float(np.dot(_WEIGHTS, (1 - overlap, gape, stretch)))
-    return Misfit(overlap, gape, stretch, value, _worst(source, lying, forth, back, diagonal, words))
+    value = float(np.dot(_WEIGHTS, (1 - overlap, gap, stretch)))
+    return Misfit(overlap, gap, stretch, value, _worst(source, registered, forth, back, diagonal, words))
 
 
-def _with_blades_turned(source: Cloud, lying: Cloud) -> Cloud:
-    if not (blades_of(source).any() and blades_of(lying).any()):
+def _with_blades_turned(source: Cloud, registered: Cloud) -> Cloud:
+    if not (blades_of(source).any() and blades_of(registered).any()):
         return source
-    moved = placed(*patches(source, lying, matched(source, lying)), turned_only=True)
+    moved = placed(*patches(source, registered, matched(source, registered)), turned_only=True)
     return Cloud(moved.points, moved.normals, source.area_m2, source.part)
 
 
@@ -108,10 +108,12 @@ def _mean(cloud: Cloud, distances: Floats) -> float:
     return float(np.average(distances, weights=cloud.area_m2[spread_over(cloud, _SAMPLES)]))
 
 
-def _worst(source: Cloud, lying: Cloud, forth: Floats, back: Floats, diagonal_m: float, words: Floats) -> str:
+def _worst(
+    source: Cloud, registered: Cloud, forth: Floats, back: Floats, diagonal_m: float, words: Floats
+) -> str:
     """The region, of either structure, with most surface that is far from the other."""
     sentences = []
-    for name, cloud, distance in (("source", source, forth), ("target", lying, back)):
+    for name, cloud, distance in (("source", source, forth), ("target", registered, back)):
         asked = spread_over(cloud, _SAMPLES)
         assert cloud.area_m2 is not None
         share = cloud.area_m2[asked] / cloud.area_m2[asked].sum()

@@ -1,4 +1,4 @@
-"""Which point of the target answers to each point of the demonstration's cloud (paper, Sec. III-B)."""
+"""Which point of the target corresponds to each point of the demonstration's cloud (paper, Sec. III-B)."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from upplied.planning.correspondence.likeness import carried, has_parts, parts_l
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.registration import Declared, register
 from upplied.planning.correspondence.rotor import rotor_turned
-from upplied.planning.geometry.boxes import laid
+from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import blades_of, parts_of
 from upplied.planning.surface.samples import surface_samples
@@ -252,11 +252,13 @@ def _fit_told(
 ) -> Fit:
     """The fit where the parts of the source (0) or of the target (1) are told by those of the other one."""
     clouds, found = (fit.source, fit.target), fit.registration
-    lying = clouds[0], laid(clouds[1], found)
+    registered = clouds[0], in_source_frame(clouds[1], found)
 
     def told() -> PartLabels:
         skin = skin_of(structures[one], scenes[one], clouds[one], settings.clouds, memo)
-        return PartLabels(parts_like(lying[one], skin.label, rotor_turned(lying[1 - one], lying[one])))
+        return PartLabels(
+            parts_like(registered[one], skin.label, rotor_turned(registered[1 - one], registered[one]))
+        )
 
     known = replace(clouds[one], part=memo("parts", PartLabels, content_key("parts", *facts), told).label)
     clouds = (known, clouds[1]) if one == 0 else (clouds[0], known)
@@ -284,8 +286,8 @@ def _number(cloud: Cloud) -> int:
 
 def _with_carried(fit: Fit, memo: Memo, facts: tuple[Any, ...]) -> Fit:
     key = content_key("carried", *facts)
-    lying = laid(fit.target, fit.registration)
-    found = memo("parts", PartLabels, key, lambda: PartLabels(carried(lying, fit.source)))
+    registered = in_source_frame(fit.target, fit.registration)
+    found = memo("parts", PartLabels, key, lambda: PartLabels(carried(registered, fit.source)))
     return replace(fit, carried=found.label)
 
 

@@ -22,22 +22,22 @@ _STRAY, _FAR = 0.05, 8.0  # share of a part's samples at either end, and how far
 _TURNED = np.cos(np.radians(10))
 
 
-def matched(source: Cloud, lying: Cloud, pinned: Mapping[int, int] | None = None) -> Matching:
+def matched(source: Cloud, registered: Cloud, pinned: Mapping[int, int] | None = None) -> Matching:
     """Match the parts of two clouds, the target's already in the frame and at the scale of the source."""
     diagonal = diagonal_of(source.points)
 
     def fits(parts: Sequence[int], partners: Sequence[int]) -> bool:
-        mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(lying), partners)
-        return _misfit(source, mine, lying, theirs, diagonal) < _MISFIT
+        mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(registered), partners)
+        return _misfit(source, mine, registered, theirs, diagonal) < _MISFIT
 
-    return match_parts(parts_of(source), parts_of(lying), diagonal, fits, pinned)
+    return match_parts(parts_of(source), parts_of(registered), diagonal, fits, pinned)
 
 
-def patches(source: Cloud, lying: Cloud, matching: Matching) -> tuple[Patch, Patch]:
+def patches(source: Cloud, registered: Cloud, matching: Matching) -> tuple[Patch, Patch]:
     """Both clouds with the class of each sample's part."""
     return (
         Patch(source.points, _normals(source), matching.source_class[labels_of(source)]),
-        Patch(lying.points, _normals(lying), matching.target_class[labels_of(lying)]),
+        Patch(registered.points, _normals(registered), matching.target_class[labels_of(registered)]),
     )
 
 
@@ -53,7 +53,7 @@ def placed(moving: Patch, fixed: Patch, turned_only: bool = False) -> Patch:
         if turned is not None:
             points[mine], normals[mine] = turned
         elif not turned_only:
-            points[mine], normals[mine] = _boxed(*part, fixed.points[theirs])
+            points[mine], normals[mine] = _box_on_box(*part, fixed.points[theirs])
     return Patch(points, normals, moving.label)
 
 
@@ -73,7 +73,7 @@ def _turned(
     return (part - middle) @ (turn @ stretch).T + other_middle, normals @ turn.T
 
 
-def _boxed(part: Floats, normals: Floats, partner: Floats) -> tuple[Floats, Floats]:
+def _box_on_box(part: Floats, normals: Floats, partner: Floats) -> tuple[Floats, Floats]:
     """The part with its box on its partner's."""
     box, other = _core(part), _core(partner)
     scale = box_scale(other, box)
@@ -122,21 +122,21 @@ def _smallest_turn(a: Floats, b: Floats) -> Floats:
     return np.eye(3) + skew + skew @ skew / max(1 + cosine, 1e-9)
 
 
-def misfit_of_parts(source: Cloud, mine: Bools, lying: Cloud, theirs: Bools, diagonal_m: float) -> float:
+def misfit_of_parts(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools, diagonal_m: float) -> float:
     """How unlike the surfaces of two sets of parts are, box on box; from 1 they are not matched."""
-    return _misfit(source, mine, lying, theirs, diagonal_m) / _MISFIT
+    return _misfit(source, mine, registered, theirs, diagonal_m) / _MISFIT
 
 
-def _misfit(source: Cloud, mine: Bools, lying: Cloud, theirs: Bools, diagonal_m: float) -> float:
+def _misfit(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools, diagonal_m: float) -> float:
     """Mean two-way distance of two sets of parts, box on box, normals counted.
 
     Over the mean (geometric) of the structure's diagonal and theirs, since small parts misfit by less.
     """
-    one, other = source.points[mine], lying.points[theirs]
-    boxed, turned = _boxed(one, _normals(source)[mine], other)
+    one, other = source.points[mine], registered.points[theirs]
+    boxed, turned = _box_on_box(one, _normals(source)[mine], other)
     weight = FACING * diagonal_m
     here = np.hstack([boxed, weight * turned])
-    there = np.hstack([other, weight * _normals(lying)[theirs]])
+    there = np.hstack([other, weight * _normals(registered)[theirs]])
     step = [max(1, len(cloud) // _TRIED) for cloud in (here, there)]
     to_there = cKDTree(there).query(here[:: step[0]])[0].mean()
     to_here = cKDTree(here).query(there[:: step[1]])[0].mean()

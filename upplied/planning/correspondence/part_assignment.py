@@ -1,4 +1,4 @@
-"""Which part of the target answers to which part of the source: one to one, by place, size and neighbours.
+"""Which part of the target corresponds to which of the source: one to one, by place, size and neighbours.
 
 Nearest neighbours send the points of an inner engine to an outer one where that lies nearer. So
 parts are matched before points: an assignment over all parts, then exchanges that make the parts
@@ -32,7 +32,7 @@ _UNMATCHED = 0.5  # of a large part
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Matching(Record):
-    """Classes of parts that answer to each other; parts in no class answer to whatever is near."""
+    """Classes of parts that correspond to each other; parts in no class correspond to whatever is near."""
 
     source_class: Ints  # (K,) class of each source part, -1 where it is in none
     target_class: Ints  # (L,) class of each target part, -1 where it is in none
@@ -41,7 +41,7 @@ class Matching(Record):
         return int(self.source_class.max(initial=-1)) + 1
 
     def target_of(self, source_part: int) -> Ints:
-        """The target parts that answer to a source part, empty where none is known."""
+        """The target parts that correspond to a source part, empty where none is known."""
         wanted = self.source_class[source_part]
         return np.flatnonzero((self.target_class == wanted) & (wanted >= 0))
 
@@ -209,7 +209,7 @@ def _with_unions(
     diagonal_m: float,
     fits: Callable[[Sequence[int], Sequence[int]], bool],
 ) -> Matching:
-    """Let one part answer to two that make it up."""
+    """Let one part correspond to two that make it up."""
     source_class, target_class = matching.source_class.copy(), matching.target_class.copy()
     for part in np.flatnonzero(source_class < 0).tolist():
         for pair in _unions_like(source, part, target, np.flatnonzero(target_class < 0), diagonal_m):

@@ -10,7 +10,7 @@ import numpy as np
 from upplied.config import RegistrationSettings
 from upplied.planning.correspondence.misfit import UNTURNED, Misfit, misfit_of
 from upplied.planning.correspondence.orientation import find_orientation
-from upplied.planning.geometry.boxes import box_scale, laid, spacing
+from upplied.planning.geometry.boxes import box_scale, in_source_frame, spacing
 from upplied.planning.geometry.icp import icp, mean_squared_nn_distance
 from upplied.planning.surface.parts import blades_of, labels_of, parts_of
 from upplied.records import Bools, Cloud, Floats, Record, Registration
@@ -20,7 +20,7 @@ _BETTER = (
 )
 _HOPELESS = 2.0  # gates: a misfit that no fine alignment mends
 _SAME_DEG, _STRONG = 25.0, 0.25  # how far off, and how much better, a heading must be to be mentioned
-_FEW = 700  # points of the cloud that fine alignment moves
+_ICP_POINTS = 700  # points of the cloud that fine alignment moves
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,7 +105,7 @@ def judged(
     accepted = misfit.value < gate
     return replace(
         best,
-        score_m2=mean_squared_nn_distance(source.points, laid(target, best).points),
+        score_m2=mean_squared_nn_distance(source.points, in_source_frame(target, best).points),
         accepted=accepted,
         reason="" if accepted else _misfit_in_words(misfit, gate) + doubt,
         acceptance=misfit.value,
@@ -179,8 +179,8 @@ def _blade_length(cloud: Cloud, blades: Bools) -> float:
 
 def _aligned(source: Cloud, target: Cloud, start: Registration) -> Registration:
     """Boxes made equal again after the turn that ICP finds."""
-    lying = laid(target, start).points
-    rotation, _ = icp(lying[:: max(1, len(lying) // _FEW)], source.points, 15)
+    registered = in_source_frame(target, start).points
+    rotation, _ = icp(registered[:: max(1, len(registered) // _ICP_POINTS)], source.points, 15)
     return box_on_box(source, target, rotation @ start.turn)
 
 
@@ -203,8 +203,8 @@ def _misfit_in_words(misfit: Misfit, gate: float) -> str:
 
 def _figures(misfit: Misfit) -> str:
     return (
-        f"{100 * misfit.overlap:.0f} % of the space is common, the surfaces gape by "
-        f"{100 * misfit.gape:.1f} % of the diagonal, stretched unevenly {np.exp(misfit.stretch):.2f} : 1"
+        f"{100 * misfit.overlap:.0f} % of the space is common, the surfaces are apart by "
+        f"{100 * misfit.gap:.1f} % of the diagonal, stretched unevenly {np.exp(misfit.stretch):.2f} : 1"
     )
 
 

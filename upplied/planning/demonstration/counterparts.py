@@ -1,4 +1,4 @@
-"""Which part of the target answers to each inspected part, and whether that can be told at all.
+"""Which part of the target corresponds to each inspected part, and whether that can be told at all.
 
 An engine has a twin under the other wing, and may have four on the target. Where the parts of a structure
 cannot be told apart, as on a scan of one piece, its points still have nearest neighbours and a plan still has
@@ -23,7 +23,7 @@ from upplied.planning.correspondence.certainty import (
 from upplied.planning.correspondence.describe import place_of
 from upplied.planning.correspondence.landmarks import choices_for
 from upplied.planning.demonstration.repetition import Take
-from upplied.planning.geometry.boxes import diagonal_of, laid
+from upplied.planning.geometry.boxes import diagonal_of, in_source_frame
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
 from upplied.records import Counterpart, Floats, Ints, Record
@@ -48,7 +48,7 @@ class _Side(Record):
 
 
 def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterpart, ...]:
-    """What answers to each inspected part of all takes, the most inspected first.
+    """What corresponds to each inspected part of all takes, the most inspected first.
 
     None for presets that know no parts.
     """
@@ -155,18 +155,18 @@ def _probability(
     carried = fit.carried
     if carried is None:
         return None
-    lying = laid(fit.target, fit.registration)
+    registered = in_source_frame(fit.target, fit.registration)
     known = fit.registration.acceptance, fit.told >= 0
 
     def answer(parts: list[int]) -> float:
-        found = evidence_of_answer(fit.source, part, lying, parts, *known, carried)
+        found = evidence_of_answer(fit.source, part, registered, parts, *known, carried)
         return probability(found, ANSWERS)
 
     best = answer(answers)
     if len(answers) == 1 and (take.choice >= 0 or settings.correspondence.counterparts):
         for other in alike:
             if other != answers[0]:
-                found = evidence_of_other(lying, other, answers[0], *known)
+                found = evidence_of_other(registered, other, answers[0], *known)
                 best = max(best, answer([other]) * probability(found, OTHERS))
     return best
 
@@ -199,7 +199,7 @@ def _without_flown(found: Sequence[Counterpart], settings: Settings) -> list[Cou
 def _doubt(
     take: Take, name: str, share: float, target: _Side, known: float | None, settings: Settings
 ) -> str:
-    """Why it is not certain what answers to a part, in words; empty where it is."""
+    """Why it is not certain what corresponds to a part, in words; empty where it is."""
     there, least = take.pair.target.structure_id, settings.correspondence.least_probability
     what = f"{name}, {100 * share:.0f} % of what was inspected,"
     if known is not None:
@@ -245,9 +245,13 @@ def _source(take: Take) -> _Side:
 
 def _target(take: Take) -> _Side:
     fit = take.pair.surface
-    lying = laid(fit.target, fit.registration)
+    registered = in_source_frame(fit.target, fit.registration)
     words = named_axes(take.pair.source.frame)
-    return _Side(parts_of(lying).in_axes(words), labels_of(lying), bool(labels_of(lying).max(initial=0) > 0))
+    return _Side(
+        parts_of(registered).in_axes(words),
+        labels_of(registered),
+        bool(labels_of(registered).max(initial=0) > 0),
+    )
 
 
 def _name(parts: Parts, part: int) -> str:

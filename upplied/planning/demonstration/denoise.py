@@ -169,10 +169,10 @@ def noise_of(values: Floats) -> float:
     return _NOISE * float(np.median(np.linalg.norm(np.diff(values, 2, axis=0), axis=1)))
 
 
-def _averaged(values: Floats, tick: float, tremble: float) -> Floats:
+def _averaged(values: Floats, tick: float, jitter: float) -> Floats:
     """Each sample (K, 3) averaged over as long a time as changes nothing but the noise.
 
-    `tremble` is what may change besides.
+    `jitter` is what may change besides.
     """
     noise = noise_of(values)
     values = _with_calm_ends(values, round(0.4 / tick), noise)
@@ -188,7 +188,7 @@ def _averaged(values: Floats, tick: float, tremble: float) -> Floats:
     for wide in range(1, len(found)):
         for narrow in range(wide):
             apart = np.linalg.norm(found[wide] - found[narrow], axis=1)
-            agrees &= apart <= _AGREE * np.sqrt(3) * (spread[wide] + spread[narrow]) + tremble
+            agrees &= apart <= _AGREE * np.sqrt(3) * (spread[wide] + spread[narrow]) + jitter
         level[agrees] = wide
     level = minimum_filter1d(level, 2 * round(_BLEND_S / tick) + 1, mode="nearest")
     shares = np.stack([level == index for index in range(len(found))]).astype(float)

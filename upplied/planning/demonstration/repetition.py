@@ -16,7 +16,7 @@ from upplied.planning.correspondence.landmarks import choices_for, side_of
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.pair import Memo, Pair, content_key, no_memo, remembering
 from upplied.planning.demonstration.inspection import Inspection, inspect_demonstration
-from upplied.planning.geometry.boxes import laid
+from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.poses import from_yaw_pitch, yaw_pitch
@@ -27,7 +27,7 @@ _TRANSIT_S = 10.0  # of the demonstration's time between two takes; the way itse
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Take(Record):
-    """One flying of a demonstration: what was looked at, and what answers to it on the target."""
+    """One flying of a demonstration: what was looked at, and what corresponds to it on the target."""
 
     inspection: Inspection
     pair: Pair
@@ -151,7 +151,7 @@ def _on_this_side(part: int, pair: Pair) -> list[int]:
     """Target parts like a source part, on its side or in the middle."""
     words, fit = named_axes(pair.source.frame), pair.surface
     source = parts_of(fit.source).in_axes(words)
-    target = parts_of(laid(fit.target, fit.registration)).in_axes(words)
+    target = parts_of(in_source_frame(fit.target, fit.registration)).in_axes(words)
     side = side_of(source, part)
     choices = choices_for(source, part, target, fit.correspondences.parts_answering(part).tolist())
     return [int(choice) for choice in choices if side_of(target, int(choice)) in (0, side)]

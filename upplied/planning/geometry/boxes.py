@@ -32,7 +32,7 @@ def spacing(cloud: Cloud) -> float:
     return float(np.sqrt(2 * (size[2] * size[1] + size[2] * size[0] + size[1] * size[0]) / len(cloud)))
 
 
-def laid(target: Cloud, registration: Registration) -> Cloud:
+def in_source_frame(target: Cloud, registration: Registration) -> Cloud:
     """The target's samples in the frame and at the scale of the demonstration structure.
 
     Normals are carried as normals, areas as areas.

@@ -29,9 +29,9 @@ from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, vie
 from upplied.poses import yaw_pitch
 from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
 
-_LIKELY = 0.5  # probability from which what answers to what is believed, whatever the wholes say
+_LIKELY = 0.5  # probability from which what corresponds to what is believed, whatever the wholes say
 _ASKED = 200  # viewpoints, at most, whose stand-off is asked for
-_ALMOST_DEG = 2.0  # beyond a limit, that a hand's trembling explains
+_ALMOST_DEG = 2.0  # beyond a limit, that jitter of the hand explains
 
 
 def judge(
@@ -44,7 +44,7 @@ def judge(
     """All measures of a planned trajectory, what becomes of the target's surface, and warnings in words.
 
     What a repeated demonstration should see is what all its takes should see together. `answers_s` are
-    the times of the joined flights that the poses answer to; without them (of a flown path) it is
+    the times of the joined flights that the poses correspond to; without them (of a flown path) it is
     not asked how many viewpoints keep their stand-off.
     """
     pair, camera = takes[0].pair, takes[0].inspection.camera

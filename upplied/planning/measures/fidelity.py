@@ -20,7 +20,7 @@ from upplied.poses import angle_between
 from upplied.records import Camera, Floats, Ints, Record, Trajectory
 
 _ORDERED = 2000  # patches, at most, whose order is compared
-_STEADY_RAD = np.radians(3.0)  # turns below this are a hand's trembling
+_STEADY_RAD = np.radians(3.0)  # turns below this are jitter of the hand
 _BEND_RAD = np.radians(8.0)  # and of the path
 _LEAST_RAD = np.radians(30.0)  # that a demonstration's turning counts as, when a plan's is divided by it
 _LEG = 0.1  # of the stand-off: legs between which a path's bends are counted
@@ -176,7 +176,7 @@ def _rate(steps: Moments) -> Floats:
 
 
 def turned_rad(quat_xyzw: Floats) -> float:
-    """How far a camera turns in all, rad, without what a hand trembles.
+    """How far a camera turns in all, rad, without jitter.
 
     It is followed in steps of at least 3 degrees.
     """

@@ -27,7 +27,7 @@ from upplied.planning.visibility.view_quality import shown_well
 from upplied.records import Bools, Cloud, Floats, Ints, Record, SurfaceStates
 
 _NEIGHBOURS = 9  # of a missed sample, that are asked with it where they can be seen from
-_ANSWERS = 3.0  # sample spacings from a carried sample, within which target surface answers to it
+_ANSWERS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,14 +37,14 @@ class Shown(Record):
     inspected: InspectedSurface
     as_well: Bools  # (N,) of the target's samples: shown at least as well as is asked
     never: Bools  # (N,) asked for, and no allowed camera could
-    answers: Floats  # (N,) attention, 0 to 1, of what each target sample answers to, asked for or not
+    answers: Floats  # (N,) attention, 0 to 1, of what each target sample corresponds to, asked for or not
 
 
 def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown:
     """What a plan shows at least as well as the demonstration, in one look each.
 
     A look does where it is near enough, frontal enough, and slow enough to be sharp. Target surface that
-    answers to inspected surface without being anybody's nearest counterpart is judged like its neighbour.
+    corresponds to inspected surface without being anybody's nearest counterpart is judged like its neighbour.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def _shown_well(
 
 
 def _answering(takes: Sequence[Take], inspected: InspectedSurface) -> tuple[Floats, Ints]:
-    """Attention (N,) that each target sample answers to, and the asked-for sample (N,) it is judged like."""
+    """Attention (N,) of what each target sample corresponds to, and the sample (N,) it is judged like."""
     cloud = inspected.cloud
     answers, like = np.zeros(len(cloud)), np.zeros(len(cloud), np.int64)
     nearest = np.full(len(cloud), _ANSWERS * spacing(cloud))

@@ -29,7 +29,7 @@ _RISE = 0.25  # sine of the angle at which a neighbour stands out of the tangent
 _FLUSH = 0.2  # sine by which a border of two pieces may leave the arc that joins them
 _NECK = 0.5  # of the narrower part's half width: what is joined by less is two parts
 _SMALL = 0.002  # share of the samples below which what is joined is a crumb
-_FEW = 6  # samples, at least, of a part
+_LEAST_SAMPLES = 6  # samples, at least, of a part
 _NORMAL = 2.0  # sample spacings that opposite normals count when crumbs look for their part
 _CRUMBS = 0.002  # share of the area below which a mesh piece says nothing about borders
 _ALIKE = 0.5  # cosine between a candidate's normal and an outside sample's near it
@@ -60,14 +60,14 @@ def skin_parts(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) 
     SkinParts
     """
     points, normals, piece = _fine_samples(structure, scene, cloud, seed)
-    if len(points) < 2 * _FEW:
+    if len(points) < 2 * _LEAST_SAMPLES:
         return SkinParts(np.zeros(len(cloud), np.int64))
     area = float(np.sum(cloud.area_m2)) if cloud.area_m2 is not None else len(cloud) * 1.0
     spacing = float(np.sqrt(area / len(points)))
     label = _joined(points, normals, piece, spacing)
     assert cloud.normals is not None
-    place = cKDTree(_placed(points, normals, spacing))
-    nearest = place.query(_placed(cloud.points, cloud.normals, spacing))[1]
+    place = cKDTree(_with_normals(points, normals, spacing))
+    nearest = place.query(_with_normals(cloud.points, cloud.normals, spacing))[1]
     return SkinParts(np.unique(label[nearest], return_inverse=True)[1].reshape(-1).astype(np.int64))
 
 
@@ -134,10 +134,10 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     rim: Bools = np.bincount(np.concatenate([one[cut], other[cut]]), minlength=number) > 0
     one, other = one[~cut], other[~cut]
     label = _basins(one, other, _from_rim(points, one, other, rim))
-    body = (np.bincount(label)[label] >= max(_FEW, _SMALL * number)) & ~rim
+    body = (np.bincount(label)[label] >= max(_LEAST_SAMPLES, _SMALL * number)) & ~rim
     if not body.any():
         return np.zeros(number, np.int64)
-    place = _placed(points, normals, spacing)
+    place = _with_normals(points, normals, spacing)
     label[~body] = label[body][cKDTree(place[body]).query(place[~body])[1]]
     return label
 
@@ -202,6 +202,6 @@ def _cuts(points: Floats, normals: Floats, piece: Ints, one: Ints, other: Ints) 
     return np.asarray(concave | (border & (np.maximum(np.abs(rises), np.abs(falls)) > _FLUSH)), bool)
 
 
-def _placed(points: Floats, normals: Floats, spacing: float) -> Floats:
+def _with_normals(points: Floats, normals: Floats, spacing: float) -> Floats:
     """Places in which what is near and faces alike is near."""
     return np.concatenate([points, _NORMAL * spacing * normals], axis=1)

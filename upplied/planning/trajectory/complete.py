@@ -18,7 +18,7 @@ from upplied.planning.carry.standoff import Standoff
 from upplied.planning.carry.to_counterparts import Followed, follow_counterparts
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.frechet import frechet_floored
-from upplied.planning.trajectory.optimise import Wish, optimise
+from upplied.planning.trajectory.optimise import Problem, optimise
 from upplied.planning.trajectory.retime import demonstrated_speed
 from upplied.planning.trajectory.sharpness import steady_degps
 from upplied.planning.trajectory.state import Flown
@@ -81,7 +81,7 @@ def completed(take: Take, settings: Settings) -> Waypoints:
     turned = float(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)).sum())
     stands = standing(pair)
     shape = Shape.of(flown, stands)
-    wish = Wish(
+    problem = Problem(
         flown=flown,
         carried=Flown(safe(path.positions), np.unwrap(yaw), pitch),
         demonstrated=shape,
@@ -95,7 +95,7 @@ def completed(take: Take, settings: Settings) -> Waypoints:
     )
     fidelity = FIDELITIES[settings.refine.fidelity]
     bound = settings.refine.deviation or fidelity.deviation
-    state, variables = optimise(wish, fidelity.shape, settings.optimise)
+    state, variables = optimise(problem, fidelity.shape, settings.optimise)
     at, curve = state.curve(variables, _STEP_M)
     _, base = state.curve(np.zeros_like(variables), _STEP_M)
     image = Shape.of(base.positions, stands).image(curve.positions)

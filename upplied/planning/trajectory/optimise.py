@@ -1,6 +1,6 @@
 """One optimisation of the carried path and of where its camera looks (preset `recommended`).
 
-The state is a smooth displacement of the demonstrated path and of its camera's directions. Every wish
+The state is a smooth displacement of the demonstrated path and of its camera's directions. Every problem
 is a term, a file in `terms`, with a weight that says what its unit is worth as a share of the surface to
 be shown (`OptimiseSettings`). One solver, L-BFGS-B with analytic slopes, weighs them all.
 """
@@ -41,7 +41,7 @@ _CORRECTIONS = 12  # that L-BFGS keeps
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Wish(Record):
+class Problem(Record):
     """What is asked of a path, at M stations."""
 
     flown: Floats  # (M, 3) m, the demonstrated flight as the structure's map carries it
@@ -56,12 +56,12 @@ class Wish(Record):
     level: bool = False  # the path stays in its plane
 
 
-def optimise(wish: Wish, shape_weight: float, weights: OptimiseSettings) -> tuple[State, Floats]:
+def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -> tuple[State, Floats]:
     """The state whose path shows most for what it costs, and its variables.
 
     Parameters
     ----------
-    wish : Wish
+    problem : Problem
     shape_weight : float
         Of the departure from the demonstrated shape, as the fidelity asks for.
     weights : OptimiseSettings
@@ -73,33 +73,35 @@ def optimise(wish: Wish, shape_weight: float, weights: OptimiseSettings) -> tupl
     array
         Its variables.
     """
-    state = _state(wish, weights)
-    variables = state.nearest(wish.carried)
-    asked, need = _asked(wish.view, weights.samples)
+    state = _state(problem, weights)
+    variables = state.nearest(problem.carried)
+    asked, need = _asked(problem.view, weights.samples)
     if len(asked) == 0:
         return state, variables
-    lasting = _lasting_terms(wish, state.flown(variables), shape_weight, weights)
-    stride = max(1, round(_APART * len(wish.carried) / _progress(wish)))
+    lasting = _lasting_terms(problem, state.flown(variables), shape_weight, weights)
+    stride = max(1, round(_APART * len(problem.carried) / _progress(problem)))
     for number, width in enumerate(np.geomspace(_WIDEST, _NARROWEST, weights.rounds)):
         path = state.flown(variables)
         if number == weights.rounds // 2:  # what small moves can show is shown by now
-            price = weights.turning / wish.turned_rad
-            path = looks_aside(path, wish.view, price, float(wish.speed_mps.mean()) / wish.pan_radps)
+            price = weights.turning / problem.turned_rad
+            path = looks_aside(path, problem.view, price, float(problem.speed_mps.mean()) / problem.pan_radps)
             variables = state.nearest(path)
         # What stands in the way, and what is near, from here.
-        oblique = replace(wish.view.settings, max_incidence_deg=_OBLIQUE_DEG)
-        anywhere = replace(wish.view, farthest_m=np.full(len(wish.view.need), np.inf))
+        oblique = replace(problem.view.settings, max_incidence_deg=_OBLIQUE_DEG)
+        anywhere = replace(problem.view, farthest_m=np.full(len(problem.view.need), np.inf))
         free = anywhere.reach(path.positions[::stride], asked, oblique)
         terms: list[tuple[float, Term]] = [
-            (1.0, Coverage.of(wish.view, asked, need, free, float(width), stride)),
-            (weights.clearance, Clearance.of(wish.airspace, path)),
+            (1.0, Coverage.of(problem.view, asked, need, free, float(width), stride)),
+            (weights.clearance, Clearance.of(problem.airspace, path)),
             *lasting,
         ]
         variables = _solved(state, variables, terms, weights.iterations)
-    return state, _no_further(state, state.nearest(wish.carried), variables, wish, asked, need)
+    return state, _no_further(state, state.nearest(problem.carried), variables, problem, asked, need)
 
 
-def _no_further(state: State, start: Floats, end: Floats, wish: Wish, asked: Ints, need: Floats) -> Floats:
+def _no_further(
+    state: State, start: Floats, end: Floats, problem: Problem, asked: Ints, need: Floats
+) -> Floats:
     """The variables nearest to the start, on the way to the end, that truly show as much as the end.
 
     The soft borders of the coverage would move a path that shows all already: on its own structure a
@@ -109,7 +111,7 @@ def _no_further(state: State, start: Floats, end: Floats, wish: Wish, asked: Int
     def shown(variables: Floats) -> float:
         path = state.flown(variables)
         quats = from_yaw_pitch(path.yaw, path.pitch)
-        return float(need[wish.view.sees(path.positions, quats, asked).any(axis=0)].sum())
+        return float(need[problem.view.sees(path.positions, quats, asked).any(axis=0)].sum())
 
     most, moving = shown(end), np.arange(len(end)) < 3 * state.moving.shape[1]
     if shown(start) >= most - _HARDLY:
@@ -122,39 +124,39 @@ def _no_further(state: State, start: Floats, end: Floats, wish: Wish, asked: Int
 
 
 def _lasting_terms(
-    wish: Wish, start: Flown, shape_weight: float, weights: OptimiseSettings
+    problem: Problem, start: Flown, shape_weight: float, weights: OptimiseSettings
 ) -> list[tuple[float, Term]]:
     """The terms that hold for all rounds, with their weights."""
-    usual_m, carried = max(wish.standoff.usual_m, 1e-3), wish.carried
+    usual_m, carried = max(problem.standoff.usual_m, 1e-3), problem.carried
     leg = np.linalg.norm(np.diff(carried.positions, axis=0), axis=1)
-    firmly = weights.standoff_in_metres if wish.standoff.in_metres else weights.standoff
+    firmly = weights.standoff_in_metres if problem.standoff.in_metres else weights.standoff
     return [
-        (shape_weight, wish.demonstrated),
+        (shape_weight, problem.demonstrated),
         (weights.place, Place(carried.positions, usual_m)),
-        (firmly, StandoffKept.of(wish.standoff, start, weights.standoff_tolerance)),
-        (weights.smoothness, Smoothness(wish.flown, max(float(leg.mean()), 1e-3), usual_m)),
-        (weights.turning, Turning(carried.yaw, carried.pitch, wish.turned_rad)),
-        (weights.time, Time.of(carried, wish.speed_mps)),
+        (firmly, StandoffKept.of(problem.standoff, start, weights.standoff_tolerance)),
+        (weights.smoothness, Smoothness(problem.flown, max(float(leg.mean()), 1e-3), usual_m)),
+        (weights.turning, Turning(carried.yaw, carried.pitch, problem.turned_rad)),
+        (weights.time, Time.of(carried, problem.speed_mps)),
     ]
 
 
-def _state(wish: Wish, weights: OptimiseSettings) -> State:
+def _state(problem: Problem, weights: OptimiseSettings) -> State:
     """As many control points as the path has stand-offs and the camera radians, times their density."""
-    base = Flown(wish.flown, wish.carried.yaw, wish.carried.pitch)
-    progress = _progress(wish)
+    base = Flown(problem.flown, problem.carried.yaw, problem.carried.pitch)
+    progress = _progress(problem)
     controls = int(np.clip(round(progress / weights.spacing), 4, max(len(base) // 2, 4)))
-    unit_m = np.full(3, float(wish.demonstrated.unit_m.max()))
-    if wish.level:
+    unit_m = np.full(3, float(problem.demonstrated.unit_m.max()))
+    if problem.level:
         unit_m[2] = 0.0
     return State.of(base, unit_m, controls, controls)
 
 
-def _progress(wish: Wish) -> float:
+def _progress(problem: Problem) -> float:
     """Stand-offs flown plus radians turned."""
-    path = wish.carried
+    path = problem.carried
     length = float(np.linalg.norm(np.diff(path.positions, axis=0), axis=1).sum())
     turned = float(np.abs(np.diff(path.yaw)).sum() + np.abs(np.diff(path.pitch)).sum())
-    return max(length / max(wish.standoff.usual_m, 1e-3) + turned, 1e-3)
+    return max(length / max(problem.standoff.usual_m, 1e-3) + turned, 1e-3)
 
 
 def _asked(view: View, most: int) -> tuple[Ints, Floats]:

@@ -26,7 +26,7 @@ def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bool
     """The planned trajectory, which of its poses are viewpoints, and the demonstration's times.
 
     The times, s, are those of the joined flights (`repetition.joined`) that the poses
-    answer to.
+    correspond to.
 
     Parameters
     ----------

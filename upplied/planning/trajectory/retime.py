@@ -41,7 +41,7 @@ def retime(
     Parameters
     ----------
     path : Waypoints
-        `t_s` is the time of the demonstration that each answers to.
+        `t_s` is the time of the demonstration that each corresponds to.
     flight : Trajectory
         The demonstration.
     settings : RetimeSettings
@@ -59,7 +59,7 @@ def retime(
     array of bool
         Which of its poses are viewpoints.
     array
-        Time of the demonstration, s, that each of its poses answers to.
+        Time of the demonstration, s, that each of its poses corresponds to.
     """
     if not settings.limits or len(path) < 2:
         return at_demonstrated_speed(path, flight), np.array(path.is_viewpoint, bool), path.t_s
@@ -123,7 +123,7 @@ def _without_repeats(path: Waypoints, sharp: Sharp) -> tuple[Waypoints, Sharp]:
 
 
 def hovering(path: Waypoints, flight: Trajectory, least_s: float, breaks: Ints | None = None) -> Floats:
-    """Seconds (W,) to hover at each waypoint, as the expert did at the place it answers to."""
+    """Seconds (W,) to hover at each waypoint, as the expert did at the place it corresponds to."""
     hover = np.zeros(len(path))
     for part in _parts(flight, breaks):
         for begin, end in pauses(part, least_s):

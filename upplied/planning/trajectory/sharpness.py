@@ -37,7 +37,7 @@ def sharp_limits(path: Waypoints, flight: Trajectory, takes: Sequence[Take], set
     Parameters
     ----------
     path : Waypoints
-        `t_s` is the time of `flight` that each answers to.
+        `t_s` is the time of `flight` that each corresponds to.
     flight : Trajectory
         The demonstration, of all takes one after another (`repetition.joined`).
     takes : sequence of Take

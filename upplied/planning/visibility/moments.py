@@ -1,6 +1,6 @@
 """A flight in even steps of time: how long, how fast and how steadily a camera looks.
 
-A log may hold a hundred poses a second that tremble by centimetres, or two. Averaged over half a second,
+A log may hold a hundred poses a second with jitter of centimetres, or two. Averaged over half a second,
 what it says about time and motion no longer depends on that.
 """
 

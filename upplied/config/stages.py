@@ -1,24 +1,10 @@
-"""Settings: one frozen class per stage, each default in one place, and the presets.
-
-``paper`` states the method as published; ``recommended`` is what a pilot should fly; ``baseline``
-is the paper's peer, the demonstration scaled by the ratio of the bounding boxes. All three run
-through the same pipeline (`upplied.planning.plan`), chosen by these settings alone.
-"""
+"""Settings: one frozen class for each stage, each default in one place, with its reason."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
-from functools import cached_property
-from typing import Any, Literal, get_args, get_origin, get_type_hints
-
-from upplied.errors import SettingsError
-
-PRESETS = ("paper", "recommended", "baseline")
-Preset = Literal["paper", "recommended", "baseline"]
+from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -55,7 +41,7 @@ class RegistrationSettings:
 
 @dataclass(frozen=True)
 class CorrespondenceSettings:
-    """Which point of the target answers to each point of the demonstration's cloud (Sec. III-B)."""
+    """Which point of the target corresponds to each point of the demonstration's cloud (Sec. III-B)."""
 
     method: Literal["nearest", "parts"] = "nearest"  # the nearest point, as published, or part to part
     counterparts: tuple[tuple[str, str], ...] = ()  # landmark pairs: (on the source, on the target)
@@ -208,202 +194,7 @@ class OptimiseSettings:
     samples: int = 800  # of the surface that stand for all, two thirds of them inspected ones
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Everything that a plan depends on besides the demonstration and the two structures."""
-
-    preset: Preset = "recommended"
-    clouds: CloudSettings = field(default_factory=CloudSettings)
-    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
-    correspondence: CorrespondenceSettings = field(default_factory=CorrespondenceSettings)
-    visibility: VisibilitySettings = field(default_factory=VisibilitySettings)
-    viewpoints: ViewpointSettings = field(default_factory=ViewpointSettings)
-    transfer: TransferSettings = field(default_factory=TransferSettings)
-    refine: RefineSettings = field(default_factory=RefineSettings)
-    optimise: OptimiseSettings = field(default_factory=OptimiseSettings)
-    route: RouteSettings = field(default_factory=RouteSettings)
-    retime: RetimeSettings = field(default_factory=RetimeSettings)
-    inspection: InspectionSettings = field(default_factory=InspectionSettings)
-    verdict: VerdictSettings = field(default_factory=VerdictSettings)
-
-    @cached_property
-    def sha256(self) -> str:
-        """Hash of every setting; equal settings, equal hash."""
-        return digest(self)
-
-
 def focal_px(width_px: int, hfov_deg: float) -> float:
     """Pixels per radian in the middle of a picture; above 120 deg, of one whose angle grows evenly."""
     angle = math.radians(hfov_deg)
     return width_px / (2 * math.tan(angle / 2)) if hfov_deg <= 120 else width_px / angle
-
-
-def settings_for(preset: str, **changes: Any) -> Settings:
-    """The settings of a preset, with single stages replaced.
-
-    Parameters
-    ----------
-    preset : {"paper", "recommended", "baseline"}
-    **changes
-        Stage name to a mapping of setting names to values, e.g. ``route={"clearance_m": 3.0}``.
-
-    Raises
-    ------
-    SettingsError
-        If the preset, a stage, a setting or the type of a value is unknown.
-
-    Examples
-    --------
-    >>> settings_for("paper", route={"clearance_m": 3.0}).route.clearance_m
-    3.0
-    """
-    try:
-        settings = _PRESETS[preset]
-    except KeyError:
-        raise SettingsError(f"preset {preset!r}", "is unknown", f"one of {', '.join(PRESETS)}") from None
-    for stage, values in changes.items():
-        settings = replace(settings, **{stage: _changed(settings, stage, values)})
-    _check_together(settings)
-    return settings
-
-
-def _changed(settings: Settings, stage: str, values: Mapping[str, Any]) -> Any:
-    stages = [item.name for item in fields(settings) if item.name != "preset"]
-    if stage not in stages:
-        raise SettingsError(f"settings stage {stage!r}", "is unknown", f"one of {', '.join(stages)}")
-    before = getattr(settings, stage)
-    known = [item.name for item in fields(before)]
-    for name, value in values.items():
-        if name not in known:
-            raise SettingsError(f"setting {stage}.{name}", "is unknown", f"one of {', '.join(known)}")
-        _check_value(f"{stage}.{name}", value, get_type_hints(type(before))[name])
-    return replace(before, **values)
-
-
-def _check_together(settings: Settings) -> None:
-    """Whether values that bound each other leave something between them."""
-    low, high = settings.retime.min_gimbal_pitch_deg, settings.retime.max_gimbal_pitch_deg
-    if low > high:
-        raise SettingsError(
-            "setting retime.min_gimbal_pitch_deg",
-            f"got {low:g}, above retime.max_gimbal_pitch_deg, which is {high:g}",
-            "the least pitch of the gimbal is not above the largest",
-        )
-
-
-def _check_value(name: str, value: Any, wanted: Any) -> None:
-    """Whether a value has the type its field declares, and lies in its range."""
-    choices = get_args(wanted)
-    if get_origin(wanted) is Literal:
-        fits, rule = value in choices, f"one of {', '.join(map(repr, choices))}"
-    elif wanted is str:
-        fits, rule = isinstance(value, str) and len(value) <= 1000, "text of at most 1000 characters"
-    elif wanted is bool:
-        fits, rule = isinstance(value, bool), "true or false"
-    elif wanted is int or int in choices:
-        optional = type(None) in choices
-        fits = (isinstance(value, int) and not isinstance(value, bool)) or (optional and value is None)
-        rule = "a whole number, or none" if optional else "a whole number"
-    elif wanted is float or float in choices:
-        optional = type(None) in choices
-        fits = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        fits, rule = fits or (optional and value is None), "a number, or none" if optional else "a number"
-    else:
-        fits = all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in value)
-        rule = "pairs of names"
-    if not fits:
-        raise SettingsError(f"setting {name}", f"got {value!r}", rule)
-    low, high = _RANGES.get(name, (-math.inf, math.inf))
-    if isinstance(value, int | float) and not low <= value <= high:
-        raise SettingsError(f"setting {name}", f"got {value!r}", f"{low:g} to {high:g}")
-
-
-#: What a number may be, where not every number makes sense.
-_RANGES = {
-    "clouds.voxel_points": (50, 100_000),
-    "clouds.raw_points": (1000, 10_000_000),
-    "clouds.surface_samples": (100, 200_000),
-    "registration.iterations": (1, 1000),
-    "registration.gamma": (0, math.inf),
-    "registration.acceptance": (0, math.inf),
-    "registration.least_probability": (0, 1),
-    "correspondence.expect": (1, 1000),
-    "correspondence.least_probability": (0, 1),
-    "visibility.max_incidence_deg": (1, 90),
-    "viewpoints.shared": (0, 1),
-    "viewpoints.most_poses": (2, 100_000),
-    "transfer.gsd_m": (1e-5, 10),
-    "refine.iterations": (0, 1000),
-    "refine.deviation": (0.01, 10),
-    "refine.least_counterpart": (0, 1),
-    "optimise.context": (0, 1),
-    "optimise.place": (0, 1000),
-    "optimise.standoff": (0, 1000),
-    "optimise.standoff_in_metres": (0, 10_000),
-    "optimise.standoff_tolerance": (0, 1),
-    "optimise.smoothness": (0, 1000),
-    "optimise.clearance": (0, 1000),
-    "optimise.turning": (0, 1000),
-    "optimise.time": (0, 1000),
-    "optimise.spacing": (0.05, 10),
-    "optimise.rounds": (1, 20),
-    "optimise.iterations": (1, 1000),
-    "optimise.samples": (50, 100_000),
-    "route.clearance_m": (0, 1000),
-    "route.ground_clearance_m": (0, 1000),
-    "retime.max_speed_mps": (0.01, 100),
-    "retime.transit_speed_mps": (0.01, 100),
-    "retime.max_climb_mps": (0.01, 100),
-    "retime.max_descent_mps": (0.01, 100),
-    "retime.max_acceleration_mps2": (0.01, 100),
-    "retime.max_yaw_rate_degps": (0.1, 1000),
-    "retime.max_yaw_acceleration_degps2": (0.1, 10_000),
-    "retime.max_gimbal_rate_degps": (0.1, 1000),
-    "retime.least_stop_s": (0, 3600),
-    "retime.min_gimbal_pitch_deg": (-90, 90),
-    "retime.max_gimbal_pitch_deg": (-90, 90),
-    "inspection.least_resolution": (0, 1),
-    "inspection.max_incidence_deg": (1, 90),
-    "inspection.max_motion_px": (0.01, 1000),
-    "inspection.exposure_s": (1e-6, 1),
-    "inspection.width_px": (16, 100_000),
-    "verdict.least_inspected_pct": (0, 100),
-    "verdict.longest_path": (1, 1000),
-    "verdict.longest_time": (1, 1000),
-    "verdict.most_size_ratio": (1, 1e6),
-    "verdict.odd_size_ratio": (1, 1e6),
-}
-
-
-def digest(value: Any) -> str:
-    """SHA-256 of the canonical JSON of dataclasses, mappings and plain values (hex, 64 digits)."""
-    plain = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
-    text = json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=True)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-_PAPER = Settings(preset="paper")
-_PRESETS: dict[str, Settings] = {
-    "paper": _PAPER,
-    "recommended": replace(
-        _PAPER,
-        preset="recommended",
-        registration=RegistrationSettings(acceptance=1.0, least_probability=0.6),
-        correspondence=CorrespondenceSettings(method="parts", least_probability=0.8),
-        viewpoints=ViewpointSettings(shared=0.9),  # where it looks again, not what it consists of
-        visibility=VisibilitySettings(occlusion=True, max_incidence_deg=75.0),
-        transfer=TransferSettings(method="counterparts"),
-        refine=RefineSettings(method="view"),
-        route=RouteSettings(enforce=True),
-        verdict=VerdictSettings(enforce=True),
-        retime=RetimeSettings(limits=True),
-    ),
-    "baseline": replace(
-        _PAPER,
-        preset="baseline",
-        registration=RegistrationSettings(gamma=1e9),  # the baseline asks no questions
-        viewpoints=ViewpointSettings(method="poses"),
-        transfer=TransferSettings(method="box"),
-        refine=RefineSettings(method="none"),
-    ),
-}

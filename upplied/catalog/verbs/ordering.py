@@ -1,0 +1,141 @@
+"""Which row of a plan, a pair or an id counts: the newest by commit, and no failure before a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.dataset as ds
+
+from upplied.catalog.schema import plan_rows, rows
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.store.delta import StoredTable
+from upplied.records import Ints
+
+PAIR = ["demonstration_id", "target_id", "preset"]
+SLOT = [*PAIR, "purpose"]  # of these, the newest plan is current
+NEWEST = ["commit_version", "planned_at"]  # what orders plans; the time counts within a commit
+_FEW_KEYS = 5000  # up to here their pairs are asked for alone
+STANDING = ("status", *NEWEST, "commit_id")  # what tells which row stands for a plan
+
+
+def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> list[Row]:
+    """The current version of each id, retired ones too, in the order of their ids."""
+    name = table.declared.names[0]
+    versions: dict[str, list[Row]] = {}
+    for row in rows.rows_of(table.read(where)):
+        versions.setdefault(row[name], []).append(row)
+    return [newest_of(versions[key]) for key in sorted(versions)]
+
+
+def newest_of(versions: Sequence[Row]) -> Row:
+    """The current one of the versions of an id; of those that came at once, the last."""
+    newest = versions[0]
+    for row in versions:
+        if _order(row) >= _order(newest):
+            newest = row
+    return newest
+
+
+def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:
+    """The row that stands for each of the keys that are known."""
+    asked = set(keys)
+    ids = [plan_rows.transfer_id(key) for key in asked]
+    found: dict[str, list[Row]] = {}
+    # First whether there are any, of one narrow column: most often there are none.
+    known = table.read(pc.field("transfer_id").isin(ids), ["transfer_id"])["transfer_id"].unique()
+    if len(known):
+        for row in rows.rows_of(table.read(pc.field("transfer_id").isin(known))):
+            found.setdefault(row["key"], []).append(row)
+    return {key: standing(same_plan) for key, same_plan in found.items() if key in asked}
+
+
+def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
+    """Those of the stored plans that are not the newest of their demonstration, target and preset."""
+    if not plans:
+        return []
+    where = pc.field("demonstration_id").isin(list({row["demonstration_id"] for row in plans}))
+    where &= pc.field("target_id").isin(list({row["target_id"] for row in plans}))
+    columns = ["transfer_id", *SLOT, "status", *NEWEST]
+    newest = in_order(table.read(where, columns), newest=True)
+    current = set(newest["transfer_id"].to_pylist())
+    return [row for row in plans if row["transfer_id"] not in current]
+
+
+def settled(
+    table: StoredTable, keys: Iterable[str], retry_failed: bool, run_id: str
+) -> dict[str, tuple[str, str]]:
+    """See `Catalog.settled`."""
+    asked = pa.array(list(dict.fromkeys(keys)), pa.string())
+    if not len(asked):
+        return {}
+    where = None
+    if len(asked) <= _FEW_KEYS:  # those of their pairs are enough, where there are any
+        ids = pa.array([plan_rows.transfer_id(key) for key in asked.to_pylist()])
+        known = table.read(pc.field("transfer_id").isin(ids), PAIR[:2])
+        if not len(known):
+            return {}
+        where = pc.field(PAIR[0]).isin(known[PAIR[0]].unique())
+        where &= pc.field(PAIR[1]).isin(known[PAIR[1]].unique())
+    columns = ["transfer_id", *SLOT, *NEWEST, "key", "status", "reason", "run_id"]
+    found = in_order(table.read(where, columns), newest=True)
+    held = pc.is_in(found["key"], asked)
+    if retry_failed:
+        ours = pc.equal(found["run_id"], run_id) if run_id else False
+        held = pc.and_(held, pc.or_(pc.not_equal(found["status"], "failed"), ours))
+    found = found.filter(held)
+    outcomes = zip(found["status"].to_pylist(), found["reason"].to_pylist(), strict=True)
+    return dict(zip(found["key"].to_pylist(), outcomes, strict=True))
+
+
+def standing(same_plan: list[Row]) -> Row:
+    """The row that stands for a plan: one that is not a failure, and of those the newest."""
+    return max(
+        same_plan,
+        key=lambda row: (row["status"] != "failed", *(row[name] for name in NEWEST), row["commit_id"]),
+    )
+
+
+def in_order(table: pa.Table, newest: bool) -> pa.Table:
+    """One row per plan, ordered by pair and commit; with `newest`, the last of each pair alone.
+
+    There may be more rows of a plan: a failure may be followed, racing writers may add it twice, and
+    one that is asked for again becomes current again. Its newest row counts.
+    """
+    pairs = _pairs(table)
+    commit, planned = (table[name].cast(pa.int64()).to_numpy() for name in NEWEST)
+    when = np.empty(len(table), np.int64)
+    when[np.lexsort((planned, commit))] = np.arange(len(table))
+    chosen = _standing(table, when)
+    order = chosen[np.lexsort((when[chosen], pairs[chosen]))]
+    if newest:
+        order = order[np.flatnonzero(np.diff(pairs[order], append=-1))]
+    return table.take(order)
+
+
+def _standing(table: pa.Table, when: Ints) -> Ints:
+    """Which row stands for each plan: one that is not a failure, and of those the newest."""
+    plans = table["transfer_id"].combine_chunks().dictionary_encode()
+    if len(plans.dictionary) == len(table):
+        return np.arange(len(table))
+    codes = plans.indices.to_numpy()
+    order = np.lexsort((when, pc.not_equal(table["status"], "failed").to_numpy(), codes))
+    return np.asarray(order[np.flatnonzero(np.diff(codes[order], append=-1))], np.int64)
+
+
+def _pairs(table: pa.Table) -> Ints:
+    """A number per row that is the same for the same pair, and grows with its names."""
+    number = np.zeros(len(table), np.int64)
+    for name in SLOT:
+        encoded = table[name].combine_chunks().dictionary_encode()
+        rank = np.empty(len(encoded.dictionary), np.int64)
+        rank[pc.sort_indices(encoded.dictionary).to_numpy()] = np.arange(len(rank))
+        number = number * max(1, len(rank)) + rank[encoded.indices.to_numpy()]
+    return number
+
+
+def _order(row: Row) -> tuple[Any, ...]:
+    return row["commit_version"], row["added_at"], row["commit_id"]

@@ -1,0 +1,50 @@
+"""Settings: one frozen class per stage, each default in one place, and the presets.
+
+``paper`` states the method as published; ``recommended`` is what a pilot should fly; ``baseline``
+is the paper's peer, the demonstration scaled by the ratio of the bounding boxes. All three run
+through the same pipeline (`upplied.planning.plan`), chosen by these settings alone.
+"""
+
+from __future__ import annotations
+
+from upplied.config.settings import PRESETS, Preset, Settings, digest, settings_for
+from upplied.config.stages import (
+    FIDELITIES,
+    CloudSettings,
+    CorrespondenceSettings,
+    Fidelity,
+    InspectionSettings,
+    OptimiseSettings,
+    RefineSettings,
+    RegistrationSettings,
+    RetimeSettings,
+    RouteSettings,
+    TransferSettings,
+    VerdictSettings,
+    ViewpointSettings,
+    VisibilitySettings,
+    focal_px,
+)
+
+__all__ = [
+    "FIDELITIES",
+    "PRESETS",
+    "CloudSettings",
+    "CorrespondenceSettings",
+    "Fidelity",
+    "InspectionSettings",
+    "OptimiseSettings",
+    "Preset",
+    "RefineSettings",
+    "RegistrationSettings",
+    "RetimeSettings",
+    "RouteSettings",
+    "Settings",
+    "TransferSettings",
+    "VerdictSettings",
+    "ViewpointSettings",
+    "VisibilitySettings",
+    "digest",
+    "focal_px",
+    "settings_for",
+]

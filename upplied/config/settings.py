@@ -1,0 +1,141 @@
+"""All settings of a plan, the presets, and single values of them changed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, get_type_hints
+
+from upplied.config.ranges import check_value
+from upplied.config.stages import (
+    CloudSettings,
+    CorrespondenceSettings,
+    InspectionSettings,
+    OptimiseSettings,
+    RefineSettings,
+    RegistrationSettings,
+    RetimeSettings,
+    RouteSettings,
+    TransferSettings,
+    VerdictSettings,
+    ViewpointSettings,
+    VisibilitySettings,
+)
+from upplied.errors import SettingsError
+
+PRESETS = ("paper", "recommended", "baseline")
+Preset = Literal["paper", "recommended", "baseline"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that a plan depends on besides the demonstration and the two structures."""
+
+    preset: Preset = "recommended"
+    clouds: CloudSettings = field(default_factory=CloudSettings)
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    correspondence: CorrespondenceSettings = field(default_factory=CorrespondenceSettings)
+    visibility: VisibilitySettings = field(default_factory=VisibilitySettings)
+    viewpoints: ViewpointSettings = field(default_factory=ViewpointSettings)
+    transfer: TransferSettings = field(default_factory=TransferSettings)
+    refine: RefineSettings = field(default_factory=RefineSettings)
+    optimise: OptimiseSettings = field(default_factory=OptimiseSettings)
+    route: RouteSettings = field(default_factory=RouteSettings)
+    retime: RetimeSettings = field(default_factory=RetimeSettings)
+    inspection: InspectionSettings = field(default_factory=InspectionSettings)
+    verdict: VerdictSettings = field(default_factory=VerdictSettings)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of every setting; equal settings, equal hash."""
+        return digest(self)
+
+
+def settings_for(preset: str, **changes: Any) -> Settings:
+    """The settings of a preset, with single stages replaced.
+
+    Parameters
+    ----------
+    preset : {"paper", "recommended", "baseline"}
+    **changes
+        Stage name to a mapping of setting names to values, e.g. ``route={"clearance_m": 3.0}``.
+
+    Raises
+    ------
+    SettingsError
+        If the preset, a stage, a setting or the type of a value is unknown.
+
+    Examples
+    --------
+    >>> settings_for("paper", route={"clearance_m": 3.0}).route.clearance_m
+    3.0
+    """
+    try:
+        settings = _PRESETS[preset]
+    except KeyError:
+        raise SettingsError(f"preset {preset!r}", "is unknown", f"one of {', '.join(PRESETS)}") from None
+    for stage, values in changes.items():
+        settings = replace(settings, **{stage: _changed(settings, stage, values)})
+    _check_together(settings)
+    return settings
+
+
+def _changed(settings: Settings, stage: str, values: Mapping[str, Any]) -> Any:
+    stages = [item.name for item in fields(settings) if item.name != "preset"]
+    if stage not in stages:
+        raise SettingsError(f"settings stage {stage!r}", "is unknown", f"one of {', '.join(stages)}")
+    before = getattr(settings, stage)
+    known = [item.name for item in fields(before)]
+    for name, value in values.items():
+        if name not in known:
+            raise SettingsError(f"setting {stage}.{name}", "is unknown", f"one of {', '.join(known)}")
+        check_value(f"{stage}.{name}", value, get_type_hints(type(before))[name])
+    return replace(before, **values)
+
+
+def _check_together(settings: Settings) -> None:
+    """Whether values that bound each other leave something between them."""
+    low, high = settings.retime.min_gimbal_pitch_deg, settings.retime.max_gimbal_pitch_deg
+    if low > high:
+        raise SettingsError(
+            "setting retime.min_gimbal_pitch_deg",
+            f"got {low:g}, above retime.max_gimbal_pitch_deg, which is {high:g}",
+            "the least pitch of the gimbal is not above the largest",
+        )
+
+
+def digest(value: Any) -> str:
+    """SHA-256 of the canonical JSON of dataclasses, mappings and plain values (hex, 64 digits)."""
+    plain = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+    text = json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+_PAPER = Settings(preset="paper")
+_PRESETS: dict[str, Settings] = {
+    "paper": _PAPER,
+    "recommended": replace(
+        _PAPER,
+        preset="recommended",
+        registration=RegistrationSettings(acceptance=1.0, least_probability=0.6),
+        correspondence=CorrespondenceSettings(method="parts", least_probability=0.8),
+        viewpoints=ViewpointSettings(shared=0.9),  # where it looks again, not what it consists of
+        visibility=VisibilitySettings(occlusion=True, max_incidence_deg=75.0),
+        transfer=TransferSettings(method="counterparts"),
+        refine=RefineSettings(method="view"),
+        route=RouteSettings(enforce=True),
+        verdict=VerdictSettings(enforce=True),
+        retime=RetimeSettings(limits=True),
+    ),
+    "baseline": replace(
+        _PAPER,
+        preset="baseline",
+        registration=RegistrationSettings(gamma=1e9),  # the baseline asks no questions
+        viewpoints=ViewpointSettings(method="poses"),
+        transfer=TransferSettings(method="box"),
+        refine=RefineSettings(method="none"),
+    ),
+}

@@ -1,0 +1,40 @@
+"""The nouns of the method: frozen records of arrays, with shape, unit and frame at each field.
+
+Frames. Everything is in metres in the *structure frame*: Z up, +X forward (nose, bow, rotor hub,
+long axis). A camera pose is a position and a quaternion ``x y z w`` that turns the camera frame
+(x forward along the optical axis, y left, z up) into the structure frame. See CONVENTIONS.md.
+"""
+
+from __future__ import annotations
+
+from upplied.records.base import Bools, Floats, Ints, Record
+from upplied.records.flights import Camera, Demonstration, Trajectory
+from upplied.records.planning import Cloud, Correspondences, Registration, Viewpoints, Visibility, Waypoints
+from upplied.records.plans import SURFACE_STATES, Counterpart, Measures, Plan, SurfaceStates
+from upplied.records.structures import Frame, Placement, Structure, StructureInFrame, Surroundings
+
+__all__ = [
+    "SURFACE_STATES",
+    "Bools",
+    "Camera",
+    "Cloud",
+    "Correspondences",
+    "Counterpart",
+    "Demonstration",
+    "Floats",
+    "Frame",
+    "Ints",
+    "Measures",
+    "Placement",
+    "Plan",
+    "Record",
+    "Registration",
+    "Structure",
+    "StructureInFrame",
+    "SurfaceStates",
+    "Surroundings",
+    "Trajectory",
+    "Viewpoints",
+    "Visibility",
+    "Waypoints",
+]

@@ -1,0 +1,65 @@
+"""A camera, a trajectory and a demonstration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from upplied.records.base import Floats, Ints, Record
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Camera(Record):
+    """Field of view and useful range of the camera (paper, Sec. IV-A: 75 x 75 deg, 2 to 50 m)."""
+
+    hfov_deg: float = 75.0  # full horizontal angle, up to 360
+    vfov_deg: float = 75.0  # full vertical angle, up to 180
+    min_range_m: float = 2.0
+    max_range_m: float = 50.0
+    width_px: int = 0  # 0 where not known
+    height_px: int = 0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Record):
+    """Timed camera poses in the frame of one structure."""
+
+    t_s: Floats  # (N,) s, strictly increasing, first is 0
+    positions: Floats  # (N, 3) m, structure frame
+    quat_xyzw: Floats  # (N, 4) unit, camera to structure
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Demonstration(Record):
+    """What an expert flew around one structure, as logged."""
+
+    demonstration_id: str
+    structure_id: str
+    t_ns: Ints  # (N,) ns, strictly increasing, source clock
+    positions: Floats  # (N, 3) m, frame of the structure
+    quat_xyzw: Floats  # (N, 4) unit, camera to structure
+    camera: Camera = field(default_factory=Camera)
+    operator: str = ""
+    site: str = ""
+    sha256: str = ""  # of the bytes of the log and of what the side-car and options say of it
+    breaks: Ints = field(default_factory=lambda: np.empty(0, np.int64))  # first index after each gap
+    degraded: bool = False  # salvaged; `notes` say what was lost
+    dropped: Mapping[str, int] = field(default_factory=dict)  # samples dropped, by reason
+    clock: str = ""  # which stamp was used: "header", "publish", "log"
+    topic: str = ""
+    notes: str = ""
+    about: str = ""  # what the user says it inspected (`planning.demonstration.about`); empty: inferred
+    passport: Mapping[str, object] = field(default_factory=dict)  # figures and findings, plain values
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The poses with time from zero, s."""
+        return Trajectory((self.t_ns - self.t_ns[0]) * 1e-9, self.positions, self.quat_xyzw)

@@ -1,0 +1,126 @@
+"""What is handed from step to step of planning: clouds, registration, correspondences, views, viewpoints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from upplied.records.base import Bools, Floats, Ints, Record
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cloud(Record):
+    """Points that stand for a surface.
+
+    From the paper's voxel filter: `points` alone. Surface samples carry normals and areas as well.
+    """
+
+    points: Floats  # (N, 3) m, structure frame
+    normals: Floats | None = None  # (N, 3) unit, outward
+    area_m2: Floats | None = None  # (N,) surface each sample stands for
+    part: Ints | None = None  # (N,) which part of the structure (0 ..) the sample lies on
+    leaf_m: float = 0.0  # edge of the voxels, 0 for surface samples
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Registration(Record):
+    """How a target lies on the demonstration structure.
+
+    ``p_demo = rotation @ (scale * (turn @ p_target)) + translation`` (paper, Alg. 1, lines 3 to 8, which
+    assumes equal orientation: ``rotation @ turn`` is the identity unless another one was declared or found).
+    """
+
+    scale: Floats  # (3,) along the axes of the turned target
+    rotation: Floats  # (3, 3) proper
+    translation: Floats  # (3,) m
+    score_m2: float  # PCL's getFitnessScore: mean squared nearest-neighbour distance, demonstration to target
+    accepted: bool
+    reason: str = ""  # why not, in words, where it is refused
+    acceptance: float = float("nan")  # free of density and scale, lower is better; NaN where not computed
+    runner_up_gap: float = float("nan")  # relative gap to the next best orientation; NaN where not searched
+    evidence: str = ""  # what was tried and found, in words
+    turn: Floats = field(default_factory=lambda: np.eye(3))  # (3, 3) proper, of the target before its scaling
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3) linear part: ``p_demo = matrix @ p_target + translation``."""
+        return np.asarray((self.rotation * self.scale) @ self.turn, float)
+
+    def to_demo(self, points: Floats) -> Floats:
+        """Target frame (..., 3) to demonstration frame, m."""
+        return points @ self.matrix.T + self.translation
+
+    def to_target(self, points: Floats) -> Floats:
+        """Demonstration frame (..., 3) to target frame, m."""
+        return (((points - self.translation) @ self.rotation) / self.scale) @ self.turn
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Correspondences(Record):
+    """For every point of the demonstration's cloud its counterpart on the target."""
+
+    target_index: Ints  # (N_demo,) index into the target's cloud, -1 where there is no counterpart
+    distance_m: Floats  # (N_demo,) between the partners after alignment; NaN where there is none
+    target_points: Floats  # (N_demo, 3) m, target frame: where each point is carried, NaN where nowhere
+    summary: str = ""  # parts matched and parts left without a counterpart, in words
+    source_class: Ints | None = None  # (K,) of each part of the demonstration's cloud, -1: in none
+    target_class: Ints | None = None  # (L,) of each part of the target's: parts of one class were matched
+
+    def parts_answering(self, part: int) -> Ints:
+        """The target's parts that were matched with a part of the source; none where it was not."""
+        if self.source_class is None or self.target_class is None or self.source_class[part] < 0:
+            return np.empty(0, np.int64)
+        return np.flatnonzero(self.target_class == self.source_class[part])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Visibility(Record):
+    """Which points of a cloud each pose sees."""
+
+    seen: Bools  # (P, N) pose by point
+
+    @property
+    def total(self) -> Bools:
+        """(N,) seen by any pose: the paper's V_D."""
+        return np.asarray(self.seen.any(axis=0), bool)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Viewpoints(Record):
+    """One viewpoint per segment of a trajectory (paper, Alg. 2, lines 5 to 13)."""
+
+    positions: Floats  # (K, 3) m, structure frame
+    quat_xyzw: Floats  # (K, 4) unit, camera to structure
+    seen: Bools  # (K, N) union over the segment
+    start: Ints  # (K,) first pose of the segment
+    stop: Ints  # (K,) one past its last pose
+    t_s: Floats  # (K,) s, time of the segment's middle
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def middle(self) -> Ints:
+        """(K,) pose in the middle of each segment."""
+        return np.asarray((self.start + self.stop - 1) // 2, np.int64)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Waypoints(Record):
+    """Camera poses in the order of flight, before they have times of their own."""
+
+    positions: Floats  # (W, 3) m, structure frame
+    quat_xyzw: Floats  # (W, 4) unit, camera to structure
+    t_s: Floats  # (W,) s, time of the demonstration that each corresponds to; never decreases
+    is_viewpoint: Bools  # (W,)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __getitem__(self, part: slice) -> Waypoints:
+        """The waypoints of a slice."""
+        return Waypoints(self.positions[part], self.quat_xyzw[part], self.t_s[part], self.is_viewpoint[part])

@@ -1,0 +1,120 @@
+"""A plan, its measures and what it sees of its target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from upplied.records.base import Bools, Floats, Ints, Record
+from upplied.records.flights import Trajectory
+from upplied.records.planning import Registration
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Measures(Record):
+    """What a plan is judged by; NaN where a measure was not computed (algorithm.md, section 8)."""
+
+    acceptance_probability: float = float("nan")
+    counterpart_probability: float = float("nan")
+    coverage_inspected_pct: float = float("nan")
+    inspected_without_counterpart_pct: float = float("nan")
+    inspected_unattainable_pct: float = float("nan")
+    coverage_of_target_pct: float = float("nan")
+    coverage_context_pct: float = float("nan")
+    fidelity_resolution_p50: float = float("nan")
+    fidelity_resolution_p05: float = float("nan")
+    fidelity_incidence_deg_p95: float = float("nan")
+    fidelity_looks_kept_pct: float = float("nan")
+    fidelity_dwell_kept_pct: float = float("nan")
+    fidelity_order: float = float("nan")
+    camera_turn_ratio: float = float("nan")
+    pan_fast_pct: float = float("nan")
+    path_turn_ratio: float = float("nan")
+    gsd_mm_p50: float = float("nan")
+    gsd_mm_p95: float = float("nan")
+    gsd_demonstrated_mm_p50: float = float("nan")
+    gsd_demonstrated_mm_p95: float = float("nan")
+    coverage_paper_pct: float = float("nan")
+    coverage_seen_pct: float = float("nan")
+    coverage_attainable_pct: float = float("nan")
+    frechet_z: float = float("nan")
+    frechet_floored: float = float("nan")
+    frechet_m: float = float("nan")
+    min_clearance_m: float = float("nan")
+    path_length_m: float = float("nan")
+    duration_s: float = float("nan")
+    standoff_ratio_p50: float = float("nan")
+    standoff_kept_pct: float = float("nan")
+    incidence_p95_deg: float = float("nan")
+    peak_speed_mps: float = float("nan")
+    peak_acceleration_mps2: float = float("nan")
+
+
+#: What became of a piece of a structure's surface; `SurfaceStates.state` indexes this.
+SURFACE_STATES = (
+    "other",
+    "shown",
+    "missed",
+    "unattainable",
+    "no counterpart",
+    "hardly inspected",
+    "partly inspected",
+    "inspected",
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceStates(Record):
+    """What became of each piece of a target's surface, or what of a source's was inspected, for reports.
+
+    `other` was not inspected by the demonstration, and `no counterpart` has no partner on the other one.
+    """
+
+    points: Floats  # (N, 3) m, target frame
+    state: Ints  # (N,) index into SURFACE_STATES
+    normals: Floats | None = None  # (N, 3) unit, outward
+
+
+@dataclass(frozen=True, repr=False)
+class Counterpart(Record):
+    """What answers on the target to one part that was inspected."""
+
+    part: str  # of the source, with its place: ``part_3 (left low)``
+    inspected_pct: float  # share of what was inspected that lies on it
+    twins: int  # other parts of the source of its shape and size
+    found: int  # parts of the target of its shape and size
+    flown: tuple[str, ...] = ()  # parts of the target that the plan flies to
+    left_out: tuple[str, ...] = ()  # those of its shape that it does not, each with the reason
+    probability: float | None = None  # least of the flown ones, to be the right part; None: not told apart
+    doubt: str = ""  # why it is not certain which part of the target corresponds to it; empty where it is
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Record):
+    """What came of transferring one demonstration to one target: a trajectory, or a reason why not."""
+
+    demonstration_id: str
+    source_id: str
+    target_id: str
+    kind: str
+    preset: str  # "paper", "recommended" or "baseline"
+    status: str  # "ok", "refused" or "failed"
+    reason: str = ""
+    trajectory: Trajectory | None = None
+    is_viewpoint: Bools | None = None  # (N,) of the trajectory
+    registration: Registration | None = None
+    measures: Measures = field(default_factory=Measures)
+    counterpart_summary: str = ""
+    counterparts: tuple[Counterpart, ...] = ()  # of each inspected part, the most inspected first
+    acceptance_evidence: str = ""  # what speaks for and against the transfer, in words
+    warnings: tuple[str, ...] = ()
+    surface: SurfaceStates | None = None  # what the plan sees of the target, where it was computed
+    inspected: SurfaceStates | None = None  # what of the source the demonstration was about
+    flyable: bool = False  # whether it may be flown as it is
+    not_flyable: str = ""  # why not, in words
+    surface_sha256: str = ""  # of `surface`, where that was stored already and is left out here
+    inspected_sha256: str = ""  # of `inspected`, likewise
+
+    @property
+    def n_viewpoints(self) -> int:
+        """How many waypoints are viewpoints."""
+        return 0 if self.is_viewpoint is None else int(self.is_viewpoint.sum())

@@ -1,0 +1,101 @@
+"""A structure, where it stands, what limits a flight round it, and its canonical frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from upplied.records.base import Floats, Ints, Record
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Placement(Record):
+    """Where a structure stands on the Earth; the origin of its frame and the bearing of +X."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    heading_deg: float  # of +X, clockwise from true north
+    datum: str = "ellipsoid"  # of alt_m: "ellipsoid" (WGS 84) or "amsl"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Surroundings(Record):
+    """What limits a flight besides the structure itself, in the structure frame, m."""
+
+    ground_z_m: float | None = None  # height of level ground, None where it is not known
+    keep_out_m: Floats = field(default_factory=lambda: np.empty((0, 2, 3)))  # (K, 2, 3) boxes, min and max
+    geofence_m: Floats = field(default_factory=lambda: np.empty((0, 2)))  # (G, 2) polygon in x y, empty: none
+    ceiling_z_m: float | None = None  # highest allowed z
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Frame(Record):
+    """A frame that is turned about the vertical and moved against the declared one of a structure.
+
+    ``p_declared = turn @ p + origin_m``; heights are the same in both.
+    """
+
+    heading_rad: float = 0.0  # of its +X, counter-clockwise from the declared +X
+    origin_m: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) m, declared frame; z is 0
+
+    @property
+    def turn(self) -> Floats:
+        """(3, 3) directions of this frame to the declared one."""
+        cos, sin = np.cos(self.heading_rad), np.sin(self.heading_rad)
+        return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+    @property
+    def is_declared(self) -> bool:
+        """Whether it is the declared frame itself."""
+        return self.heading_rad == 0 and not self.origin_m.any()
+
+    def to_declared(self, points: Floats) -> Floats:
+        """Points (..., 3), m, in the declared frame."""
+        return points if self.is_declared else points @ self.turn.T + self.origin_m
+
+    def from_declared(self, points: Floats) -> Floats:
+        """Points (..., 3), m, of the declared frame in this one."""
+        return points if self.is_declared else (points - self.origin_m) @ self.turn
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Structure(Record):
+    """One structure: a triangle mesh, or a point cloud where there are no triangles."""
+
+    structure_id: str
+    kind: str
+    vertices: Floats  # (V, 3) m, structure frame
+    triangles: Ints  # (T, 3) vertex indices; (0, 3) for a structure given as a point cloud
+    normals: Floats | None = None  # (V, 3) outward unit normals, for point clouds only
+    site: str = ""
+    sha256: str = ""  # of the bytes of the file and of what the manifest says of it
+    placement: Placement | None = None
+    surroundings: Surroundings = field(default_factory=Surroundings)
+    landmarks: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # name -> x y z, m
+    symmetric: bool = False  # declared: no heading can be told from the shape
+    notes: str = ""
+    # The rules that it broke when it was taken in, and what was overruled.
+    verdicts_json: str = field(default="", metadata={"later": True})
+
+    @property
+    def diagonal_m(self) -> float:
+        """Length of the diagonal of the bounding box, m."""
+        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
+    @property
+    def frame(self) -> Frame:
+        """Where it stands in the declared frame: it is given in it."""
+        return Frame()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StructureInFrame(Structure):
+    """A structure in another frame than the declared one, while it is planned; it is never stored.
+
+    Vertices, normals and landmarks are in that frame; the surroundings keep to the declared one.
+    """
+
+    frame: Frame = Frame()
