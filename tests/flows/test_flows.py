@@ -204,7 +204,7 @@ def test_a_plan_is_followed_from_its_log_to_its_page(server, place):
     catalog = open_catalog(place / "catalog")
     (flown,) = catalog.demonstrations().to_dict("records")
     assert (row["log (sha256)"], row["demonstration"]) == (flown["sha256"], flown["demonstration_id"])
-    assert len(catalog.trajectory(row["trajectory"]).t_s) > 0
+    assert len(catalog.waypoints(row["trajectory"])) > 0  # of a plan for comparison, which is not to be flown
     assert row["status"] == "ok"
     page = (place / "reports" / "transfers" / f"{row['demonstration']}--box-random-1.html").resolve()
     assert row["page"].endswith(f"({page.as_uri()})")

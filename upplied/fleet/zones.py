@@ -71,7 +71,10 @@ def _planned(
     for at, row in enumerate(rows.to_dict("records")):
         camera = catalog.demonstration(str(row["demonstration_id"])).camera
         first = camera if at == 0 else first
-        looks = looks_of(catalog.trajectory(str(row["transfer_id"])), surface, camera, scene)
+        path = catalog.plan(str(row["transfer_id"])).trajectory
+        if path is None:
+            continue
+        looks = looks_of(path, surface, camera, scene)
         found.append(Looked(looks.distance_m, looks.incidence_deg, 0.0, camera))
     return found, first
 
