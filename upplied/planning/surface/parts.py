@@ -23,7 +23,7 @@ _SMALLEST = 0.003  # share of the surface below which a piece joins its neighbou
 _MANY = 40  # pieces; a mesh of fewer keeps small ones too, down to this many samples
 _SAMPLES = 6
 _COMPACT = 0.2  # longest edge over the structure's diagonal: engines, not wings
-_TOUCHING = 0.015  # of the diagonal: pieces this close touch
+_CONTACT = 0.015  # of the diagonal: pieces this close touch
 _SLENDER, _BLADE, _EQUAL = 4.0, 0.02, 0.2  # length over width, share of the surface, |log| of lengths
 _TWIN, _MIRRORED = 0.02, 0.8  # of the diagonal: how near an image must lie, and for what share of the samples
 _MIDDLE = 0.05  # of the structure's half width: no side this near the middle
@@ -221,7 +221,7 @@ def _contacts(pairs: Ints, label: Ints) -> tuple[Ints, Ints]:
 
 
 def _near_others(points: Floats, label: Ints) -> Ints:
-    reach = _TOUCHING * np.linalg.norm(np.ptp(points, axis=0))
+    reach = _CONTACT * np.linalg.norm(np.ptp(points, axis=0))
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     return np.asarray(pairs[label[pairs[:, 0]] != label[pairs[:, 1]]], np.int64)
 
