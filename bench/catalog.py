@@ -180,7 +180,7 @@ def one_trajectory(catalog: Catalog) -> None:
     times = []
     for name in chosen:
         start = time.perf_counter()
-        path = catalog.trajectory(name)
+        path = catalog.waypoints(name)
         times.append(1000 * (time.perf_counter() - start))
         assert len(path) == POINTS
     warm = np.array(times[10:])

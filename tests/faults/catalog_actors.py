@@ -59,7 +59,7 @@ def read(catalog: Catalog, place: Path, seed: int) -> Callable[[], None]:
         assert found["key"].is_unique
         rows = len(found)
         for name in rng.choice(found["transfer_id"], min(3, rows), replace=False):
-            assert len(catalog.trajectory(name)) == POINTS
+            assert len(catalog.waypoints(name)) == POINTS
         if (place / "reports" / "tables" / "current").exists():
             transfers, points = published_ids(place / "reports")
             assert len(transfers) >= published, f"{len(transfers)} published rows after {published}"

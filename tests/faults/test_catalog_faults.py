@@ -203,7 +203,7 @@ def test_a_read_only_folder_is_said_and_can_be_read(open_place, what):
     assert done.returncode == 1
     assert done.stderr.startswith("told: "), done.stderr
     assert rows(open_place / "catalog") == before
-    read = in_a_child("assert len(catalog.trajectory(key_of(1)[:20])) == 60", open_place / "catalog", NOBODY)
+    read = in_a_child("assert len(catalog.waypoints(key_of(1)[:20])) == 60", open_place / "catalog", NOBODY)
     assert read.returncode == 0, read.stderr
 
 
