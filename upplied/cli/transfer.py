@@ -229,13 +229,12 @@ COLUMNS = {
 
 
 def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]:
-    """The newest plans of what was wished for: with these very settings, whatever was planned since."""
+    """The newest plans of what was asked for: with these very settings, whatever was planned since."""
     from upplied.fleet.decisions import SettingsOf
 
     table = catalog.transfers(every=True)
-    wanted = table["demonstration_id"].isin(plan_request.demonstrations) & (
-        table["purpose"] == plan_request.purpose
-    )
+    wanted = table["demonstration_id"].isin(plan_request.demonstrations)
+    wanted &= table["purpose"] == plan_request.purpose
     wanted &= table["target_id"].isin(plan_request.targets or catalog.structures()["structure_id"])
     table = table[wanted & table["preset"].isin(plan_request.presets)]
     settings_of = SettingsOf(catalog, plan_request)
@@ -262,11 +261,9 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
     for row in rows:
         status = shown_status(row)
         if status != "ok":
-            console.print(
-                f"{status}: {row['target_id']} ({row['preset']}): {row['reason'] or row['not_flyable']}",
-                markup=False,
-                soft_wrap=True,
-            )
+            why = row["reason"] or row["not_flyable"]
+            said = f"{status}: {row['target_id']} ({row['preset']}): {why}"
+            console.print(said, markup=False, soft_wrap=True)
 
 
 def _cell(row: dict[str, Any], name: str) -> Any:
