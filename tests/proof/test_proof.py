@@ -237,3 +237,15 @@ def _ways(count: int):
     for size in range(1, count + 1):
         for chosen in combinations(range(count), size):
             yield from permutations(chosen)
+
+
+def test_a_camera_that_looked_aside_all_the_time_is_not_turned_back_to_its_plan(plan, flown):
+    """Corrected to its plan it would have seen everything."""
+    yaw, pitch = yaw_pitch(flown.quat_xyzw)
+    aside = replace(flown, quat_xyzw=from_yaw_pitch(yaw + np.radians(60.0), pitch))
+    found = align(plan, aside)
+    same = np.abs((found.flown.quat_xyzw * aside.quat_xyzw).sum(axis=1))
+    assert found.camera_yaw_deg == 0 and same.min() > 1 - 1e-9
+    assert any("looked" in text and "aside of its plan" in text for text in judged(plan, aside).findings)
+    right, wrong = (judged(plan, log).looks.seen.mean() for log in (flown, aside))
+    assert wrong < 0.7 * right

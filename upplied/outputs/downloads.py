@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from upplied.errors import RefusedError
 from upplied.outputs.render import Source, export_transfer
 
 #: Suffix and name of what lies beside a transfer's page; other formats and options by `upplied export`.
@@ -25,9 +26,14 @@ def mission_file(source: Source, transfer_id: str, format: str) -> bytes:
     Raises
     ------
     UppliedError
-        If it does not pass the gate.
+        If it does not pass the gate, or takes several sorties.
     """
     suffix, _ = FORMATS[format]
     with tempfile.TemporaryDirectory() as folder:
         written = export_transfer(source, transfer_id, format, Path(folder, f"mission{suffix}"))
+        if len(written.paths) > 1:  # one of several would look like all of it
+            raise RefusedError(
+                f"the mission of {transfer_id}", f"takes {len(written.paths)} sorties", "one file here",
+                f"upplied export {transfer_id} --to {format}",
+            )  # fmt: skip
         return written.paths[0].read_bytes()

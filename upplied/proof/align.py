@@ -24,6 +24,7 @@ _BLOCK_S = 20.0  # stretches that are left out in turn: longer than errors of po
 _SIGMAS = 3.0
 _LEAST_M, _LEAST_DEG = 0.1, 0.3  # less than vehicles drift: nothing is corrected
 _LARGEST_M, _LARGEST_DEG = 5.0, 10.0  # of what is corrected: more is another flight, or another place
+_LARGEST_CAMERA_DEG = 5.0  # what a compass or a mount may be off; more is a camera that looked elsewhere
 _LEAST_SHARE = 0.3  # of the poses near the plan, after all of it
 _ROUNDS = 12
 _HUBER_M = 0.3  # residuals beyond count less: gusts, and the ways there and back
@@ -227,12 +228,14 @@ def _applied(
 
 
 def _bias(off_rad: Floats, near: Bools, t_s: Floats) -> float:
-    """A constant turn, rad: the median over stretches, where it exceeds three of its errors; else 0."""
+    """A constant turn, rad: the median over stretches where small and beyond three errors; else 0."""
     off = np.angle(np.exp(1j * off_rad[near]))
     block = (t_s[near] // _BLOCK_S).astype(int)
     middles = np.array([np.median(off[block == name]) for name in np.unique(block)])
     if len(middles) < 3:
         return 0.0
     middle = float(np.median(middles))
+    if abs(middle) > np.radians(_LARGEST_CAMERA_DEG):
+        return 0.0  # taken as it was logged: what it did not look at was not seen
     error = 1.4826 * float(np.median(np.abs(middles - middle))) / np.sqrt(len(middles))
     return middle if abs(middle) > _SIGMAS * max(error, np.radians(0.1)) else 0.0

@@ -20,7 +20,7 @@ _PHOTO_S = 1.0  # of a viewpoint, within which a photo is its own
 
 def findings(plan: Trajectory, found: Alignment, flown_pct: float) -> tuple[str, ...]:
     """What was done to a log so that it lies on its plan, and what is odd about the flight."""
-    return (*_corrected(found), *_missing(plan, found, flown_pct), *_stuck(plan, found))
+    return (*_corrected(found), *_missing(plan, found, flown_pct), *_aside(plan, found), *_stuck(plan, found))
 
 
 def photos_missing(
@@ -76,6 +76,18 @@ def _missing(plan: Trajectory, found: Alignment, flown_pct: float) -> Iterator[s
     for at in np.flatnonzero(silent > _PAUSE_S):
         when = found.flown.t_s[at]
         yield f"the log is silent for {silent[at]:.0f} s at {when:.0f} s: what was seen then is not known"
+
+
+def _aside(plan: Trajectory, found: Alignment) -> Iterator[str]:
+    """A camera that most of the time looked elsewhere than planned; it is taken as it was logged."""
+    on = found.on_plan
+    if on.sum() < 2:
+        return
+    moments = np.clip(found.planned_s[on], plan.t_s[0], plan.t_s[-1])
+    axis, wanted = optical_axis(found.flown.quat_xyzw[on]), optical_axis(interpolate(plan, moments).quat_xyzw)
+    off = float(np.median(_angle_deg((axis * wanted).sum(axis=1))))
+    if off > _TURNED_DEG:
+        yield f"the camera looked {off:.0f} deg aside of its plan, in the median: taken as it was logged"
 
 
 def _stuck(plan: Trajectory, found: Alignment) -> Iterator[str]:

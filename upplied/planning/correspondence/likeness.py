@@ -50,9 +50,8 @@ def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
     solid = ~_floating(whole)
     label = np.empty(len(whole), np.int64)
     label[solid] = _parts_of_solid(_at(whole, solid), skin[solid], known)
-    label[~solid] = (
-        label[solid].max() + 1
-    )  # what floats is one part, which corresponds to none and widens none
+    # What floats is one part, which corresponds to none and widens none.
+    label[~solid] = label[solid].max() + 1
     return label
 
 
