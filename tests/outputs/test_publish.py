@@ -322,3 +322,10 @@ def test_a_released_plan_has_its_missions_beside_its_page_or_the_reason(tmp_path
     publish_pages(catalog, tmp_path, pictures=0)
     told = Page((tmp_path / "transfers" / f"{name}.html").read_text()).data["transfer"]["missions"]
     assert all(said.startswith("no mission: ") and "clearance" in said for said in told.values()), told
+
+
+def test_a_mission_of_several_sorties_is_not_given_out_as_its_first(monkeypatch, tmp_path):
+    written = type("Exported", (), {"paths": (tmp_path / "1.plan", tmp_path / "2.plan")})
+    monkeypatch.setattr(downloads, "export_transfer", lambda *_: written)
+    with pytest.raises(RefusedError, match="2 sorties"):
+        downloads.mission_file(FakeCatalog(targets=1), "t0000", "qgc-plan")
