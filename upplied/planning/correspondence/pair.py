@@ -27,7 +27,7 @@ _EXPLAINED = 0.5  # share of the surface on matched parts, from which the meshes
 _BETTER = 0.2  # how much more of it must be matched with parts found by geometry
 _SOME = 0.01  # share of the surface from which a part tells how far a structure was taken apart
 _CIRCLE = 2**32  # headings that are told apart
-METHOD_VERSION = "9"  # raised with every change that alters a result, for people; keys hold the sources too
+METHOD_VERSION = "10"  # raised with every change that alters a result, for people; keys hold the sources too
 
 R = TypeVar("R")
 
