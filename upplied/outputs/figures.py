@@ -141,10 +141,15 @@ def demonstrated_panel(
     )
 
 
-def demonstration_png(source: Structure, demonstration: Demonstration, width: int = _WIDTH) -> bytes:
-    """PNG of a demonstration round its structure, with cameras."""
-    panel = demonstrated_panel(source, demonstration, width=2 * width)
-    legend = [("demonstrated path", DEMONSTRATED, "line")]
+def demonstration_png(
+    source: Structure,
+    demonstration: Demonstration,
+    states: SurfaceStates | None = None,
+    width: int = _WIDTH,
+) -> bytes:
+    """PNG of a demonstration round its structure, with cameras, and what it inspected where that is known."""
+    panel = demonstrated_panel(source, demonstration, states, width=2 * width)
+    legend = [("demonstrated path", DEMONSTRATED, "line"), *_state_legend([states])]
     return sheet_png([panel], legend, demonstration.demonstration_id, "")
 
 

@@ -44,14 +44,7 @@ FIGURES = {
     "assumed": "assumed",
     "read_pct": "log read, %",
 }
-_POLICY = "default-src 'none'; script-src 'self'; img-src data:; style-src 'unsafe-inline'"
-_STYLE = (
-    "body{font:15px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem}"
-    "figure{margin:1rem 0}table{border-collapse:collapse}td{padding:.15rem .8rem .15rem 0;vertical-align:top}"
-    "td+td{font-variant-numeric:tabular-nums}.refused,.allowed{color:#b00020}.warned{color:#8a5a00}"
-    "@media(prefers-color-scheme:dark){body{background:#16191d;color:#e4e6e8}.allowed{color:#ff8a80}"
-    ".warned{color:#ffca6b}}"
-)
+_POLICY = "default-src 'none'; img-src data:; style-src 'self' 'unsafe-inline'"
 
 
 def rows_of(passport: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -75,30 +68,40 @@ def passport_page(demonstration: Demonstration, picture: bytes) -> str:
     name = html.escape(demonstration.demonstration_id)
     source = html.escape(demonstration.structure_id)
     if passport:
-        findings = "".join(
-            f'<li class="{"allowed" if item["overruled"] else "warned"}">'
-            f"<strong>{html.escape(item['rule'])}</strong>"
-            f"{' (overruled)' if item['overruled'] else ''}: {html.escape(item['found'])}"
-            f" <i>{html.escape(item['remedy'])}</i></li>"
-            for item in passport["findings"]
+        refused = passport["verdict"] == "refused"
+        found = "".join(_finding(item) for item in passport["findings"])
+        said = (
+            f'<section class="verdict {"refused" if refused else "ok"}">'
+            f"<h2>Taken in: {html.escape(passport['verdict'])}</h2>"
+            + (f"<ul>{found}</ul>" if found else "<p>Nothing stands out.</p>")
+            + "</section>"
         )
         told = "".join(
-            f"<tr><td>{html.escape(words)}</td><td>{html.escape(value)}</td></tr>"
+            f"<dt>{html.escape(words)}</dt><dd>{html.escape(value)}</dd>"
             for words, value in rows_of(passport)
+            if value
         )
-        verdict = html.escape(passport["verdict"])
-        said = f"<p>Verdict: <strong>{verdict}</strong></p><ul>{findings}</ul><table>{told}</table>"
+        measured = f"<h2>What was measured when it was taken in</h2><dl>{told}</dl>"
     else:
-        said = "<p>Taken in without a passport: add its log again to have it judged.</p>"
+        said, measured = "<p>Taken in without a passport: add its log again to have it judged.</p>", ""
     image = base64.b64encode(picture).decode()
     wide, high = (int.from_bytes(picture[at : at + 4]) for at in (16, 20))  # of a PNG
     return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{name}</title>'
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{name}</title>'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
-        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style>'
-        f'<p><a href="../index.html">All transfers</a></p><h1>{name}</h1><p>Flown on {source}'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<link rel="stylesheet" href="../assets/report.css"></head><body><main>'
+        f'<a href="../index.html">All transfers</a><h1>{name}</h1><p class="sub">Flown on {source}'
         f"{' by ' + html.escape(demonstration.operator) if demonstration.operator else ''},"
-        f" {len(demonstration)} poses. {html.escape(demonstration.notes)}</p>"
-        f'<figure role="img" aria-label="{name} round {source}" style="aspect-ratio:{wide}/{high};'
-        f'background:url(data:image/png;base64,{image}) 0/contain no-repeat"></figure>{said}</html>\n'
+        f" {len(demonstration)} poses. {html.escape(demonstration.notes)}</p>{said}"
+        f'<figure role="img" aria-label="{name} round {source}" style="max-width:60rem;aspect-ratio:{wide}/{high};'
+        f'background:url(data:image/png;base64,{image}) 0/contain no-repeat"></figure>{measured}</main></body></html>\n'
+    )
+
+
+def _finding(item: Mapping[str, Any]) -> str:
+    overruled = " (overruled)" if item["overruled"] else ""
+    return (
+        f"<li><strong>{html.escape(item['rule'])}</strong>{overruled}: {html.escape(item['found'])}"
+        f" <i>{html.escape(item['remedy'])}</i></li>"
     )

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 from upplied import __version__
 from upplied.catalog import Catalog
@@ -127,7 +125,7 @@ def publish_pages(
         except UppliedError as error:
             problems[pair.name] = f"{pair.name}: {error}"
         progress(pair.name)
-    _put_passports(place, reader, source.demonstrations(), code, problems)
+    _put_passports(place, reader, pairs, code, problems)
     data = {"fleet": fleet_data(pairs, title, problems)}
     fallback = (
         f"{title}: {len(pairs)} transfers. The tables are in transfers.parquet; this page needs scripts."
@@ -213,15 +211,20 @@ def _put_missions(place: _Folder, reader: Reader, pair: Pair, key: str) -> dict[
 
 
 def _put_passports(
-    place: _Folder, reader: Reader, demonstrations: pd.DataFrame, code: str, problems: dict[str, str]
+    place: _Folder, reader: Reader, pairs: Sequence[Pair], code: str, problems: dict[str, str]
 ) -> None:
-    """A page for each demonstration: what was measured of it, and what was found."""
-    for row in demonstrations.to_dict("records"):
+    """A page for each demonstration: what was measured of it, what it inspected, and what was found."""
+    inspected: dict[str, tuple[str, str]] = {}  # by demonstration: a plan that knows it, and its hash
+    for pair in pairs:
+        if known := pair.main.get("inspected_sha256"):
+            inspected.setdefault(pair.demonstration_id, (str(pair.main["transfer_id"]), str(known)))
+    for row in reader.source.demonstrations().to_dict("records"):
         name = check_id(str(row["demonstration_id"]), "demonstration_id")
-        known = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
-        key = digest([code, name, *known, reader.sha256("structures", str(row["structure_id"]))])
+        planned, surface = inspected.get(name, ("", ""))
+        told = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
+        key = digest([code, name, *told, surface, reader.sha256("structures", str(row["structure_id"]))])
         try:
-            place.put(f"demonstrations/{name}.html", key, partial(reader.passport, name))
+            place.put(f"demonstrations/{name}.html", key, partial(reader.passport, name, planned))
         except UppliedError as error:
             problems[name] = f"{name}: {error}"
 

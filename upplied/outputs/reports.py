@@ -156,10 +156,14 @@ class Reader:
         demonstration = self.demonstration(pair.demonstration_id)
         return figures.transfer_png(source, target, demonstration, plan, width=width)
 
-    def passport(self, demonstration_id: str) -> str:
-        """The page of a demonstration, with its passport and a picture."""
+    def passport(self, demonstration_id: str, planned: str = "") -> str:
+        """The page of a demonstration, with its passport and a picture.
+
+        The picture shows what was inspected where a plan, `planned` by its ID, has found that out.
+        """
         flown = self.demonstration(demonstration_id)
-        picture = figures.demonstration_png(self.structure(flown.structure_id), flown)
+        inspected = self.source.inspected(planned) if planned else None
+        picture = figures.demonstration_png(self.structure(flown.structure_id), flown, inspected)
         return passport_page(flown, picture)
 
     def _seen_as_flown(self, row: Any, flown: Flown, target_id: str) -> np.ndarray | None:

@@ -10,7 +10,7 @@ from upplied.outputs.pairs import attainable, meaning, number, reason_of, shown_
 _WORTH_A_LOOK_PCT = 1.0  # of what was inspected: below it nobody finds the place in the picture
 # The most honest coverage that was computed, in words.
 _SHOWN = (
-    ("coverage_inspected_pct", "what was inspected, as well as it was shown there"),
+    ("coverage_inspected_pct", "what was inspected at least as well as the demonstration,"),
     ("coverage_seen_pct", "what was seen"),
     ("coverage_paper_pct", "what lay in the camera's frustum, hidden or not"),
 )

@@ -9,7 +9,7 @@
     { key: "target", label: "Target", wide: "minmax(7.2rem,1fr)" },
     { key: "state", label: "Decided", wide: "5.4rem", title: "Whether a person released the plan: in force, or a draft" },
     { key: "kind", label: "Kind", wide: "minmax(7.2rem,.6fr)" },
-    { key: "coverage", label: "Coverage", wide: "7.7rem", number: true, title: "Share of what the demonstration was about that the plan shows at least as well, where that was computed" },
+    { key: "coverage", label: "Inspected", wide: "8.4rem", number: true, title: "Share of what the demonstration was about that the plan shows at least as well, where that was computed" },
     { key: "paper", label: "Paper", wide: "4.3rem", number: true, title: "Coverage of the method as published" },
     { key: "baseline", label: "Baseline", wide: "5.4rem", number: true, title: "Coverage of the path scaled by the bounding boxes" },
     { key: "clearance", label: "Clearance", wide: "6.5rem", number: true, title: "Least distance between the path and the structure" },
@@ -19,7 +19,7 @@
     { key: "change", label: "What changed", wide: "minmax(7.8rem,1fr)" },
   ];
 
-  upplied.pages.fleet = function (app, fleet, address) {
+  upplied.pages.fleet = function (app, fleet, address, about) {
     const rows = fleet.rows.map((values, order) => {
       const row = { order };
       fleet.columns.forEach((name, at) => { row[name] = values[at]; });
@@ -29,7 +29,7 @@
     const state = { sort: "order", down: false, shown: rows, search: "", status: "", kind: "", changed: false, warned: false };
     document.title = fleet.title;
 
-    const table = virtualTable(address);
+    const table = virtualTable(address, about);
     const count = element("span", { class: "count", "aria-live": "polite" });
 
     function refresh() {
@@ -87,20 +87,20 @@
       tile(String(rows.length), "transfers"), tile(String(number("ok")), "planned", "ok"),
       tile(String(rows.filter((row) => row.status === "ok" && (row.warnings || []).length).length), "of them warned of"), tile(String(number("refused")), "refused", number("refused") ? "refused" : ""),
       tile(String(number("failed")), "failed", number("failed") ? "failed" : ""),
-      tile(format(covers[Math.floor(covers.length / 2)], 1, " %"), "median coverage"),
+      tile(format(covers[Math.floor(covers.length / 2)], 1, " %"), "median inspected"),
       tile(format(clears[0], 1, " m"), "least clearance"));
   }
 
-  function cells(row, address) {
+  function cells(row, address, about) {
     const text = (key, ...content) => element("div", { class: "cell " + key, role: "cell" }, ...content);
     const number = (key, value) => element("div", { class: "cell number " + key, role: "cell" }, value);
     const bar = element("span", { class: "bar" }, element("i", {}));
     bar.firstChild.style.width = Math.max(0, Math.min(100, row.coverage || 0)) + "%";
     const link = row.page ? element("a", { href: address(row.pair) }, row.target) : element("span", { title: "its page could not be made" }, row.target);
     return [
-      text("status", badge(row.status), warned(row.warnings || [])), text("demonstration", row.demonstration), text("target", link), text("state", row.state), text("kind", row.kind),
+      text("status", badge(row.status), warned(row.warnings || [])), text("demonstration", about ? element("a", { href: about(row.demonstration) }, row.demonstration) : row.demonstration), text("target", link), text("state", row.state), text("kind", row.kind),
       row.status === "ok" || row.status === "not flyable"
-        ? element("div", { class: "cell number coverage", role: "cell" }, bar, format(row.coverage, 1, " %"))
+        ? element("div", { class: "cell number coverage", role: "cell" }, bar, element("span", { class: "share" }, format(row.coverage, 1, " %")))
         : element("div", { class: "cell coverage reason", role: "cell", title: row.reason }, row.reason || "no reason given"),
       number("paper", format(row.paper, 1)), number("baseline", format(row.baseline, 1)),
       number("clearance", format(row.clearance, 1, " m")), number("frechet", format(row.frechet, 2)),
@@ -114,7 +114,7 @@
   }
 
   // Only the rows in sight exist; a spacer as tall as all of them keeps the scroll bar honest.
-  function virtualTable(address) {
+  function virtualTable(address, about) {
     const head = element("div", { class: "row head", role: "row" });
     const body = element("div", { class: "spacer", role: "rowgroup" });
     const view = element("div", { class: "view", tabindex: "0" }, element("div", { class: "sheet" }, head, body));
@@ -134,7 +134,7 @@
       if (wanted === drawn) return;
       drawn = wanted;
       body.replaceChildren(...rows.slice(first, last).map((row, at) => {
-        const made = element("div", { class: "row " + row.status, role: "row", "aria-rowindex": first + at + 2 }, cells(row, address));
+        const made = element("div", { class: "row " + row.status, role: "row", "aria-rowindex": first + at + 2 }, cells(row, address, about));
         made.style.top = (first + at) * height + "px";
         made.style.height = height + "px";
         return made;

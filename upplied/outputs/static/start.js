@@ -14,7 +14,8 @@
     window.scrollTo(0, 0);
     const transfer = data.pairs && data.pairs[wanted] ? data.pairs[wanted] : data.transfer;
     if (transfer) leave = upplied.pages.transfer(app, transfer, data.pairs ? "#" : data.back);
-    else leave = upplied.pages.fleet(app, data.fleet, (pair) => (data.pairs ? "#" : "transfers/") + pair + (data.pairs ? "" : ".html"));
+    else leave = upplied.pages.fleet(app, data.fleet, (pair) => (data.pairs ? "#" : "transfers/") + pair + (data.pairs ? "" : ".html"),
+      data.pairs ? null : (demonstration) => "demonstrations/" + demonstration + ".html");
   }
 
   Object.assign(upplied.structures, data.structures || {});

@@ -73,7 +73,7 @@
         element("a", { class: "back", href: back }, "All transfers"),
         element("h1", {}, demonstration.id, element("span", { class: "arrow" }, " → "), data.target, " ", badge(main.status)),
         element("p", { class: "sub" }, data.kind + ", demonstrated on " + data.source + (demonstration.operator ? " by " + demonstration.operator : "") + (demonstration.site ? ", " + demonstration.site : ""))),
-      upplied.verdicts(data.plans), upplied.downloads(data, panes),
+      upplied.verdicts(data.plans),
       data.plans.filter((plan) => plan.overruled && plan.overruled.length).map((plan) => element("section", { class: "verdict not-flyable" },
         element("h2", {}, plan.preset + ": rules were overruled"), element("ul", {}, plan.overruled.map((said) => element("li", {}, said))))),
       data.plans.filter((plan) => plan.decided && plan === main).map((plan) => element("p", { class: "note decided" }, element("b", {}, plan.preset + ": "), plan.decided)),
@@ -87,6 +87,7 @@
         element("label", { class: "check" }, frusta, "viewpoints"),
         planned.some((track) => track.states) ? colourBy : null),
       planned.some((track) => track.states) ? element("p", { class: "legend" }, STATES.map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name))) : null,
+      upplied.downloads(data, panes),
       data.plans.filter((plan) => plan.flown).map((plan) => element("p", { class: "flown" }, element("b", {}, plan.preset + (plan.flown.kind === "flown" ? ", as flown. " : ", flown in simulation. ")), plan.flown.said)),
       charts, measures(data.plans), remarks(data));
 

@@ -4,12 +4,13 @@
 (function () {
   const { element, badge } = upplied;
 
-  // One block a plan that matters: the first always, others where they are not flyable.
+  // The plan that would be flown in full; others where they are not flyable, a line each that opens.
   upplied.verdicts = function (plans) {
-    return plans.filter((plan, at) => at === 0 || plan.status !== "ok").map((plan) => {
+    return plans.filter((plan, at) => at === 0 || plan.status !== "ok").map((plan, at) => {
       const { flyable, headline, look } = plan.verdict;
-      return element("section", { class: "verdict " + plan.status.replace(" ", "-") },
-        element("h2", {}, plan.preset + ": ", flyable ? "flyable " : "not to be flown ", badge(plan.status)),
+      const title = [plan.preset + ": ", flyable ? "flyable " : "not to be flown ", badge(plan.status)];
+      return element(at ? "details" : "section", { class: "verdict " + plan.status.replace(" ", "-") },
+        at ? element("summary", {}, title) : element("h2", {}, title),
         element("p", {}, headline),
         look.length ? element("p", { class: "why" }, flyable ? "Look at this before it is flown:" : "Why:") : null,
         look.length ? element("ul", {}, look.map((each) => element("li", {}, each))) : null,
