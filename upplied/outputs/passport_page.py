@@ -44,7 +44,7 @@ FIGURES = {
     "assumed": "assumed",
     "read_pct": "log read, %",
 }
-_POLICY = "default-src 'none'; img-src data:; style-src 'self' 'unsafe-inline'"
+_POLICY = "default-src 'none'; script-src 'self'; img-src data:; style-src 'self' 'unsafe-inline'"
 
 
 def rows_of(passport: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -94,8 +94,9 @@ def passport_page(demonstration: Demonstration, picture: bytes) -> str:
         f'<a href="../index.html">All transfers</a><h1>{name}</h1><p class="sub">Flown on {source}'
         f"{' by ' + html.escape(demonstration.operator) if demonstration.operator else ''},"
         f" {len(demonstration)} poses. {html.escape(demonstration.notes)}</p>{said}"
-        f'<figure role="img" aria-label="{name} round {source}" style="max-width:60rem;aspect-ratio:{wide}/{high};'
-        f'background:url(data:image/png;base64,{image}) 0/contain no-repeat"></figure>{measured}</main></body></html>\n'
+        f'<figure role="img" aria-label="{name} round {source}" '
+        f'style="max-width:60rem;aspect-ratio:{wide}/{high};background:url(data:image/png;base64,{image}) 0/contain no-repeat"></figure>'
+        f"{measured}</main></body></html>\n"
     )
 
 
