@@ -95,7 +95,8 @@ def passport_page(demonstration: Demonstration, picture: bytes) -> str:
         f"{' by ' + html.escape(demonstration.operator) if demonstration.operator else ''},"
         f" {len(demonstration)} poses. {html.escape(demonstration.notes)}</p>{said}"
         f'<figure role="img" aria-label="{name} round {source}" '
-        f'style="max-width:60rem;aspect-ratio:{wide}/{high};background:url(data:image/png;base64,{image}) 0/contain no-repeat"></figure>'
+        f'style="max-width:60rem;aspect-ratio:{wide}/{high};'
+        f'background:url(data:image/png;base64,{image}) 0/contain no-repeat"></figure>'
         f"{measured}</main></body></html>\n"
     )
 
