@@ -1,9 +1,11 @@
 """How many small faults in the planning and the catalog do their tests notice?
 
-First it is traced, once for each test file, which lines each test runs and for how long. Then each mutant
-(`mutants`) meets the tests that run its lines, the fastest first, until one fails. A line that is run when a
-module is loaded, or in a compiled function, counts as run by every test that runs any line of its module.
-Printed are the share that the tests killed, and each survivor.
+First it is traced, once for each test file, which lines each test runs and what it costs. Mutants (`mutants`)
+that no test runs are printed at once: a test is missing there, or the code is dead. Each other one meets the
+tests that run its lines, first those of its own room and of them the fastest, until one fails. A line that is
+run when a module is loaded, or in a compiled function, counts as run by every test that runs any line of its
+module. Times are those of the processor, so that a busy machine judges as a quiet one does. Printed are the
+share that the tests killed, and each survivor.
 
     python tests/mutate.py --number 200 --seed 0 [--only upplied/planning/airspace]
 """
@@ -15,19 +17,23 @@ import hashlib
 import json
 import multiprocessing
 import os
+import resource
 import shutil
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
-from types import FrameType
+from types import CodeType, FrameType
 from typing import Any
 
 from mutants import ROOMS, ROOT, Mutant, sample
 
 SLACK_S = 30  # beyond three times what the tests take on sound code: then a mutant hangs, which is noticed
+WAITS = 12  # times that, by the clock: then it waits for something that does not come
 HANGS_S = 600  # after which a file of tests is given up that is being traced
 BUDGET_S = 60  # of tests for one mutant, as they take on sound code; what survives them counts as survived
+CALLS, LINES = 200, 20_000  # of one function in one test: what it runs beyond is no longer traced
 KEPT = ROOT / ".cache" / "mutate.json"
 #: Loaded once, and not anew for each mutant; not pyarrow, which starts threads that do not survive a fork.
 LIBRARIES = (
@@ -39,47 +45,62 @@ Lines = dict[str, dict[str, list[str]]]  # of a module, of a line: who runs it
 
 
 class Tracer:
-    """A plugin of pytest: which lines of the rooms each test runs, and for how long it lasts."""
+    """A plugin of pytest: which lines of the rooms each test runs, and the seconds that it takes."""
 
     def __init__(self, root: Path) -> None:
         self._inside = tuple(str(root / room) + os.sep for room in ROOMS)
-        self._root, self._who, self._seen = root, "", set[tuple[str, str, int]]()
-        self._known: dict[str, bool] = {}
+        self._root, self._who, self._begin = root, "", 0.0
+        self._seen = set[tuple[CodeType, str, int]]()
+        self._asked: dict[CodeType, bool] = {}
+        self._calls, self._lines = Counter[CodeType](), Counter[CodeType]()
         self.seconds: dict[str, float] = {}
         self.failed: list[str] = []
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         if report.failed:
             self.failed.append(report.nodeid)
-        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         # What a fixture runs may be meant for all tests of the file.
-        self._who = nodeid.split("::")[0]
+        self._ask(nodeid.split("::")[0])
+        self._begin = time.process_time()
         sys.settrace(self._enter)
 
     def pytest_runtest_call(self, item: Any) -> None:
-        self._who = item.nodeid
+        self._ask(item.nodeid)
 
-    def pytest_runtest_logfinish(self) -> None:
+    def pytest_runtest_logfinish(self, nodeid: str) -> None:
         sys.settrace(None)
+        self.seconds[nodeid] = time.process_time() - self._begin
+
+    def _ask(self, who: str) -> None:
+        self._who = who
+        self._calls.clear()
+        self._lines.clear()
 
     def _enter(self, frame: FrameType, event: str, argument: object) -> Any:
-        name = frame.f_code.co_filename
-        if name not in self._known:
-            self._known[name] = name.startswith(self._inside)
-        return self._line if self._known[name] and frame.f_code.co_name != "<module>" else None
+        code = frame.f_code
+        asked = self._asked.get(code)
+        if asked is None:
+            asked = code.co_filename.startswith(self._inside) and code.co_name != "<module>"
+            self._asked[code] = asked
+        if not asked:
+            return None
+        self._calls[code] += 1
+        return self._line if self._calls[code] <= CALLS else None
 
     def _line(self, frame: FrameType, event: str, argument: object) -> Any:
+        code = frame.f_code
         if event == "line":
-            self._seen.add((frame.f_code.co_filename, self._who, frame.f_lineno))
-        return self._line
+            self._lines[code] += 1
+            self._seen.add((code, self._who, frame.f_lineno))
+        return self._line if self._lines[code] < LINES else None
 
     def lines(self) -> Lines:
         """Of each module and line, who runs it: a test, or by its name alone the file of tests."""
         found: Lines = {}
-        for name, who, line in sorted(self._seen):
-            module = str(Path(name).relative_to(self._root))
+        for code, who, line in self._seen:
+            module = str(Path(code.co_filename).relative_to(self._root))
             found.setdefault(module, {}).setdefault(str(line), []).append(who)
         return found
 
@@ -109,7 +130,8 @@ def _trace(root: Path, file: str, result: Path) -> None:
     result.write_text(json.dumps(found), encoding="utf-8")
 
 
-def _judge(root: Path, asked: list[str]) -> None:
+def _judge(root: Path, asked: list[str], limit_s: int) -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s))
     os._exit(min(_pytest(root, ["-x", *asked], []), 1))
 
 
@@ -156,8 +178,8 @@ def _digest(root: Path, *paths: Path) -> str:
     return whole.hexdigest()
 
 
-def tests_for(mutant: Mutant, files: dict[str, Any]) -> list[tuple[str, float]]:
-    """The tests that run a mutant's lines, and their seconds, the fastest first."""
+def tests_for(mutant: Mutant, files: dict[str, Any], own: str) -> list[tuple[str, float]]:
+    """The tests that run a mutant's lines, and their seconds: those under `own` first, then the fastest."""
     asked: dict[str, float] = {}
     for file, of in files.items():
         run, seconds = of["lines"].get(str(mutant.path), {}), of["seconds"]
@@ -166,18 +188,30 @@ def tests_for(mutant: Mutant, files: dict[str, Any]) -> list[tuple[str, float]]:
             if not mutant.traced or int(line) in mutant.lines:
                 who.update(names)
         asked |= seconds if file in who else {name: seconds[name] for name in who & seconds.keys()}
-    return sorted(asked.items(), key=lambda each: each[1])
+    return sorted(asked.items(), key=lambda each: (not each[0].startswith(own), each[1]))
+
+
+def within_budget(asked: list[tuple[str, float]]) -> tuple[list[str], float]:
+    """The first of the tests that keep to the budget, at least one, and their seconds."""
+    names, seconds = [], 0.0
+    for name, lasts in asked:
+        if not names or seconds + lasts <= BUDGET_S:
+            names.append(name)
+            seconds += lasts
+    return names, seconds
 
 
 def noticed(mutant: Mutant, asked: list[str], seconds: float, root: Path) -> bool:
     """Whether a test fails on the mutant; hanging is failing."""
     place = root / mutant.path
-    sound = place.read_text(encoding="utf-8")
+    sound, times = place.read_text(encoding="utf-8"), place.stat()
     place.write_text(mutant.source, encoding="utf-8")
+    limit_s = int(3 * seconds + SLACK_S)
     try:
-        process = CONTEXT.Process(target=_judge, args=(root, asked))
+        _forget_compiled(place, root)
+        process = CONTEXT.Process(target=_judge, args=(root, asked, limit_s))
         process.start()
-        process.join(3 * seconds + SLACK_S)
+        process.join(WAITS * limit_s)
         if process.is_alive():
             process.kill()
             process.join()
@@ -185,6 +219,19 @@ def noticed(mutant: Mutant, asked: list[str], seconds: float, root: Path) -> boo
         return process.exitcode != 0
     finally:
         place.write_text(sound, encoding="utf-8")
+        os.utime(place, ns=(times.st_atime_ns, times.st_mtime_ns))  # what was compiled of it holds again
+        _forget_compiled(place, root)
+
+
+def _forget_compiled(place: Path, root: Path) -> None:
+    """Compiled functions may hold copies of a module's: numba does not compile them anew for it."""
+    if "njit" not in place.read_text(encoding="utf-8"):
+        return
+    name = ".".join(place.relative_to(root).with_suffix("").parts)
+    for module in root.joinpath("upplied").rglob("*.py"):
+        if module == place or name in module.read_text(encoding="utf-8"):
+            for index in module.parent.joinpath("__pycache__").glob(f"{module.stem}.*.nbi"):
+                index.unlink()
 
 
 def main() -> int:
@@ -198,25 +245,24 @@ def main() -> int:
     mutants, begin = sample(given.number, given.seed, tuple(given.only)), time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder) / "project"
-        ignored = shutil.ignore_patterns(".venv", ".git", "__pycache__", ".*_cache", ".cache", "site")
+        ignored = shutil.ignore_patterns(".venv", ".git", "*.pyc", ".*_cache", ".cache", "site")
         shutil.copytree(ROOT, root, ignore=ignored, symlinks=True)
         files = traced(root, tuple(given.only))
         judged, survivors = 0, []
-        for number, mutant in enumerate(mutants[given.skip :], given.skip + 1):
+        asks = [
+            tests_for(mutant, files, f"{_tests_of(root, mutant.path.parent).relative_to(root)}/")
+            for mutant in mutants
+        ]
+        for number in sorted(range(given.skip, len(mutants)), key=lambda at: bool(asks[at])):
             if time.monotonic() - begin > 3600 * given.hours:
                 break
-            asked, seconds = [], 0.0
-            for name, lasts in tests_for(mutant, files):
-                if asked and seconds + lasts > BUDGET_S:
-                    break
-                asked.append(name)
-                seconds += lasts
+            mutant, (asked, seconds) = mutants[number], within_budget(asks[number])
             judged += 1
             if asked and noticed(mutant, asked, seconds, root):
                 said = "killed"
             else:
                 said = "SURVIVED" if asked else "RUN BY NO TEST"
-                survivors.append(f"{mutant} ({len(asked)} tests)")
+                survivors.append(f"{mutant} ({len(asked)} of {len(asks[number])} tests)")
             print(f"{number:4d} {said:14s} {mutant}", flush=True)
     share = 100 * (1 - len(survivors) / max(judged, 1))
     print(f"\n{judged - len(survivors)} of {judged} mutants killed: {share:.0f} % (seed {given.seed})")
