@@ -15,8 +15,10 @@ from upplied.planning.demonstration.attention import Attention, attention
 from upplied.planning.surface.frames import structure_in
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
-from upplied.planning.visibility.path_views import TRULY, views
-from upplied.records import Cloud, Demonstration, Floats, Frame, Ints, Structure
+from upplied.planning.visibility.moments import moments
+from upplied.planning.visibility.path_views import TRULY, Views, views
+from upplied.poses import look_at, matrices
+from upplied.records import Camera, Cloud, Demonstration, Floats, Frame, Ints, Structure, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.scene import scene_of
@@ -118,3 +120,91 @@ def test_a_box_is_meant_in_the_declared_frame() -> None:
         for one in (structure, turned)
     )
     assert declared is not None and declared.any() and (declared == inside).all()
+
+
+def drawn(seed: int) -> tuple[Trajectory, Cloud, Views, Ints]:
+    """A few poses before random patches, some of them behind others' normals."""
+    rng = np.random.default_rng(seed)
+    at = np.array([-9.0, 0, 0]) + np.cumsum(rng.normal(0, 0.25, (41, 3)), axis=0)
+    flight = Trajectory(np.linspace(0, 10, 41), at, look_at(at, rng.normal(0, 0.4, (41, 3))))
+    points = rng.normal(0, 2.0, (60, 3)) + np.where(rng.random((60, 1)) < 0.3, [8.0, 0, 0], [0.0, 0, 0])
+    normals = rng.normal(size=(60, 3)) - np.array([1.5, 0, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    cloud = Cloud(points, normals, rng.uniform(0.5, 2, 60))
+    part = (points[:, 0] > 3).astype(np.int64) + (points[:, 1] > 0)
+    return flight, cloud, Views(flight, rng.random((41, 60)) < 0.7), part
+
+
+def quantile(values: Floats, weight: Floats, share: float) -> float:
+    order = np.argsort(values, kind="stable")
+    return float(values[order][np.searchsorted(np.cumsum(weight[order]), share * weight.sum())])
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("named_by_user", [False, True])
+def test_attention_is_what_its_five_steps_say(seed: int, named_by_user: bool) -> None:
+    flight, cloud, shown, part = drawn(seed)
+    assert cloud.normals is not None and cloud.area_m2 is not None
+    zone = cloud.points[:, 2] > 0 if named_by_user else None
+    settings = InspectionSettings(max_motion_px=3.0)
+    camera = Camera(75, 75, 0.5, 60)
+    found = attention(flight, np.empty(0, np.int64), camera, cloud, shown, part, settings, zone)
+    steps, area = moments(flight), cloud.area_m2
+    seen = shown.seen[np.abs(shown.stations.t_s[:, None] - steps.poses.t_s).argmin(axis=0)]
+    rays = cloud.points - steps.poses.positions[:, None]
+    length = np.linalg.norm(rays, axis=2)
+    x, y, z = np.moveaxis(np.einsum("kij,kni->knj", matrices(steps.poses.quat_xyzw), rays), 2, 0)
+    cosine = -(rays * cloud.normals).sum(axis=2) / length
+    middle = np.exp(-((y / x) ** 2 + (z / x) ** 2) / (2 * 0.2**2))
+    fills = middle * np.maximum(cosine, 0) * area / length**2 * seen * (x > 0)
+    depth = np.array([quantile(x[k], fills[k], 0.3) if fills[k].any() else np.inf for k in range(len(steps))])
+    known = np.isfinite(depth)
+    way = (np.linalg.norm(steps.velocity, axis=1) + 0.1) * steps.step_s
+    subject = quantile(depth[known], (way / depth**2)[known], 0.5)
+    assert found.subject_m == pytest.approx(subject)
+    limit = (
+        np.where(depth <= 1.5 * subject, 1.3 * depth, 0.0) if zone is None else np.full(len(steps), np.inf)
+    )
+    across = (
+        steps.velocity[:, None]
+        - rays * (rays * steps.velocity[:, None]).sum(axis=2)[..., None] / length[..., None] ** 2
+    )
+    moved = np.linalg.norm(
+        np.cross(steps.turn[:, None], rays / length[..., None]) + across / length[..., None], axis=2
+    )
+    held = steps.step_s[:, None] * np.minimum(1, settings.sharp_radps(75) / moved)
+    held = held * seen * (x > 0) * (x <= limit[:, None])
+    gazed = 1 - np.exp(-(held * middle).sum(axis=0) / 4.0)
+    complete = np.array([np.average(gazed[part == one], weights=area[part == one]) for one in range(3)])
+    complete /= np.average(complete[part], weights=area * gazed)
+    assert found.completeness == pytest.approx(complete)
+    share = np.clip((complete - 0.4) / 0.2, 0, 1)[part]
+    meant = share**2 * (3 - 2 * share) if zone is None else zone
+    weight = meant * (1 - np.exp(-held.sum(axis=0) / 1.0))
+    assert found.weight == pytest.approx(weight)
+    looks = seen * (weight * area) * steps.step_s[:, None]
+    blur = quantile(moved.ravel(), looks.ravel(), 0.95)
+    tilt = quantile(np.degrees(np.arccos(np.clip(cosine, 0, 1))).ravel(), looks.ravel(), 0.95)
+    assert blur <= found.motion_radps <= blur * np.exp(0.021)
+    assert tilt <= found.incidence_deg <= tilt + 0.51
+
+
+def test_areas_of_one_are_understood() -> None:
+    flight, cloud, shown, part = drawn(1)
+    plain = Cloud(cloud.points, cloud.normals)
+    ones = replace(cloud, area_m2=np.ones(60))
+    settings, nowhere = InspectionSettings(), np.empty(0, np.int64)
+    one, other = (attention(flight, nowhere, Camera(), of, shown, part, settings) for of in (plain, ones))
+    assert np.array_equal(one.weight, other.weight) and one.subject_m == other.subject_m
+
+
+def test_what_was_seen_from_behind_alone_was_no_subject() -> None:
+    at = np.tile([-5.0, 0, 0], (5, 1))
+    flight = Trajectory(np.arange(5.0), at, np.tile([0.0, 0, 0, 1], (5, 1)))
+    away = Cloud(np.zeros((2, 3)), np.tile([1.0, 0, 0], (2, 1)), np.ones(2))
+    shown = Views(flight, np.ones((5, 2), bool))
+    found = attention(
+        flight, np.empty(0, np.int64), Camera(), away, shown, np.zeros(2, int), InspectionSettings()
+    )
+    assert np.isnan(found.subject_m) and not found.weight.any() and found.completeness.tolist() == [0.0]
+    assert found.motion_radps == 0 and found.incidence_deg == 0
