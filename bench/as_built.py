@@ -2,25 +2,21 @@
 
     python bench/as_built.py parts FILE
     python bench/as_built.py fit FILE
-    python bench/as_built.py plans [--only WORD]
 
 `parts` finds the parts of scans (bench/scans.py) by structures whose pieces tell theirs, and the other way
 round, and writes for each part the evidence and whether it is the right one as a line of JSON: right is a
 part of which at least 70 % lies on the generator's part of that name (of that sort, where numbers differ),
 and which holds at least half of it. `fit` calibrates
 `correspondence.certainty` on the samples (FIT) and on structures that nobody built (HELD), judges each by the
-other, and prints the constants of all. `plans` plans inspections on scans, and
-judges by the clean mesh what of the right part is truly seen.
+other, and prints the constants of all.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
 import json
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,13 +34,8 @@ from upplied.planning.correspondence.certainty import (
 from upplied.planning.correspondence.landmarks import choices_for
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.geometry.boxes import in_source_frame
-from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.parts import labels_of, parts_of
-from upplied.planning.surface.samples import surface_samples
-from upplied.planning.visibility.path_views import TRULY, views
-from upplied.records import Bools, Camera, Floats, Ints, Plan, Trajectory
-from upplied.samples.pilot import fly
-from upplied.scene import scene_of
+from upplied.records import Bools, Floats, Ints
 
 SOURCES = {
     "airliner": ("a320-v1", "b747-v1"),
@@ -96,7 +87,7 @@ def rows_of(
     told = fit.told >= 0
     mine, theirs = parts_of(here), parts_of(registered)
     common = {"kind": kind, "source": names[0], "target": names[1], "variant": variant, "told": told}
-    counts = [_sorts(kind, name) for name in names]
+    counts = [sorts(kind, name) for name in names]
     wholes, carried = fit.registration.acceptance, fit.carried
     if carried is None:
         return
@@ -106,7 +97,7 @@ def rows_of(
         if not answers:
             continue
         meant = _most(true_here[labels_of(here) == part])
-        strict = counts[0].get(_sort(meant)) == counts[1].get(_sort(meant)) and not _free(meant)
+        strict = counts[0].get(sort(meant)) == counts[1].get(sort(meant)) and not free(meant)
         right = _right(np.isin(labels_of(registered), answers), true_there, area, meant, strict)
         found = evidence_of_answer(here, part, registered, answers, wholes, told, carried)
         yield {**common, "part": meant, "question": "answer", "right": right, "evidence": found.tolist()}
@@ -123,17 +114,17 @@ def rows_of(
                 }
 
 
-def _sort(name: str) -> str:
+def sort(name: str) -> str:
     """What sort of part a name says: ``engine`` of ``engine_left_outer``, ``pier`` of ``pier_2``."""
     return re.sub(r"_(left|right|outer|inner|front|back|\d+)", "", name)
 
 
-def _sorts(kind: str, name: str) -> dict[str, int]:
+def sorts(kind: str, name: str) -> dict[str, int]:
     names = made(kind, name).part_names
-    return {_sort(each): sum(_sort(other) == _sort(each) for other in names) for each in names}
+    return {sort(each): sum(sort(other) == sort(each) for other in names) for each in names}
 
 
-def _free(name: str) -> bool:
+def free(name: str) -> bool:
     """Whether any of the sort will do: a rotor may stand as it likes."""
     return name.startswith("blade")
 
@@ -146,13 +137,13 @@ def _most(names: np.ndarray) -> str:
 def _right(mine: Bools, true: np.ndarray, area: Floats, meant: str, strict: bool | None = None) -> bool:
     """Whether samples are the part that is meant, or one of its sort on its side, or any of its sort."""
     name = _most(true[mine])
-    fits = name == meant if strict else _sort(name) == _sort(meant)
-    fits &= strict is None or _side(name) == _side(meant)
+    fits = name == meant if strict else sort(name) == sort(meant)
+    fits &= strict is None or side(name) == side(meant)
     both = area[mine & (true == name)].sum()
     return bool(fits and both >= PURE * area[mine].sum() and both >= WHOLE * area[true == name].sum())
 
 
-def _side(name: str) -> str:
+def side(name: str) -> str:
     return next((side for side in ("left", "right") if side in name), "")
 
 
@@ -193,85 +184,6 @@ def fit(options: argparse.Namespace) -> None:
         print("constants, from all:", tuple(round(float(x), 2) for x in _calibrated(evidence, right)))
 
 
-#: Kind, source, inspection, what is asked, target, and the parts that should be shown.
-PLANS: tuple[tuple[str, str, str, dict[str, Any], str, str], ...] = (
-    ("airliner", "a320-v1", "engine_left", {"repeat": "each", "expect": 4}, "b747-v1", "engine"),
-    ("airliner", "a320-v1", "engine_left", {}, "b777-v1", "engine_left"),
-    ("airliner", "a320-v1", "engine_left", {"counterparts": [("engine_left", "outer")]}, "b747-v1",
-     "engine_left_outer"),
-    ("airliner", "a320-v1", "wings", {}, "r11", "wing"),
-    ("airliner", "a320-v1", "fuselage", {}, "b777-v1", "fuselage"),
-    ("wind_turbine", "turbine-1-v1", "tower", {}, "turbine-2-v1", "tower"),
-    ("bridge", "bridge-1-v1", "piers", {}, "bridge-2-v1", "pier"),
-    ("ship", "cruise-v1", "hull", {}, "yacht-2-v1", "hull"),
-)  # fmt: skip
-STRANGERS = (("airliner", "a320-v1", "engine_left", "ship", "cruise-v1"),
-             ("bridge", "bridge-1-v1", "piers", "airliner", "b777-v1"),
-             ("ship", "cruise-v1", "hull", "bridge", "bridge-2-v1"))  # fmt: skip
-CLEARANCE_M = 2.0  # that `recommended` keeps
-SHOWN = 0.8  # of what the plan for the clean mesh shows of the right part
-
-
-def plans(options: argparse.Namespace) -> None:
-    """Plan on scans, and judge by the clean mesh."""
-    print("source inspection > target (asked): variant: status, right part seen on the clean mesh "
-          "(least of several), clearance there; silent wrong plans are marked")  # fmt: skip
-    wrong = refused = planned = near = 0
-    for kind, source, inspection, asked, target, right in PLANS:
-        if options.only not in f"{kind} {inspection} {target}":
-            continue
-        clean = None
-        for variant in VARIANTS:
-            plan = _planned(kind, source, inspection, asked, kind, target, variant)
-            said = any("part_" in warning for warning in plan.warnings)
-            line = f"{source} {inspection} > {target} ({asked or 'once'}): {variant:8} {plan.status:8}"
-            planned += 1
-            if plan.trajectory is None:
-                refused += 1
-                print(f"{line} {plan.reason[:140]}", flush=True)
-                continue
-            seen, clearance = _judged(plan.trajectory, kind, target, right)
-            clean = seen if variant == "model" else clean
-            silent = clean is not None and seen < SHOWN * clean and not said
-            wrong, near = wrong + silent, near + (clearance < CLEARANCE_M)
-            known = plan.measures.counterpart_probability
-            mark = ", SILENT WRONG" if silent else ", warned" if said else ""
-            print(
-                f"{line} seen {100 * seen:3.0f} %, clear {clearance:.2f} m, sure {known:.2f}{mark}",
-                flush=True,
-            )
-    for kind, source, inspection, other, target in STRANGERS:
-        for variant in ("shell", "cloud"):
-            if options.only not in f"{kind} {inspection} {target}":
-                continue
-            plan = _planned(kind, source, inspection, {}, other, target, variant)
-            said = f"stranger {source} {inspection} > {target}: {variant:8}"
-            print(said, plan.status, plan.reason[:80])
-    print(f"{planned} plans, {refused} refused, {wrong} silently wrong, {near} nearer on the clean mesh")
-
-
-def _planned(
-    kind: str, source: str, inspection: str, asked: dict[str, Any], other: str, target: str, variant: str
-) -> Plan:
-    one, there = made(kind, source).structure, scan(other, target, variant)
-    settings = settings_for("recommended", correspondence=asked)
-    return plan_transfer(fly(one, inspection, seed=2), one, replace(there, kind=kind), settings)
-
-
-def _judged(path: Trajectory, kind: str, target: str, right: str) -> tuple[float, float]:
-    """Share of the right part (the least of several) seen on the clean mesh, and the clearance there, m."""
-    clean = made(kind, target).structure
-    scene = scene_of(clean, 1)
-    cloud = surface_samples(clean, scene, settings_for("recommended").clouds)
-    seen = views(path, cloud, Camera(), TRULY, scene).seen.any(axis=0)
-    name = true_parts(kind, target, cloud.points)
-    area = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
-    meant = [each for each in np.unique(name) if str(each) == right or _sort(str(each)) == right]
-    shares = [float(area[seen & (name == each)].sum() / area[name == each].sum()) for each in meant]
-    along = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(path.positions)])
-    return min(shares), float(scene.distance(along).min())
-
-
 def _calibrated(evidence: Floats, right: Bools) -> Floats:
     """Logistic regression with weights of at least 0 and a ridge on them, in units of their caps."""
 
@@ -307,9 +219,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         command = commands.add_parser(name)
         command.add_argument("file")
         command.set_defaults(run=run)
-    command = commands.add_parser("plans")
-    command.add_argument("--only", default="", help="kind, inspection and target contain it")
-    command.set_defaults(run=plans)
     options = parser.parse_args(arguments)
     options.run(options)
 
