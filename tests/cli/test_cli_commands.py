@@ -6,7 +6,9 @@ import json
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
 
 import upplied.planning.plan as planning
 from upplied import provenance
@@ -67,6 +69,23 @@ def test_a_mesh_is_checked_in_words_and_drawn(tmp_path, monkeypatch, capsys):
     assert main(["structures", "check", "bad.obj"]) == 1
     assert main(["structures", "check", "none.obj"]) == 2
     assert not Path("bad-check.png").exists()
+
+
+def test_a_scan_is_written_without_its_ground(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    ground = 40 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    box = trimesh.creation.box((4, 6, 8))
+    box.apply_translation((0, 0, 5))
+    scene = trimesh.util.concatenate([box, trimesh.Trimesh(ground, [[0, 1, 2], [0, 2, 3]])])
+    scene.export("tank.ply")
+    box.export("alone.ply")
+    assert main(["structures", "check", "tank.ply", "--clean"]) == 0
+    said = capsys.readouterr().out
+    assert "6400.0 m² of ground; 208.0 m² are left" in said and "ground_z = 0.00" in said
+    assert Path("tank-clean.png").read_bytes().startswith(PNG)
+    assert trimesh.load("tank-clean.ply").area == pytest.approx(208.0)
+    assert main(["structures", "check", "alone.ply", "--clean"]) == 0
+    assert "nothing to separate" in capsys.readouterr().out and not Path("alone-clean.ply").exists()
 
 
 def test_one_structure_of_a_manifest_is_checked_against_what_is_declared(tmp_path, capsys):

@@ -15,12 +15,14 @@ if TYPE_CHECKING:
     from upplied.records import Structure
 
 
-def check_mesh(file: Path, png: Path | None) -> int:
+def check_mesh(file: Path, png: Path | None, clean: bool = False) -> int:
     """Say how a mesh or cloud file is that no manifest declares, and draw it; 1 when it would be refused."""
-    return _told(file, file, png or Path(f"{file.stem}-check.png"))
+    return _told(file, file, png or Path(f"{file.stem}-check.png"), clean=clean)
 
 
-def check_entry(manifest: Path, id: str, png: Path | None, catalog: Catalog | None, asked: Asked) -> int:
+def check_entry(
+    manifest: Path, id: str, png: Path | None, catalog: Catalog | None, asked: Asked, clean: bool = False
+) -> int:
     """The same of one structure of a manifest, as declared there, among those of a catalog."""
     from upplied.errors import InputError
     from upplied.inputs.manifests import read_manifest
@@ -28,10 +30,12 @@ def check_entry(manifest: Path, id: str, png: Path | None, catalog: Catalog | No
     entries = {entry.structure_id: entry for entry in asked.of(read_manifest(manifest))}
     if id not in entries:
         raise InputError(f"{manifest}: {id}", "is not in the manifest", f"one of {', '.join(entries)}")
-    return _told(entries[id], entries[id].path, png or Path(f"{id}-check.png"), catalog)
+    return _told(entries[id], entries[id].path, png or Path(f"{id}-check.png"), catalog, clean)
 
 
-def _told(what: StructureEntry | Path, file: Path, png: Path, catalog: Catalog | None = None) -> int:
+def _told(
+    what: StructureEntry | Path, file: Path, png: Path, catalog: Catalog | None = None, clean: bool = False
+) -> int:
     from upplied.errors import InputError
     from upplied.fleet.workers import JobKilled, Workers
     from upplied.inputs.health import health_report
@@ -52,7 +56,37 @@ def _told(what: StructureEntry | Path, file: Path, png: Path, catalog: Catalog |
     found = () if isinstance(what, Path) else _among_others(what, report.structure, catalog)
     for verdict in found:
         console.print(f"  {verdict.severity:<11} {verdict}. {verdict.remedy}", markup=False, soft_wrap=True)
+    if clean:
+        _cleaned(report.structure, png)
     return int(bool(report.problems or refusals(found)))
+
+
+def _cleaned(structure: Structure, png: Path) -> None:
+    """Write the structure apart from ground, clutter and neighbours, and a picture of before and after."""
+    from dataclasses import replace
+
+    from upplied.inputs.separation import CLASSES, kept, separated
+    from upplied.outputs.figures import save, separation_png
+    from upplied.outputs.files import replace_file
+    from upplied.outputs.ply import ply_bytes
+
+    found = separated(structure)
+    if not found.texts:
+        console.print("  clean       nothing to separate: all of it is the structure", soft_wrap=True)
+        return
+    stem = png.stem.removesuffix("-check") + "-clean"
+    mesh, picture = png.with_name(f"{stem}.ply"), png.with_name(f"{stem}.png")
+    vertices, triangles, normals = kept(structure, found)
+    left = replace(structure, vertices=vertices, triangles=triangles, normals=normals)
+    replace_file(mesh, ply_bytes(vertices, triangles, normals))
+    save(picture, separation_png(structure, found.label, CLASSES, left))
+    console.print(
+        f"  separated   {'; '.join(found.texts)}; {found.area_m2[0]:.1f} m² are left", soft_wrap=True
+    )
+    ground = "" if found.ground_z_m is None else f", ground_z = {found.ground_z_m:.2f}"
+    declare = f"units = 'm', up = 'z', forward = 'x'{ground}"
+    console.print(f"  cleaned     {mesh}: declare {declare}", markup=False, soft_wrap=True)
+    console.print(f"  picture     {picture} (before and after)", markup=False, soft_wrap=True)
 
 
 def _among_others(

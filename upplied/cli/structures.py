@@ -122,6 +122,10 @@ def check(
     *,
     id: Annotated[str | None, Parameter(help="Of a manifest: tell all of this one structure.")] = None,
     png: Annotated[Path | None, Parameter(help="Picture of the one; else NAME-check.png here.")] = None,
+    clean: Annotated[
+        bool,
+        Parameter(negative="", help="Also write NAME-clean.ply without ground, clutter and neighbours."),
+    ] = False,
     allow: AllowOption = (),
     strict: StrictOption = False,
     set_: SetOption = (),
@@ -142,10 +146,10 @@ def check(
 
     asked = _asked(allow, strict, set_)
     if file.suffix.lower() not in (".toml", ".csv"):
-        return check_mesh(file, png)
+        return check_mesh(file, png, clean)
     others = _compared(catalog)
     if id is not None:
-        return check_entry(file, id, png, others, asked)
+        return check_entry(file, id, png, others, asked, clean)
 
     with progress("checking structures", len(read_manifest(file))) as advance:
         found = fleet.check_structures(file, workers, lambda _: advance(), others, asked)

@@ -23,6 +23,9 @@ STATES = {
     "inspected": "#2e9e7c",
 }
 
+#: Colour of what is, and is not, the structure in a scan: it, the ground, clutter, a neighbour.
+CLASSES = (SURFACE, "#b9a26a", "#d55e00", "#cc79a7")
+
 
 def rgb(colour: str) -> tuple[float, float, float]:
     """Red, green and blue in 0 .. 1 of ``#rrggbb``.

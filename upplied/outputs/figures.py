@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from upplied.errors import SettingsError
-from upplied.outputs.colours import DEMONSTRATED, PRESETS, STATES, rgb
+from upplied.outputs.colours import CLASSES, DEMONSTRATED, PRESETS, STATES, rgb
 from upplied.outputs.draw import tubes
-from upplied.outputs.draw.canvas import Solid, picture, solid
+from upplied.outputs.draw.canvas import Classed, Solid, picture, solid
 from upplied.outputs.draw.sheet import Panel, padded, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
 from upplied.outputs.files import replace_file
@@ -19,6 +19,7 @@ from upplied.records import (
     Camera,
     Demonstration,
     Floats,
+    Ints,
     Plan,
     Structure,
     SurfaceStates,
@@ -75,6 +76,28 @@ def structure_png(
         panels.append(_panel(body, lines, [], named_view(view), (x, y, wide, high), label))
     legend = [(name, colour, "line") for name, _, colour in trajectories] + _state_legend([states])
     return sheet_png(panels, legend, head)
+
+
+def separation_png(structure: Structure, label: Ints, names: Sequence[str], cleaned: Structure) -> bytes:
+    """A scan with what is not the structure in colours, and what is left of it.
+
+    Parameters
+    ----------
+    structure : Structure
+    label : array of int, shape (T,) or (N,)
+        The class of each triangle, or of each point of a cloud.
+    names : sequence of str
+        Of the classes; the first is the structure.
+    cleaned : Structure
+    """
+    before, after = Classed(structure, label), solid(cleaned)
+    boxes = [(0, at * (_WIDTH * 2 // 5), _WIDTH, _WIDTH * 2 // 5) for at in (0, 1)]
+    panels = [
+        _panel(body, (), (), named_view("three-quarter"), box, said)
+        for body, box, said in zip((before, after), boxes, ("before", "after"), strict=True)
+    ]
+    legend = [(name, CLASSES[at], "patch") for at, name in enumerate(names) if (label == at).any()]
+    return sheet_png(panels, legend, structure.structure_id)
 
 
 def transfer_png(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from upplied.outputs.colours import BACKGROUND, STATES, SURFACE, rgb
+from upplied.outputs.colours import BACKGROUND, CLASSES, STATES, SURFACE, rgb
 from upplied.outputs.display import Neighbourhood
 from upplied.outputs.draw import shade
 from upplied.outputs.draw.tubes import Tubes
@@ -49,6 +49,20 @@ class Solid:
             return np.broadcast_to(rgb(SURFACE), points.shape)
         palette = np.array([rgb(colour) for colour in STATES.values()])
         return palette[self._near.states(points, normals)]
+
+
+class Classed(Solid):
+    """A structure whose triangles, or the discs of whose points, are coloured by class (see `CLASSES`)."""
+
+    def __init__(self, structure: Structure, label: Ints) -> None:
+        body = solid(structure)
+        super().__init__(body.vertices, body.triangles)
+        self._label = np.repeat(label, len(body.triangles) // max(len(label), 1))
+
+    def colours(self, points: Floats, normals: Floats) -> Floats:
+        """Of the class of the triangle that each point lies on."""
+        palette = np.array([rgb(colour) for colour in CLASSES])
+        return palette[self._label[self.scene.closest(points)[1]]]
 
 
 def solid(structure: Structure, states: SurfaceStates | None = None) -> Solid:
