@@ -47,7 +47,7 @@ def _area(of: Structure) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("name", "slope"),
-    [("a320-v1", 0.0), ("turbine-1-v1", 0.02), ("bridge-1-v1", 0.02), ("cruise-v1", 0.02), ("cuboid-v1", 0.0)],
+    [("a320-v1", 0.0), ("turbine-1-v1", 0.02), ("bridge-1-v1", 0.02), ("cruise-v1", 0.02), ("cube-v1", 0.0)],
 )
 def test_ground_clutter_and_a_hut_are_told_from_the_structure(name: str, slope: float) -> None:
     scene, true = scanned(member(name).structure, slope)

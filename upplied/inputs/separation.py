@@ -29,6 +29,7 @@ _WIDTHS = (27.0, 9.0, 2.0)  # cells over which the height of the ground is smoot
 _NOISE = 4.0  # times the spread of the ground: thicker than that is no ground
 _THIN, _THICK = 0.001, 0.01  # of the structure's diagonal: bounds of the layer that is taken away
 _GAP = 0.006  # of the diagonal of what stands on the ground: clusters nearer are one
+_ASKED, _SPACED = 2000, 4.0  # samples asked how far apart they are; clusters nearer than so many times that
 _CRUMB = 0.002  # of the largest cluster's area
 _BESIDE = 0.05  # of the largest cluster's diagonal: farther off, and outside its box, stands another
 
@@ -221,7 +222,9 @@ def _surrounds(is_open: Bools, standing: Ints) -> bool:
 
 def _clusters(points: Floats, above: Floats) -> Ints:
     """The class (S,) of samples that are no ground, by the clusters that they fall into."""
-    edge = _GAP * float(np.linalg.norm(np.ptp(points, axis=0)))
+    some = points[:: max(1, len(points) // _ASKED)]
+    apart = float(np.median(cKDTree(points).query(some, k=2)[0][:, 1])) if len(points) > 1 else 0.0
+    edge = max(_GAP * float(np.linalg.norm(np.ptp(points, axis=0))), _SPACED * apart)
     cell, voxel = np.unique(
         np.floor((points - points.min(axis=0)) / max(edge, 1e-9)), axis=0, return_inverse=True
     )
