@@ -72,7 +72,7 @@ def separated(structure: Structure) -> Separation:
     if len(standing):
         label[standing] = _clusters(points[standing], above[standing])
     of_all = _of_all(structure, points, owner, label)
-    share = np.bincount(of_all, _areas(structure, area, owner), minlength=len(CLASSES))
+    share = np.asarray(np.bincount(of_all, _areas(structure, area, owner), minlength=len(CLASSES)), float)
     of_ground = (points[:, 2] - above)[(label == 0) & np.isfinite(above)]
     return Separation(of_all, share, float(np.median(of_ground)) if len(of_ground) else None)
 
@@ -167,7 +167,7 @@ def _plane(at: Floats, height: Floats, room: float) -> Floats | None:
         count = int((np.abs(above) < room).sum()) - 2 * int((above < -room).sum())
         if count > most:
             best, most = plane, count
-    return best
+    return None if best is None else np.asarray(best, float)
 
 
 def _level(plane: Floats, at: Floats) -> Floats:
@@ -276,4 +276,5 @@ def _of_all(structure: Structure, points: Floats, owner: Ints, label: Ints) -> I
 
 def _areas(structure: Structure, area: Floats, owner: Ints) -> Floats:
     """Area of each triangle, m², or of each point, the thinned ones without."""
-    return np.bincount(owner, area, minlength=len(structure.triangles) or len(structure.vertices))
+    number = len(structure.triangles) or len(structure.vertices)
+    return np.asarray(np.bincount(owner, area, minlength=number), float)
