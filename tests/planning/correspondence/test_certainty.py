@@ -63,3 +63,47 @@ def test_another_of_a_kind_has_its_shape_and_size():
     twin = evidence_of_other(ENGINES, 1, 2, 0.0, False)
     body = evidence_of_other(ENGINES, 1, 0, 0.0, False)
     assert probability(twin, OTHERS) > 0.8 > probability(body, OTHERS)
+
+
+def test_the_evidence_of_an_answer_is_counted_by_area() -> None:
+    label = np.repeat([0, 1, 2], [4, 3, 3])
+    area = np.arange(1.0, 11.0)
+    points = RNG.normal(size=(10, 3))
+    one = Cloud(points, np.tile([0.0, 0, 1], (10, 1)), area, label)
+    carried = np.array([1, 1, 0, 0, 1, 0, 1, 1, 2, 2])
+    found = evidence_of_answer(one, 1, one, [1, 2], 0.7, True, carried)
+    both = area[[4, 6, 7]].sum()
+    assert found[1] == pytest.approx(1 - both / area[4:].sum())
+    assert found[2] == pytest.approx(1 - both / area[carried == 1].sum())
+    assert found[3:5].tolist() == [1.0, 0.7]
+    assert found[5] == pytest.approx(np.log(area[4:].sum() / area[4:7].sum()))
+    assert evidence_of_answer(one, 1, one, [2], np.nan, False, carried)[3:5].tolist() == [0.0, 3.0]
+    nothing = evidence_of_answer(one, 1, one, [7], 0.7, False, carried)
+    assert nothing[0] == CAPS[0] and nothing[1] == nothing[2] == 1
+    other = evidence_of_other(one, 1, 2, np.inf, True)
+    assert other[1:5].tolist() == [0.0, 0.0, 1.0, 3.0]
+    assert other[5] == pytest.approx(np.log(area[7:].sum() / area[4:7].sum()))
+    plain = Cloud(points, one.normals, None, label)
+    assert (
+        evidence_of_other(plain, 1, 2, 0.0, False)[5] == 0
+        and evidence_of_other(plain, 0, 1, 0.0, False)[5] > 0.2
+    )
+
+
+def test_the_probability_is_logistic_up_to_the_caps() -> None:
+    evidence = np.array([0.3, 0.2, 0.5, 1.0, 0.4, 0.1])
+    against = sum(weight * each for weight, each in zip(ANSWERS[1:], evidence, strict=True))
+    assert probability(evidence, ANSWERS) == pytest.approx(1 / (1 + np.exp(against - ANSWERS[0])))
+    beyond = np.array([9.0, 0.2, 0.5, 1.0, 9.0, 9.0])
+    assert probability(beyond, ANSWERS) == probability(np.minimum(beyond, CAPS), ANSWERS)
+
+
+@pytest.mark.parametrize("item", [1, 2])
+def test_what_the_displacement_lays_elsewhere_is_disputed(item: int) -> None:
+    evidence = np.zeros(6)
+    evidence[item] = 0.6
+    assert probability(evidence, ANSWERS) > 0.9
+    evidence[item] = 0.61
+    assert probability(evidence, ANSWERS) == 0.4
+    evidence[0] = 2.0
+    assert probability(evidence, ANSWERS) < 0.4 or ANSWERS[1] * 2 < ANSWERS[0]

@@ -1,0 +1,83 @@
+"""Which way round a target stands: turns found again, and how sure that is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from upplied.planning.correspondence.orientation import find_orientation
+from upplied.records import Cloud, Floats
+
+
+def boxes(*given: tuple[list[float], list[float]], number: int = 500) -> Cloud:
+    rng = np.random.default_rng(0)
+    points, normals, area = [], [], []
+    for low, size in given:
+        at, axis, end = rng.random((number, 3)), np.arange(number) % 3, np.arange(number) // 3 % 2
+        at[np.arange(number), axis] = end
+        points.append(np.array(low) + at * size)
+        normals.append((2.0 * end - 1)[:, None] * np.eye(3)[axis])
+        area.append(np.full(number, 1.0))
+    return Cloud(np.concatenate(points), np.concatenate(normals), np.concatenate(area))
+
+
+#: An L with a tower at one end: no turn lays it on itself.
+ODD = boxes(([0, 0, 0], [20, 4, 3]), ([0, 4, 0], [4, 6, 3]), ([16, 0, 3], [4, 4, 9]))
+BRICK = boxes(([0, 0, 0], [20, 6, 3]))
+
+
+def turned(cloud: Cloud, turn: Floats) -> Cloud:
+    return Cloud(cloud.points @ turn.T, cloud.normals @ turn.T, cloud.area_m2)  # type: ignore[operator]
+
+
+def about_z(degrees: float) -> Floats:
+    return Rotation.from_rotvec([0, 0, np.radians(degrees)]).as_matrix()
+
+
+def off_deg(one: Floats, other: Floats) -> float:
+    return float(np.degrees(Rotation.from_matrix(one @ other.T).magnitude()))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 33.0, 118.0, -77.0, 180.0])
+def test_a_heading_is_found_again(degrees: float) -> None:
+    found = find_orientation(ODD, turned(ODD, about_z(degrees)), "heading")
+    assert off_deg(found.turn, about_z(-degrees)) < 1.5
+    assert found.turn[2] == pytest.approx([0, 0, 1], abs=1e-9)
+    assert found.gap > 0.3
+    assert found.evidence.startswith("36 orientations tried; turned by ")
+    said = float(found.evidence.split("turned by ")[1].split(" deg")[0])
+    assert abs(said - abs((degrees + 180) % 360 - 180)) < 2.5
+    assert found.evidence.endswith(f"the next best fits {100 * found.gap:.0f} % worse")
+
+
+@pytest.mark.parametrize("axis", [[1.0, 0, 0], [0, 1.0, 0.3], [0.5, -0.5, 1.0]])
+def test_any_orientation_is_found_again(axis: list[float]) -> None:
+    turn = Rotation.from_rotvec(np.radians(75) * np.array(axis) / np.linalg.norm(axis)).as_matrix()
+    found = find_orientation(ODD, turned(ODD, turn), "orientation")
+    assert off_deg(found.turn, turn.T) < 2
+    assert found.evidence.startswith("60 orientations tried")
+
+
+def test_a_larger_target_is_turned_as_a_small_one() -> None:
+    large = turned(ODD, about_z(50.0))
+    scaled = Cloud(large.points * 3 + [7, 8, 9], large.normals, large.area_m2)
+    assert off_deg(find_orientation(ODD, scaled, "heading").turn, about_z(-50.0)) < 1.5
+
+
+@pytest.mark.parametrize(("declared", "kept"), [(0.0, 0.0), (170.0, 180.0), (80.0, 0.0)])
+def test_where_turns_fit_alike_the_declared_one_decides(declared: float, kept: float) -> None:
+    found = find_orientation(BRICK, BRICK, "heading", about_z(declared))
+    assert off_deg(found.turn, about_z(kept)) < 2
+    assert found.gap < 0.15
+    off = abs(declared - kept)
+    assert "; 2 of them fit alike (the next best " in found.evidence
+    assert f"nearest to the declared heading is kept, {off:.0f} deg from it" in found.evidence
+    gap = max(found.gap, 0)
+    assert f"(the next best {100 * gap:.0f} % worse)" in found.evidence
+
+
+def test_the_turn_is_told_from_the_declared_one() -> None:
+    found = find_orientation(ODD, turned(ODD, about_z(60.0)), "heading", about_z(-60.0))
+    assert "turned by 0 deg" in found.evidence or "turned by 1 deg" in found.evidence
+    assert off_deg(found.turn, about_z(-60.0)) < 1.5

@@ -1,0 +1,56 @@
+"""What a path is to show, asked of samples in the open."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upplied.config import RetimeSettings, VisibilitySettings
+from upplied.planning.trajectory.view import View
+from upplied.poses import from_yaw_pitch
+from upplied.records import Camera, Cloud
+from upplied.scene import Scene
+
+POINTS = np.array([[5.0, 0, 0], [8, 0, 0], [0, 5, 0], [5, 0.1, 0]])
+NORMALS = np.array([[-1.0, 0, 0], [-1, 0, 0], [0, -1, 0], [1, 0, 0]])
+FAR = Scene(np.array([[0.0, 0, -900], [1, 0, -900], [0, 1, -900]]), np.array([[0, 1, 2]]), 1)
+VIEW = View(
+    Cloud(POINTS, NORMALS), np.array([0.4, 0.3, 0.3, 0.0]), np.array([5.0, 7.9, 9.0, 9.0]), np.ones(4, bool),
+    Camera(60, 60, 0.5, 50), VisibilitySettings(occlusion=True), RetimeSettings(), FAR,
+)  # fmt: skip
+AT = np.array([[0.0, 0, 0], [0.2, 0, 0]])
+AHEAD = from_yaw_pitch(np.zeros(2), np.zeros(2))
+
+
+def test_a_sample_is_seen_from_near_enough_alone() -> None:
+    assert VIEW.sees(AT, AHEAD, np.arange(4)).tolist() == [
+        [True, False, False, False],
+        [True, True, False, False],
+    ]
+    assert VIEW.sees(AT, AHEAD, np.array([1, 0])).tolist() == [[False, True], [True, True]]
+
+
+def test_reach_is_what_a_camera_turned_anywhere_would_see() -> None:
+    found = VIEW.reach(AT, np.arange(4))
+    assert found.tolist() == [[True, False, True, False], [True, True, True, False]]
+    assert VIEW.reach(AT, np.array([3]), VisibilitySettings(occlusion=False)).all()
+
+
+def test_missed_is_what_is_needed_and_not_seen() -> None:
+    assert VIEW.missed(AT, AHEAD).tolist() == [2]
+    assert VIEW.missed(AT[:1], AHEAD[:1]).tolist() == [1, 2]
+    aside = from_yaw_pitch(np.array([0.0, np.pi / 2]), np.zeros(2))
+    assert VIEW.missed(AT, aside).tolist() == [1]
+
+
+def test_points_without_normals_are_seen_from_any_side() -> None:
+    plain = View(
+        Cloud(POINTS),
+        VIEW.need,
+        VIEW.farthest_m,
+        VIEW.inspected,
+        VIEW.camera,
+        VIEW.settings,
+        VIEW.limits,
+        FAR,
+    )
+    assert plain.sees(AT, AHEAD, np.arange(4))[0].tolist() == [True, False, False, True]
