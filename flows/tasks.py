@@ -20,7 +20,7 @@ from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.verbs import maintenance, verification
 from upplied.errors import CatalogError
-from upplied.fleet import flights, gaps
+from upplied.fleet import edits, flights, gaps
 from upplied.fleet import manifest as shards
 from upplied.fleet.flight_logs import add_flight_logs
 from upplied.inputs import structure_rules
@@ -145,6 +145,12 @@ def plan_on_pool(name: str, parameters: dict[str, Any]) -> None:
 def publish_reports(catalog: str, folder: str) -> list[str]:
     """Write the published tables, pages and pictures; what could not be drawn, in words."""
     return list(fleet.publish(open_catalog(catalog), folder).problems)
+
+
+@task(name="carry-edits", task_run_name="carry edits over", **STORED)
+def carry_edits(catalog: str) -> list[str]:
+    """Take what people changed of plans over to newer drafts; what could not be, in words."""
+    return edits.carry_edits(open_catalog(catalog))
 
 
 @task(name="fly-drafts", task_run_name="fly drafts", **STORED)

@@ -86,6 +86,7 @@ def transfer_fleet(
     while night.goes_on(fleet.decide(kept, plan_request)):
         night.planned.include(plan(catalog, night.jobs, resources))
         record(catalog, runtime.flow_run.id, night.planned.result)
+        problems += tasks.carry_edits(catalog)
         if fly:
             problems += tasks.fly_drafts(catalog, [job.key for job in night.jobs])
         if reports:

@@ -35,6 +35,7 @@ ALLOWED = {
     "recommend": FOUNDATION | {"planning", "catalog", "recommend"},
     "fleet": FOUNDATION
     | {"planning", "simulate", "proof", "recommend", "inputs", "catalog", "outputs", "fleet"},
+    "studio": FOUNDATION | {"planning", "simulate", "proof", "catalog", "outputs", "fleet", "studio"},
     "__main__": {"cli"},
     "cli": FOUNDATION
     | {
@@ -47,6 +48,7 @@ ALLOWED = {
         "catalog",
         "outputs",
         "fleet",
+        "studio",
         "cli",
     },
 }

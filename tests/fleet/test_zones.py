@@ -29,8 +29,8 @@ ALL, NONE = np.ones(N, bool), np.zeros(N, bool)
 CAMERA = Camera(90.0, 60.0, 1.0, 40.0, 2000, 1500)  # 1 mm a pixel at 1 m
 
 
-def look(distance: float = 3.0, incidence: float = 20.0, age: float = 0.0, seen=ALL, camera=CAMERA) -> Looked:
-    return Looked(np.where(seen, distance, np.nan), np.where(seen, incidence, np.nan), age, camera)
+def look(distance=3.0, incidence=20.0, age=0.0, seen=ALL, camera=CAMERA, pictures=None) -> Looked:
+    return Looked(np.where(seen, distance, np.nan), np.where(seen, incidence, np.nan), age, camera, pictures)
 
 
 @pytest.mark.parametrize(
@@ -46,6 +46,11 @@ def look(distance: float = 3.0, incidence: float = 20.0, age: float = 0.0, seen=
         ({"incidence_deg": 10.0}, [look()], "missed", "more obliquely than 10 deg"),
         ({"max_age_days": 30.0}, [look(age=31.0)], "missed", "longer ago than 30 days"),
         ({"max_age_days": 30.0}, [look(age=31.0), look(age=2.0)], "met", ""),
+        ({"looks": 2}, [look()], "missed", "100.0 % was seen in fewer than 2 pictures"),
+        ({"looks": 2}, [look(), look()], "met", ""),
+        ({"looks": 3}, [look(pictures=np.arange(N) // 5 * 3)], "missed", "50.0 % was seen in fewer than 3"),
+        ({"looks": 3}, [look(pictures=ALL * 2), look(incidence=80.0)], "met", ""),
+        ({"looks": 2, "max_age_days": 30.0}, [look(age=31.0), look()], "missed", "fewer than 2 pictures"),
         # near but oblique on one day, frontal but far on another: no look keeps both
         ({"gsd_mm": 3.5, "incidence_deg": 30.0}, [look(3.0, 50.0), look(9.0, 5.0)], "missed", "obliquely"),
     ],
@@ -128,7 +133,8 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     [
         {"zone": "a"},
         {"where": "part_0"},
-        {"zone": "a", "where": "part_0", "looks": 3},
+        {"zone": "a", "where": "part_0", "looks": 0},
+        {"zone": "a", "where": "part_0", "pictures": 3},
         {"zone": "a", "where": "part_0", "gsd_mm": 0},
         {"zone": "a", "where": "part_0", "incidence_deg": 91},
         {"zone": "a", "where": "part_0", "max_age_days": True},

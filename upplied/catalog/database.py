@@ -219,6 +219,18 @@ class Catalog(Reading):
         """Sets of requirements, the newest version of each; with `every`, older and taken back ones too."""
         return required.requirements(self, every)
 
+    # --- changes of plans ----------------------------------------------------------------------
+
+    def edits(self) -> pd.DataFrame:
+        """What people changed of plans, and to which plans made later that was carried over."""
+        found = queries.frame(self.tables["edits"].read()).sort_values("commit_version", kind="stable")
+        return found.reset_index(drop=True)
+
+    def add_edit(self, row: Mapping[str, Any]) -> int:
+        """Keep a change of a plan: a row of `edits` without its commit; one that is known adds nothing."""
+        known = set(self.edits()["edit_id"])
+        return 0 if row["edit_id"] in known else adding.add_rows(self, "edits", [dict(row)])
+
     # --- deciding ------------------------------------------------------------------------------
 
     def review(self, transfer_id: str, by: str, note: str = "") -> str:

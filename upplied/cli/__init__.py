@@ -34,6 +34,7 @@ from upplied.cli import (
     serve,
     settings,
     structures,
+    studio,
     transfer,
     zones,
 )
@@ -67,6 +68,7 @@ for command in (
     review.rejecting,
     review.in_force,
     edit.app,
+    studio.app,
     fly.app,
     flights.app,
     export.app,

@@ -204,10 +204,14 @@ def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
 def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> Result:
     """Plan what was decided, with a bar."""
     from upplied import fleet
+    from upplied.fleet.edits import carry_edits
 
     resources = fleet.Resources(workers, fleet.Limits(timeout))
     with progress("planning", len(decision.jobs)) as advance:
-        return fleet.transfer(catalog, decision.jobs, fleet.new_run_id(), resources, lambda _: advance())
+        result = fleet.transfer(catalog, decision.jobs, fleet.new_run_id(), resources, lambda _: advance())
+    for told in carry_edits(catalog):
+        errors.print(told, markup=False, soft_wrap=True)
+    return result
 
 
 COLUMNS = {

@@ -1,50 +1,49 @@
-"""A plan out as a file that a person changes, and back as a plan that was changed, judged anew."""
+"""Changes of plans: out as a file and back, kept as drafts judged anew, carried over to later drafts."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from upplied.catalog import Catalog, recipe
+from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.verbs.belonging import FLOWN
 from upplied.config import digest
-from upplied.errors import InputError, RefusedError
-from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
+from upplied.errors import InputError, RefusedError, UppliedError
+from upplied.fleet.editing import Base, Editing, boxes_of
 from upplied.inputs.files import read_regular
 from upplied.outputs.files import replace_file
-from upplied.outputs.reports import plan_of
-from upplied.planning.airspace.roadmap import roadmap
-from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import METHOD_VERSION
-from upplied.planning.surface.samples import surface_samples
-from upplied.proof.edit import Edit, Viewpoint, edit_of, edited, viewpoints_of
+from upplied.proof.carried_edit import edit_from_json, edit_json
+from upplied.proof.edit import Asked, Edit, Viewpoint, edit_of
 from upplied.provenance import method, recorded
-from upplied.records import Floats, Plan, Surroundings
-from upplied.scene import scene_of
-from upplied.simulate import measure_flown
 
 _MOST_BYTES = 16 << 20
+_MOST_BOXES = 1000
 _RULE = "a file as `upplied edit ID --out FILE` writes it"
-_PLACES = 300  # of the plan, that the ways may lead by
+_EARLIER = ("rejected", "recalled")  # states of a changed plan whose change is not carried over
 
 
 def write_edit(catalog: Catalog, transfer_id: str, path: str | Path) -> Path:
     """Write the viewpoints of a plan as JSON, to be changed and read again by `edit_plan`."""
-    plan = _flown(catalog.plan(transfer_id))
-    assert plan.trajectory is not None and plan.is_viewpoint is not None
-    rows = [
-        {"viewpoint": number, "x_m": p.position[0], "y_m": p.position[1], "z_m": p.position[2],
-         "yaw_deg": p.yaw_deg, "pitch_deg": p.pitch_deg}
-        for number, p in enumerate(viewpoints_of(plan.trajectory, plan.is_viewpoint))
-    ]  # fmt: skip
-    rows = [{key: round(value, 4) for key, value in row.items()} for row in rows]
-    said = {"plan": transfer_id, "target": plan.target_id, "clearance_m": _clearance(catalog, transfer_id)}
+    editing = Editing(catalog, transfer_id)
+    rows = [viewpoint_row(number, p) for number, p in enumerate(editing.kept.viewpoints)]
+    said = {"plan": transfer_id, "target": editing.target.structure_id, "clearance_m": editing.usual_m}
     text = json.dumps({**said, "keep_out": [], "viewpoints": rows}, indent=1)
     return replace_file(Path(path), text + "\n")
+
+
+def viewpoint_row(number: int, wanted: Viewpoint) -> dict[str, float]:
+    """A viewpoint as a file, or a page, has it."""
+    x, y, z = wanted.position
+    said = {"x_m": x, "y_m": y, "z_m": z, "yaw_deg": wanted.yaw_deg, "pitch_deg": wanted.pitch_deg}
+    return {"viewpoint": number, **{key: round(value, 4) for key, value in said.items()}}
 
 
 def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> str:
@@ -59,99 +58,185 @@ def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> 
     """
     if not by.strip():
         raise InputError(str(path), "nobody says who changed it", "", "say --by NAME")
-    made_from = recipe(catalog, transfer_id)
-    plan = _flown(plan_of(catalog, made_from.row))
-    assert plan.trajectory is not None and plan.is_viewpoint is not None
-    before = viewpoints_of(plan.trajectory, plan.is_viewpoint)
-    after, boxes, clearance = _read(Path(path), transfer_id, len(before))
-    edit = edit_of(before, after)
-    usual = _clearance(catalog, transfer_id)
-    clearance = max(clearance, usual)
-    words = [edit.words, f"{len(boxes)} boxes forbidden" * bool(len(boxes))]
-    words.append(f"{clearance:g} m of clearance" * (clearance > usual))
-    said = ", ".join(filter(None, words))
-    if not said:
-        raise InputError(
-            str(path), "changes nothing", "", "move, turn or leave out a viewpoint, or forbid a box"
-        )
-    target = catalog.structure(plan.target_id)
-    around = target.surroundings
-    forbidden = replace(around, keep_out_m=np.concatenate([around.keep_out_m, boxes]))
-    target = replace(target, surroundings=forbidden)
-    path_, flags = _made(plan, edit, forbidden, target, made_from, clearance)
-    broken = place_breaches(path_.positions, path_.t_s, target, clearance)
-    if broken:
-        raise RefusedError(f"plan {transfer_id} as it was changed", "; ".join(broken), "a safe flight")
-    inputs = (made_from.demonstration, made_from.source, catalog.structure(plan.target_id))
-    judged = measure_flown(path_, plan, *inputs, made_from.settings, catalog.cache)
-    least = made_from.settings.verdict.least_inspected_pct
-    shown = judged.measures.coverage_inspected_pct
-    short = f"shows {shown:.1f} % of what was inspected, {least:g} % are asked for" if shown < least else ""
+    editing = Editing(catalog, transfer_id)
+    try:
+        said = json.loads(read_regular(Path(path), _MOST_BYTES).decode("utf-8"))
+        if said["plan"] != transfer_id:
+            raise InputError(str(path), f"is of plan {str(said['plan'])[:40]}, not of {transfer_id}", _RULE)
+    except (UnicodeDecodeError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise _unreadable(str(path), error) from None
+    edit, asked = read_edit(str(path), said, editing, editing.kept)
+    return keep_edit(catalog, editing, editing.kept, edit, asked, by, what=str(path))
+
+
+def read_edit(what: str, said: Mapping[str, Any], editing: Editing, base: Base) -> tuple[Edit, Asked]:
+    """What differs from a plan in the viewpoints, boxes and clearance that a file, or a page, says.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    count, after = len(base.viewpoints), {}
+    try:
+        for row in said["viewpoints"]:
+            x, y, z = (float(row[name]) for name in ("x_m", "y_m", "z_m"))
+            number = int(row["viewpoint"])
+            if number in after or not 0 <= number < count:
+                raise InputError(what, f"has a viewpoint {number} too many", f"0 to {count - 1}, each once")
+            after[number] = Viewpoint((x, y, z), float(row["yaw_deg"]), float(row["pitch_deg"]))
+        boxes = np.array(said.get("keep_out", []), float).reshape(-1, 2, 3)
+        clearance = float(said.get("clearance_m", 0.0))
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
+        raise _unreadable(what, error) from None
+    numbers = [value for p in after.values() for value in (*p.position, p.yaw_deg, p.pitch_deg)]
+    if not np.isfinite([*numbers, clearance]).all() or not np.isfinite(boxes).all():
+        raise InputError(what, "holds what is no number", _RULE)
+    if any(not -90 <= p.pitch_deg <= 90 for p in after.values()):
+        raise InputError(what, "turns a camera beyond straight up or down", "-90 to 90 degrees of pitch")
+    if len(boxes) > _MOST_BOXES:
+        raise InputError(what, f"forbids {len(boxes)} boxes", f"{_MOST_BOXES} at most")
+    whole = tuple(tuple(box.ravel().tolist()) for box in np.sort(boxes, axis=1))
+    return edit_of(base.viewpoints, after), Asked(whole, clearance if clearance > editing.usual_m else None)
+
+
+def keep_edit(
+    catalog: Catalog,
+    editing: Editing,
+    base: Base,
+    edit: Edit,
+    asked: Asked,
+    by: str,
+    note: str = "",
+    carried_from: str = "",
+    lost: tuple[str, ...] = (),
+    what: str = "the change",
+) -> str:
+    """Keep a plan as it was changed as a draft, and the change as such; the id of the draft.
+
+    Raises
+    ------
+    InputError
+        If nothing is changed.
+    RefusedError
+        If what is asked for cannot be flown safely.
+    """
+    words = ", ".join(filter(None, [edit.words, asked.words, "planned anew" if base.asked else ""]))
+    if not words:
+        rule = "move, turn or leave out a viewpoint, forbid a box, or ask for more clearance"
+        raise InputError(what, "changes nothing", "", rule)
+    judged = editing.judged(base, edit, asked)
+    if judged.broken:
+        plan = f"plan {editing.transfer_id} as it was changed"
+        raise RefusedError(plan, "; ".join(judged.broken), "a safe flight")
+    whose = f"changed by {by.strip()}" + (", carried over" if carried_from else "")
     made = replace(
-        judged,
-        is_viewpoint=flags,
-        flyable=not short,
-        not_flyable=short,
-        warnings=(f"changed by {by.strip()}: {said}", *judged.warnings),
+        judged.plan,
+        flyable=not judged.short,
+        not_flyable=judged.short,
+        warnings=(f"{whose}: {words}", *lost, *judged.plan.warnings),
     )
-    row = made_from.row
-    key = digest(["edited", row["key"], method(), sorted(edit.deleted), repr(sorted(edit.changed.items())),
-                  boxes.tolist(), clearance, catalog.structure(plan.target_id).sha256])  # fmt: skip
+    row = editing.recipe.row
+    key = digest(
+        ["edited", row["key"], method(), sorted(edit.deleted), repr(sorted(edit.changed.items())),
+         boxes_of(asked).tolist(), editing.clearance_m(asked), repr(base.asked),
+         editing.target.sha256]
+    )  # fmt: skip
     provenance = {
         **{name: row[name] for name in ("demonstration_sha256", "source_sha256")},
         **recorded(),
-        "target_sha256": catalog.structure(plan.target_id).sha256,
+        "target_sha256": row["target_sha256"],
         "method_version": METHOD_VERSION,
-        "settings": made_from.settings,
-        "planned_on": f"changed by {by.strip()}, from {transfer_id}",
+        "settings": editing.recipe.settings,
+        "planned_on": f"{whose}, from {editing.transfer_id}",
     }
+    text = edit_json(editing.to_keep(base, edit, asked))
+    # The change first: if this process is stopped now, the next night carries it over.
+    catalog.add_edit(_edit_row(row, id_of(key), text, words, by.strip(), note, carried_from, "; ".join(lost)))
     catalog.add_plans([(key, made, provenance)])
     return id_of(key)
 
 
-def _made(plan: Plan, edit: Edit, around: Surroundings, target: Any, made_from: Any, clearance: float) -> Any:
-    assert plan.trajectory is not None and plan.is_viewpoint is not None
-    scene, settings = scene_of(target), made_from.settings
-    airspace = Airspace(scene, clearance, around, settings.route.ground_clearance_m)
-    every = max(1, len(plan.trajectory) // _PLACES)
-    surface = surface_samples(target, scene, settings.clouds)
-    graph = roadmap(airspace, surface, plan.trajectory.positions[::every])
-    return edited(plan.trajectory, plan.is_viewpoint, edit, graph, settings.retime)
+def standing_edit(catalog: Catalog, demonstration_id: str, target_id: str) -> Row | None:
+    """The change that later drafts of a pair take over: the last that a person made and nobody rejected."""
+    edits = catalog.edits()
+    own = edits[(edits["demonstration_id"] == demonstration_id) & (edits["target_id"] == target_id)]
+    if not len(own):
+        return None
+    plans = catalog.transfers(every=True, structure=target_id)
+    states = dict(zip(plans["transfer_id"], plans["state"], strict=True))
+    for row in own[own["carried_from"] == ""].iloc[::-1].to_dict("records"):
+        if states.get(row["transfer_id"]) not in _EARLIER:
+            return {str(name): value for name, value in row.items()}
+    return None
 
 
-def _flown(plan: Plan) -> Plan:
-    if plan.trajectory is None or plan.is_viewpoint is None or not plan.is_viewpoint.any():
-        raise RefusedError(f"a plan of {plan.target_id}", f"has no viewpoints: it is {plan.status}")
-    return plan
+def carry_edits(catalog: Catalog) -> list[str]:
+    """Take the changes that people made over to newer drafts; what a person should see of it, in words.
+
+    The newest draft of `recommended` of a pair that somebody changed before is followed by one with that
+    change; where it cannot be taken over, wholly or in part, that is told and kept. To call it again changes
+    nothing.
+    """
+    edits = catalog.edits()
+    if not len(edits):
+        return []
+    there = {"", *catalog.transfers(every=True, columns=["transfer_id"])["transfer_id"]}
+    tried = edits[(edits["carried_from"] != "") & edits["transfer_id"].isin(there)]
+    settled = {*edits["transfer_id"], *tried["base_id"]}
+    pairs = {(row.demonstration_id, row.target_id) for row in edits.itertuples(index=False)}
+    newest = catalog.transfers(status="ok", preset=FLOWN)
+    problems = []
+    for row in newest.to_dict("records"):
+        pair = (str(row["demonstration_id"]), str(row["target_id"]))
+        if pair not in pairs or row["transfer_id"] in settled:
+            continue
+        edit = standing_edit(catalog, *pair)
+        if edit is None or edit["base_id"] == row["transfer_id"]:
+            continue
+        row = catalog.transfer(str(row["transfer_id"]))
+        what = f"the change by {edit['by']} of {row['demonstration_id']} on {row['target_id']}"
+        try:
+            lost = _carried(catalog, row, edit)
+        except UppliedError as error:
+            lost = (str(error),)
+            catalog.add_edit(_edit_row(row, "", edit["edit_json"], edit["words"], edit["by"], edit["note"],
+                                       edit["edit_id"], str(error)))  # fmt: skip
+            what += " is not in the newest draft"
+        if lost:
+            problems.append(f"{what}: {'; '.join(lost)}")
+    return problems
 
 
-def _clearance(catalog: Catalog, transfer_id: str) -> float:
-    route = recipe(catalog, transfer_id).settings.route
-    return route.clearance_m if route.enforce else USUAL_CLEARANCE_M
+def _carried(catalog: Catalog, row: Row, edit: Row) -> tuple[str, ...]:
+    """Keep the plan of a row with a change taken over; what of it was lost, in words."""
+    editing = Editing(catalog, row["transfer_id"])
+    kept = edit_from_json(edit["edit_json"])
+    base, again, lost = editing.carried(kept)
+    if again == Edit() and not kept.asked.words:
+        raise RefusedError("none of it", "; ".join(lost) or "is left")
+    told = tuple(f"not carried over: {one}" for one in lost)
+    keep_edit(catalog, editing, base, again, kept.asked, edit["by"], edit["note"], edit["edit_id"], told)
+    return lost
 
 
-def _read(path: Path, transfer_id: str, count: int) -> tuple[dict[int, Viewpoint], Floats, float]:
-    """The viewpoints that are wanted by their numbers, the forbidden boxes (K, 2, 3), and the clearance."""
-    try:
-        said = json.loads(read_regular(path, _MOST_BYTES).decode("utf-8"))
-        if said["plan"] != transfer_id:
-            raise InputError(str(path), f"is of plan {str(said['plan'])[:40]}, not of {transfer_id}", _RULE)
-        after = {}
-        for row in said["viewpoints"]:
-            place = tuple(float(row[name]) for name in ("x_m", "y_m", "z_m"))
-            number = int(row["viewpoint"])
-            if number in after or not 0 <= number < count:
-                raise InputError(
-                    str(path), f"has a viewpoint {number} too many", f"0 to {count - 1}, each once"
-                )
-            after[number] = Viewpoint(place, float(row["yaw_deg"]), float(row["pitch_deg"]))  # type: ignore[arg-type]
-        boxes = np.array(said.get("keep_out", []), float).reshape(-1, 2, 3)
-        clearance = float(said.get("clearance_m", 0.0))
-    except (UnicodeDecodeError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(str(path), f"cannot be read: {type(error).__name__} {error}"[:200], _RULE) from None
-    numbers = [value for p in after.values() for value in (*p.position, p.yaw_deg, p.pitch_deg)]
-    if not np.isfinite([*numbers, clearance]).all() or not np.isfinite(boxes).all():
-        raise InputError(str(path), "holds what is no number", _RULE)
-    if any(not -90 <= p.pitch_deg <= 90 for p in after.values()):
-        raise InputError(str(path), "turns a camera beyond straight up or down", "-90 to 90 degrees of pitch")
-    return after, np.sort(boxes, axis=1), clearance
+def _edit_row(
+    base: Row, made: str, text: str, words: str, by: str, note: str, carried_from: str, lost: str
+) -> Row:
+    return {
+        "edit_id": digest([base["transfer_id"], made, text, by, carried_from, lost]),
+        "base_id": base["transfer_id"],
+        "transfer_id": made,
+        "demonstration_id": base["demonstration_id"],
+        "target_id": base["target_id"],
+        "edit_json": text,
+        "words": words,
+        "carried_from": carried_from,
+        "lost": lost,
+        "by": by,
+        "note": note,
+    }
+
+
+def _unreadable(what: str, error: Exception) -> InputError:
+    return InputError(what, f"cannot be read: {type(error).__name__} {error}"[:200], _RULE)

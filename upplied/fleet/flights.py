@@ -102,7 +102,9 @@ def _row(catalog: Catalog, flight_id: str, row: Row, flown: Flown) -> Row:
         **flight_row(flight_id, flown),
         "kind": "simulated",
         "flown_at": catalog.clock.now(),
-        "looks_sha256": put_looks(catalog, surface.points, surface.normals, looks.seen, values),
+        "looks_sha256": put_looks(
+            catalog, surface.points, surface.normals, looks.seen, values, looks.pictures
+        ),
     }
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.catalog import Catalog
+from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs import required
 from upplied.config import CloudSettings, settings_for
+from upplied.errors import SettingsError
+from upplied.fleet.flight_logs import viewpoint_index
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.demonstration.about import zone_of
 from upplied.planning.measures.attainable import attainable
@@ -17,8 +21,8 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.planning.visibility.path_views import TRULY
 from upplied.proof.as_flown import looks_of
-from upplied.proof.zones import Demand, Looked, ZoneVerdict, judged
-from upplied.records import Camera, Cloud, Structure
+from upplied.proof.zones import Demand, Looked, judged
+from upplied.records import Bools, Camera, Cloud, Ints, Plan, Structure
 from upplied.scene import Scene, scene_of
 
 _DAY_S = 86_400.0
@@ -39,44 +43,108 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     asked = required.zones_of(catalog, target.kind, structure_id)
     if not asked:
         return []
-    scene = scene_of(target)
-    surface = surface_samples(target, scene, CloudSettings())
-    skin = skin_parts(target, scene, surface).label
-    plans, camera = _planned(catalog, target, surface, scene)
-    flights = _flown(catalog, structure_id, surface)
-    can = _attainable(target, surface, scene, camera)
-    found = []
-    for row in asked:
-        demand = Demand(**{name: row[name] for name in Demand.__dataclass_fields__ if name in row})
-        patches = zone_of(demand.where, target, surface, skin)
-        assert patches is not None
-        planned, flown = (judged(demand, patches, can, looks) for looks in (plans, flights))
-        said = {name: row[name] for name in ("set", "version", "asked_by", "zone")}
-        found.append({**said, **_said("planned", planned), **_said("flown", flown)})
-    return found
+    rows = _plans(catalog, structure_id)
+    cameras = [catalog.demonstration(str(row["demonstration_id"])).camera for row in rows]
+    asking = Asking(target, scene_of(target), cameras[0] if cameras else Camera(), asked)
+    plans = [catalog.plan(str(row["transfer_id"])) for row in rows]
+    shown = [
+        planned_looks(plan, asking.surface, camera, asking.scene)
+        for plan, camera in zip(plans, cameras, strict=True)
+        if plan.trajectory is not None
+    ]
+    flights = _flown(catalog, structure_id, asking.surface)
+    both = zip(asking.judged(*shown), asking.judged(*flights), strict=True)
+    return [
+        {name: planned[name] for name in ("set", "version", "asked_by", "zone")}
+        | {_named("planned", name): planned[name] for name in _VERDICT}
+        | {_named("flown", name): flown[name] for name in _VERDICT}
+        for planned, flown in both
+    ]
 
 
-def _said(what: str, verdict: ZoneVerdict) -> dict[str, Any]:
-    return {what: verdict.status, f"{what}_pct": verdict.shown_pct, f"{what}_why": verdict.why}
+_VERDICT = ("status", "pct", "why")
 
 
-def _planned(
-    catalog: Catalog, target: Structure, surface: Cloud, scene: Scene
-) -> tuple[list[Looked], Camera]:
-    """How the plans of a structure see its samples, and the camera of the first."""
-    force = catalog.in_force(structure=target.structure_id)
-    newest = catalog.transfers(structure=target.structure_id, status="ok", preset="recommended")
-    rows = force if len(force) else newest
-    found, first = [], Camera()
-    for at, row in enumerate(rows.to_dict("records")):
-        camera = catalog.demonstration(str(row["demonstration_id"])).camera
-        first = camera if at == 0 else first
-        path = catalog.plan(str(row["transfer_id"])).trajectory
-        if path is None:
-            continue
-        looks = looks_of(path, surface, camera, scene)
-        found.append(Looked(looks.distance_m, looks.incidence_deg, 0.0, camera))
-    return found, first
+def _named(what: str, name: str) -> str:
+    return what if name == "status" else f"{what}_{name}"
+
+
+class Asking:
+    """The zones that are asked of a structure, and what looks at it make of them.
+
+    Parameters
+    ----------
+    target : Structure
+    scene : Scene
+    camera : Camera
+        That is asked what a safe one could see.
+    asked : list of dict
+        From `upplied.catalog.verbs.required.zones_of`.
+    """
+
+    def __init__(self, target: Structure, scene: Scene, camera: Camera, asked: list[Row]) -> None:
+        self.target, self.scene, self.camera, self._asked = target, scene, camera, asked
+        self.surface = surface_samples(target, scene, CloudSettings())
+
+    @property
+    def seen_by(self) -> tuple[Cloud, Camera, Scene]:
+        """What `planned_looks` asks for besides a plan."""
+        return self.surface, self.camera, self.scene
+
+    def patches(self, where: str) -> Bools:
+        """The samples (N,) that a place names.
+
+        Raises
+        ------
+        SettingsError
+            If it names none.
+        """
+        found = zone_of(where, self.target, self.surface, self._skin)
+        if found is None:
+            raise SettingsError("the zone", "names no place", "landmarks, parts, boxes or balls")
+        return found
+
+    def judged(self, *looks: Looked) -> list[Row]:
+        """Of each zone its name and set, its status, the share that is shown and why it is not met."""
+        found = []
+        for row, (demand, patches) in zip(self._asked, self._demands, strict=True):
+            verdict = judged(demand, patches, self._attainable, looks)
+            said = {name: row[name] for name in ("set", "version", "asked_by", "zone")}
+            found.append(said | {"status": verdict.status, "pct": verdict.shown_pct, "why": verdict.why})
+        return found
+
+    @cached_property
+    def _demands(self) -> list[tuple[Demand, Bools]]:
+        known = Demand.__dataclass_fields__
+        demands = [Demand(**{name: row[name] for name in known if name in row}) for row in self._asked]
+        return [(demand, self.patches(demand.where)) for demand in demands]
+
+    @cached_property
+    def _skin(self) -> Ints:
+        return skin_parts(self.target, self.scene, self.surface).label
+
+    @cached_property
+    def _attainable(self) -> Bools:
+        route = settings_for("recommended").route
+        around = self.target.surroundings
+        airspace = Airspace(self.scene, route.clearance_m, around, route.ground_clearance_m)
+        return attainable(self.surface, airspace, self.camera, TRULY)
+
+
+def _plans(catalog: Catalog, structure_id: str) -> list[Row]:
+    """The plans of a structure that count: those in force, else the newest."""
+    force = catalog.in_force(structure=structure_id)
+    newest = catalog.transfers(structure=structure_id, status="ok", preset="recommended")
+    rows = (force if len(force) else newest).to_dict("records")
+    return [{str(name): value for name, value in row.items()} for row in rows]
+
+
+def planned_looks(plan: Plan, surface: Cloud, camera: Camera, scene: Scene) -> Looked:
+    """How a plan that has a path sees the samples of its target; a picture is taken at each viewpoint."""
+    path = plan.trajectory
+    assert path is not None
+    looks = looks_of(path, surface, camera, scene, None, path.t_s[viewpoint_index(plan)])
+    return Looked(looks.distance_m, looks.incidence_deg, 0.0, camera, looks.pictures)
 
 
 def _flown(catalog: Catalog, structure_id: str, surface: Cloud) -> list[Looked]:
@@ -93,13 +161,9 @@ def _flown(catalog: Catalog, structure_id: str, surface: Cloud) -> list[Looked]:
         nearest, count = index[looks.samples_sha256]
         distance, incidence = np.full(count, np.nan), np.full(count, np.nan)
         distance[looks.patch], incidence[looks.patch] = looks.distance_m, looks.incidence_deg
+        pictures = np.zeros(count, np.int64)
+        pictures[looks.patch] = 1 if looks.pictures is None else looks.pictures
         camera = catalog.demonstration(str(row["demonstration_id"])).camera
         age = (now - row["flown_at"]).total_seconds() / _DAY_S
-        found.append(Looked(distance[nearest], incidence[nearest], age, camera))
+        found.append(Looked(distance[nearest], incidence[nearest], age, camera, pictures[nearest]))
     return found
-
-
-def _attainable(target: Structure, surface: Cloud, scene: Scene, camera: Camera) -> np.ndarray:
-    route = settings_for("recommended").route
-    airspace = Airspace(scene, route.clearance_m, target.surroundings, route.ground_clearance_m)
-    return attainable(surface, airspace, camera, TRULY)

@@ -22,6 +22,7 @@ from upplied.extras import extra
 SCRIPTS = ("plotly.min.js", "core.js", "fleet.js", "scene.js", "verdict.js", "transfer.js", "start.js")
 #: Those that the fleet's own page needs: it draws nothing, and opens without the drawing library.
 FLEET_SCRIPTS = ("core.js", "fleet.js", "start.js")
+STUDIO_SCRIPTS = ("plotly.min.js", "core.js", "scene.js", "studio.js")
 STYLES = ("report.css",)
 
 _PAGE = """<!doctype html>
@@ -37,6 +38,22 @@ _PAGE = """<!doctype html>
 <main id="app"></main>
 <noscript>{fallback}</noscript>
 <script type="application/json" id="data">{data}</script>
+{scripts}
+</body>
+</html>
+"""
+_STUDIO = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,">
+<title>Studio</title>
+{styles}
+</head>
+<body>
+<main id="app"><p role="status">Opening the plan …</p></main>
+<noscript>The studio needs scripts; they come from this machine alone.</noscript>
 {scripts}
 </body>
 </html>
@@ -104,6 +121,15 @@ def structure_script(data: Mapping[str, Any]) -> str:
 def assets() -> dict[str, str]:
     """The files under ``assets/`` by name."""
     return {name: _asset(name) for name in (*SCRIPTS, *STYLES)}
+
+
+def studio_files() -> dict[str, tuple[str, str]]:
+    """The page of the studio and what it loads: type and text by name."""
+    scripts = {name: ("text/javascript", _asset(name)) for name in STUDIO_SCRIPTS}
+    styles = {name: ("text/css", _asset(name)) for name in (*STYLES, "studio.css")}
+    head = "\n".join(f'<link rel="stylesheet" href="{name}">' for name in styles)
+    body = "\n".join(f'<script src="{name}"></script>' for name in scripts)
+    return {**scripts, **styles, "index.html": ("text/html", _STUDIO.format(styles=head, scripts=body))}
 
 
 def inert_json(value: Any) -> str:

@@ -31,6 +31,7 @@ class Looks(Record):
     incidence_deg: Floats  # (N,)
     speed_mps: Floats  # (N,) of the camera then
     t_s: Floats  # (N,) of the flight
+    pictures: Ints  # (N,) that show it: photos, or viewpoints that were passed where no photos are known
 
     def __len__(self) -> int:
         return len(self.seen)
@@ -80,8 +81,9 @@ def as_flown(
         see all the time.
     """
     flown = found.flown
-    looks = looks_of(flown, surface, camera, scene, photo_s)
     near = found.on_plan
+    passed = _passed(viewpoint_s, found)
+    looks = looks_of(flown, surface, camera, scene, photo_s, passed)
     covered = np.sort(found.planned_s[near])
     share = _flown_share(plan, covered, silence_s(flown))
     nearest = min(
@@ -101,14 +103,25 @@ def as_flown(
 
 
 def looks_of(
-    flown: Trajectory, surface: Cloud, camera: Camera, scene: Scene, photo_s: Floats | None = None
+    flown: Trajectory,
+    surface: Cloud,
+    camera: Camera,
+    scene: Scene,
+    photo_s: Floats | None = None,
+    picture_s: Floats | None = None,
 ) -> Looks:
     """How a flight sees each sample of a surface: in view and range, nothing in between, not too obliquely.
 
-    Nothing is seen while the log is silent: a path is not made up there.
+    Nothing is seen while the log is silent: a path is not made up there. Where no photos are known, a sample
+    counts as shown in a picture at each moment of `picture_s`, and in one picture at least where it is seen.
     """
     poses = _asked(flown, photo_s)
     seen = visible(poses.positions, poses.quat_xyzw, surface, camera, TRULY, scene).seen
+    pictures = np.asarray(seen.sum(axis=0) if photo_s is not None else seen.any(axis=0), np.int64)
+    if photo_s is None and picture_s is not None and len(picture_s):
+        taken = interpolate(flown, picture_s)
+        shown = visible(taken.positions, taken.quat_xyzw, surface, camera, TRULY, scene).seen
+        pictures = np.asarray(np.maximum(pictures, shown.sum(axis=0)), np.int64)
     assert surface.normals is not None
     nearest = _nearest(np.ascontiguousarray(poses.positions), np.ascontiguousarray(surface.points), seen)
     there = nearest >= 0
@@ -119,7 +132,17 @@ def looks_of(
     incidence = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     speed = _speeds(flown)
     values = (distance, incidence, np.interp(poses.t_s[at], flown.t_s, speed), poses.t_s[at])
-    return Looks(there, *(np.where(there, value, np.nan) for value in values))
+    near, level, pace, when = (np.where(there, value, np.nan) for value in values)
+    return Looks(there, near, level, pace, when, pictures)
+
+
+def _passed(viewpoint_s: Floats, found: Alignment) -> Floats:
+    """The times of the log at which viewpoints of the plan were passed."""
+    on = found.on_plan
+    planned, flown = found.planned_s[on], found.flown.t_s[on]
+    inside = viewpoint_s[(viewpoint_s >= planned.min()) & (viewpoint_s <= planned.max())] if on.any() else []
+    rising = np.maximum.accumulate(planned)
+    return _recorded(found.flown, np.interp(inside, rising, flown)) if len(inside) else np.empty(0)
 
 
 def silence_s(flown: Trajectory) -> float:

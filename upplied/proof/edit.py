@@ -1,20 +1,23 @@
-"""A plan as a person changed it: viewpoints moved, turned or left out, boxes forbidden; the rest as it was.
+"""A plan as a person changed it: viewpoints moved, turned or left out, boxes forbidden, more distance kept.
 
 What was not touched is flown as it was planned. Where a viewpoint was moved or left out, or a box is in the
-way, a safe way joins what is left.
+way, a safe way joins what is left. Viewpoints that come too near a structure only because more distance is
+asked for are moved away from it, as little as will do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from upplied.config import RetimeSettings
 from upplied.errors import RefusedError
+from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.roadmap import Roadmap, way
+from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.retime import retime
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
@@ -44,6 +47,22 @@ class Edit:
         """What was changed, in words."""
         said = [f"viewpoint {number} left out" for number in self.deleted]
         said += [f"viewpoint {number} changed" for number in sorted(self.changed)]
+        return ", ".join(said)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a person asks of the airspace of a plan."""
+
+    boxes: tuple[tuple[float, ...], ...] = ()  # of six numbers each: two corners, m, structure frame
+    clearance_m: float | None = None  # more than the plan keeps
+
+    @property
+    def words(self) -> str:
+        """What is asked for, in words."""
+        said = [f"{len(self.boxes)} boxes forbidden"] if len(self.boxes) > 1 else []
+        said += ["a box forbidden"] if len(self.boxes) == 1 else []
+        said += [f"{self.clearance_m:g} m of clearance"] if self.clearance_m is not None else []
         return ", ".join(said)
 
 
@@ -102,6 +121,8 @@ def edited(
     whole = _piece(plan, np.arange(len(plan)), is_viewpoint)
     stops = {number: _stop(whole, int(index[number]), edit.changed.get(number)) for number in kept}
     for number, stop in stops.items():
+        if number not in edit.changed:
+            stops[number] = stop = _farther(stop, graph.airspace)
         if why := graph.airspace.why(stop.positions[0]):
             raise RefusedError(f"viewpoint {number}", why, "", "move it, or leave it out")
     first, last = kept[0], kept[-1]
@@ -145,13 +166,20 @@ def _stop(whole: _Piece, at: int, wanted: Viewpoint | None) -> _Piece:
     return _Piece(place, own.yaw + turn, pitch, own.t_s, own.is_viewpoint)
 
 
+def _farther(stop: _Piece, airspace: Airspace) -> _Piece:
+    """A viewpoint moved as far from the structure as the clearance asks for; its camera looks as before."""
+    lack = airspace.clearance_m - float(airspace.scene.distance(stop.positions)[0])
+    return stop if lack <= 0 else replace(stop, positions=pushed_out(stop.positions, airspace))
+
+
 def _between(
     whole: _Piece, index: Ints, pair: tuple[int, int], stops: Mapping[int, _Piece], edit: Edit, graph: Roadmap
 ) -> list[_Piece]:
     """What is flown between two viewpoints: as it was where nothing was touched, else a safe way."""
     one, other = pair
-    untouched = other == one + 1 and one not in edit.changed and other not in edit.changed
     start, stop = int(index[one]), int(index[other])
+    moved = [not np.array_equal(stops[n].positions[0], whole.positions[int(index[n])]) for n in pair]
+    untouched = other == one + 1 and not any(moved) and one not in edit.changed and other not in edit.changed
     if untouched and not graph.airspace.broken(whole.positions[start : stop + 1]).any():
         return [_cut(whole, start + 1, stop)]
     a, b = stops[one], stops[other]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.records import Bools, Camera, Floats, Record
+from upplied.records import Bools, Camera, Floats, Ints, Record
 
 
 @dataclass(frozen=True)
@@ -16,6 +16,7 @@ class Demand:
 
     zone: str  # its name
     where: str  # landmarks, part_0, or "box X Y Z X Y Z" (m), separated by commas
+    looks: int = 1  # pictures that show each patch, at least; what else is asked is asked of one of them
     gsd_mm: float | None = None  # a pixel covers this much of the surface at most
     incidence_deg: float | None = None  # from the normal, at most
     max_age_days: float | None = None  # of a look, at most
@@ -29,6 +30,7 @@ class Looked(Record):
     incidence_deg: Floats  # (N,)
     age_days: float  # of the looks; 0 for what is planned
     camera: Camera
+    pictures: Ints | None = None  # (N,) that show it; None: one where it was seen, more are not known
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class ZoneVerdict:
 
 def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looked]) -> ZoneVerdict:
     """Judge a zone by all looks at it; each patch must be shown by one look that keeps every demand.
+
+    Where more than one look is asked for, as many pictures that are young enough must show it.
 
     Parameters
     ----------
@@ -57,6 +61,7 @@ def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looke
     if not asked.any():
         return ZoneVerdict("unattainable", float("nan"), "no safe camera can see any of it")
     seen, sharp, frontal, all_kept = (np.zeros(len(zone), bool) for _ in range(4))
+    pictures = np.zeros(len(zone), np.int64)
     for look in looks:
         there = np.isfinite(look.distance_m)
         fine = there & _fine(demand, look)
@@ -64,6 +69,10 @@ def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looke
         young = demand.max_age_days is None or look.age_days <= demand.max_age_days
         seen, sharp, frontal = seen | there, sharp | fine, frontal | level
         all_kept |= level & young
+        if young:
+            pictures += there if look.pictures is None else np.where(there, np.maximum(look.pictures, 1), 0)
+    often = pictures >= demand.looks
+    kept, all_kept = all_kept, all_kept & often
     share = 100 * float(all_kept[asked].mean())
     rest = f"; {beyond:.1f} % of it no safe camera can see" if beyond else ""
     if all_kept[asked].all():
@@ -72,7 +81,8 @@ def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looke
         ("was not seen", asked & ~seen),
         (_coarse(demand, looks), asked & seen & ~sharp),
         (f"was seen more obliquely than {demand.incidence_deg or 0:g} deg", asked & sharp & ~frontal),
-        (f"was seen longer ago than {demand.max_age_days or 0:g} days", asked & frontal & ~all_kept),
+        (f"was seen longer ago than {demand.max_age_days or 0:g} days", asked & frontal & ~kept),
+        (f"was seen in fewer than {demand.looks} pictures", asked & kept & ~often),
     )
     parts = [f"{100 * part.sum() / asked.sum():.1f} % {words}" for words, part in steps if part.any()]
     return ZoneVerdict("missed", share, ", ".join(parts) + rest)

@@ -17,6 +17,7 @@ from upplied.catalog.schema.columns import COMMIT_VERSION as _COMMIT_VERSION
 from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table
 from upplied.catalog.schema.columns import identity as _id
 from upplied.catalog.schema.decided import DECIDED, DECISIONS, OVERRULED
+from upplied.catalog.schema.edited import EDITS
 from upplied.catalog.schema.flown import AS_FLOWN
 from upplied.catalog.schema.measures import MEASURES
 from upplied.catalog.schema.paths import POSES, WAYPOINTS
@@ -275,5 +276,6 @@ TABLES = {
         OVERRULED,
         SETTINGS,
         REQUIREMENTS,
+        EDITS,
     )
 }

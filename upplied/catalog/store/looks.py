@@ -20,3 +20,4 @@ class StoredLooks(Record):
     incidence_deg: Floats  # (K,)
     speed_mps: Floats  # (K,)
     t_s: Floats  # (K,) from the first pose
+    pictures: Ints | None = None  # (K,) that show it; None: not counted then

@@ -29,10 +29,9 @@ if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
 
-#: Flights are flown again in a moment; decisions, and what was overruled, are of one place.
-EXCHANGED = [
-    name for name in TABLES if name not in ("flights", "decisions", "overruled", "settings", "requirements")
-]
+#: Flights are flown again in a moment; decisions, edits, and what was overruled, are of one place.
+_OF_ONE_PLACE = ("flights", "decisions", "overruled", "settings", "requirements", "edits")
+EXCHANGED = [name for name in TABLES if name not in _OF_ONE_PLACE]
 
 _DATASET = "dataset.json"
 _MAX_BYTES = 8 << 30  # of one file of a folder that is imported

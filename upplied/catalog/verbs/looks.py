@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from upplied.catalog.schema import rows
 from upplied.catalog.store.looks import StoredLooks
 from upplied.errors import SettingsError
-from upplied.records import Bools, Floats
+from upplied.records import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from upplied.catalog.reading import Reading
@@ -21,7 +21,12 @@ _COLUMNS = ["flight_id", "transfer_id", "kind", "flown_at", "operator", "looks_s
 
 
 def put_looks(
-    catalog: Reading, points: Floats, normals: Floats | None, seen: Bools, values: dict[str, Floats]
+    catalog: Reading,
+    points: Floats,
+    normals: Floats | None,
+    seen: Bools,
+    values: dict[str, Floats],
+    pictures: Ints | None = None,
 ) -> str:
     """Keep how a flight saw the samples (N, 3) of a surface; returns the hash.
 
@@ -32,12 +37,15 @@ def put_looks(
     seen : array of bool, shape (N,)
     values : dict
         `distance_m`, `incidence_deg`, `speed_mps` and `t_s`, each (N,).
+    pictures : array of int, shape (N,), optional
+        That show each sample.
     """
     samples = catalog.surfaces.put_samples(points, normals)
     patch = np.flatnonzero(seen)
     small: Any = {name: value[patch].astype(np.float32) for name, value in values.items()}
     number: Any = patch.astype(np.int32)
-    return catalog.looks.put(StoredLooks(samples, number, **small))
+    count: Any = None if pictures is None else np.minimum(pictures[patch], 65535).astype(np.uint16)
+    return catalog.looks.put(StoredLooks(samples, number, **small, pictures=count))
 
 
 def looks_at(catalog: Reading, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:

@@ -124,6 +124,7 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
         "overruled": catalog.overruled(),
         "settings": catalog.said_settings(),
         "requirements": catalog.requirements(),
+        "edits": catalog.edits(),
     }
     now = Generation(catalog.identity.required(), versions)
     if before is not None and not force:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from upplied.catalog.reading import Reading
 
 _NUMBERS = {"gsd_mm": (0.0, 1e5), "incidence_deg": (0.0, 90.0), "max_age_days": (0.0, 1e5)}  # above, up to
+_LONGEST = 100_000  # letters of a place: what is painted has many balls
+_MOST_LOOKS = 1000
 _MOST_ZONES = 1000
 
 
@@ -55,12 +57,15 @@ def require(
 
 def _zone(name: str, zone: Mapping[str, Any]) -> Row:
     what = f"requirements {name}, zone {str(zone.get('zone', '(unnamed)'))[:60]}"
-    unknown = sorted(set(zone) - {"zone", "where", *_NUMBERS})
+    unknown = sorted(set(zone) - {"zone", "where", "looks", *_NUMBERS})
     if unknown:
-        raise SettingsError(what, f"has {unknown[0][:60]!r}", f"zone, where, {', '.join(_NUMBERS)}")
+        raise SettingsError(what, f"has {unknown[0][:60]!r}", f"zone, where, looks, {', '.join(_NUMBERS)}")
+    looks = zone.get("looks", 1)
+    if not isinstance(looks, int) or isinstance(looks, bool) or not 1 <= looks <= _MOST_LOOKS:
+        raise SettingsError(what, f"looks is {looks!r}", f"a whole number from 1 to {_MOST_LOOKS}")
     for key in ("zone", "where"):
-        if not isinstance(zone.get(key), str) or not 0 < len(zone[key].strip()) <= 1000:
-            raise SettingsError(what, f"has no {key}", "a text")
+        if not isinstance(zone.get(key), str) or not 0 < len(zone[key].strip()) <= _LONGEST:
+            raise SettingsError(what, f"has no {key}", f"a text of {_LONGEST} letters at most")
     for key, (low, high) in _NUMBERS.items():
         value = zone.get(key)
         if value is None:

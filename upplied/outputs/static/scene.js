@@ -82,8 +82,9 @@
   }
 
   // scene(root, structure, camera, tracks): tracks are {name, colour, path, viewpoints, states, width}.
-  upplied.scene = function (root, structure, camera, tracks) {
-    const bounds = [0, 1, 2].map((axis) => extent(axis, unpack(structure.vertices), tracks));
+  // `room` is how far beyond them something may come to be drawn, m.
+  upplied.scene = function (root, structure, camera, tracks, room = 0) {
+    const bounds = [0, 1, 2].map((axis) => extent(axis, unpack(structure.vertices), tracks)).map(([low, high]) => [low - room, high + room]);
     const size = bounds.map(([low, high]) => Math.max(high - low, 1e-3));
     const longest = Math.max(...size);
     const middle = bounds.map(([low, high]) => (low + high) / 2);
@@ -113,6 +114,7 @@
       scene: { xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", camera: home,
         aspectratio: { x: size[0] / longest, y: size[1] / longest, z: size[2] / longest } },
     };
+    const overlays = {};
     const ready = Plotly.newPlot(root, traces, layout, { displaylogo: false, responsive: true, displayModeBar: false, scrollZoom: true });
 
     root.addEventListener("keydown", (event) => {
@@ -143,6 +145,31 @@
       async visible(at, path, frusta) {
         await ready;
         await Plotly.restyle(root, { visible: [path, path && frusta, path] }, [groups[at].line, groups[at].frusta, groups[at].flying]);
+      },
+      // Another path and other viewpoints in the place of a track's.
+      async redraw(at, path, poses) {
+        await ready;
+        const xyz = { x: [[]], y: [[]], z: [[]] };
+        for (let i = 0; i < path.count; i++) ["x", "y", "z"].forEach((axis, k) => xyz[axis][0].push(path.xyz[3 * i + k]));
+        await Plotly.restyle(root, xyz, [groups[at].line]);
+        await this.shape(groups[at].frusta, pyramids(apart(poses, 0.07 * longest), camera, 0.045 * longest));
+      },
+      // The camera of one pose, where a track's own would fly.
+      async point(at, pose) { await ready; await this.shape(groups[at].flying, pyramids(pose ? [pose] : [], camera, 0.1 * longest)); },
+      // A trace of its own by name, made when it is first drawn: {x, y, z}, and how it looks.
+      async overlay(name, shape, look) {
+        await ready;
+        if (name in overlays) return this.shape(overlays[name], shape);
+        overlays[name] = root.data.length;
+        await Plotly.addTraces(root, { type: "scatter3d", showlegend: false, hoverinfo: "skip", ...shape, ...look });
+      },
+      async shape(trace, { x, y, z }) { await Plotly.restyle(root, { x: [x], y: [y], z: [z] }, [trace]); },
+      // Whether a click on the surface is told, as its place in metres.
+      async clicks(wanted, told) {
+        await ready;
+        await Plotly.restyle(root, { hoverinfo: wanted ? "none" : "skip" }, [0]);
+        root.removeAllListeners("plotly_click");
+        if (wanted) root.on("plotly_click", ({ points }) => { if (points.length && points[0].curveNumber === 0) told([points[0].x, points[0].y, points[0].z]); });
       },
       async coloured(codes) { await ready; await Plotly.restyle(root, structure.triangles.data ? { intensity: [codes] } : { "marker.color": [codes] }, [0]); },
       // The view as a PNG's address, for print; drawn and read in one go, since the browser clears what it has shown.

@@ -1,4 +1,4 @@
-"""What the user says a flight was about: names of parts, and boxes."""
+"""What the user says a flight, or a zone, is about: names of parts, boxes, and what is painted in balls."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 
 _VOTES = 25  # samples nearest to a landmark, that say which part of the skin it lies in
-_RULE = "landmarks, part_0, part_1, ... or 'box X Y Z X Y Z' (two corners, m), separated by commas"
+_RULE = (
+    "landmarks, part_0, part_1, ..., 'box X Y Z X Y Z' (two corners, m) or 'ball X Y Z R' (m), "
+    "separated by commas"
+)
 
 
 def zone_of(about: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools | None:
@@ -20,7 +23,8 @@ def zone_of(about: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools
     ----------
     about : str
         Landmarks of the structure (the part of the skin there), ``part_3`` of a summary, or
-        ``box 10 2 1 14 6 4``: two corners in the structure's declared frame, m. Separated by commas.
+        ``box 10 2 1 14 6 4``: two corners in the structure's declared frame, m, or ``ball 10 2 1 0.5``:
+        the surface that near to a place, on the side that is nearest to it. Separated by commas.
     structure : Structure
         In whatever frame it is planned in.
     cloud : Cloud
@@ -31,7 +35,7 @@ def zone_of(about: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools
     Raises
     ------
     SettingsError
-        If a name is unknown, a box has no six numbers, or nothing of the surface is named.
+        If a name is unknown, a box or ball has not its numbers, or nothing of the surface is named.
     """
     wanted = [word.strip() for word in about.split(",") if word.strip()]
     if not wanted:
@@ -46,10 +50,18 @@ def zone_of(about: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools
 
 def _zone(word: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools:
     if word.lower().startswith("box "):
-        corners = _corners(word)
+        corners = _numbers(word, 6, "a box").reshape(2, 3)
         low, high = corners.min(axis=0), corners.max(axis=0)
         points = structure.frame.to_declared(cloud.points)
         return np.asarray(((points >= low) & (points <= high)).all(axis=1), bool)
+    if word.lower().startswith("ball "):
+        *place, radius = _numbers(word, 4, "a ball")
+        points = structure.frame.to_declared(cloud.points)
+        off = np.linalg.norm(points - place, axis=1)
+        same_side = np.ones(len(cloud), bool)
+        if cloud.normals is not None:  # of a thin plate one side is meant
+            same_side = cloud.normals @ cloud.normals[int(off.argmin())] > 0
+        return np.asarray((off <= radius) & same_side, bool)
     if word in structure.landmarks:
         count = min(_VOTES, len(cloud))
         near = cKDTree(cloud.points).query(np.array(structure.landmarks[word]), k=count)[1]
@@ -63,11 +75,11 @@ def _zone(word: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools:
     raise SettingsError(f"about {word[:60]!r}", found, _RULE)
 
 
-def _corners(word: str) -> Floats:
+def _numbers(word: str, count: int, what: str) -> Floats:
     try:
         numbers = np.array([float(part) for part in word.split()[1:]])
     except ValueError:
         numbers = np.empty(0)
-    if len(numbers) != 6 or not np.isfinite(numbers).all():
-        raise SettingsError(f"about {word[:60]!r}", "cannot be read as a box", _RULE)
-    return numbers.reshape(2, 3)
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise SettingsError(f"about {word[:60]!r}", f"cannot be read as {what}", _RULE)
+    return numbers

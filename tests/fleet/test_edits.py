@@ -1,0 +1,182 @@
+"""Changes of plans: kept as such, judged as every plan, taken over to plans made later, or told why not."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from upplied.catalog import open_catalog
+from upplied.catalog.database import Catalog
+from upplied.errors import InputError
+from upplied.fleet.edits import carry_edits, edit_plan, write_edit
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.poses import interpolate
+from upplied.proof.carried_edit import (
+    KeptEdit,
+    Touched,
+    edit_from_json,
+    edit_json,
+    found_again,
+    kept_edit,
+    together,
+)
+from upplied.proof.edit import Asked, Edit, Viewpoint, viewpoints_of
+from upplied.records import Plan
+from upplied.samples.fleet import member
+from upplied.samples.pilot import fly
+from upplied.scene import scene_of
+
+CUBE = member("cube-v1").structure
+FLOWN = fly(CUBE, "sides", seed=1)
+PATH = interpolate(FLOWN.trajectory, np.arange(0.0, 60.0, 0.5))
+FLAGS = np.arange(len(PATH)) % 10 == 0
+BEFORE = viewpoints_of(PATH, FLAGS)
+LITTLE = np.array([0.0, 0.0, 0.1])
+BOX = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+
+
+def planned(name: str, **said) -> tuple[str, Plan, dict]:
+    """A plan of the cube, flown as it was demonstrated, and its key."""
+    made = Plan(FLOWN.demonstration_id, "cube-v1", "cube-v1", CUBE.kind, "recommended", "ok",
+                trajectory=PATH, is_viewpoint=FLAGS, flyable=True)  # fmt: skip
+    return hashlib.sha256(name.encode()).hexdigest(), replace(made, **said), {}
+
+
+@pytest.fixture
+def catalog(tmp_path) -> Catalog:
+    made = open_catalog(tmp_path / "catalog")
+    made.add_structures([CUBE])
+    made.add_demonstrations([FLOWN])
+    made.add_plans([planned("first")])
+    return made
+
+
+def changed(catalog: Catalog, tmp_path, plan: str, by: str = "Ada", **asked) -> str:
+    """The plan with viewpoint 3 left out and viewpoint 6 half a metre higher, and what else is asked."""
+    path = write_edit(catalog, plan, tmp_path / "edit.json")
+    said = json.loads(path.read_text()) | asked
+    said["viewpoints"] = [row for row in said["viewpoints"] if row["viewpoint"] != 3]
+    said["viewpoints"][5]["z_m"] += 0.5
+    path.write_text(json.dumps(said))
+    return edit_plan(catalog, plan, path, by)
+
+
+def newest(catalog: Catalog):
+    (row,) = catalog.transfers(preset="recommended").to_dict("records")
+    return row
+
+
+def places(catalog: Catalog, plan: str) -> np.ndarray:
+    steps = catalog.waypoints(plan)
+    return steps.loc[steps["is_viewpoint"], ["x_m", "y_m", "z_m"]].to_numpy()
+
+
+def test_a_change_is_carried_over_to_the_next_draft_once(catalog, tmp_path):
+    first = newest(catalog)["transfer_id"]
+    made = changed(catalog, tmp_path, first)
+    (kept,) = catalog.edits().to_dict("records")
+    assert (kept["base_id"], kept["transfer_id"], kept["by"]) == (first, made, "Ada")
+    assert newest(catalog)["transfer_id"] == made and carry_edits(catalog) == []
+    # the night plans the pair anew, a little lower: the same two viewpoints are changed in it
+    lower = replace(PATH, positions=PATH.positions - LITTLE)
+    catalog.add_plans([planned("second", trajectory=lower)])
+    second = newest(catalog)["transfer_id"]
+    assert carry_edits(catalog) == []
+    third = newest(catalog)
+    assert third["transfer_id"] not in (first, made, second)
+    assert "changed by Ada, carried over" in json.loads(third["warnings"])[0]
+    wanted = np.array([v.position for n, v in enumerate(BEFORE) if n not in (3, 6)]) - LITTLE
+    found = places(catalog, third["transfer_id"])
+    gaps = np.linalg.norm(found[:, None] - wanted[None], axis=2).min(axis=0)
+    assert gaps.max() < 1e-6  # all the others, as they were planned
+    assert np.linalg.norm(found - BEFORE[3].position, axis=1).min() > 0.3  # left out
+    raised = np.array(BEFORE[6].position) + 5 * LITTLE
+    assert np.linalg.norm(found - raised, axis=1).min() < 1e-3  # where the person wanted it
+    assert carry_edits(catalog) == [] and newest(catalog)["transfer_id"] == third["transfer_id"]
+    assert list(catalog.edits()["base_id"]) == [first, second]
+
+
+def test_a_change_that_a_kill_left_without_its_plan_is_carried_over(catalog, tmp_path, monkeypatch):
+    plan = newest(catalog)["transfer_id"]
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Catalog, "add_plans", killed)
+        changed(catalog, tmp_path, plan)
+    assert newest(catalog)["transfer_id"] == plan and len(catalog.edits()) == 1
+    catalog.add_plans([planned("second", trajectory=replace(PATH, positions=PATH.positions + LITTLE))])
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Catalog, "add_plans", killed)
+        carry_edits(catalog)
+    assert carry_edits(catalog) == []
+    assert "carried over" in newest(catalog)["warnings"] and len(catalog.edits()) == 2
+
+
+def test_what_has_no_place_in_the_next_draft_is_told_and_kept(catalog, tmp_path):
+    changed(catalog, tmp_path, newest(catalog)["transfer_id"])
+    away = replace(PATH, positions=PATH.positions + 400 * LITTLE)
+    catalog.add_plans([planned("elsewhere", trajectory=away)])
+    (told,) = carry_edits(catalog)
+    assert "the change by Ada" in told and "is not in the newest draft" in told and "m off" in told
+    last = catalog.edits().iloc[-1]
+    assert last["transfer_id"] == "" and last["lost"] and carry_edits(catalog) == []
+
+
+def test_a_rejected_change_is_not_carried_over(catalog, tmp_path):
+    made = changed(catalog, tmp_path, newest(catalog)["transfer_id"])
+    catalog.reject(made, "Ben")
+    catalog.add_plans([planned("second", trajectory=replace(PATH, positions=PATH.positions + LITTLE))])
+    second = newest(catalog)["transfer_id"]
+    assert carry_edits(catalog) == [] and newest(catalog)["transfer_id"] == second
+
+
+def test_more_distance_is_kept_and_kept_on_when_the_plan_is_changed_again(catalog, tmp_path):
+    plan = newest(catalog)
+    scene = scene_of(CUBE)
+    asked = path_clearance(scene, PATH.positions).distance_m + 0.4
+    path = write_edit(catalog, plan["transfer_id"], tmp_path / "more.json")
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"clearance_m": asked}))
+    made = edit_plan(catalog, plan["transfer_id"], path, "Ada")
+    assert newest(catalog)["min_clearance_m"] >= asked - 1e-6
+    path = write_edit(catalog, made, tmp_path / "again.json")
+    said = json.loads(path.read_text())
+    said["viewpoints"] = said["viewpoints"][1:]
+    path.write_text(json.dumps(said))
+    edit_plan(catalog, made, path, "Ben")
+    assert newest(catalog)["min_clearance_m"] >= asked - 1e-6
+    kept = edit_from_json(catalog.edits().iloc[-1]["edit_json"])
+    assert kept.asked.clearance_m == pytest.approx(asked) and len(kept.touched) == 1
+    with pytest.raises(InputError, match="changes nothing"):
+        path = write_edit(catalog, made, tmp_path / "same.json")
+        edit_plan(catalog, made, path, "Ben")
+
+
+def test_two_changes_together_are_one():
+    up = replace(BEFORE[6], position=(*BEFORE[6].position[:2], BEFORE[6].position[2] + 0.5))
+    further = replace(up, pitch_deg=-30.0)
+    one = kept_edit(BEFORE, Edit((3,), {6: up}), Asked((BOX,), None), False)
+    two = KeptEdit((Touched(up, further), Touched(BEFORE[8], None)), Asked((BOX,), 3.0), True)
+    both = together(one, two)
+    assert both.touched == (Touched(BEFORE[3], None), Touched(BEFORE[6], further), Touched(BEFORE[8], None))
+    assert both.asked == Asked((BOX,), 3.0) and both.replanned
+    assert edit_from_json(edit_json(both)) == both
+    assert found_again(both, BEFORE) == (Edit((3, 8), {6: further}), ())
+    for text in ("", "[]", '{"touched":[{"was":null,"wanted":null}]}', '{"touched": 3}'):
+        with pytest.raises(InputError, match="cannot be read"):
+            edit_from_json(text)
+
+
+def test_a_viewpoint_is_found_again_by_its_place_and_its_direction():
+    kept = KeptEdit((Touched(BEFORE[4], None),))
+    turned = [replace(v, yaw_deg=v.yaw_deg + 90) for v in BEFORE]
+    edit, lost = found_again(kept, turned)
+    assert edit == Edit() and "has no like" in lost[0]
+    again, lost = found_again(KeptEdit((Touched(BEFORE[4], None), Touched(BEFORE[4], None))), BEFORE[:5])
+    assert again.deleted == (4,) and len(lost) == 1  # not two of one
+    assert found_again(KeptEdit(), [Viewpoint((0, 0, 0), 0, 0)]) == (Edit(), ())

@@ -1,0 +1,210 @@
+"""A plan of the catalog as a person changes it, step by step, judged as every plan is."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from upplied.catalog import Catalog, recipe
+from upplied.config import digest
+from upplied.errors import RefusedError
+from upplied.fleet.recent import Recent
+from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
+from upplied.outputs.reports import plan_of
+from upplied.planning.airspace.roadmap import Roadmap, roadmap
+from upplied.planning.airspace.rules import Airspace
+from upplied.planning.plan import plan_transfer
+from upplied.planning.surface.samples import surface_samples
+from upplied.proof.carried_edit import KeptEdit, edit_from_json, found_again, kept_edit, together
+from upplied.proof.edit import Asked, Edit, Viewpoint, edited, viewpoints_of
+from upplied.records import Bools, Cloud, Floats, Plan, Structure, Trajectory
+from upplied.scene import Scene, scene_of
+from upplied.simulate import measure_flown
+
+_PLACES = 300  # of the plan, that the ways may lead by
+_ROADMAPS = 4  # that are held: those of the airspaces asked for last
+
+
+@dataclass(frozen=True)
+class Base:
+    """What a change counts the viewpoints of: the plan as it is kept, or one that was planned anew."""
+
+    plan: Plan
+    asked: Asked | None = None  # of the airspace that it was planned anew in; None: as it is kept
+
+    @cached_property
+    def viewpoints(self) -> list[Viewpoint]:
+        """Its viewpoints, in the order of flight."""
+        path, flags = flown_path(self.plan)
+        return viewpoints_of(path, flags)
+
+
+@dataclass(frozen=True)
+class JudgedEdit:
+    """A plan as it was changed, and what is to be said against it."""
+
+    plan: Plan  # with its measures
+    broken: tuple[str, ...]  # rules of the place, in words: it must not be kept
+    short: str  # why it must not be flown, in words; it may be kept
+
+
+class Editing:
+    """One plan, with all that judging it anew needs held at hand, so that it takes well under a second.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    transfer_id : str
+
+    Raises
+    ------
+    RefusedError
+        If the plan has no viewpoints.
+    """
+
+    def __init__(self, catalog: Catalog, transfer_id: str) -> None:
+        self.recipe = recipe(catalog, transfer_id)
+        self.transfer_id = transfer_id
+        self.kept = Base(plan_of(catalog, self.recipe.row))
+        flown_path(self.kept.plan)
+        self._memo = Recent(catalog.cache)
+        edits = catalog.edits()
+        own = edits.loc[edits["transfer_id"] == transfer_id, "edit_json"]
+        self.earlier = edit_from_json(own.iloc[-1]) if len(own) else KeptEdit()  # that made this plan
+        self._roadmaps: OrderedDict[str, Roadmap] = OrderedDict()
+
+    @property
+    def target(self) -> Structure:
+        """The structure as the plan was made for."""
+        return self.recipe.target
+
+    @property
+    def usual_m(self) -> float:
+        """The clearance that the plan keeps."""
+        route = self.recipe.settings.route
+        return route.clearance_m if route.enforce else USUAL_CLEARANCE_M
+
+    def clearance_m(self, asked: Asked) -> float:
+        """The clearance that a change asks for, never less than the plan's own."""
+        return max(self.usual_m, self.earlier.asked.clearance_m or 0.0, asked.clearance_m or 0.0)
+
+    def judged(self, base: Base, edit: Edit, asked: Asked) -> JudgedEdit:
+        """The plan as it was changed, with the measures that every plan has.
+
+        Raises
+        ------
+        RefusedError
+            If what is asked for cannot be flown: a viewpoint where nobody may be, or no safe way to it.
+        """
+        path, flags = flown_path(base.plan)
+        graph = self._roadmap(asked, path)
+        if edit == Edit() and not graph.airspace.broken(path.positions).any():
+            made, stops = path, flags
+        else:
+            made, stops = edited(path, flags, edit, graph, self.recipe.settings.retime)
+        where = self._forbidding(asked)
+        broken = place_breaches(made.positions, made.t_s, where, self.clearance_m(asked))
+        inputs = (self.recipe.demonstration, self.recipe.source, self.target)
+        found = measure_flown(made, base.plan, *inputs, self.recipe.settings, self._memo)
+        least = self.recipe.settings.verdict.least_inspected_pct
+        shown = found.measures.coverage_inspected_pct
+        short = f"shows {shown:.1f} % of what was inspected, {least:g} % are asked for"
+        return JudgedEdit(
+            replace(found, is_viewpoint=stops, flyable=True, not_flyable=""),
+            tuple(broken),
+            short if shown < least else "",
+        )
+
+    def replanned(self, asked: Asked, fixed: KeptEdit) -> tuple[Base, Edit, tuple[str, ...]]:
+        """The plan made anew in the airspace that is asked for, with the viewpoints that are fixed put back.
+
+        Returns
+        -------
+        tuple
+            What it is now, the fixed viewpoints by its numbers, and which of them found no place, in words.
+
+        Raises
+        ------
+        RefusedError
+            If there is no such plan.
+        """
+        settings, target = self.recipe.settings, self._forbidding(asked)
+        if asked.clearance_m is not None:
+            route = replace(settings.route, clearance_m=self.clearance_m(asked))
+            settings = replace(settings, route=route)
+        made = plan_transfer(self.recipe.demonstration, self.recipe.source, target, settings, self._memo)
+        if made.trajectory is None:
+            raise RefusedError(f"a plan of {target.structure_id} in that airspace", made.reason)
+        base = Base(made, asked)
+        edit, lost = found_again(fixed, base.viewpoints)
+        return base, edit, lost
+
+    def carried(self, kept: KeptEdit) -> tuple[Base, Edit, tuple[str, ...]]:
+        """A change of another plan on this one: planned anew where that one was, else as it is.
+
+        Returns
+        -------
+        tuple
+            As `replanned` gives it.
+        """
+        if kept.replanned:
+            return self.replanned(kept.asked, kept)
+        edit, lost = found_again(kept, self.kept.viewpoints)
+        return self.kept, edit, lost
+
+    def to_keep(self, base: Base, edit: Edit, asked: Asked) -> KeptEdit:
+        """A change by its places, to be carried over to plans made later."""
+        return together(self.earlier, kept_edit(base.viewpoints, edit, asked, base.asked is not None))
+
+    @cached_property
+    def scene(self) -> Scene:
+        """Of the structure."""
+        return scene_of(self.target)
+
+    @cached_property
+    def surface(self) -> Cloud:
+        """Samples of the structure."""
+        return surface_samples(self.target, self.scene, self.recipe.settings.clouds)
+
+    def _forbidding(self, asked: Asked) -> Structure:
+        """The structure with the boxes that are forbidden."""
+        if not (asked.boxes or self.earlier.asked.boxes):
+            return self.target
+        around = self.target.surroundings
+        boxes = np.concatenate([around.keep_out_m, boxes_of(self.earlier.asked), boxes_of(asked)])
+        name = self.target.sha256 and digest([self.target.sha256, boxes.tolist()])
+        return replace(self.target, surroundings=replace(around, keep_out_m=boxes), sha256=name)
+
+    def _roadmap(self, asked: Asked, path: Trajectory) -> Roadmap:
+        name = digest([asked.boxes, self.clearance_m(asked), path.positions.tobytes().hex()])
+        if name not in self._roadmaps:
+            around = self._forbidding(asked).surroundings
+            ground = self.recipe.settings.route.ground_clearance_m
+            airspace = Airspace(self.scene, self.clearance_m(asked), around, ground)
+            every = max(1, len(path) // _PLACES)
+            self._roadmaps[name] = roadmap(airspace, self.surface, path.positions[::every])
+            while len(self._roadmaps) > _ROADMAPS:
+                self._roadmaps.popitem(last=False)
+        self._roadmaps.move_to_end(name)
+        return self._roadmaps[name]
+
+
+def flown_path(plan: Plan) -> tuple[Trajectory, Bools]:
+    """The path of a plan, and which of its poses are viewpoints.
+
+    Raises
+    ------
+    RefusedError
+        If it has none.
+    """
+    if plan.trajectory is None or plan.is_viewpoint is None or not plan.is_viewpoint.any():
+        raise RefusedError(f"a plan of {plan.target_id}", f"has no viewpoints: it is {plan.status}")
+    return plan.trajectory, plan.is_viewpoint
+
+
+def boxes_of(asked: Asked) -> Floats:
+    """The forbidden boxes (K, 2, 3), m, each by its lower and its upper corner."""
+    return np.sort(np.array(asked.boxes, float).reshape(-1, 2, 3), axis=1)
