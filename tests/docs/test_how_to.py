@@ -31,6 +31,7 @@ ELSEWHERE = {
 #: Commands that are not run here, and why.
 NOT_RUN = {
     "make quickstart": "builds an environment; continuous integration runs it",
+    "upplied studio": "serves until it is stopped; studio/test_studio.py does so",
     "upplied serve": "serves until it is stopped; test_wheel.py does so",
     "upplied fleet run": "needs that server; test_flows.py runs the flow",
     "prefect worker": "works until it is stopped; test_machines.py has such workers",

@@ -18,7 +18,7 @@ from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.samples import surface_samples
-from upplied.proof.carried_edit import KeptEdit, edit_from_json, found_again, kept_edit, together
+from upplied.proof.carried_edit import KeptEdit, edit_from_json, found_again, kept_edit, put_back, together
 from upplied.proof.edit import Asked, Edit, Viewpoint, edited, viewpoints_of
 from upplied.records import Bools, Cloud, Floats, Plan, Structure, Trajectory
 from upplied.scene import Scene, scene_of
@@ -118,13 +118,13 @@ class Editing:
             short if shown < least else "",
         )
 
-    def replanned(self, asked: Asked, fixed: KeptEdit) -> tuple[Base, Edit, tuple[str, ...]]:
+    def replanned(self, asked: Asked, fixed: KeptEdit) -> tuple[Base, Edit]:
         """The plan made anew in the airspace that is asked for, with the viewpoints that are fixed put back.
 
         Returns
         -------
         tuple
-            What it is now, the fixed viewpoints by its numbers, and which of them found no place, in words.
+            What it is now, and the fixed viewpoints by its numbers.
 
         Raises
         ------
@@ -132,15 +132,14 @@ class Editing:
             If there is no such plan.
         """
         settings, target = self.recipe.settings, self._forbidding(asked)
-        if asked.clearance_m is not None:
+        if self.clearance_m(asked) > self.usual_m:
             route = replace(settings.route, clearance_m=self.clearance_m(asked))
             settings = replace(settings, route=route)
         made = plan_transfer(self.recipe.demonstration, self.recipe.source, target, settings, self._memo)
         if made.trajectory is None:
             raise RefusedError(f"a plan of {target.structure_id} in that airspace", made.reason)
-        base = Base(made, asked)
-        edit, lost = found_again(fixed, base.viewpoints)
-        return base, edit, lost
+        flags, edit = put_back(fixed, *flown_path(made))
+        return Base(replace(made, is_viewpoint=flags), asked), edit
 
     def carried(self, kept: KeptEdit) -> tuple[Base, Edit, tuple[str, ...]]:
         """A change of another plan on this one: planned anew where that one was, else as it is.
@@ -148,10 +147,10 @@ class Editing:
         Returns
         -------
         tuple
-            As `replanned` gives it.
+            What it is of, the change by its numbers, and what of it has no place there, in words.
         """
         if kept.replanned:
-            return self.replanned(kept.asked, kept)
+            return *self.replanned(kept.asked, kept), ()
         edit, lost = found_again(kept, self.kept.viewpoints)
         return self.kept, edit, lost
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from upplied.errors import InputError
 from upplied.poses import from_yaw_pitch, optical_axis
-from upplied.proof.edit import Asked, Edit, Viewpoint
-from upplied.records import Floats
+from upplied.proof.edit import Asked, Edit, Viewpoint, viewpoints_of
+from upplied.records import Bools, Floats, Trajectory
 
 _SAME_M = 1e-3  # as the steps of a plan are kept
 _TURNED_DEG = 30.0  # less than half of what usual cameras see: the same surface is in the picture
@@ -91,6 +91,27 @@ def found_again(kept: KeptEdit, viewpoints: Sequence[Viewpoint]) -> tuple[Edit, 
         else:
             changed[number] = one.wanted
     return Edit(tuple(sorted(deleted)), changed), tuple(lost)
+
+
+def put_back(kept: KeptEdit, path: Trajectory, is_viewpoint: Bools) -> tuple[Bools, Edit]:
+    """Which poses of a plan made anew are viewpoints, so that each that is wanted is one, and the change.
+
+    A wanted viewpoint that has no like takes the place of the nearest pose of the path that was none; one
+    that was left out and has no like is left out already.
+    """
+    viewpoints = viewpoints_of(path, is_viewpoint)
+    edit, _ = found_again(kept, viewpoints)
+    index, flags = np.flatnonzero(is_viewpoint), np.array(is_viewpoint, bool)
+    left_out = [int(index[number]) for number in edit.deleted]
+    wanted = {int(index[number]): view for number, view in edit.changed.items()}
+    for view in (one.wanted for one in kept.touched):
+        if view is not None and view not in wanted.values():
+            off = np.linalg.norm(path.positions - view.position, axis=1)
+            at = int(np.where(flags, np.inf, off).argmin())
+            flags[at], wanted[at] = True, view
+    number = np.cumsum(flags) - 1
+    changed = {int(number[at]): wanted[at] for at in sorted(wanted)}
+    return flags, Edit(tuple(int(number[at]) for at in sorted(left_out)), changed)
 
 
 def edit_json(kept: KeptEdit) -> str:

@@ -141,6 +141,15 @@
         if (aboard && poses[chosen]) await Plotly.relayout(root, { "scene.camera": aboardCamera(poses[chosen]) });
         return poses;
       },
+      // The view from where a pose is, farther off; or as its camera sees.
+      async face(pose, aboard) {
+        await ready;
+        lens(aboard ? Math.min(camera.vfov_deg, 120) : (FOV * 180) / Math.PI);
+        if (aboard) return Plotly.relayout(root, { "scene.camera": aboardCamera(pose) });
+        const [ahead, aside] = [0, 1].map((axis) => pose.xyz[axis] - focus[axis]), flat = Math.hypot(ahead, aside) || 1;
+        const eye = center.map((value, axis) => value + far * [0.9 * ahead / flat, 0.9 * aside / flat, 0.436][axis]);
+        return Plotly.relayout(root, { "scene.camera": { eye: point(eye), center: point(center), up: home.up } });
+      },
       async home() { await ready; lens((FOV * 180) / Math.PI); await Plotly.relayout(root, { "scene.camera": home }); },
       async visible(at, path, frusta) {
         await ready;
