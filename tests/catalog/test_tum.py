@@ -74,3 +74,22 @@ def test_the_command_writes_every_format(catalog, tmp_path, capsys, format):
     if format == "parquet":
         assert main(["catalog", "import", str(tmp_path / "set-v1"), "--catalog", str(tmp_path / "to")]) == 0
         assert len(open_catalog(tmp_path / "to").transfers()) == 12
+
+
+@pytest.mark.parametrize(
+    ("number", "held"), [(1, 0), (2, 0), (3, 1), (4, 1), (5, 1), (10, 1), (14, 1), (16, 2), (25, 2), (40, 4)]
+)
+def test_a_tenth_of_each_kind_is_held_back_twice_and_one_of_few(number, held):
+    found = list(split_of({f"s{at}": "ship" for at in range(number)}).values())
+    assert found.count("test") == found.count("validation") == held
+    assert found.count("train") == number - 2 * held
+
+
+def test_the_split_is_by_kind_and_by_the_names_alone():
+    ships, planes = ({f"{kind}{at}": kind for at in range(12)} for kind in ("ship", "plane"))
+    both = split_of(planes | ships)
+    assert both == split_of(ships) | split_of(planes)
+    from hashlib import sha256
+
+    order = sorted(ships, key=lambda name: sha256(name.encode()).hexdigest())
+    assert [both[name] for name in order[:3]] == ["test", "validation", "train"]
