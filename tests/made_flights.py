@@ -47,6 +47,7 @@ class Made:
     frames: list[str] = field(default_factory=list)
     children: list[str] = field(default_factory=list)
     hfov_deg: np.ndarray | None = None
+    info_ns: np.ndarray | None = None  # of the calibrations, where their clock is another
     extra: list[Topic] = field(default_factory=list)
     facts: dict[str, str] = field(default_factory=dict)
 
@@ -75,7 +76,8 @@ class Made:
         if self.hfov_deg is not None:
             focal = 720 / np.tan(np.radians(self.hfov_deg) / 2)
             infos = []
-            for log, t, f in zip(self.log_ns[::10], self.t_ns[::10], focal[::10], strict=True):
+            clocks = (self.log_ns[::10], self.t_ns[::10]) if self.info_ns is None else (self.info_ns,) * 2
+            for log, t, f in zip(*clocks, focal[::10], strict=True):
                 told = {"header": header(int(t), ""), "width": 1440, "height": 1440, "distortion_model": ""}
                 told |= {"d": [], "k": [f, 0, 720, 0, f, 720, 0, 0, 1], "r": [0.0] * 9, "p": [0.0] * 12}
                 infos.append((int(log), told))
@@ -278,6 +280,14 @@ def zoom(log: Made, rng: np.random.Generator) -> Made:
     return replace(log, hfov_deg=angle)
 
 
+def zoom_by_another_clock(log: Made, rng: np.random.Generator) -> Made:
+    """The camera zooms, and its calibration was written an hour after the flight, by stamps and recorder."""
+    zoomed = zoom(log, rng)
+    count = len(zoomed.t_ns[::10])
+    later = zoomed.t_ns[-1] + (3600 + np.arange(count)) * 10**9
+    return replace(zoomed, info_ns=later)
+
+
 def unconnected(log: Made, rng: np.random.Generator) -> Made:
     """The side-car says map, the poses say odom, and nothing connects them."""
     return replace(log, frames=["odom"] * len(log), facts=log.facts | {"frame_id": "map"})
@@ -338,6 +348,7 @@ NAMED = {
     "long_gap": "gaps",
     "many_gaps": "gaps",
     "hovering": "hovering",
+    "zoom": "zoom",
 }
 
 __all__ = ["FAULTS", "NAMED", "TF", "Made", "flights", "made", "member", "right", "transform"]

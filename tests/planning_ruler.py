@@ -9,9 +9,10 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from upplied.config import Settings
-from upplied.records import Floats, Ints, Structure, Trajectory
+from upplied.records import Camera, Floats, Ints, Structure, Trajectory
 
 SAMPLED_M = 0.1
 _FINE_M = 0.004  # where a path comes near, and where fences and keep-out boxes are asked
@@ -128,3 +129,37 @@ def broken_rules(structure: Structure, trajectory: Trajectory, settings: Setting
     if not (np.diff(trajectory.t_s) > 0).all() or not np.isfinite(trajectory.positions).all():
         excess["times"] = 1.0
     return {name: by for name, by in excess.items() if by > 0}
+
+
+def seen_along(
+    structure: Structure, path: Trajectory, fov_deg: Floats, camera: Camera, points: Floats, normals: Floats
+) -> np.ndarray:
+    """Which surface points (N,) some pose sees, through its own field of view (M, 2), by plain ray casting.
+
+    In the picture by two angles, in range, less oblique than 75 degrees, and no triangle in between.
+    """
+    corner = structure.vertices[structure.triangles]
+    first, edges = corner[:, 0], (corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    seen = np.zeros(len(points), bool)
+    for place, quat, (across, up) in zip(path.positions, path.quat_xyzw, fov_deg, strict=True):
+        ray = points - place
+        far = np.linalg.norm(ray, axis=1)
+        x, y, z = Rotation.from_quat(quat).inv().apply(ray).T
+        inside = np.abs(np.degrees(np.arctan2(y, x))) <= across / 2
+        inside &= np.abs(np.degrees(np.arctan2(z, x))) <= up / 2
+        inside &= (far >= camera.min_range_m) & (far <= camera.max_range_m)
+        inside &= -(ray * normals).sum(axis=1) >= np.cos(np.radians(75.0)) * far
+        asked = np.flatnonzero(inside & ~seen)
+        to, aside = place - first, np.cross(place - first, edges[0])
+        normal = np.cross(edges[0], edges[1])
+        turned = np.cross(to, edges[1])
+        with np.errstate(
+            divide="ignore", invalid="ignore"
+        ):  # Moeller and Trumbore, all rays by all triangles
+            slope = -ray[asked] @ normal.T
+            u = -(ray[asked] @ turned.T) / slope
+            v = (ray[asked] @ aside.T) / slope
+            share = (edges[1] * aside).sum(axis=1) / slope
+            blocked = (u >= 0) & (v >= 0) & (u + v <= 1) & (share > 1e-6) & (share < 0.998)
+        seen[asked[~blocked.any(axis=1)]] = True
+    return seen

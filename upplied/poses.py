@@ -6,6 +6,9 @@ and no roll: yaw is counter-clockwise from +X seen from above, pitch is positive
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -114,17 +117,35 @@ def interpolate(trajectory: Trajectory, t_s: Floats) -> Trajectory:
     t_s : array, shape (M,), s, increasing
     """
     if len(trajectory) == 1:
-        one = np.zeros(len(t_s), int)
-        return Trajectory(np.asarray(t_s, float), trajectory.positions[one], trajectory.quat_xyzw[one])
+        return replace(trajectory.take(np.zeros(len(t_s), np.int64)), t_s=np.asarray(t_s, float))
     held = np.clip(t_s, trajectory.t_s[0], trajectory.t_s[-1])
     positions = np.column_stack(
         [np.interp(held, trajectory.t_s, trajectory.positions[:, axis]) for axis in range(3)]
     )
     quats = Slerp(trajectory.t_s, Rotation.from_quat(trajectory.quat_xyzw))(held).as_quat()
-    return Trajectory(np.asarray(t_s, float), positions, normalised(quats))
+    return Trajectory(np.asarray(t_s, float), positions, normalised(quats), fov_at(trajectory, held))
+
+
+def fov_at(trajectory: Trajectory, t_s: Floats) -> Floats | None:
+    """Fields of view (M, 2), deg, at times of a flight whose camera zooms; None where it does not."""
+    if trajectory.fov_deg is None:
+        return None
+    return np.column_stack([np.interp(t_s, trajectory.t_s, angle) for angle in trajectory.fov_deg.T])
 
 
 def moved(trajectory: Trajectory, rotation: Floats, translation: Floats) -> Trajectory:
     """The trajectory after a rigid motion: ``p' = rotation @ p + translation``."""
     quats = (Rotation.from_matrix(rotation) * Rotation.from_quat(trajectory.quat_xyzw)).as_quat()
-    return Trajectory(trajectory.t_s, trajectory.positions @ rotation.T + translation, normalised(quats))
+    positions = trajectory.positions @ rotation.T + translation
+    return replace(trajectory, positions=positions, quat_xyzw=normalised(quats))
+
+
+def in_a_row(parts: Sequence[Trajectory]) -> Trajectory:
+    """Several flights one after another, as one, in the times that they have."""
+    fields = [part.fov_deg for part in parts if part.fov_deg is not None]
+    return Trajectory(
+        np.concatenate([part.t_s for part in parts]),
+        np.concatenate([part.positions for part in parts]),
+        np.concatenate([part.quat_xyzw for part in parts]),
+        np.concatenate(fields) if len(fields) == len(parts) else None,
+    )

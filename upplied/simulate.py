@@ -110,7 +110,7 @@ def fly_trajectory(
     flown = _followed(wanted.positions, air, error, vehicle)
     quats = _gimballed(wanted.quat_xyzw, vehicle, rng)
     kept = slice(None, None, _KEPT_STEPS)
-    return Trajectory(t[kept], flown[kept], quats[kept])
+    return replace(wanted, positions=flown, quat_xyzw=quats).take(kept)
 
 
 def measure_flown(

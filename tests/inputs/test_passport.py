@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_flights import FAULTS, POSE, Made, flights, made, right
+from made_flights import FAULTS, POSE, Made, flights, made, right, zoom_by_another_clock
 from made_logs import Topic, message, transform, write_log
 from scipy.spatial.transform import Rotation
 
@@ -50,6 +50,7 @@ BREAKS = {  # of each rule, figures that break it
     "gaps": {"gaps": 2, "long_gaps": 1, "recorded_pct": 97.0},
     "hovering": {"hover_s": 200.0, "cut_hover_s": 170.0},
     "frozen": {"frozen_s": 90.0, "span_s": 100.0},
+    "zoom": {"hfov_deg": (75.0, 20.0), "hfov_from_s": (0.0, 40.0)},
     "assumed": {"assumed": ("a camera of 75 x 75 deg",)},
     "salvaged": {"losses": ("the log was not closed",)},
 }
@@ -90,7 +91,7 @@ def test_the_bounds_of_a_rule_are_settings_that_move_it(check: rules.FlightRule)
     rule = check.rule
     names = {item.name for item in fields(PassportSettings)}
     assert set(check.bounds) <= names
-    if rule.name in ("hovering", "gaps", "near-structure") or not check.bounds:
+    if rule.name in ("hovering", "gaps", "near-structure", "zoom") or not check.bounds:
         return  # their bounds act where time and distance are measured
     loose = {
         name: 0.0 if name.startswith(("least", "odd_axis")) else 1e6
@@ -103,7 +104,7 @@ def test_the_bounds_of_a_rule_are_settings_that_move_it(check: rules.FlightRule)
 
 
 def test_rules_and_bounds_are_named_or_refused() -> None:
-    check_allowed(("below-ground", "zoom"), rules.RULES)
+    check_allowed(("below-ground", "zoom-untimed"), rules.RULES)
     with pytest.raises(SettingsError, match="below-grund"):
         check_allowed(("below-grund",), rules.RULES)
     assert changed(("max_speed_mps=9",)).max_speed_mps == 9
@@ -147,7 +148,6 @@ def test_the_passport_says_what_is_so(tmp_path: Path) -> None:
         ("feet", "feet"),
         ("mirrored", "mirrored|inverse-quaternion"),
         ("two_vehicles", "several"),
-        ("zoom", "zoom: the field of view changes"),
         ("unconnected", "frame-unconnected"),
         ("many_gaps", "mostly-missing"),
         ("yaw_drift", "yaw drift|heading offset|offset"),
@@ -239,14 +239,32 @@ def test_hovering_is_cut_to_the_cap_that_is_said(tmp_path: Path) -> None:
     assert found.passport["measured"]["hover_s"] > 1400
 
 
-def test_a_zoom_may_be_allowed_and_then_the_narrowest_counts(tmp_path: Path) -> None:
+def test_a_zoom_is_a_camera_for_each_pose(tmp_path: Path) -> None:
     log = made(*flights("box", 0), np.random.default_rng(4))
-    wrong = replace(log, hfov_deg=np.where(np.arange(len(log)) < len(log) // 2, 75.0, 50.0))
-    found = taken(wrong, tmp_path / "a.mcap", allow=("zoom",))
-    assert found.camera.hfov_deg == pytest.approx(50.0, abs=1e-3)
+    half = len(log) // 20 * 10  # the fields of view are written with every tenth pose
+    zoomed = replace(log, hfov_deg=np.where(np.arange(len(log)) < half, 75.0, 50.0))
+    found = taken(zoomed, tmp_path / "a.mcap")
+    assert np.allclose(found.fov_deg, zoomed.hfov_deg[:, None], atol=1e-3)
+    assert found.camera.hfov_deg == pytest.approx(50.0, abs=1e-3), "whoever asks for one gets the narrowest"
     assert found.passport["measured"]["hfov_deg"] == pytest.approx([75.0, 50.0], abs=1e-2)
-    part = taken(wrong, tmp_path / "a.mcap", stop_s=float(log.t_ns[len(log) // 3] - log.t_ns[0]) * 1e-9)
-    assert part.camera.hfov_deg == pytest.approx(75.0, abs=1e-3)
+    assert "zoom" in [item["rule"] for item in found.passport["findings"]]
+    part = taken(zoomed, tmp_path / "a.mcap", stop_s=float(log.t_ns[len(log) // 3] - log.t_ns[0]) * 1e-9)
+    assert part.camera.hfov_deg == pytest.approx(75.0, abs=1e-3) and part.fov_deg is None
+    still = taken(replace(log, hfov_deg=np.full(len(log), 60.0)), tmp_path / "a.mcap")
+    assert still.fov_deg is None and "zoom" not in [item["rule"] for item in still.passport["findings"]]
+
+
+def test_where_the_clock_stepped_the_recorders_tells_which_pose_had_which_field_of_view(
+    tmp_path: Path,
+) -> None:
+    log = made(*flights("box", 0), np.random.default_rng(4))
+    half = len(log) // 20 * 10
+    zoomed = replace(log, hfov_deg=np.where(np.arange(len(log)) < half, 75.0, 50.0))
+    stepped = FAULTS["clock_back"](zoomed, np.random.default_rng(1))
+    found = taken(stepped, tmp_path / "a.mcap")
+    assert len(found.fov_deg) == len(found) and np.mean(found.fov_deg[:, 0] > 60) == pytest.approx(
+        0.5, abs=0.02
+    )
 
 
 def test_one_of_two_publishers_may_be_named(tmp_path: Path) -> None:
@@ -360,11 +378,17 @@ def test_mild_drifts_and_offsets_of_the_heading_are_told_where_the_flight_tells_
 
 @pytest.mark.parametrize(
     ("rule", "fault"),
-    [("several-publishers", "two_vehicles"), ("zoom", "zoom"), ("frame-unconnected", "unconnected")],
+    [
+        ("several-publishers", "two_vehicles"),
+        ("zoom-untimed", "zoom_by_another_clock"),
+        ("frame-unconnected", "unconnected"),
+    ],
 )
 def test_rules_that_the_reader_asks_are_what_refuses(tmp_path: Path, rule: str, fault: str) -> None:
-    assert set(BREAKS) | {"several-publishers", "zoom", "frame-unconnected"} == set(rules.RULES)
-    log = FAULTS[fault](right(4), np.random.default_rng(2))
+    assert set(BREAKS) | {"several-publishers", "zoom-untimed", "frame-unconnected"} == set(rules.RULES)
+    log = (FAULTS | {"zoom_by_another_clock": zoom_by_another_clock})[fault](
+        right(4), np.random.default_rng(2)
+    )
     with pytest.raises(InputError, match=rule):
         taken(log, tmp_path / "a.mcap")
     every = tuple(rules.RULES)

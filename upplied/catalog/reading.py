@@ -142,7 +142,7 @@ class Reading:
                 f"transfer {transfer_id}", f"has no trajectory: it is {row['status']}: {row['reason']}"
             )
         path = plan_rows.trajectory_of(self._waypoints(row))
-        return PlannedTrajectory(path.t_s, path.positions, path.quat_xyzw)
+        return PlannedTrajectory(path.t_s, path.positions, path.quat_xyzw, path.fov_deg)
 
     def structure(self, structure_id: str) -> Structure:
         """The current version of one structure, complete."""

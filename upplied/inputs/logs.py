@@ -154,7 +154,8 @@ def _demonstration(
     check_one(track, facts, f"{what}, {topic}")
     track = converted(track, facts.convention) if facts.convention else track
     through = partial(cameras.through, camera, zoom, track, what=what)
-    camera = through(facts)
+    camera, fov_deg = through(facts)
+    track = replace(track, fov_deg=fov_deg)
     pointing = gimbal.gimbal(tables, facts)
 
     # From the body to the camera, from the log's frame to the structure's.
@@ -170,11 +171,10 @@ def _demonstration(
     notes += [*more, *chosen, *cut, *kept.notes, *how, *pace.words]
     passport: Mapping[str, Any] = {}
     if structure is not None:
-        part = zoom and zoom.during(int(flown.t_ns[0]), int(flown.t_ns[-1]))
         overruled = _overruled(
             facts,
             {
-                "zoom": through,
+                "zoom-untimed": through,
                 "several-publishers": lambda said: _one_body(tables, track, said, what),
                 "frame-unconnected": lambda said: in_frame(track, said, tree, what),
             },
@@ -186,7 +186,6 @@ def _demonstration(
             kept,
             pace,
             camera,
-            part,
             to_camera,
             facts.gap_s,
             tuple(notes),
@@ -202,6 +201,7 @@ def _demonstration(
         positions=track.positions,
         quat_xyzw=normalised(track.quat_xyzw),
         camera=camera,
+        fov_deg=track.fov_deg,
         operator=facts.operator,
         site=facts.site,
         about=facts.about,

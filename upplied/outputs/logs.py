@@ -19,8 +19,9 @@ from scipy.spatial.transform import Rotation
 from upplied.errors import SettingsError
 from upplied.outputs import ros2_schemas
 from upplied.outputs.files import replace_file
+from upplied.planning.visibility.frustum import cameras_of
 from upplied.poses import interpolate, moved
-from upplied.records import Camera, Demonstration, Floats, Structure, Trajectory
+from upplied.records import Demonstration, Floats, Structure, Trajectory
 
 Encoding = Literal["pose_stamped", "odometry", "tf"]
 
@@ -228,41 +229,21 @@ def _xyzw(quat: Floats) -> dict[str, float]:
 
 
 def _calibration(demonstration: Demonstration, every_s: float = 1.0) -> list[_Message]:
-    camera = demonstration.camera
-    width, height = camera.width_px or 1000, camera.height_px or 1000
-    model, fx, fy = _focal(camera, width, height)
-    k = [fx, 0.0, width / 2, 0.0, fy, height / 2, 0.0, 0.0, 1.0]
-    message = {
-        "height": height,
-        "width": width,
-        "distortion_model": model,
-        "d": [0.0] * (4 if model == "equidistant" else 5),
-        "k": k,
-        "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        "p": [fx, 0.0, width / 2, 0.0, 0.0, fy, height / 2, 0.0, 0.0, 0.0, 1.0, 0.0],
-        "binning_x": 0,
-        "binning_y": 0,
-        "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},
-    }
+    """The calibration from time to time; where the camera zooms, with every pose."""
+    stamps = _stamps(demonstration, every_s)
+    cameras = [demonstration.camera] * len(stamps)
+    if demonstration.fov_deg is not None:
+        stamps = demonstration.t_ns.tolist()
+        cameras = cameras_of(demonstration.camera, demonstration.fov_deg)
     return [
         (
             stamp,
             "/camera/camera_info",
             "sensor_msgs/msg/CameraInfo",
-            {"header": _header(stamp, CAMERA_FRAME), **message},
+            ros2_schemas.camera_info(camera, _header(stamp, CAMERA_FRAME)),
         )
-        for stamp in _stamps(demonstration, every_s)
+        for stamp, camera in zip(stamps, cameras, strict=True)
     ]
-
-
-def _focal(camera: Camera, width: int, height: int) -> tuple[str, float, float]:
-    """Model and focal lengths, px: a pinhole, or a fisheye where a pinhole cannot be."""
-    half = np.radians([camera.hfov_deg, camera.vfov_deg]) / 2
-    if half.max() < np.radians(80):
-        fx, fy = np.array([width, height]) / 2 / np.tan(half)
-        return "plumb_bob", float(fx), float(fy)
-    fx, fy = np.array([width, height]) / 2 / half
-    return "equidistant", float(fx), float(fy)
 
 
 def _stamps(demonstration: Demonstration, every_s: float) -> list[int]:

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+
+from upplied.records import Camera
+
 _TIME = "int32 sec\nuint32 nanosec\n"
 _HEADER = "builtin_interfaces/Time stamp\nstring frame_id\n"
 _POINT = "float64 x\nfloat64 y\nfloat64 z\n"
@@ -75,3 +81,32 @@ CAMERA_INFO = _definition(
 COMPRESSED_IMAGE = _definition(
     "std_msgs/Header header\nstring format\nuint8[] data\n", "std_msgs/Header", "builtin_interfaces/Time"
 )
+
+
+def camera_info(camera: Camera, header: dict[str, Any]) -> dict[str, Any]:
+    """The calibration message of a camera without distortion."""
+    width, height = camera.width_px or 1000, camera.height_px or 1000
+    model, fx, fy = _focal(camera, width, height)
+    return {
+        "header": header,
+        "height": height,
+        "width": width,
+        "distortion_model": model,
+        "d": [0.0] * (4 if model == "equidistant" else 5),
+        "k": [fx, 0.0, width / 2, 0.0, fy, height / 2, 0.0, 0.0, 1.0],
+        "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        "p": [fx, 0.0, width / 2, 0.0, 0.0, fy, height / 2, 0.0, 0.0, 0.0, 1.0, 0.0],
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},
+    }
+
+
+def _focal(camera: Camera, width: int, height: int) -> tuple[str, float, float]:
+    """Model and focal lengths, px: a pinhole, or a fisheye where a pinhole cannot be."""
+    half = np.radians([camera.hfov_deg, camera.vfov_deg]) / 2
+    if half.max() < np.radians(80):
+        fx, fy = np.array([width, height]) / 2 / np.tan(half)
+        return "plumb_bob", float(fx), float(fy)
+    fx, fy = np.array([width, height]) / 2 / half
+    return "equidistant", float(fx), float(fy)

@@ -9,7 +9,7 @@ is taken as the log's, said, and the clearance is judged with it and without it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -112,7 +112,7 @@ def without_jumps(log: Trajectory) -> tuple[Trajectory, tuple[tuple[float, float
     for index in at:
         back[index + 1 :] -= beyond[index]
     jumps = tuple((float(log.t_s[index + 1]), float(size[index])) for index in at)
-    return Trajectory(log.t_s, log.positions + back, log.quat_xyzw), jumps
+    return replace(log, positions=log.positions + back), jumps
 
 
 def _in_time(plan: Trajectory, log: Trajectory) -> Matched | None:
@@ -213,7 +213,7 @@ def _applied(
     quats = from_yaw_pitch(yaw + bias[0], np.clip(pitch + bias[1], -np.pi / 2, np.pi / 2))
     gap = np.linalg.norm(positions - _planned(plan, found.moment), axis=1)
     return Alignment(
-        flown=Trajectory(log.t_s, positions, quats),
+        flown=replace(log, positions=positions, quat_xyzw=quats),
         planned_s=np.where(found.near, found.moment, np.nan),
         clock_s=float(params[0]) if timed else float("nan"),
         clock_error_s=float(error[0]) if timed else float("nan"),

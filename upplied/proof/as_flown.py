@@ -12,7 +12,7 @@ from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.geometry.frechet import frechet
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import TRULY, stations
-from upplied.poses import interpolate
+from upplied.poses import in_a_row, interpolate
 from upplied.proof.align import Alignment
 from upplied.proof.findings import findings, photos_missing
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
@@ -116,11 +116,10 @@ def looks_of(
     counts as shown in a picture at each moment of `picture_s`, and in one picture at least where it is seen.
     """
     poses = _asked(flown, photo_s)
-    seen = visible(poses.positions, poses.quat_xyzw, surface, camera, TRULY, scene).seen
+    seen = _seen(poses, surface, camera, scene)
     pictures = np.asarray(seen.sum(axis=0) if photo_s is not None else seen.any(axis=0), np.int64)
     if photo_s is None and picture_s is not None and len(picture_s):
-        taken = interpolate(flown, picture_s)
-        shown = visible(taken.positions, taken.quat_xyzw, surface, camera, TRULY, scene).seen
+        shown = _seen(interpolate(flown, picture_s), surface, camera, scene)
         pictures = np.asarray(np.maximum(pictures, shown.sum(axis=0)), np.int64)
     assert surface.normals is not None
     nearest = _nearest(np.ascontiguousarray(poses.positions), np.ascontiguousarray(surface.points), seen)
@@ -145,6 +144,12 @@ def _passed(viewpoint_s: Floats, found: Alignment) -> Floats:
     return _recorded(found.flown, np.interp(inside, rising, flown)) if len(inside) else np.empty(0)
 
 
+def _seen(poses: Trajectory, surface: Cloud, camera: Camera, scene: Scene) -> Bools:
+    """What each pose truly sees of the samples, (P, N), through the field of view that it had."""
+    asked = poses.positions, poses.quat_xyzw
+    return visible(*asked, surface, camera, TRULY, scene, fov_deg=poses.fov_deg).seen
+
+
 def silence_s(flown: Trajectory) -> float:
     """How long a log may say nothing, s, before nothing is known of what the camera saw meanwhile."""
     step = float(np.median(np.diff(flown.t_s))) if len(flown) > 1 else 0.0
@@ -157,14 +162,7 @@ def _asked(flown: Trajectory, photo_s: Floats | None) -> Trajectory:
         inside = photo_s[(photo_s >= flown.t_s[0]) & (photo_s <= flown.t_s[-1])]
         return interpolate(flown, _recorded(flown, np.sort(inside)))
     parts = np.split(np.arange(len(flown)), np.flatnonzero(np.diff(flown.t_s) > silence_s(flown)) + 1)
-    asked = [
-        stations(Trajectory(flown.t_s[part], flown.positions[part], flown.quat_xyzw[part])) for part in parts
-    ]
-    return Trajectory(
-        np.concatenate([each.t_s for each in asked]),
-        np.concatenate([each.positions for each in asked]),
-        np.concatenate([each.quat_xyzw for each in asked]),
-    )
+    return in_a_row([stations(flown.take(part)) for part in parts])
 
 
 def _recorded(flown: Trajectory, moments: Floats) -> Floats:

@@ -75,7 +75,7 @@ def gap_flight(
         raise RefusedError("the gap", "is empty: the flight showed all that was required")
     poses = stations(plan, _STATIONS)
     free = graph.airspace.allowed(poses.positions)
-    poses = Trajectory(poses.t_s[free], poses.positions[free], poses.quat_xyzw[free])
+    poses = poses.take(free)
     part = np.flatnonzero(missing)
     assert surface.normals is not None
     cloud = Cloud(surface.points[part], surface.normals[part])

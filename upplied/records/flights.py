@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from upplied.records.base import Floats, Ints, Record
+from upplied.records.base import Bools, Floats, Ints, Record
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,9 +29,16 @@ class Trajectory(Record):
     t_s: Floats  # (N,) s, strictly increasing, first is 0
     positions: Floats  # (N, 3) m, structure frame
     quat_xyzw: Floats  # (N, 4) unit, camera to structure
+    # (N, 2) horizontal and vertical, where the camera zooms: else it is that of the flight from end to end
+    fov_deg: Floats | None = field(default=None, metadata={"later": True})
 
     def __len__(self) -> int:
         return len(self.t_s)
+
+    def take(self, index: Ints | Bools | slice) -> Trajectory:
+        """The poses of this index."""
+        fov_deg = None if self.fov_deg is None else self.fov_deg[index]
+        return Trajectory(self.t_s[index], self.positions[index], self.quat_xyzw[index], fov_deg)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,6 +62,8 @@ class Demonstration(Record):
     notes: str = ""
     about: str = ""  # what the user says it inspected (`planning.demonstration.about`); empty: inferred
     passport: Mapping[str, object] = field(default_factory=dict)  # figures and findings, plain values
+    # (N, 2) of each pose, where the camera zooms; `camera` then says the narrowest
+    fov_deg: Floats | None = field(default=None, metadata={"later": True})
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -62,4 +71,4 @@ class Demonstration(Record):
     @property
     def trajectory(self) -> Trajectory:
         """The poses with time from zero, s."""
-        return Trajectory((self.t_ns - self.t_ns[0]) * 1e-9, self.positions, self.quat_xyzw)
+        return Trajectory((self.t_ns - self.t_ns[0]) * 1e-9, self.positions, self.quat_xyzw, self.fov_deg)

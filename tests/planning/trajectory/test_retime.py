@@ -19,7 +19,7 @@ from upplied.planning.trajectory.retime import (
 )
 from upplied.planning.trajectory.sharpness import _swung_degps
 from upplied.planning.trajectory.speeds import _fits, corner_cap, passes
-from upplied.poses import from_yaw_pitch, look_at, matrices
+from upplied.poses import from_yaw_pitch, in_a_row, look_at, matrices
 from upplied.records import Floats, Trajectory, Waypoints
 
 LIMITS = RetimeSettings(limits=True)
@@ -276,9 +276,7 @@ def test_a_gap_in_the_flight_is_no_hover_and_crossed_as_fast_as_the_expert_flew(
     loop = helix(400) * [1, 1, 0]
     one = flown(loop, 1.2)
     two = replace(one, positions=np.add(one.positions, [0.0, 0, 20]), t_s=one.t_s + one.t_s[-1] + 10)
-    flight = Trajectory(
-        *(np.concatenate(pair) for pair in zip(vars(one).values(), vars(two).values(), strict=True))
-    )
+    flight = in_a_row([one, two])
     seam = np.array([400])
     path = path_of(flight)
     assert hovering(path, flight, 3.0, seam).sum() == 0

@@ -13,7 +13,8 @@ def moved(positions, yaw, points=AHEAD, seen=None, farthest=100.0, share=0.7):
     axes = matrices(from_yaw_pitch(np.asarray(yaw, float), np.zeros(len(yaw))))
     seen = np.ones((len(yaw), len(points)), bool) if seen is None else seen
     positions = np.asarray(positions, float)
-    return moved_in_picture(positions, axes, points, seen, np.full(len(points), farthest), share)
+    coarse = np.ones(len(positions))
+    return moved_in_picture(positions, axes, points, seen, coarse, np.full(len(points), farthest), share)
 
 
 def test_flying_past_moves_by_way_over_distance():

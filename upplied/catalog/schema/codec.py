@@ -130,7 +130,7 @@ def _plain(value: Any, path: str, arrays: dict[str, Array]) -> Any:
 
 def _left_out(told: Field, value: Any) -> bool:
     """Whether a field that came later says nothing: so records of before keep their hash."""
-    return bool(told.metadata.get("later")) and value == told.default
+    return bool(told.metadata.get("later")) and (value is told.default or bool(np.all(value == told.default)))
 
 
 def _record(plain: Any, hint: Any, path: str, arrays: Mapping[str, Array]) -> Any:

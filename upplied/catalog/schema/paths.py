@@ -14,6 +14,10 @@ _POSE = (
     ),
     Column("qw", REAL, "1", "quaternion, camera to structure, w; never negative", low=0, high=1),
 )
+_ZOOM = (
+    Column("hfov_deg", REAL, "deg", "full horizontal field of view, where the camera zooms", low=0, high=360),
+    Column("vfov_deg", REAL, "deg", "full vertical field of view, where the camera zooms", low=0, high=180),
+)
 
 POSES = Table(
     "poses",
@@ -24,6 +28,7 @@ POSES = Table(
         Column("seq", WHOLE, "1", "0, 1, ... in the order of flight", required=True, low=0),
         Column("t_ns", WHOLE, "ns", "time stamp of the source clock", required=True),
         *_POSE,
+        *_ZOOM,
         _COMMIT,
     ),
     ("commit_id", "demonstration_id", "seq"),
@@ -38,6 +43,7 @@ WAYPOINTS = Table(
         Column("seq", WHOLE, "1", "0, 1, ... in the order of flight", required=True, low=0),
         Column("t_s", REAL, "s", "time from the start", required=True, low=0),
         *_POSE,
+        *_ZOOM,
         Column("is_viewpoint", TRUTH, "", "a pose chosen to see, not only to pass", required=True),
         _COMMIT,
     ),

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from upplied.catalog.schema.rows import Row, json_text
-from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table
+from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
 from upplied.catalog.schema.tables import WAYPOINTS
 from upplied.config import Settings, settings_for
 from upplied.errors import CatalogError
@@ -125,7 +125,7 @@ def waypoint_table(name: str, plan: Plan, commit_id: str) -> pa.Table:
         "t_s": np.asarray(path.t_s, float),
         "is_viewpoint": _viewpoint_flags(plan),
     }
-    return step_table(WAYPOINTS, columns, path.positions, path.quat_xyzw)
+    return step_table(WAYPOINTS, columns, path.positions, path.quat_xyzw, path.fov_deg)
 
 
 def plan_of(row: Row, waypoints: pa.Table) -> Plan:
@@ -163,7 +163,7 @@ def _counterparts(text: str | None) -> tuple[Counterpart, ...]:
 
 def trajectory_of(waypoints: pa.Table) -> Trajectory:
     """The timed camera poses of rows of `waypoints` in order."""
-    return Trajectory(np.array(waypoints["t_s"]), *pose_arrays(waypoints))
+    return Trajectory(np.array(waypoints["t_s"]), *pose_arrays(waypoints), zoom_of(waypoints))
 
 
 def standoff_mode(settings: Settings) -> str:
@@ -187,7 +187,7 @@ def settings_text(settings: Settings) -> str:
 def _plan_sha256(plan: Plan) -> str:
     assert plan.trajectory is not None
     path = plan.trajectory
-    return poses_sha256(path.t_s, path.positions, path.quat_xyzw, _viewpoint_flags(plan))
+    return poses_sha256(path.t_s, path.positions, path.quat_xyzw, _viewpoint_flags(plan), path.fov_deg)
 
 
 def _viewpoint_flags(plan: Plan) -> Bools:

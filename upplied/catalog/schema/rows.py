@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from upplied.catalog.schema.columns import Table
-from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table
+from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
 from upplied.catalog.schema.tables import POSES
 from upplied.records import (
     Camera,
@@ -131,7 +131,12 @@ def demonstration_row(demonstration: Demonstration) -> Row:
         "notes": demonstration.notes,
         "about": demonstration.about,
         "sha256": demonstration.sha256,
-        "poses_sha256": poses_sha256(demonstration.t_ns, demonstration.positions, demonstration.quat_xyzw),
+        "poses_sha256": poses_sha256(
+            demonstration.t_ns,
+            demonstration.positions,
+            demonstration.quat_xyzw,
+            fov_deg=demonstration.fov_deg,
+        ),
         "n_poses": len(demonstration),
         "duration_s": float(demonstration.t_ns[-1] - demonstration.t_ns[0]) * 1e-9,
         "path_length_m": float(steps.sum()),
@@ -168,7 +173,8 @@ def pose_table(demonstration: Demonstration, commit_id: str) -> pa.Table:
         "commit_id": commit_id,
         "t_ns": np.asarray(demonstration.t_ns, np.int64),
     }
-    return step_table(POSES, columns, demonstration.positions, demonstration.quat_xyzw)
+    flown = demonstration
+    return step_table(POSES, columns, flown.positions, flown.quat_xyzw, flown.fov_deg)
 
 
 def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
@@ -180,6 +186,7 @@ def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
         t_ns=np.array(poses["t_ns"]),
         positions=positions,
         quat_xyzw=quats,
+        fov_deg=zoom_of(poses),
         camera=Camera(**{item.name: row[item.name] for item in fields(Camera)}),
         operator=row["operator"],
         site=row["site"],

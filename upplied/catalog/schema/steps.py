@@ -15,10 +15,20 @@ from upplied.records import Bools, Floats, Ints
 
 _POSITION = ("x_m", "y_m", "z_m")
 _QUATERNION = ("qx", "qy", "qz", "qw")
+_ZOOM = ("hfov_deg", "vfov_deg")
 
 
-def step_table(table: Table, columns: dict[str, Any], positions: Floats, quat_xyzw: Floats) -> pa.Table:
-    """Rows of a table of steps: columns by name (a text stands for every row), positions, orientations."""
+def step_table(
+    table: Table,
+    columns: dict[str, Any],
+    positions: Floats,
+    quat_xyzw: Floats,
+    fov_deg: Floats | None = None,
+) -> pa.Table:
+    """Rows of a table of steps: columns by name (a text stands for every row), positions, orientations.
+
+    Fields of view (N, 2) are those of a camera that zooms; null where there is none.
+    """
     count = len(positions)
     quats = stored_quats(quat_xyzw)
     columns = {
@@ -26,12 +36,24 @@ def step_table(table: Table, columns: dict[str, Any], positions: Floats, quat_xy
         "seq": np.arange(count),
         **dict(zip(_POSITION, np.asarray(positions, float).T, strict=True)),
         **dict(zip(_QUATERNION, quats.T, strict=True)),
+        **(dict.fromkeys(_ZOOM) if fov_deg is None else dict(zip(_ZOOM, fov_deg.T, strict=True))),
     }
-    arrays = [
-        pa.repeat(values, count) if isinstance(values, str) else pa.array(np.ascontiguousarray(values))
-        for values in (columns[name] for name in table.names)
-    ]
+    arrays = [_column(columns[name], count) for name in table.names]
     return pa.table(arrays, schema=table.schema)
+
+
+def _column(values: Any, count: int) -> pa.Array:
+    if values is None:
+        return pa.nulls(count, pa.float64())
+    return pa.repeat(values, count) if isinstance(values, str) else pa.array(np.ascontiguousarray(values))
+
+
+def zoom_of(steps: pa.Table) -> Floats | None:
+    """Fields of view (N, 2), deg, of rows in order; None where the camera does not zoom."""
+    if any(name not in steps.column_names for name in _ZOOM):  # rows of before there were such columns
+        return None
+    angles = np.column_stack([steps[name].to_numpy(zero_copy_only=False) for name in _ZOOM]).astype(float)
+    return None if np.isnan(angles).all() else angles
 
 
 def stored_quats(quat_xyzw: Floats) -> Floats:
@@ -48,11 +70,17 @@ def pose_arrays(steps: pa.Table) -> tuple[Floats, Floats]:
     )
 
 
-def poses_sha256(t: Floats | Ints, positions: Floats, quat_xyzw: Floats, flags: Bools | None = None) -> str:
+def poses_sha256(
+    t: Floats | Ints,
+    positions: Floats,
+    quat_xyzw: Floats,
+    flags: Bools | None = None,
+    fov_deg: Floats | None = None,
+) -> str:
     """Hash of poses as they are stored, the same on every machine."""
     hashed = hashlib.sha256()
     parts: list[Any] = [t, np.asarray(positions, float), stored_quats(quat_xyzw)]
-    for part in parts + ([] if flags is None else [flags]):
+    for part in [*parts, *(part for part in (flags, fov_deg) if part is not None)]:
         values = np.ascontiguousarray(part)
         hashed.update(values.astype(values.dtype.newbyteorder("<"), copy=False).tobytes())
     return hashed.hexdigest()
@@ -82,6 +110,6 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
         elif np.any(np.diff(times[own]) <= 0):
             yield names[start][0], "time does not increase"
         else:
-            flagged = None if flags is None else flags[own]
-            if poses_sha256(times[own], positions[own], quats[own], flagged) != sha256[names[start]]:
+            flagged, zoomed = None if flags is None else flags[own], zoom_of(steps.slice(start, stop - start))
+            if poses_sha256(times[own], positions[own], quats[own], flagged, zoomed) != sha256[names[start]]:
                 yield names[start][0], "the steps do not match the hash in their row"

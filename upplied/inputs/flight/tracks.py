@@ -38,6 +38,7 @@ class Track(Record):
     dropped: Counter[str] = field(default_factory=Counter)
     notes: tuple[str, ...] = ()
     clock_steps: int = 0
+    fov_deg: Floats | None = None  # (N, 2) horizontal and vertical, where the camera zooms
     long_gaps: Ints = field(default_factory=lambda: np.empty(0, np.int64))  # first sample after each
 
     def __len__(self) -> int:
@@ -71,6 +72,7 @@ class Track(Record):
             quat_xyzw=self.quat_xyzw[index],
             log_ns=self.log_ns[index],
             epoch=epoch,
+            fov_deg=None if self.fov_deg is None else self.fov_deg[index],
         )
 
 

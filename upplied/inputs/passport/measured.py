@@ -19,7 +19,7 @@ from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Sight, ground_of, sight_of
 from upplied.inputs.passport.velocity import motion_of
 from upplied.inputs.rules import Verdict
-from upplied.inputs.schemas.cameras import NO_CALIBRATION, Zoom
+from upplied.inputs.schemas.cameras import NO_CALIBRATION
 from upplied.poses import angle_between
 from upplied.records import Camera, Floats, Ints, Structure
 from upplied.scene import scene_of
@@ -27,6 +27,7 @@ from upplied.scene import scene_of
 _LOOKS = 500  # poses of a flight that are measured against the structure, spread evenly over it
 _REACH = 1.2  # of the camera's range: a little beyond is no other convention
 _SPAN_S = 0.5  # over which speed is measured: shorter ones are noise of the sensors
+_ZOOMS = 20  # that are listed
 _TURNING = 0.5  # least share of the directions round the vertical that a closed flight looks in
 
 
@@ -40,7 +41,6 @@ class Reading:
     kept: Track  # after
     pace: Pace
     camera: Camera
-    zoom: Zoom | None
     to_camera: Callable[[Track], Track]
     gap_s: float
     notes: tuple[str, ...] = ()
@@ -128,7 +128,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     best = others[0] if others else None
     motion = motion_of(reading.logged, reading.velocity)
     speed, acceleration, turning = _motion(flown, reading.gap_s)
-    zoom = reading.zoom
+    zoomed = _zoomed(flown, settings.zoom_pct)
     return Measured(
         poses=len(reading.kept),
         ground_declared=declared,
@@ -162,8 +162,8 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
                 "frozen_s",
             )
         },
-        hfov_deg=tuple(zoom.hfov_deg[:20].tolist()) if zoom else (reading.camera.hfov_deg,),
-        hfov_from_s=tuple(((zoom.t_ns[:20] - flown.t_ns[0]) * 1e-9).tolist()) if zoom else (0.0,),
+        hfov_deg=tuple(angle for angle, _ in zoomed) or (reading.camera.hfov_deg,),
+        hfov_from_s=tuple(at for _, at in zoomed) or (0.0,),
         assumed=_assumed(reading),
         frame=reading.logged.parent,
         child=reading.logged.child,
@@ -248,6 +248,17 @@ def _motion(track: Track, gap_s: float) -> tuple[float, float, float]:
         float(np.percentile(gained[both], 99)) if both.any() else 0.0,
         float(np.percentile(turned[whole], 99)),
     )
+
+
+def _zoomed(track: Track, change_pct: float) -> list[tuple[float, float]]:
+    """The fields of view, deg, each with the time, s, from which on it held; none where it does not zoom."""
+    if track.fov_deg is None:
+        return []
+    found: list[tuple[float, float]] = []
+    for angle, at in zip(track.fov_deg[:, 0].tolist(), track.t_ns.tolist(), strict=True):
+        if not found or abs(angle / found[-1][0] - 1) > change_pct / 100:
+            found.append((angle, (at - int(track.t_ns[0])) * 1e-9))
+    return found[:_ZOOMS]
 
 
 def _assumed(reading: Reading) -> tuple[str, ...]:

@@ -145,6 +145,14 @@ def _gaps(m: Measured, s: PassportSettings) -> str:
     )
 
 
+def _zoom(m: Measured, s: PassportSettings) -> str:
+    if len(m.hfov_deg) < 2:
+        return ""
+    told = zip(m.hfov_deg, m.hfov_from_s, strict=True)
+    listed = [f"{angle:.1f} deg from {at:.0f} s on" for angle, at in told]
+    return f"the field of view changes in flight ({', '.join(listed[:6])}{', ...' * (len(listed) > 6)})"
+
+
 def _hovering(m: Measured, s: PassportSettings) -> str:
     return f"{m.hover_s:.0f} s of hovering, {m.cut_hover_s:.0f} s of it cut" * (m.cut_hover_s > 0)
 
@@ -226,6 +234,10 @@ CHECKS: tuple[FlightRule, ...] = (
          "a flying vehicle is never quite still", "check whether the estimator ran",
          lambda m, s: f"the pose did not change at all for {m.frozen_s:.0f} s"
          * (m.frozen_s > max(10.0, 0.2 * m.span_s))),
+    _rule("zoom", "warn", ("zoom_pct",),
+         "a plan zooms as the flight did: what flies it must be able to",
+         "export in a format that zooms, or take the part with one field of view by start_s and stop_s",
+         _zoom),
     _rule("assumed", "warn", (),
          "what a log does not say was assumed", "record it, or say it in the side-car",
          lambda m, s: ", ".join(m.assumed)),
@@ -237,8 +249,8 @@ CHECKS: tuple[FlightRule, ...] = (
 #: Rules that the reader itself asks, before there is a flight to measure.
 _READING = (
     Rule("several-publishers", "refuse", "a path through two bodies is nobody's", "name one by publisher"),
-    Rule("zoom", "refuse", "no one camera saw what several fields of view show",
-         "take the part with one by start_s and stop_s", "zoom_pct"),
+    Rule("zoom-untimed", "refuse", "without a common clock nothing says which pose had which field of view",
+         "record with one clock", "zoom_pct"),
     Rule("frame-unconnected", "refuse", "a structure cannot be placed in a frame that nothing leads to",
          "place the structure in the frame of the poses"),
 )  # fmt: skip

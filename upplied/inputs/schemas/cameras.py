@@ -22,6 +22,7 @@ FIELDS = {
     ),
     "foxglove.CameraCalibration": ("timestamp.sec", "timestamp.nanosec", "frame_id", *_CALIBRATION),
 }  # fmt: skip
+_KNOWN = 0.5  # of the poses that come after the first calibration: fewer, and the clocks are two
 NO_CALIBRATION = "no camera calibration in the log"
 _FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "fisheye62")
 
@@ -30,16 +31,26 @@ _FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "fisheye62")
 class Zoom:
     """The field of view in time: from each of these stamps on, horizontal and vertical, deg."""
 
-    t_ns: Ints  # (K,) increasing
+    t_ns: Ints  # (K,) by the clock of the calibration
+    log_ns: Ints  # (K,) when the recorder received it
     hfov_deg: Floats  # (K,)
     vfov_deg: Floats  # (K,)
 
-    def during(self, first_ns: int, last_ns: int) -> Zoom:
-        """The fields of view between two stamps; all of them where the clocks have nothing in common."""
-        start = max(int(np.searchsorted(self.t_ns, first_ns, side="right")) - 1, 0)
-        stop = int(np.searchsorted(self.t_ns, last_ns, side="right"))
-        part = slice(start, stop) if stop > start else slice(None)
-        return Zoom(self.t_ns[part], self.hfov_deg[part], self.vfov_deg[part])
+    def at(self, track: Track) -> Floats | None:
+        """Fields of view (N, 2), deg, of poses; None where no clock is common to both.
+
+        The source's clock counts where it is that of the poses and never stepped, else the recorder's. What
+        is known later than the first pose counts from there on.
+        """
+        for times, known in ((track.t_ns, self.t_ns), (track.log_ns, self.log_ns)):
+            if times is track.t_ns and track.clock_steps:
+                continue
+            order = np.argsort(known, kind="stable")
+            index = np.searchsorted(known[order], times, side="right") - 1
+            if len(times) and np.mean(index >= 0) >= _KNOWN:
+                index = order[np.maximum(index, 0)]
+                return np.column_stack([self.hfov_deg[index], self.vfov_deg[index]])
+        return None
 
     @property
     def spread_pct(self) -> float:
@@ -63,8 +74,6 @@ def calibrated(table: Table) -> tuple[Camera, str, Zoom] | None:
     t_ns = source_times(table, stamps(table, prefix))[0][good]
     fields = np.array([[_fov_deg(w, fx, model), _fov_deg(h, fy, model)] for w, h, fx, fy in values[good]])
     fields = np.minimum(fields, [360.0, 180.0])
-    order = np.argsort(t_ns, kind="stable")
-    changes = order[np.append(True, np.abs(np.diff(fields[order, 0])) > 1e-3)]
     width, height = np.median(values[good][:, :2], axis=0)
     middle = np.median(fields, axis=0)
     camera = Camera(
@@ -73,7 +82,8 @@ def calibrated(table: Table) -> tuple[Camera, str, Zoom] | None:
         width_px=int(min(width, 1e6)),
         height_px=int(min(height, 1e6)),
     )
-    return camera, str(names(table, frame)[good][0]), Zoom(t_ns[changes], *fields[changes].T)
+    zoom = Zoom(t_ns, table.log_ns[good], *fields.T)
+    return camera, str(names(table, frame)[good][0]), zoom
 
 
 def camera_of(
@@ -122,33 +132,47 @@ def camera_of(
     return camera, facts.camera_frame_id.lstrip("/") or frame, notes, None if said else zoom
 
 
-def through(camera: Camera, zoom: Zoom | None, track: Track, facts: LogOptions, what: str) -> Camera:
-    """The camera of the flight that was chosen: the one there was, never an average of several.
+def through(
+    camera: Camera, zoom: Zoom | None, track: Track, facts: LogOptions, what: str
+) -> tuple[Camera, Floats | None]:
+    """The camera of the flight that was chosen, and the field of view of each pose where it zooms.
+
+    Never an average of several: the camera is the narrowest there was, so that whoever looks at nothing
+    else claims to have seen only what was seen.
+
+    Returns
+    -------
+    Camera
+    array, shape (N, 2), deg, or None
+        Horizontal and vertical.
 
     Raises
     ------
     InputError
-        If the field of view changes, and that is not allowed. Where it is, the narrowest field of
-        view counts for the whole flight: what it claims to have seen, it saw.
+        If the field of view changes, but no clock says at which pose (`zoom-untimed`). Where that is
+        allowed, the narrowest counts for the whole flight.
     """
     if zoom is None or not len(track):
-        return camera
-    flown = zoom.during(int(track.t_ns[0]), int(track.t_ns[-1]))
-    if flown.spread_pct > facts.passport.zoom_pct and "zoom" not in facts.allow:
-        seconds = (flown.t_ns[:6] - track.t_ns[0]) * 1e-9
-        listed = ", ".join(
-            f"{angle:.1f} deg from {max(second, 0):.0f} s on"
-            for angle, second in zip(flown.hfov_deg, seconds, strict=False)
-        )
-        raise InputError(
-            what,
-            f"zoom: the field of view changes in flight ({listed}{', ...' if len(flown.t_ns) > 6 else ''})",
-            f"one field of view, within {facts.passport.zoom_pct:g} %",
-            "take the part with one by start_s and stop_s, or --allow zoom: the narrowest then counts",
-        )
-    narrow = int(np.argmin(flown.hfov_deg))
-    vfov = camera.vfov_deg if facts.camera_vfov_deg is not None else float(flown.vfov_deg[narrow])
-    return replace(camera, hfov_deg=float(flown.hfov_deg[narrow]), vfov_deg=vfov)
+        return camera, None
+    fov_deg = zoom.at(track)
+    if fov_deg is None:
+        if zoom.spread_pct > facts.passport.zoom_pct and "zoom-untimed" not in facts.allow:
+            raise InputError(
+                what,
+                f"zoom-untimed: the field of view changes from {zoom.hfov_deg.max():.1f} to "
+                f"{zoom.hfov_deg.min():.1f} deg, by a clock that is not that of the poses",
+                f"one field of view, within {facts.passport.zoom_pct:g} %, or one clock",
+                "record with one clock, or --allow zoom-untimed: the narrowest then counts",
+            )
+        fov_deg = np.column_stack([zoom.hfov_deg, zoom.vfov_deg])
+    if facts.camera_vfov_deg is not None:
+        fov_deg = np.column_stack([fov_deg[:, 0], np.full(len(fov_deg), camera.vfov_deg)])
+    narrow = fov_deg[np.argmin(fov_deg[:, 0])]
+    camera = replace(camera, hfov_deg=float(narrow[0]), vfov_deg=float(narrow[1]))
+    changes = len(fov_deg) == len(track) and fov_deg[:, 0].max() > narrow[0] * (
+        1 + facts.passport.zoom_pct / 100
+    )
+    return camera, fov_deg if changes else None
 
 
 def _fov_deg(pixels: float, focal_px: float, model: str) -> float:

@@ -9,13 +9,13 @@ from upplied.outputs.missions.records import Mission
 
 COLUMNS = (
     "seq", "lat_deg", "lon_deg", "alt_m", "datum", "height_m", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw",
-    "heading_deg", "gimbal_pitch_deg", "speed_mps", "photo", "inspect",
+    "heading_deg", "gimbal_pitch_deg", "speed_mps", "photo", "inspect", "hfov_deg", "vfov_deg",
 )  # fmt: skip
 
 
 def csv_text(mission: Mission) -> str:
     """The mission as CSV: `alt_m` in `datum`, `height_m` above take-off, `x_m y_m z_m` and quaternion in the
-    structure frame.
+    structure frame; the field of view where the camera zooms, else empty.
     """
     buffer = io.StringIO()
     rows = csv.writer(buffer, lineterminator="\n")
@@ -30,6 +30,7 @@ def csv_text(mission: Mission) -> str:
                 *(f"{value:.9f}" for value in mission.quat_xyzw[at]),
                 *(f"{each[at]:.4f}" for each in (mission.heading_deg, mission.pitch_deg, mission.speed_mps)),
                 int(mission.photo[at]), int(mission.inspect[at]),
+                *(["", ""] if mission.fov_deg is None else [f"{angle:.3f}" for angle in mission.fov_deg[at]]),
             ]
         )  # fmt: skip
     return buffer.getvalue()

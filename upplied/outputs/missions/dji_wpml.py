@@ -21,7 +21,15 @@ from upplied.outputs.missions.records import Mission
 
 MAX_WAYPOINTS = 200  # what importers are known to take; the format itself counts to 65535
 #: It passes waypoints where it may; at a stop it brakes, turns the gimbal, takes the photo, and starts again.
-FLYING = Flying(MAX_WAYPOINTS, stop_s=3.0, turning="evenly", passes=True)
+FLYING = Flying(
+    MAX_WAYPOINTS,
+    stop_s=3.0,
+    turning="evenly",
+    passes=True,
+    zooms=True,
+    zoom_note=", written as focal lengths as on film 36 mm wide: see that the camera takes them",
+)
+_FILM_MM = 36.0
 #: Model -> drone type, sub type, and the payload that is built in (None: say which one hangs below).
 DRONES: dict[str, tuple[int, int, int | None]] = {
     "m300": (60, 0, None),
@@ -109,8 +117,12 @@ def _template(mission: Mission) -> str:
     head += _tags({"globalHeight": f"{top:.2f}"})
     head += _group("globalWaypointHeadingParam", _tags(heading))
     head += _tags({"globalWaypointTurnMode": _STOPS, "globalUseStraightLine": 1})
-    payload = _group("payloadParam", _tags({"payloadPositionIndex": 0, "imageFormat": "wide"}))
-    marks = "".join(_placemark(mission, at, template=True) for at in range(len(mission.stops)))
+    payload = _group(
+        "payloadParam",
+        _tags({"payloadPositionIndex": 0, "imageFormat": "wide" if mission.fov_deg is None else "zoom"}),
+    )
+    zooms = mission.zooms_at
+    marks = "".join(_placemark(mission, at, zooms, template=True) for at in range(len(mission.stops)))
     said = "".join(f"<!-- {note.replace('--', '- -')} -->\n" for note in drafted(mission.notes))
     return f"{said}<Folder>\n{head}{marks}{payload}</Folder>\n"
 
@@ -126,11 +138,12 @@ def _waylines(mission: Mission) -> str:
             "autoFlightSpeed": f"{_cruise(mission):.2f}",
         }
     )
-    marks = "".join(_placemark(mission, at, template=False) for at in range(len(mission.stops)))
+    zooms = mission.zooms_at
+    marks = "".join(_placemark(mission, at, zooms, template=False) for at in range(len(mission.stops)))
     return f"<Folder>\n{head}{marks}</Folder>\n"
 
 
-def _placemark(mission: Mission, number: int, template: bool) -> str:
+def _placemark(mission: Mission, number: int, zooms: dict[int, float], template: bool) -> str:
     stop = mission.stops[number]
     at = stop[0]
     lat, lon, alt = mission.geodetic[at]
@@ -155,10 +168,10 @@ def _placemark(mission: Mission, number: int, template: bool) -> str:
     mode = _PASSES if passing > 0 else _STOPS
     turn = _tags({"waypointTurnMode": mode, "waypointTurnDampingDist": f"{passing:.2f}"})
     body += _group("waypointTurnParam", turn) + _tags({"useStraightLine": 1})
-    return f"<Placemark>\n{body}{_actions(mission, number)}</Placemark>\n"
+    return f"<Placemark>\n{body}{_actions(mission, number, zooms)}</Placemark>\n"
 
 
-def _actions(mission: Mission, number: int) -> str:
+def _actions(mission: Mission, number: int, zooms: dict[int, float]) -> str:
     """Photos at the waypoint, and turns on the spot; on the leg behind it the gimbal turns evenly to what the
     next one wants, and photos by distance are taken.
     """
@@ -172,6 +185,8 @@ def _actions(mission: Mission, number: int) -> str:
             actions.append(("rotateYaw", turn))
         if at > stop[0] or number == 0:
             actions.append(("gimbalRotate", _gimbal(mission.pitch_deg[at])))
+        if at in zooms:
+            actions.append(("zoom", _zoom(zooms[at])))
         if mission.photo[at]:
             actions.append(("takePhoto", _photo(at)))
     groups = ""
@@ -189,6 +204,11 @@ def _actions(mission: Mission, number: int) -> str:
         every = {"actionTriggerType": "multipleDistance", "actionTriggerParam": mission.photo_distance_m}
         groups += _action_group(3 * number + 2, number, number + 1, every, [("takePhoto", _photo(stop[-1]))])
     return groups
+
+
+def _zoom(hfov_deg: float) -> dict[str, object]:
+    focal_mm = _FILM_MM / 2 / np.tan(np.radians(min(hfov_deg, 179.0)) / 2)
+    return {"focalLength": f"{focal_mm:.1f}", "isUseFocalFactor": 0, "payloadPositionIndex": 0}
 
 
 def _gimbal(pitch_deg: float) -> dict[str, object]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,17 +23,26 @@ class Flying:
     stop_s: float = 0.0  # that each stop at a waypoint of the inspection costs besides the way
     passes: bool = False  # waypoints where nothing else asks for a stop are passed, see `corners`
     turning: Turning = "evenly"
+    zooms: bool = False  # whether the file tells the camera to zoom
+    zooms_not_by: str = ""  # firmware that does not understand it
+    zoom_note: str = ""  # how the file says it, in words
     note: str = ""  # what the person who flies must set, as the file cannot say it
 
 
 def as_flown(path: Trajectory, t_s: Floats, turning: Turning) -> Trajectory:
-    """Poses (N,) at times on a mission's path, the camera turned as the vehicle turns it."""
+    """Poses (N,) at times on a mission's path, the camera turned as the vehicle turns it.
+
+    When on a leg a camera zooms, no format says: of a leg the narrower field of view at its ends counts.
+    """
     evenly = interpolate(path, t_s)
+    if path.fov_deg is not None and len(path) > 1:
+        leg = (np.searchsorted(path.t_s, t_s, side="right") - 1).clip(0, len(path) - 2)
+        evenly = replace(evenly, fov_deg=np.minimum(path.fov_deg[leg], path.fov_deg[leg + 1]))
     if turning == "evenly" or len(path) < 2:
         return evenly
     if turning == "ahead":
         coming = np.searchsorted(path.t_s, t_s, side="left").clip(0, len(path) - 1)
-        return Trajectory(t_s, evenly.positions, path.quat_xyzw[coming])
+        return replace(evenly, quat_xyzw=path.quat_xyzw[coming])
     reached = (np.searchsorted(path.t_s, t_s, side="right") - 1).clip(0, len(path) - 1)
     (yaw, _), (_, pitch) = yaw_pitch(evenly.quat_xyzw), yaw_pitch(path.quat_xyzw[reached])
-    return Trajectory(t_s, evenly.positions, from_yaw_pitch(yaw, pitch))
+    return replace(evenly, quat_xyzw=from_yaw_pitch(yaw, pitch))

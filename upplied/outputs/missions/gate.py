@@ -53,6 +53,8 @@ RULES = {
         Rule("height", "no leg is higher above ground than allowed", "raise --max-height-m where you may"),
         Rule("speed", "no leg is faster than the vehicle flies", "plan with the limits of the vehicle"),
         Rule("acceleration", "no turn asks for more than the vehicle can do", "plan with its limits"),
+        Rule("zoom", "what flies the mission can zoom as the plan does", "export in a format that can: csv, "
+             "geojson, dji-wpml, or qgc-plan and mavlink for PX4"),
         Rule("coverage", "as it is flown, the mission sees what the plan sees", "export with less tolerance"),
     )
 }  # fmt: skip
@@ -136,6 +138,15 @@ def plan_breaches(plan: Plan | Trajectory) -> list[Breach]:
     if plan.preset != "recommended":
         found.insert(0, Breach("preset", f"the plan is of preset {plan.preset}"))
     return found
+
+
+def zoom_breaches(path: Trajectory, zooms: bool) -> list[Breach]:
+    """Whether the plan zooms and the format, or who flies it, does not."""
+    if path.fov_deg is None or zooms:
+        return []
+    widest, narrowest = path.fov_deg[:, 0].max(), path.fov_deg[:, 0].min()
+    found = f"the plan zooms from {widest:.1f} to {narrowest:.1f} deg, which this format cannot say"
+    return [Breach("zoom", found, "flown with the narrowest")]
 
 
 def coverage_breaches(share: float, limits: Limits) -> list[Breach]:

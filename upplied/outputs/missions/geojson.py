@@ -7,6 +7,8 @@ from typing import Any
 
 from upplied.outputs.missions.records import Mission
 
+_FIELDS = ("hfov_deg", "vfov_deg")
+
 
 def geojson_text(mission: Mission) -> str:
     """The mission as a feature collection; `altitude_reference` says what the third coordinate means."""
@@ -36,10 +38,17 @@ def geojson_text(mission: Mission) -> str:
                     "speed_mps": round(float(mission.speed_mps[at]), 3),
                     "photo": bool(mission.photo[at]),
                     "inspect": bool(mission.inspect[at]),
+                    **_zoom(mission, at),
                 },
             )
         )
     return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False) + "\n"
+
+
+def _zoom(mission: Mission, at: int) -> dict[str, float]:
+    if mission.fov_deg is None:
+        return {}
+    return {name: round(float(angle), 2) for name, angle in zip(_FIELDS, mission.fov_deg[at], strict=True)}
 
 
 def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:

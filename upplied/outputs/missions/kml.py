@@ -13,7 +13,7 @@ _LINE = """ <Placemark><name>{name}</name><description>{about}</description>
   <LineString><altitudeMode>{mode}</altitudeMode><coordinates>{coordinates}</coordinates></LineString>
  </Placemark>"""
 _PHOTO = """ <Placemark><name>photo {number}</name>
-  <description>heading {heading:.1f} deg, gimbal pitch {pitch:.1f} deg</description>
+  <description>heading {heading:.1f} deg, gimbal pitch {pitch:.1f} deg{zoom}</description>
   <Point><altitudeMode>{mode}</altitudeMode><coordinates>{coordinates}</coordinates></Point>
  </Placemark>"""
 
@@ -35,6 +35,7 @@ def kml_text(mission: Mission) -> str:
         _PHOTO.format(
             number=number + 1, heading=mission.heading_deg[at], pitch=mission.pitch_deg[at], mode=mode,
             coordinates=places[at],
+            zoom="" if mission.fov_deg is None else f", field of view {mission.fov_deg[at, 0]:.1f} deg",
         )
         for number, at in enumerate(mission.photo.nonzero()[0])
     ]  # fmt: skip

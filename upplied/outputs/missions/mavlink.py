@@ -13,14 +13,21 @@ from upplied.outputs.missions.records import Mission
 WAYPOINT, RETURN, TAKEOFF = 16, 20, 22
 YAW = 115
 SPEED, DIGICAM, MOUNT, PHOTO_DISTANCE = 178, 203, 205, 206
+ZOOM = 531
 GIMBAL, PHOTO = 1000, 2000
 _MISSION_FRAME, _RELATIVE_FRAME, _GLOBAL_FRAME = 2, 3, 0
 _GIMBAL_LEVEL_WITH_VEHICLE = 4 + 8 + 32  # roll and pitch held to the horizon, yaw to the vehicle
 _MOUNT_BY_ANGLES = 2
+_ZOOM_BY_FIELD_OF_VIEW = 4.0
 _NAN = float("nan")
 _SHORT_S = 0.3  # shorter than this nobody hovers
 #: Commands for the gimbal and the heading come into force when the leg to their waypoint begins.
-FLYING = Flying(turning="ahead")
+FLYING = Flying(
+    turning="ahead",
+    zooms=True,
+    zooms_not_by="ardupilot",
+    zoom_note=", by MAV_CMD_SET_CAMERA_ZOOM with ZOOM_TYPE_HORIZONTAL_FOV: see that the camera knows it",
+)
 NOTES = {
     "px4": "written for PX4; ArduPilot takes headings and photos from other commands: firmware ardupilot",
     "ardupilot": "written for ArduPilot: set WP_YAW_BEHAVIOR to 0, or it turns the nose to the next waypoint",
@@ -65,6 +72,7 @@ def items(mission: Mission, options: MissionOptions) -> list[Item]:
     home_lat, home_lon = mission.home[:2]
     out = [Item(TAKEOFF, frame, (0.0, 0.0, 0.0, _NAN, home_lat, home_lon, alt[0]))]
     speed = pitch = _NAN
+    zooms = mission.zooms_at
     photos = 0
     inspecting = False
     for at in range(len(mission)):
@@ -74,6 +82,8 @@ def items(mission: Mission, options: MissionOptions) -> list[Item]:
         if not abs(mission.pitch_deg[at] - pitch) < 0.5:
             pitch = mission.pitch_deg[at]
             out.append(_gimbal(pitch, options.gimbal))
+        if at in zooms:
+            out.append(_command(ZOOM, _ZOOM_BY_FIELD_OF_VIEW, zooms[at]))
         if options.firmware == "ardupilot":
             out.append(_command(YAW, mission.heading_deg[at]))
         lat, lon = mission.geodetic[at, :2]

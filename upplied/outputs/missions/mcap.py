@@ -13,6 +13,8 @@ from upplied.outputs import ros2_schemas
 from upplied.outputs.colours import PRESETS, STATES, SURFACE, rgb
 from upplied.outputs.display import display_mesh, display_states
 from upplied.outputs.draw.tubes import frustum_corners
+from upplied.outputs.ros2_schemas import camera_info
+from upplied.planning.visibility.frustum import cameras_of
 from upplied.records import Camera, Floats, Plan, Structure, Trajectory
 
 FRAME, CAMERA_FRAME = "structure", "planned_camera"
@@ -143,6 +145,10 @@ def mcap_bytes(
         link = {"header": _header(at), "child_frame_id": CAMERA_FRAME, "transform": transform}
         write("/tf", frames, {"transforms": [link]}, at)
         write("/plan/camera", poses, pose, at)
+    if path.fov_deg is not None:
+        info = writer.register_msgdef("sensor_msgs/msg/CameraInfo", ros2_schemas.CAMERA_INFO)
+        for at, each in zip(stamps, cameras_of(camera or Camera(), path.fov_deg), strict=True):
+            write("/plan/camera_info", info, camera_info(each, _header(at) | {"frame_id": CAMERA_FRAME}), at)
     writer.finish()
     return buffer.getvalue()
 
@@ -169,7 +175,12 @@ def _frusta(plan: Plan | Trajectory, path: Trajectory, camera: Camera) -> dict[s
         chosen = np.flatnonzero(plan.is_viewpoint)
     depth = 0.04 * float(np.linalg.norm(np.ptp(path.positions, axis=0))) + 0.2
     positions = path.positions[chosen]
-    rim = frustum_corners(positions, path.quat_xyzw[chosen], camera, depth)
+    quats, fov_deg = path.quat_xyzw[chosen], path.fov_deg
+    rim = frustum_corners(positions, quats, camera, depth)
+    if fov_deg is not None:
+        cameras = cameras_of(camera, fov_deg[chosen])
+        each = zip(positions[:, None], quats[:, None], cameras, strict=True)
+        rim = np.concatenate([frustum_corners(*one, depth) for one in each])
     apex = np.repeat(positions[:, None], 4, axis=1)
     ends = np.stack([apex, rim, rim, np.roll(rim, -1, axis=1)], axis=2)
     preset = plan.preset if isinstance(plan, Plan) else "recommended"

@@ -31,7 +31,7 @@ from upplied.records import (
 )
 from upplied.scene import scene_of
 
-ANYTHING = Flying()
+ANYTHING = Flying(zooms=True)
 _SAME_PLACE_M = 0.05
 _CROWDED_M = 0.25  # mean step between viewpoints
 _HOVER_S = 0.3  # shorter than this nobody hovers
@@ -60,6 +60,8 @@ def missions_of(
     check_altitude(options.altitude, placement, structure.structure_id)
     limits = gate.limits_of(options)
     broken = [*found, *gate.breaches(planned(path.positions, path.t_s), structure, limits)]
+    zooms = flying.zooms and not (flying.zooms_not_by and options.firmware == flying.zooms_not_by)
+    broken += gate.zoom_breaches(path, zooms)
     overruled = gate.pass_or_refuse(name, broken, options.overruled)
     notes = gate.told(overruled)
     airspace = airspace_of(structure, path.positions, options)
@@ -76,11 +78,16 @@ def missions_of(
     fixed = np.zeros(len(path), bool) if is_viewpoint is None else is_viewpoint
     tolerances = (options.tolerance_m, options.tolerance_deg)
     kept, note, share = thinned(
-        path, fixed, tolerances, airspace, (surface, camera or Camera()), flying.turning
+        path, fixed, tolerances, airspace, (surface, camera or Camera()), flying.turning, zooms
     )
     unseen = gate.pass_or_refuse(name, gate.coverage_breaches(share, limits), options.overruled)
     notes += [note, *gate.told(unseen)]
-    short = Trajectory(path.t_s[kept], path.positions[kept], path.quat_xyzw[kept])
+    short = path.take(kept) if zooms else replace(path.take(kept), fov_deg=None)
+    if short.fov_deg is not None:
+        notes.append(
+            f"the camera zooms, from {short.fov_deg[:, 0].max():.1f} to {short.fov_deg[:, 0].min():.1f} deg "
+            f"of horizontal field of view{flying.zoom_note}"
+        )
     transits = Transits(structure, airspace, short.positions, home)
     transits.check_home()
     passing = _passing(short, airspace, options, flying)
@@ -117,6 +124,7 @@ def missions_of(
                 photo_distance_m=options.photo_distance_m if by_distance else 0.0,
                 duration_s=sortie.duration_s,
                 notes=tuple(notes),
+                fov_deg=body.fov_deg,
                 overruled=(*overruled, *unseen),
             )
         )
@@ -207,6 +215,7 @@ class _Body:
     passing_m: Floats
     photo: Bools
     inspect: Bools
+    fov_deg: Floats | None
 
 
 def _inspection(
@@ -252,4 +261,14 @@ def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) ->
         passed,
         photos,
         inspect,
+        _zooms(path, sortie),
     )
+
+
+def _zooms(path: Trajectory, sortie: Sortie) -> Floats | None:
+    """Fields of view of a sortie's waypoints; on the ways the camera keeps its zoom."""
+    if path.fov_deg is None:
+        return None
+    ways = ((sortie.first, sortie.way_in), (sortie.last, sortie.way_out))
+    kept = [np.repeat(path.fov_deg[[at]], len(way), axis=0) for at, way in ways]
+    return np.concatenate([kept[0], path.fov_deg[sortie.first : sortie.last + 1], kept[1]])

@@ -11,6 +11,7 @@ from upplied.outputs.missions import gate
 from upplied.records import Bools, Floats, Placement, Record
 
 _SAME_PLACE_M = 0.05
+SAME_ZOOM = 0.02  # of the field of view, within which no camera is told to zoom
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,10 +42,21 @@ class Mission(Record):
     photo_distance_m: float  # between photos during the inspection, 0: at `photo` alone
     duration_s: float
     notes: tuple[str, ...] = ()
+    fov_deg: Floats | None = None  # (N, 2) horizontal and vertical, where the camera zooms
     overruled: tuple[gate.Breach, ...] = ()  # rules of the gate; the notes say them too
 
     def __len__(self) -> int:
         return len(self.local)
+
+    @property
+    def zooms_at(self) -> dict[int, float]:
+        """The waypoints for which the camera is told to zoom, with the horizontal field of view, deg."""
+        told: dict[int, float] = {}
+        last = float("nan")
+        for at, angle in enumerate([] if self.fov_deg is None else self.fov_deg[:, 0].tolist()):
+            if not abs(angle / last - 1) < SAME_ZOOM:
+                told[at] = last = angle
+        return told
 
     @property
     def stops(self) -> list[range]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from upplied.outputs.missions.flying import Turning, as_flown
+from upplied.outputs.missions.records import SAME_ZOOM
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
 from upplied.poses import interpolate, matrices
@@ -25,6 +27,7 @@ def thinned(
     airspace: Airspace,
     seen: tuple[SurfaceStates | None, Camera],
     turning: Turning = "evenly",
+    zooms: bool = True,
 ) -> tuple[Ints, str, float]:
     """Which waypoints to keep, what was checked, in words, and the share of the plan's view that stays.
 
@@ -42,13 +45,16 @@ def thinned(
         What the plan sees, where that is known.
     turning : Turning
         How the vehicle turns the camera between the waypoints that are left.
+    zooms : bool
+        Whether it zooms as the path does; else the camera's own field of view counts.
     """
     scene = airspace.scene
     planned = path_clearance(scene, path.positions).distance_m
     metres, degrees = tolerances
+    flown = path if zooms else replace(path, fov_deg=None)
     for _ in range(6):
         kept = np.flatnonzero(_kept(path, fixed, metres, degrees))
-        coarse = Trajectory(path.t_s[kept], path.positions[kept], path.quat_xyzw[kept])
+        coarse = flown.take(kept)
         share = still_seen(path, coarse, scene, *seen, turning)
         if not airspace.broken(coarse.positions).any() and (np.isnan(share) or share >= _LEAST_SEEN):
             clear = path_clearance(scene, coarse.positions).distance_m
@@ -62,7 +68,7 @@ def thinned(
                 share,
             )
         metres, degrees = metres / 2, degrees / 2
-    share = still_seen(path, path, scene, *seen, turning)
+    share = still_seen(path, flown, scene, *seen, turning)
     return np.arange(len(path)), f"all {len(path)} waypoints kept: fewer would lose clearance or view", share
 
 
@@ -87,8 +93,10 @@ def still_seen(
 def _in_view(path: Trajectory, points: Floats, scene: Scene, camera: Camera) -> Bools:
     """Which points (N,) are in the frustum and range of any pose, with nothing between."""
     found = np.zeros(len(points), bool)
-    slope = np.tan(np.radians(np.minimum([camera.hfov_deg, camera.vfov_deg], 179.0)) / 2)
-    for position, turn in zip(path.positions, matrices(path.quat_xyzw), strict=True):
+    fields = np.tile([camera.hfov_deg, camera.vfov_deg], (len(path), 1))
+    fields = fields if path.fov_deg is None else path.fov_deg
+    slopes = np.tan(np.radians(np.minimum(fields, 179.0)) / 2)
+    for position, turn, slope in zip(path.positions, matrices(path.quat_xyzw), slopes, strict=True):
         open_ = np.flatnonzero(~found)
         local = (points[open_] - position) @ turn
         reach = np.linalg.norm(local, axis=1)
@@ -111,12 +119,22 @@ def _kept(path: Trajectory, fixed: Bools, metres: float, degrees: float) -> Bool
         if last - first < 2:
             continue
         error = _strays(path, int(first), int(last), metres, degrees)
+        error = np.maximum(error, _zooms_otherwise(path, int(first), int(last)))
         worst = int(error.argmax())
         if error[worst] > 1:
             middle = first + 1 + worst
             keep[middle] = True
             open_ += [(first, middle), (middle, last)]
     return keep
+
+
+def _zooms_otherwise(path: Trajectory, first: int, last: int) -> Floats:
+    """How far the waypoints between two others zoom beside an even change, in units of what is the same."""
+    if path.fov_deg is None:
+        return np.zeros(last - first - 1)
+    angle, at = path.fov_deg[:, 0], path.t_s
+    even = np.interp(at[first + 1 : last], at[[first, last]], angle[[first, last]])
+    return np.asarray(np.abs(angle[first + 1 : last] / even - 1) / SAME_ZOOM)
 
 
 def _strays(path: Trajectory, first: int, last: int, metres: float, degrees: float) -> Floats:

@@ -76,6 +76,7 @@ def inspected_surface(
         np.ascontiguousarray(demonstrated.stations.positions @ jacobian.T),
         np.ascontiguousarray((source.points @ jacobian.T).T),
         demonstrated.seen,
+        np.ascontiguousarray(demonstrated.coarseness),
     )
     if near_m is not None:
         near = np.where(np.isfinite(near_m), near_m, near)
@@ -125,7 +126,11 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
     wanted = found.standoff_m
     if transfer.gsd_m is not None and camera.width_px:
         wanted = np.where(found.need > 0, transfer.gsd_m * focal_px(camera.width_px, camera.hfov_deg), np.nan)
-    return replace(found, standoff_m=np.clip(wanted, *_limits(camera, settings)))
+    lowest, highest = _limits(camera, settings)
+    widest = float(
+        inspection.truly.coarseness.max(initial=1.0)
+    )  # where it zooms, distances are of one camera
+    return replace(found, standoff_m=np.clip(wanted, lowest, highest * widest))
 
 
 def _limits(camera: Camera, settings: Settings) -> tuple[float, float]:

@@ -134,6 +134,7 @@ def counted(
     settings: TransferSettings,
     camera: Camera,
     nearest_m: float,
+    coarse: Floats | None = None,
 ) -> Counted:
     """From how far each camera should see what on the target.
 
@@ -154,12 +155,14 @@ def counted(
         Bounds the stand-off by its range.
     nearest_m : float
         Smallest stand-off, m: the safety distance.
+    coarse : array, shape (M,), optional
+        How coarsely each camera shows beside `camera`, where it zooms.
     """
     middle = None
     if settings.gsd_m is not None and camera.width_px:
         middle = _middles(positions, weight, here, there)[1]
         sampled = settings.gsd_m * focal_px(camera.width_px, camera.hfov_deg)
-        wanted = np.where(weight.any(axis=1), sampled, np.nan)
+        wanted = np.where(weight.any(axis=1), sampled / (1.0 if coarse is None else coarse), np.nan)
     elif settings.standoff == "kept":
         before, middle = _middles(positions, weight, here, there)
         wanted = np.linalg.norm(positions - before, axis=1)

@@ -17,6 +17,7 @@ from upplied.config import TransferSettings
 from upplied.planning.carry.affine import AxisMap, aimed
 from upplied.planning.carry.standoff import Counted, counted, picture_share
 from upplied.planning.geometry.frechet import spread
+from upplied.planning.visibility.frustum import coarseness
 from upplied.poses import from_yaw_pitch, optical_axis, without_roll, yaw_pitch
 from upplied.records import Camera, Cloud, Correspondences, Floats, Record, Trajectory, Visibility
 
@@ -83,7 +84,8 @@ def follow_counterparts(
     shift = _smoothed(_filled(aim - carrier.points(aim_before)), smoothing)
     aim_filled = carrier.points(_filled(aim_before)) + shift
     positions = carrier.points(flight.positions) + shift
-    asked = counted(flight.positions, weight, here, there, carrier, settings, camera, nearest_m)
+    coarse = coarseness(camera, flight.fov_deg)
+    asked = counted(flight.positions, weight, here, there, carrier, settings, camera, nearest_m, coarse)
     positions = _stood_off(positions, aim_filled, asked, smoothing)
     carried = carrier.points(flight.positions)
     if settings.standoff != "scaled" or settings.gsd_m is not None:

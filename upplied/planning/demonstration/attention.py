@@ -89,9 +89,10 @@ def attention(
     limit = np.full(len(depth), np.inf)
     if zone is None:
         limit = np.where(known & (depth <= _APPROACH * subject), _DEPTH * depth, 0.0)
-    gaze, time = _gazed(
-        *arguments, limit, steps.step_s, *_motion(steps), settings.sharp_radps(camera.hfov_deg)
-    )
+    sharp = np.full(len(steps), settings.sharp_radps(camera.hfov_deg))
+    if steps.poses.fov_deg is not None:
+        sharp = np.array([settings.sharp_radps(float(angle)) for angle in steps.poses.fov_deg[:, 0]])
+    gaze, time = _gazed(*arguments, limit, steps.step_s, *_motion(steps), sharp)
     gazed, seen = 1 - np.exp(-gaze / _GAZE_S), 1 - np.exp(-time / _SHOWN_S)
     complete = np.bincount(part, area * gazed, parts) / np.maximum(np.bincount(part, area, parts), 1e-300)
     whole = float((area * gazed).sum())
@@ -232,7 +233,7 @@ def _gazed(
     step_s: Floats,
     velocity: Floats,
     turn: Floats,
-    sharp: float,
+    sharp: Floats,
 ) -> tuple[Floats, Floats]:
     """Seconds for which each sample (N,) was gazed at, and shown, sharply and at the subject's depth."""
     gaze, time = np.zeros(len(points)), np.zeros(len(points))
@@ -253,7 +254,7 @@ def _gazed(
             if x <= 0 or x > limit[pose]:
                 continue
             moved = motion_of(ray, np.sqrt(squared), velocity[pose], turn[pose])
-            held = step_s[pose] * min(1.0, sharp / max(moved, 1e-12))
+            held = step_s[pose] * min(1.0, sharp[pose] / max(moved, 1e-12))
             y, z = across / x, up / x
             gaze[index] += held * np.exp(-(y * y + z * z) / (2 * FOVEA * FOVEA))
             time[index] += held

@@ -13,13 +13,14 @@ shape asks for: straight lines between them leave it by no more than a few centi
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import convolve1d, gaussian_filter1d, minimum_filter1d
 
 from upplied.planning.demonstration.pauses import pauses
 from upplied.planning.demonstration.stations import axes_of, looking, stations_of
+from upplied.poses import fov_at, in_a_row
 from upplied.records import Floats, Ints, Record, Trajectory
 
 _GRID_S = 0.05  # shortest step of the even times that a log is brought to
@@ -74,16 +75,13 @@ def smoothed(flight: Trajectory, spacing_m: float = np.inf, breaks: Ints | None 
     steady = [_steady(_part(flight, a, b), extent) for a, b in itertools.pairwise(cuts)]
     length = sum(float(np.linalg.norm(np.diff(part.positions, axis=0), axis=1).sum()) for part in steady)
     told = [stations_of(part, spacing_m, extent, length) for part in steady]
-    joined = Trajectory(
-        np.concatenate([part.t_s for part in told]),
-        np.vstack([part.positions for part in told]),
-        np.vstack([part.quat_xyzw for part in told]),
-    )
+    joined = in_a_row(told)
+    joined = replace(joined, fov_deg=fov_at(flight, joined.t_s))
     return Smoothed(joined, np.cumsum([len(part) for part in told])[:-1])
 
 
 def _part(flight: Trajectory, start: int, stop: int) -> Trajectory:
-    return Trajectory(flight.t_s[start:stop], flight.positions[start:stop], flight.quat_xyzw[start:stop])
+    return flight.take(slice(start, stop))
 
 
 def _steady(flight: Trajectory, extent: float) -> Trajectory:

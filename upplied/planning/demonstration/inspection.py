@@ -53,7 +53,13 @@ def inspect_demonstration(
         Visibility,
         key,
         lambda: visible(
-            flight.positions, flight.quat_xyzw, fit.source, camera, settings.visibility, pair.source_scene
+            flight.positions,
+            flight.quat_xyzw,
+            fit.source,
+            camera,
+            settings.visibility,
+            pair.source_scene,
+            fov_deg=flight.fov_deg,
         ),
     )
     whole = demonstration.trajectory
@@ -131,8 +137,7 @@ def prepared(
     if len(flight) > settings.viewpoints.most_poses:
         keep = np.unique(np.linspace(0, len(flight) - 1, settings.viewpoints.most_poses).astype(np.int64))
     starts = np.unique(np.searchsorted(keep, demonstration.breaks))
-    thinned = Trajectory(flight.t_s[keep], flight.positions[keep], flight.quat_xyzw[keep])
-    return thinned, starts[(starts > 0) & (starts < len(keep))]
+    return flight.take(keep), starts[(starts > 0) & (starts < len(keep))]
 
 
 def _spacing(demonstration: Demonstration, pair: Pair) -> float:

@@ -19,7 +19,7 @@ from upplied.planning.demonstration.inspection import Inspection, inspect_demons
 from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import labels_of, parts_of
-from upplied.poses import from_yaw_pitch, yaw_pitch
+from upplied.poses import from_yaw_pitch, in_a_row, yaw_pitch
 from upplied.records import Correspondences, Demonstration, Floats, Ints, Record, Structure, Trajectory
 
 _TRANSIT_S = 10.0  # of the demonstration's time between two takes; the way itself is timed anew
@@ -127,11 +127,7 @@ def joined(flights: Sequence[Trajectory]) -> Trajectory:
     for flight in flights:
         times.append(flight.t_s - flight.t_s[0] + begin)
         begin = float(times[-1][-1]) + _TRANSIT_S
-    return Trajectory(
-        np.concatenate(times),
-        np.concatenate([flight.positions for flight in flights]),
-        np.concatenate([flight.quat_xyzw for flight in flights]),
-    )
+    return replace(in_a_row(flights), t_s=np.concatenate(times))
 
 
 def breaks_of(takes: Sequence[Take]) -> Ints:

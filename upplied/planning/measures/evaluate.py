@@ -106,7 +106,8 @@ def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Sett
     carrier = registered_map(fit.registration)
     camera, nearest_m = take.inspection.camera, settings.route.clearance_m
     there = fit.correspondences.target_points[known]
-    asked = counted(positions, weight, here, there, carrier, settings.transfer, camera, nearest_m)
+    coarse = None if shown.coarse is None else shown.coarse[index]
+    asked = counted(positions, weight, here, there, carrier, settings.transfer, camera, nearest_m, coarse)
     ratio = asked.distance(places) / asked.wanted_m
     return ratio[np.isfinite(ratio)]
 

@@ -82,6 +82,7 @@ def _shown_well(
         shown_well(
             *(np.ascontiguousarray(of) for of in (*moving, cloud.points, cloud.normals)),
             planned.seen,
+            np.ascontiguousarray(planned.coarseness),
             farthest_m,
             least_cosine,
             sharp_radps,

@@ -115,6 +115,7 @@ def _view_quality(inspected: InspectedSurface, views: Views) -> tuple[float, flo
         np.ascontiguousarray(inspected.cloud.points),
         np.zeros((len(inspected.need), 3)) if normals is None else np.ascontiguousarray(normals),
         views.seen,
+        np.ascontiguousarray(views.coarseness),
     )
     used = (inspected.need > 0) & np.isfinite(near)
     if not used.any():

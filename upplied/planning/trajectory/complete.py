@@ -153,12 +153,13 @@ def _view(take: Take, wanted: InspectedSurface, settings: Settings) -> View:
     return View(
         fit.target,
         need / max(need.sum(), 1e-12),
-        np.minimum(resolved_m, camera.max_range_m),
+        np.minimum(resolved_m, camera.max_range_m * take.inspection.truly.coarseness.max(initial=1.0)),
         inspected,
         camera,
         settings.visibility,
         settings.retime,
         take.pair.target_scene,
+        take.inspection.flight.fov_deg,
     )
 
 

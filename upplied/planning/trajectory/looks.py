@@ -43,11 +43,13 @@ def looks_aside(path: Flown, view: View, price_per_rad: float, way_m_per_rad: fl
     missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
     stations = np.unique(np.linspace(0, len(path) - 1, min(_STATIONS, len(path))).astype(np.int64))
     reach = (
-        view.reach(path.positions[stations], missed) if len(missed) else np.zeros((len(stations), 0), bool)
+        view.reach(path.positions[stations], missed, station=stations)
+        if len(missed)
+        else np.zeros((len(stations), 0), bool)
     )
     if not reach.any():
         return path
-    row, to_yaw, to_pitch, shows = _directions(path.positions[stations], reach, missed, view)
+    row, to_yaw, to_pitch, shows = _directions(path, stations, reach, missed, view)
     at = stations[row]
     aside_yaw = (to_yaw - path.yaw[at] + np.pi) % (2 * np.pi) - np.pi
     aside_pitch = to_pitch - path.pitch[at]
@@ -74,13 +76,15 @@ def looks_aside(path: Flown, view: View, price_per_rad: float, way_m_per_rad: fl
         open_ &= apart > _TAKEN * way_m
 
 
-def _directions(places: Floats, reach: Bools, missed: Ints, view: View) -> tuple[Ints, Floats, Floats, Bools]:
-    """Directions worth trying from places (P, 3), and which of the missed samples each shows.
+def _directions(
+    path: Flown, stations: Ints, reach: Bools, missed: Ints, view: View
+) -> tuple[Ints, Floats, Floats, Bools]:
+    """Directions worth trying from stations (P,), and which of the missed samples each shows.
 
     From each place that reaches any: towards the middle of what it reaches, and towards single samples.
     Returns for each its place (C,), yaw and pitch (C,), and (C, m) what it shows.
     """
-    points, need = view.cloud.points[missed], view.need[missed]
+    points, need, places = view.cloud.points[missed], view.need[missed], path.positions[stations]
     rows, aims = [], []
     for place in np.flatnonzero(reach.any(axis=1)):
         hit = np.flatnonzero(reach[place])
@@ -95,14 +99,15 @@ def _directions(places: Floats, reach: Bools, missed: Ints, view: View) -> tuple
     pitch = np.arctan2(towards[:, 2], np.hypot(towards[:, 0], towards[:, 1]))
     low, high = np.radians([view.limits.min_gimbal_pitch_deg, view.limits.max_gimbal_pitch_deg])
     pitch = np.clip(pitch, low, high)
-    half = np.radians([view.camera.hfov_deg, view.camera.vfov_deg]) / 2 * _INSIDE
+    half = view.halves_rad(len(path))[stations[row]]
     axes = matrices(from_yaw_pitch(yaw, pitch))
-    return row, yaw, pitch, _in_picture(places, row, axes, points, reach, half, view.camera.hfov_deg >= 180)
+    round_ = half[:, 0] >= np.pi / 2
+    return row, yaw, pitch, _in_picture(places, row, axes, points, reach, half * _INSIDE, round_)
 
 
 @njit(cache=True)
 def _in_picture(
-    places: Floats, row: Ints, axes: Floats, points: Floats, reach: Bools, half: Floats, round_: bool
+    places: Floats, row: Ints, axes: Floats, points: Floats, reach: Bools, half: Floats, round_: Bools
 ) -> Bools:
     """Which of the points in reach fall into the picture of each orientation, (C, m)."""
     shown = np.zeros((len(row), len(points)), np.bool_)
@@ -117,7 +122,7 @@ def _in_picture(
                 x += turn[axis, 0] * ray
                 y += turn[axis, 1] * ray
                 z += turn[axis, 2] * ray
-            forward = np.hypot(x, y) if round_ else x
+            forward = np.hypot(x, y) if round_[index] else x
             across, up = abs(np.arctan2(y, x)), abs(np.arctan2(z, forward))
-            shown[index, sample] = across <= half[0] and up <= half[1]
+            shown[index, sample] = across <= half[index, 0] and up <= half[index, 1]
     return shown

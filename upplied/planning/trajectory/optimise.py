@@ -89,7 +89,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
         # What stands in the way, and what is near, from here.
         oblique = replace(problem.view.settings, max_incidence_deg=_OBLIQUE_DEG)
         anywhere = replace(problem.view, farthest_m=np.full(len(problem.view.need), np.inf))
-        free = anywhere.reach(path.positions[::stride], asked, oblique)
+        free = anywhere.reach(path.positions[::stride], asked, oblique, np.arange(0, len(path), stride))
         terms: list[tuple[float, Term]] = [
             (1.0, Coverage.of(problem.view, asked, need, free, float(width), stride)),
             (weights.clearance, Clearance.of(problem.airspace, path)),

@@ -19,6 +19,7 @@ from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of
 from upplied.planning.trajectory.complete import completed
 from upplied.planning.trajectory.retime import retime
 from upplied.planning.trajectory.sharpness import sharp_limits
+from upplied.poses import fov_at
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 
@@ -47,9 +48,16 @@ def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bool
         paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.surface.target))
     path = _in_a_row(paths)
     if settings.refine.method != "view" or not settings.retime.limits:
-        return retime(path, flight, settings.retime, breaks_of(takes))
+        return _zooming(flight, *retime(path, flight, settings.retime, breaks_of(takes)))
     sharp = sharp_limits(path, flight, takes, settings)
-    return retime(path, flight, settings.retime, breaks_of(takes), sharp)
+    return _zooming(flight, *retime(path, flight, settings.retime, breaks_of(takes), sharp))
+
+
+def _zooming(
+    flight: Trajectory, planned: Trajectory, is_viewpoint: Bools, answers_s: Floats
+) -> tuple[Trajectory, Bools, Floats]:
+    """The same, zooming as the demonstration did at the moments that the poses correspond to."""
+    return replace(planned, fov_deg=fov_at(flight, answers_s)), is_viewpoint, answers_s
 
 
 def _in_joined_times(

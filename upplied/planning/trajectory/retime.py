@@ -134,11 +134,7 @@ def hovering(path: Waypoints, flight: Trajectory, least_s: float, breaks: Ints |
 def _parts(flight: Trajectory, breaks: Ints | None) -> list[Trajectory]:
     """The stretches of a flight between its gaps."""
     cuts = [0, *(int(index) for index in ([] if breaks is None else breaks)), len(flight)]
-    return [
-        Trajectory(flight.t_s[a:b], flight.positions[a:b], flight.quat_xyzw[a:b])
-        for a, b in itertools.pairwise(cuts)
-        if b > a
-    ]
+    return [flight.take(slice(a, b)) for a, b in itertools.pairwise(cuts) if b > a]
 
 
 def _within_parts(t_s: Floats, flight: Trajectory, breaks: Ints | None) -> Bools:

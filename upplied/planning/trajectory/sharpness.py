@@ -15,9 +15,10 @@ from upplied.config import Settings
 from upplied.planning.carry.inspected_surface import inspected_by, look_limits, together
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.trajectory.retime import Sharp
+from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import moments
-from upplied.poses import angle_between, matrices
+from upplied.poses import angle_between, fov_at, matrices
 from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
 
 _SAMPLES = 600  # of the inspected surface, that are asked for
@@ -44,7 +45,7 @@ def sharp_limits(path: Waypoints, flight: Trajectory, takes: Sequence[Take], set
     settings : Settings
     """
     usual, own = steady_degps(takes, settings), _swung_degps(path.t_s, flight)
-    speed = np.where(own > usual, np.inf, _sharp_speeds(path, takes, settings))
+    speed = np.where(own > usual, np.inf, _sharp_speeds(path, flight, takes, settings))
     return Sharp(speed, np.maximum(own, usual))
 
 
@@ -57,7 +58,7 @@ def _swung_degps(t_s: Floats, flight: Trajectory) -> Floats:
     return np.interp(t_s, (flight.t_s[:-1] + flight.t_s[1:]) / 2, rate)
 
 
-def _sharp_speeds(path: Waypoints, takes: Sequence[Take], settings: Settings) -> Floats:
+def _sharp_speeds(path: Waypoints, flight: Trajectory, takes: Sequence[Take], settings: Settings) -> Floats:
     """Speed (W,), m/s, at each waypoint up to which the inspected surface in view is sharp; inf for none.
 
     Sharp is what moves no faster through the picture than `settings.inspection` says, or than the
@@ -71,9 +72,14 @@ def _sharp_speeds(path: Waypoints, takes: Sequence[Take], settings: Settings) ->
     asked = asked[np.unique(np.linspace(0, len(asked) - 1, min(_SAMPLES, len(asked))).astype(np.int64))]
     normals = None if wanted.cloud.normals is None else wanted.cloud.normals[asked]
     part = Cloud(wanted.cloud.points[asked], normals=normals)
-    seen = visible(path.positions, path.quat_xyzw, part, camera, settings.visibility, scene).seen
+    poses, fov_deg = (path.positions, path.quat_xyzw), fov_at(flight, path.t_s)
+    seen = visible(*poses, part, camera, settings.visibility, scene, fov_deg=fov_deg).seen
     farthest_m = wanted.standoff_m[asked] / rule.least_resolution
-    angle = moved_in_picture(path.positions, matrices(path.quat_xyzw), part.points, seen, farthest_m, _QUIET)
+    coarse = coarseness(camera, fov_deg)
+    coarse = np.ones(len(path)) if coarse is None else coarse
+    angle = moved_in_picture(
+        path.positions, matrices(path.quat_xyzw), part.points, seen, coarse, farthest_m, _QUIET
+    )
     leg = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         fastest = np.where((angle > 0) & (leg > 1e-6), leg * _MARGIN * limit / angle, np.inf)
@@ -92,7 +98,13 @@ def steady_degps(takes: Sequence[Take], settings: Settings) -> float:
 
 @njit(cache=True)
 def moved_in_picture(
-    positions: Floats, axes: Floats, points: Floats, seen: Bools, farthest_m: Floats, share: float
+    positions: Floats,
+    axes: Floats,
+    points: Floats,
+    seen: Bools,
+    coarse: Floats,
+    farthest_m: Floats,
+    share: float,
 ) -> Floats:
     """Angle (W - 1,), rad, by which a share of what both ends of a leg show moves at most."""
     angle = np.zeros(len(positions) - 1)
@@ -106,7 +118,7 @@ def moved_in_picture(
             for axis in range(3):
                 first += (points[index, axis] - positions[leg, axis]) ** 2
                 second += (points[index, axis] - positions[leg + 1, axis]) ** 2
-            if min(first, second) > farthest_m[index] ** 2:
+            if min(first * coarse[leg] ** 2, second * coarse[leg + 1] ** 2) > farthest_m[index] ** 2:
                 continue
             for column in range(3):
                 here, there = 0.0, 0.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from upplied.config import RetimeSettings, VisibilitySettings
+from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 from upplied.scene import Scene
@@ -24,30 +25,57 @@ class View(Record):
     settings: VisibilitySettings
     limits: RetimeSettings
     scene: Scene
+    fov_deg: Floats | None = None  # (M, 2) of each station of the path, where the camera zooms
 
     def sees(self, positions: Floats, quat_xyzw: Floats, asked: Ints) -> Bools:
-        """(M, m) which of these samples each pose truly sees from near enough."""
-        return self._seen(positions, quat_xyzw, asked, self.camera, self.settings)
+        """(M, m) which of these samples each station's pose truly sees from near enough."""
+        seen = self._visible(positions, quat_xyzw, asked, self.camera, self.settings, self.fov_deg)
+        return self._near(seen, positions, asked, coarseness(self.camera, self.fov_deg))
 
-    def reach(self, positions: Floats, asked: Ints, settings: VisibilitySettings | None = None) -> Bools:
-        """(M, m) which of these samples each position would see with its camera turned anywhere."""
+    def reach(
+        self,
+        positions: Floats,
+        asked: Ints,
+        settings: VisibilitySettings | None = None,
+        station: Ints | None = None,
+    ) -> Bools:
+        """(S, m) which of these samples each position would see with its camera turned anywhere.
+
+        `station` (S,) says which stations of the path they are, where they are not all.
+        """
         camera = replace(self.camera, hfov_deg=360.0, vfov_deg=180.0)
         level = np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
-        return self._seen(positions, level, asked, camera, settings or self.settings)
+        seen = self._visible(positions, level, asked, camera, settings or self.settings)
+        fov_deg = self.fov_deg if self.fov_deg is None or station is None else self.fov_deg[station]
+        return self._near(seen, positions, asked, coarseness(self.camera, fov_deg))
 
     def missed(self, positions: Floats, quat_xyzw: Floats) -> Ints:
         """The needed samples that none of these poses truly sees from near enough."""
         needed = np.flatnonzero(self.need > 0)
         return needed[~self.sees(positions, quat_xyzw, needed).any(axis=0)]
 
-    def _seen(
-        self, positions: Floats, quat_xyzw: Floats, asked: Ints, camera: Camera, settings: VisibilitySettings
+    def halves_rad(self, stations: int) -> Floats:
+        """Half the field of view of each station (M, 2), across and up."""
+        if self.fov_deg is not None:
+            return np.radians(self.fov_deg) / 2
+        return np.tile(np.radians([self.camera.hfov_deg, self.camera.vfov_deg]) / 2, (stations, 1))
+
+    def _visible(
+        self,
+        positions: Floats,
+        quat_xyzw: Floats,
+        asked: Ints,
+        camera: Camera,
+        settings: VisibilitySettings,
+        fov_deg: Floats | None = None,
     ) -> Bools:
         normals = None if self.cloud.normals is None else self.cloud.normals[asked]
         part = Cloud(points=self.cloud.points[asked], normals=normals)
-        seen = visible(positions, quat_xyzw, part, camera, settings, self.scene).seen
+        return visible(positions, quat_xyzw, part, camera, settings, self.scene, fov_deg=fov_deg).seen
+
+    def _near(self, seen: Bools, positions: Floats, asked: Ints, coarse: Floats | None) -> Bools:
         pose, sample = np.nonzero(seen)
-        ray = part.points[sample] - positions[pose]
-        near = np.einsum("ij,ij->i", ray, ray) <= self.farthest_m[asked][sample] ** 2
-        seen[pose, sample] = near
+        ray = self.cloud.points[asked][sample] - positions[pose]
+        squared = np.einsum("ij,ij->i", ray, ray) * (1.0 if coarse is None else coarse[pose] ** 2)
+        seen[pose, sample] = squared <= self.farthest_m[asked][sample] ** 2
         return seen

@@ -23,7 +23,7 @@ _NEIGHBOUR = np.cos(np.radians(30.0))
 class Dwell(Record):
     """The sharp looks at each of N patches."""
 
-    near_m: Floats  # (N,) distance of the nearest; inf for none
+    near_m: Floats  # (N,) distance of the nearest, of one camera where it zooms; inf for none
     carried_m: Floats  # (N,) the same after the lines of sight are carried to another structure
     frontal: Floats  # (N,) cosine of the least incidence; -1 for none
     held_s: Floats  # (N,) how long in all
@@ -56,11 +56,13 @@ def dwell(
         How a line of sight is carried to the structure that `sides` are compared on.
     """
     assert cloud.normals is not None
+    station = stations_at(shown, steps)
     found = _dwelt(
         *(np.ascontiguousarray(of) for of in (steps.poses.positions, steps.velocity, steps.turn)),
         steps.poses.t_s,
         steps.step_s,
-        np.ascontiguousarray(shown.seen[stations_at(shown, steps)]),
+        np.ascontiguousarray(shown.seen[station]),
+        np.ascontiguousarray(shown.coarseness[station]),
         np.ascontiguousarray(cloud.points),
         np.ascontiguousarray(cloud.normals),
         sharp_radps,
@@ -106,6 +108,7 @@ def _dwelt(
     t_s: Floats,
     step_s: Floats,
     seen: Bools,
+    coarse: Floats,
     points: Floats,
     normals: Floats,
     sharp: float,
@@ -125,14 +128,15 @@ def _dwelt(
             distance, cosine = sight_to(positions[pose], points[index], normals[index], ray)
             if cosine < least_cosine or motion_of(ray, distance, velocity[pose], turn[pose]) > sharp:
                 continue
-            near[index], frontal[index] = min(near[index], distance), max(frontal[index], cosine)
+            near[index] = min(near[index], distance * coarse[pose])
+            frontal[index] = max(frontal[index], cosine)
             held[index] += step_s[pose]
             time[index] += step_s[pose] * t_s[pose]
             squared = 0.0
             for axis in range(3):
                 carried[axis] = carry[axis, 0] * ray[0] + carry[axis, 1] * ray[1] + carry[axis, 2] * ray[2]
                 squared += carried[axis] * carried[axis]
-            reached[index] = min(reached[index], np.sqrt(squared))
+            reached[index] = min(reached[index], np.sqrt(squared) * coarse[pose])
             best, side = -np.inf, 0
             for way in range(len(ways)):
                 along = -(ways[way, 0] * carried[0] + ways[way, 1] * carried[1] + ways[way, 2] * carried[2])

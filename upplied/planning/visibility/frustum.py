@@ -6,12 +6,12 @@ bounding sphere and a cone of normals, and is left out as a whole where none of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 
-from upplied.config import VisibilitySettings
+from upplied.config import VisibilitySettings, focal_px
 from upplied.errors import SettingsError
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
@@ -31,8 +31,11 @@ class Bunches(Record):
     # of the angle beyond which all of the bunch faces away (half a turn: never)
 
 
-def limits_of(camera: Camera, settings: VisibilitySettings, cloud: Cloud) -> Floats:
-    """Sines and cosines of the half angles, squared ranges, and the least cosine of the incidence.
+def limits_of(
+    camera: Camera, settings: VisibilitySettings, cloud: Cloud, fov_deg: Floats | None = None
+) -> Floats:
+    """Sines and cosines of the half angles, ranges, and the least cosine of the incidence: (P, 8), a row
+    for each pose where the camera zooms, else one for all.
 
     Raises
     ------
@@ -49,6 +52,8 @@ def limits_of(camera: Camera, settings: VisibilitySettings, cloud: Cloud) -> Flo
         raise SettingsError(
             "camera", f"range {camera.min_range_m:g} to {camera.max_range_m:g} m", "0 <= smallest < largest"
         )
+    if fov_deg is not None:
+        return np.array([limits_of(each, settings, cloud)[0] for each in cameras_of(camera, fov_deg)])
     half_h, half_v = np.radians(camera.hfov_deg / 2), np.radians(camera.vfov_deg / 2)
     incidence = -1.0
     if settings.occlusion and cloud.normals is not None:
@@ -64,13 +69,30 @@ def limits_of(camera: Camera, settings: VisibilitySettings, cloud: Cloud) -> Flo
             camera.max_range_m,
             incidence,
         ]
-    )
+    )[None]
+
+
+def cameras_of(camera: Camera, fov_deg: Floats) -> list[Camera]:
+    """The camera at each of the fields of view (P, 2), deg, through which it zooms."""
+    return [replace(camera, hfov_deg=float(across), vfov_deg=float(up)) for across, up in fov_deg]
+
+
+def coarseness(camera: Camera, fov_deg: Floats | None) -> Floats | None:
+    """How many times as far off (P,) the camera would show as coarsely as it shows at these zooms.
+
+    None where it does not zoom. A look through a wide field of view from 5 m may show no more than one
+    through a narrow one from 20 m: times this, distances are of one camera, and may be compared.
+    """
+    if fov_deg is None:
+        return None
+    return focal_px(1, camera.hfov_deg) / np.array([focal_px(1, float(angle)) for angle in fov_deg[:, 0]])
 
 
 def bunches_of(cloud: Cloud, origin: Floats, limits: Floats, poses: int) -> Bunches:
     """Sort a cloud into bunches, or leave it in one where only a few poses ask."""
     points, normals = np.asarray(cloud.points, float) - origin, np.zeros((len(cloud), 3))
-    if limits[7] > 0 and cloud.normals is not None:
+    least_cosine = float(limits[0, 7])
+    if least_cosine > 0 and cloud.normals is not None:
         normals = np.asarray(cloud.normals, float)
     if poses < _FEW_POSES or len(points) < 4 * _BUNCH:
         bounds = np.array([[0.0, 0.0, 0.0, 1e300, 0.0, 0.0, 0.0, -1.0, 0.0]]).T
@@ -81,7 +103,7 @@ def bunches_of(cloud: Cloud, origin: Floats, limits: Floats, poses: int) -> Bunc
         order = np.argsort(key, kind="stable")
         points, normals = points[order], normals[order]
         start = np.append(np.arange(0, len(points), _BUNCH), len(points))
-        bounds = _bounds(points, normals, start, limits[7])
+        bounds = _bounds(points, normals, start, least_cosine)
     rows_of = np.ascontiguousarray
     return Bunches(rows_of(points.T), rows_of(normals.T), order, start, rows_of(bounds))
 
@@ -192,11 +214,11 @@ def in_view(
     """Mark in `seen` (P, N) what frustum, range and incidence leave over."""
     inside, possible = np.zeros(len(order), np.bool_), np.zeros(len(start) - 1, np.bool_)
     for pose in range(len(cameras)):
-        _mark_bunches(cameras[pose], axes[pose], bounds, limits, possible)
+        _mark_bunches(cameras[pose], axes[pose], bounds, limits[pose], possible)
         for bunch in range(len(possible)):
             if possible[bunch]:
                 first, last = start[bunch], start[bunch + 1]
-                _mark_inside(cameras[pose], axes[pose], points, normals, first, last, limits, inside)
+                _mark_inside(cameras[pose], axes[pose], points, normals, first, last, limits[pose], inside)
                 for index in range(last - first):
                     seen[pose, order[first + index]] = inside[index]
 
@@ -223,12 +245,12 @@ def gather_rays(
     count, number = 0, len(order)
     inside, possible = np.zeros(number, np.bool_), np.zeros(len(start) - 1, np.bool_)
     while pose < len(cameras) and count + number < len(rays):
-        _mark_bunches(cameras[pose], axes[pose], bounds, limits, possible)
+        _mark_bunches(cameras[pose], axes[pose], bounds, limits[pose], possible)
         for bunch in range(len(possible)):
             if not possible[bunch]:
                 continue
             first, last = start[bunch], start[bunch + 1]
-            _mark_inside(cameras[pose], axes[pose], points, normals, first, last, limits, inside)
+            _mark_inside(cameras[pose], axes[pose], points, normals, first, last, limits[pose], inside)
             for index in range(first, last):
                 # Always written, kept only where inside: cheaper than to guess.
                 rays[count, 0] = cameras[pose, 0]

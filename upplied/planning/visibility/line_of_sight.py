@@ -26,6 +26,7 @@ def visible(
     camera: Camera,
     settings: VisibilitySettings,
     scene: Scene | None = None,
+    fov_deg: Floats | None = None,
 ) -> Visibility:
     """What each pose sees of a cloud.
 
@@ -47,6 +48,8 @@ def visible(
         Without `occlusion` the frustum and the range alone decide, as in the paper.
     scene : Scene, optional
         What may stand in the way; needed with `occlusion`.
+    fov_deg : array, shape (P, 2), deg, optional
+        Horizontal and vertical field of view of each pose, where the camera zooms.
 
     Returns
     -------
@@ -68,7 +71,7 @@ def visible(
     """
     if settings.occlusion and scene is None:
         raise SettingsError("visibility", "occlusion without a scene", "a scene says what stands in the way")
-    limits = limits_of(camera, settings, cloud)
+    limits = limits_of(camera, settings, cloud, fov_deg)
     origin = np.zeros(3) if scene is None else scene.origin
     sorted_cloud = bunches_of(cloud, origin, limits, len(positions))
     bunches = (
@@ -78,6 +81,7 @@ def visible(
         sorted_cloud.start,
         sorted_cloud.bounds,
     )
+    limits = np.repeat(limits, len(positions), axis=0) if len(limits) == 1 else limits
     cameras = np.ascontiguousarray(positions, float) - origin
     axes = np.ascontiguousarray(matrices(quat_xyzw))
     seen = np.zeros((len(cameras), len(cloud)), bool)

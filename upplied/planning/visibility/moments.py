@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation
 
-from upplied.poses import interpolate, normalised
+from upplied.poses import fov_at, in_a_row, interpolate, normalised
 from upplied.records import Floats, Ints, Record, Trajectory
 
 STEP_S = 0.5
@@ -46,16 +46,13 @@ def moments(flight: Trajectory, breaks: Ints | None = None) -> Moments:
     cuts = [0, *sorted(inner), len(flight)]
     parts = [_even(flight, first, last) for first, last in itertools.pairwise(cuts)]
     return Moments(
-        Trajectory(*(np.concatenate([getattr(part.poses, name) for part in parts]) for name in _POSES)),
+        in_a_row([part.poses for part in parts]),
         *(np.concatenate([getattr(part, name) for part in parts]) for name in ("step_s", "velocity", "turn")),
     )
 
 
-_POSES = ("t_s", "positions", "quat_xyzw")
-
-
 def _even(flight: Trajectory, first: int, last: int) -> Moments:
-    part = Trajectory(flight.t_s[first:last], flight.positions[first:last], flight.quat_xyzw[first:last])
+    part = flight.take(slice(first, last))
     if len(part) == 1:  # between two gaps: it shows something, but not for how long
         return Moments(part, np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))
     begin, end = float(part.t_s[0]), float(part.t_s[-1])
@@ -66,8 +63,8 @@ def _even(flight: Trajectory, first: int, last: int) -> Moments:
     quats = fine.quat_xyzw.reshape(number, _INNER, 4)
     alike = np.einsum("nij,nj->ni", quats, quats[:, 0]) < 0
     quats = normalised(np.asarray(np.where(alike[:, :, None], -quats, quats).mean(axis=1), float))
-    times = begin + (np.arange(number) + 0.5) * step
-    poses = Trajectory(np.asarray(times, float), positions, quats)
+    times = np.asarray(begin + (np.arange(number) + 0.5) * step, float)
+    poses = Trajectory(times, positions, quats, fov_at(part, times))
     return Moments(poses, np.full(number, step), *rates(poses))
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from upplied.config import VisibilitySettings
+from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.poses import angle_between, interpolate
-from upplied.records import Bools, Camera, Cloud, Record, Trajectory
+from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 from upplied.scene import Scene
 
 #: What `coverage_paper_pct` calls seen (paper, Sec. III-C), whatever the preset.
@@ -27,6 +28,13 @@ class Views(Record):
 
     stations: Trajectory  # P poses
     seen: Bools  # (P, N)
+    # (P,) what distances are to be taken times, so that zooms compare (`frustum.coarseness`)
+    coarse: Floats | None = field(default=None, metadata={"later": True})
+
+    @property
+    def coarseness(self) -> Floats:
+        """(P,) the same; ones where the camera does not zoom."""
+        return np.ones(len(self.stations)) if self.coarse is None else self.coarse
 
     @property
     def total(self) -> Bools:
@@ -48,7 +56,7 @@ def stations(trajectory: Trajectory, most: int = _MOST) -> Trajectory:
         along = np.concatenate([[0.0], np.cumsum(progress + 1e-9)])
         chosen = np.searchsorted(along, np.linspace(0, along[-1], most), side="left")
         chosen = np.unique(np.clip(chosen, 0, len(trajectory) - 1))
-        return Trajectory(trajectory.t_s[chosen], trajectory.positions[chosen], trajectory.quat_xyzw[chosen])
+        return trajectory.take(chosen)
     coarseness = max(1.0, float(progress.sum()) / (most - len(trajectory)))
     pieces = np.maximum(np.ceil(progress / coarseness - 1e-9).astype(int), 1)
     legs = np.repeat(np.arange(len(pieces)), pieces)
@@ -76,4 +84,7 @@ def views(
     scene : Scene, optional
     """
     asked = stations(trajectory)
-    return Views(asked, visible(asked.positions, asked.quat_xyzw, cloud, camera, settings, scene).seen)
+    seen = visible(
+        asked.positions, asked.quat_xyzw, cloud, camera, settings, scene, fov_deg=asked.fov_deg
+    ).seen
+    return Views(asked, seen, coarseness(camera, asked.fov_deg))

@@ -14,6 +14,7 @@ from numba import njit
 
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
+from upplied.planning.visibility.frustum import coarseness
 from upplied.records import Bools, Floats, Ints, Record
 
 _MOST = 0.98  # that one station shows: a second look at the same sample is worth a little
@@ -29,8 +30,8 @@ class Coverage(Record):
     farthest_m: Floats  # (N,)
     start: Ints  # (M + 1,) of each station's samples in `sample`
     sample: Ints  # (P,) to which a station has a free line of sight
-    half_rad: Floats  # (2,) half the field of view, across and up
-    round_: bool  # so wide a field that there is no picture plane
+    half_rad: Floats  # (M, 2) half the field of view, across and up
+    coarse: Floats  # (M,) what each station's distances are taken times
     least_cosine: float  # of the incidence
     width: float  # over which a share falls: of the cosine, of the border's angle in rad, of the distance
 
@@ -44,6 +45,8 @@ class Coverage(Record):
         """
         station, sample = np.nonzero(free)
         station = stride * station
+        halves = view.halves_rad(stride * len(free) if view.fov_deg is None else len(view.fov_deg))
+        coarse = coarseness(view.camera, view.fov_deg)
         assert view.cloud.normals is not None
         return cls(
             points=view.cloud.points[asked],
@@ -52,8 +55,8 @@ class Coverage(Record):
             farthest_m=view.farthest_m[asked],
             start=np.searchsorted(station, np.arange(stride * len(free) + 1)),
             sample=sample,
-            half_rad=np.radians([view.camera.hfov_deg, view.camera.vfov_deg]) / 2,
-            round_=view.camera.hfov_deg >= 180,
+            half_rad=halves,
+            coarse=np.ones(len(halves)) if coarse is None else coarse,
             least_cosine=float(np.cos(np.radians(view.settings.max_incidence_deg))),
             width=width,
         )
@@ -71,7 +74,7 @@ class Coverage(Record):
             self.start,
             self.sample,
             self.half_rad,
-            self.round_,
+            self.coarse,
             self.least_cosine,
             self.width,
         )
@@ -101,16 +104,19 @@ def _missed(
     start: Ints,
     sample: Ints,
     half_rad: Floats,
-    round_: bool,
+    coarse: Floats,
     least_cosine: float,
     width: float,
 ) -> tuple[float, Floats]:
     """Missed share, and its slope (M, 5) with respect to x, y, z, yaw and pitch of each station."""
     shown, slopes = np.zeros(len(sample)), np.empty((len(sample), 5))
     left = np.ones(len(need))
-    sin_h, cos_h = np.sin(half_rad[0]), np.cos(half_rad[0])
-    sin_v, cos_v = np.sin(half_rad[1]), np.cos(half_rad[1])
     for m in range(len(positions)):
+        if start[m] == start[m + 1]:
+            continue
+        sin_h, cos_h = np.sin(half_rad[m, 0]), np.cos(half_rad[m, 0])
+        sin_v, cos_v = np.sin(half_rad[m, 1]), np.cos(half_rad[m, 1])
+        round_ = half_rad[m, 0] >= np.pi / 2  # so wide a field that there is no picture plane
         cy, sy, cp, sp = np.cos(yaw[m]), np.sin(yaw[m]), np.cos(pitch[m]), np.sin(pitch[m])
         for k in range(start[m], start[m + 1]):
             i = sample[k]
@@ -125,7 +131,7 @@ def _missed(
             a, da = _step(facing - least_cosine, width)
             if a == 0.0:
                 continue
-            b, db = _step(1.0 - d / farthest_m[i], width)
+            b, db = _step(1.0 - d * coarse[m] / farthest_m[i], width)
             if b == 0.0:
                 continue
             level = cy * ux + sy * uy
@@ -155,7 +161,7 @@ def _missed(
             gy = wx * cp * sy + wy * cy - wz * sp * sy - ga * normals[i, 1]
             gz = wx * sp + wz * cp - ga * normals[i, 2]
             along = gx * ux + gy * uy + gz * uz
-            out = gb / farthest_m[i]
+            out = gb * coarse[m] / farthest_m[i]
             slopes[k, 0] = out * ux - (gx - along * ux) / d
             slopes[k, 1] = out * uy - (gy - along * uy) / d
             slopes[k, 2] = out * uz - (gz - along * uz) / d
