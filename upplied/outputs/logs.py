@@ -19,7 +19,6 @@ from scipy.spatial.transform import Rotation
 from upplied.errors import SettingsError
 from upplied.outputs import ros2_schemas
 from upplied.outputs.files import replace_file
-from upplied.planning.visibility.frustum import cameras_of
 from upplied.poses import interpolate, moved
 from upplied.records import Demonstration, Floats, Structure, Trajectory
 
@@ -234,7 +233,7 @@ def _calibration(demonstration: Demonstration, every_s: float = 1.0) -> list[_Me
     cameras = [demonstration.camera] * len(stamps)
     if demonstration.fov_deg is not None:
         stamps = demonstration.t_ns.tolist()
-        cameras = cameras_of(demonstration.camera, demonstration.fov_deg)
+        cameras = demonstration.camera.zoomed(demonstration.fov_deg)
     return [
         (
             stamp,

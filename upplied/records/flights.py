@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +20,10 @@ class Camera(Record):
     max_range_m: float = 50.0
     width_px: int = 0  # 0 where not known
     height_px: int = 0
+
+    def zoomed(self, fov_deg: Floats) -> list[Camera]:
+        """The camera at each field of view (N, 2), horizontal and vertical, through which it zooms."""
+        return [replace(self, hfov_deg=float(across), vfov_deg=float(up)) for across, up in fov_deg]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

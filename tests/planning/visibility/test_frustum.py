@@ -126,6 +126,7 @@ def test_bunches_leave_out_nothing_that_is_seen(camera: Camera) -> None:
     quats = look_at(at, rng.normal(0, 3, (40, 3)))
     limits = limits_of(camera, TRUE, cloud)
     found = bunches_of(cloud, np.zeros(3), limits, len(at))
+    limits = np.tile(limits, (len(at), 1))
     asked = (at, matrices(quats), limits, found.points, found.normals, found.order, found.start, found.bounds)
     seen = np.zeros((40, 200), bool)
     in_view(*asked, seen)
@@ -147,7 +148,7 @@ def test_bunches_leave_out_nothing_that_is_seen(camera: Camera) -> None:
 
 def test_rays_fill_the_room_that_there_is() -> None:
     cloud = Cloud(np.array([[10.0, 0, 0], [11, 0, 0]]), np.tile([-1.0, 0, 0], (2, 1)))
-    at, limits = np.zeros((3, 3)), limits_of(Camera(), TRUE, cloud)
+    at, limits = np.zeros((3, 3)), np.tile(limits_of(Camera(), TRUE, cloud), (3, 1))
     found = bunches_of(cloud, np.zeros(3), limits, 3)
     axes = matrices(np.tile([0.0, 0, 0, 1], (3, 1)))
     asked = (at, axes, limits, found.points, found.normals, found.order, found.start, found.bounds)

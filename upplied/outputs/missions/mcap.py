@@ -14,7 +14,6 @@ from upplied.outputs.colours import PRESETS, STATES, SURFACE, rgb
 from upplied.outputs.display import display_mesh, display_states
 from upplied.outputs.draw.tubes import frustum_corners
 from upplied.outputs.ros2_schemas import camera_info
-from upplied.planning.visibility.frustum import cameras_of
 from upplied.records import Camera, Floats, Plan, Structure, Trajectory
 
 FRAME, CAMERA_FRAME = "structure", "planned_camera"
@@ -147,7 +146,7 @@ def mcap_bytes(
         write("/plan/camera", poses, pose, at)
     if path.fov_deg is not None:
         info = writer.register_msgdef("sensor_msgs/msg/CameraInfo", ros2_schemas.CAMERA_INFO)
-        for at, each in zip(stamps, cameras_of(camera or Camera(), path.fov_deg), strict=True):
+        for at, each in zip(stamps, (camera or Camera()).zoomed(path.fov_deg), strict=True):
             write("/plan/camera_info", info, camera_info(each, _header(at) | {"frame_id": CAMERA_FRAME}), at)
     writer.finish()
     return buffer.getvalue()
@@ -178,7 +177,7 @@ def _frusta(plan: Plan | Trajectory, path: Trajectory, camera: Camera) -> dict[s
     quats, fov_deg = path.quat_xyzw[chosen], path.fov_deg
     rim = frustum_corners(positions, quats, camera, depth)
     if fov_deg is not None:
-        cameras = cameras_of(camera, fov_deg[chosen])
+        cameras = camera.zoomed(fov_deg[chosen])
         each = zip(positions[:, None], quats[:, None], cameras, strict=True)
         rim = np.concatenate([frustum_corners(*one, depth) for one in each])
     apex = np.repeat(positions[:, None], 4, axis=1)

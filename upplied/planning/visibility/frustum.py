@@ -6,7 +6,7 @@ bounding sphere and a cone of normals, and is left out as a whole where none of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -34,8 +34,8 @@ class Bunches(Record):
 def limits_of(
     camera: Camera, settings: VisibilitySettings, cloud: Cloud, fov_deg: Floats | None = None
 ) -> Floats:
-    """Sines and cosines of the half angles, ranges, and the least cosine of the incidence: (P, 8), a row
-    for each pose where the camera zooms, else one for all.
+    """Sines and cosines of the half angles, ranges, and the least cosine of the incidence: (8,), or a
+    row for each pose (P, 8) where the camera zooms.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def limits_of(
             "camera", f"range {camera.min_range_m:g} to {camera.max_range_m:g} m", "0 <= smallest < largest"
         )
     if fov_deg is not None:
-        return np.array([limits_of(each, settings, cloud)[0] for each in cameras_of(camera, fov_deg)])
+        return np.array([limits_of(each, settings, cloud) for each in camera.zoomed(fov_deg)])
     half_h, half_v = np.radians(camera.hfov_deg / 2), np.radians(camera.vfov_deg / 2)
     incidence = -1.0
     if settings.occlusion and cloud.normals is not None:
@@ -69,12 +69,7 @@ def limits_of(
             camera.max_range_m,
             incidence,
         ]
-    )[None]
-
-
-def cameras_of(camera: Camera, fov_deg: Floats) -> list[Camera]:
-    """The camera at each of the fields of view (P, 2), deg, through which it zooms."""
-    return [replace(camera, hfov_deg=float(across), vfov_deg=float(up)) for across, up in fov_deg]
+    )
 
 
 def coarseness(camera: Camera, fov_deg: Floats | None) -> Floats | None:
@@ -91,7 +86,7 @@ def coarseness(camera: Camera, fov_deg: Floats | None) -> Floats | None:
 def bunches_of(cloud: Cloud, origin: Floats, limits: Floats, poses: int) -> Bunches:
     """Sort a cloud into bunches, or leave it in one where only a few poses ask."""
     points, normals = np.asarray(cloud.points, float) - origin, np.zeros((len(cloud), 3))
-    least_cosine = float(limits[0, 7])
+    least_cosine = float(limits[..., 7].max())
     if least_cosine > 0 and cloud.normals is not None:
         normals = np.asarray(cloud.normals, float)
     if poses < _FEW_POSES or len(points) < 4 * _BUNCH:
