@@ -1,6 +1,7 @@
 """Gauss-Newton of Eq. 3 against geometry whose answer is known, and scipy's solver."""
 
 import numpy as np
+import pytest
 from scipy.optimize import least_squares
 
 from upplied.config import RefineSettings
@@ -63,3 +64,70 @@ def test_a_viewpoint_that_sees_too_little_stays():
     )
     start = right + 1.0
     np.testing.assert_array_equal(gauss_newton(start, few, source, target, pairs, RefineSettings()), start)
+
+
+def by_hand(start, view, source, target, pairs, iterations):
+    """Eq. 3 in numpy: standardised clouds, least-norm steps, the best of all iterates."""
+
+    def scored(cloud):
+        sigma = cloud.points.std(axis=0)
+        return cloud.points.mean(axis=0), np.where(sigma > 1e-9 * sigma.max(), sigma, 1.0)
+
+    (mean_d, sigma_d), (mean_t, sigma_t) = scored(source), scored(target)
+    found = start.copy()
+    for row in range(len(start)):
+        seen = view.seen[row] & (pairs.target_index >= 0)
+        if seen.sum() < 3:
+            continue
+        there = (target.points[pairs.target_index[seen]] - mean_t) / sigma_t
+        camera = (view.positions[row] - mean_d) / sigma_d
+        wanted = np.linalg.norm((source.points[seen] - mean_d) / sigma_d - camera, axis=1)
+        here = (start[row] - mean_t) / sigma_t
+        tried = []
+        for _ in range(iterations + 1):
+            ray = here - there
+            distance = np.linalg.norm(ray, axis=1)
+            residual = distance - wanted
+            tried.append((residual @ residual, here))
+            here = here - np.linalg.lstsq(ray / distance[:, None], residual, rcond=1e-6)[0]
+        best = min(tried, key=lambda each: each[0])[1]
+        found[row] = best * sigma_t + mean_t
+    return found
+
+
+def views(seed, count=40, number=6):
+    rng = np.random.default_rng(seed)
+    source = Cloud(rng.normal(size=(count, 3)) * [5, 3, 2])
+    target = Cloud(rng.normal(size=(count + 5, 3)) * [7, 2, 4] + [1, 2, 3])
+    index = rng.integers(-1, count + 5, count)
+    pairs = Correspondences(index, np.zeros(count), np.zeros((count, 3)))
+    seen = rng.random((number, count)) < 0.5
+    seen[0] = False
+    seen[0, np.flatnonzero(index >= 0)[:2]] = True  # two distances place nothing
+    seen[1] = False
+    seen[1, np.flatnonzero(index >= 0)[:3]] = True
+    at = np.arange(number)
+    view = Viewpoints(
+        rng.normal(0, 9, (number, 3)), np.tile([0.0, 0, 0, 1], (number, 1)), seen, at, at + 1, at * 1.0
+    )
+    return source, target, pairs, view, rng.normal(0, 9, (number, 3))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("iterations", [1, 3, 8])
+def test_viewpoints_are_refined_as_the_equation_says(seed, iterations):
+    source, target, pairs, view, start = views(seed)
+    found = gauss_newton(start, view, source, target, pairs, RefineSettings(iterations=iterations))
+    np.testing.assert_allclose(
+        found, by_hand(start, view, source, target, pairs, iterations), rtol=1e-6, atol=1e-6
+    )
+    assert np.array_equal(found[0], start[0])
+    assert iterations < 3 or not np.array_equal(found[1], start[1])
+
+
+def test_points_in_a_plane_run_nobody_off():
+    source, target, pairs, view, start = views(7)
+    flat = Cloud(source.points * [1, 1, 0]), Cloud(target.points * [1, 1, 0])
+    found = gauss_newton(start, view, *flat, pairs, RefineSettings(iterations=8))
+    np.testing.assert_allclose(found, by_hand(start, view, *flat, pairs, 8), rtol=1e-5, atol=1e-5)
+    assert np.abs(found).max() < 100
