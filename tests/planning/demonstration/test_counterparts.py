@@ -159,3 +159,20 @@ def test_both_wings_are_flown_and_none_is_left_out(a320):
 def test_no_abutment_is_taken_for_a_pier():
     bridge = member("bridge-1-v1").structure
     assert not answers(fly(bridge, "piers", seed=2), bridge, member("bridge-2-v1").structure, expect=2)[2]
+
+
+def test_engines_of_a_side_that_was_never_scanned_are_not_passed_over(a320, engine):
+    b777 = member("b777-v1").structure
+    left = b777.vertices[b777.triangles].mean(axis=1)[:, 1] > 6.0
+    cut = replace(b777, triangles=b777.triangles[~left], sha256="")
+    _, found, refused = answers(engine, a320, cut, repeat="each")
+    assert "no part like" in refused and "on its side of b777-v1" in refused
+    assert any(one.found == 0 and one.doubt for one in found)
+
+
+def test_a_flight_that_shows_every_pier_is_not_repeated_at_each():
+    bridge = member("bridge-1-v1").structure
+    flight = fly(bridge, "piers", seed=2)
+    takes, found, refused = answers(flight, bridge, member("bridge-2-v1").structure, repeat="each", expect=2)
+    assert len(takes) == 1 and not refused
+    assert [len(one.flown) for one in found] == [1, 1]

@@ -74,7 +74,7 @@ def by_parts(
             matching,
             labels_of(source),
             gone,
-            parts_of(registered).in_axes(words),
+            parts_of(registered).in_axes(words).on(parts_of(source).in_axes(words)),
         ),
         source_class=matching.source_class,
         target_class=matching.target_class,

@@ -18,7 +18,7 @@ def place_of(parts: Parts, part: int) -> str:
 
     Left is +Y, front +X.
     """
-    low, high = parts.low.min(axis=0), parts.high.max(axis=0)
+    low, high = parts.box
     offset = (parts.middle[part] - (low + high) / 2) / np.maximum(high - low, 1e-9)
     words = [pair[int(at > 0)] for pair, at in zip(_WORDS, offset, strict=True) if abs(at) > _CENTRAL]
     return " ".join(words) or "middle"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def pinned_parts(
         If a name is known and the parts of the target, as they were found, do not tell what it means.
     """
     here = parts_of(source).in_axes(words)
-    there = parts_of(in_source_frame(target, registration)).in_axes(words)
+    there = parts_of(in_source_frame(target, registration)).in_axes(words).on(here)
     pinned = {}
     for name, name_there in pairs:
         one = _named(name, source, here, source_landmarks)
@@ -141,15 +142,13 @@ def _not_told_apart(name: str, name_there: str, found: str) -> RefusedError:
 
 
 def _in_unit_box(parts: Parts) -> Parts:
-    low, size = parts.low.min(axis=0), np.maximum(np.ptp(np.vstack([parts.low, parts.high]), axis=0), 1e-9)
-    return Parts(
+    low, size = parts.box[0], np.maximum(np.ptp(parts.box, axis=0), 1e-9)
+    return replace(
+        parts,
         low=(parts.low - low) / size,
         high=(parts.high - low) / size,
-        area=parts.area,
-        touching=parts.touching,
         extent=parts.extent / size.max(),
-        body=parts.body,
-        side=parts.side,
+        registered=np.array([[0.0] * 3, [1.0] * 3]),
     )
 
 

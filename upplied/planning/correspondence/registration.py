@@ -10,6 +10,7 @@ import numpy as np
 from upplied.config import RegistrationSettings
 from upplied.planning.correspondence.misfit import UNTURNED, Misfit, misfit_of
 from upplied.planning.correspondence.orientation import find_orientation
+from upplied.planning.correspondence.partial import laid_partly
 from upplied.planning.geometry.boxes import box_scale, in_source_frame, spacing
 from upplied.planning.geometry.icp import icp, mean_squared_nn_distance
 from upplied.planning.surface.parts import blades_of, labels_of, parts_of
@@ -19,6 +20,8 @@ _BETTER = (
     0.8  # a registration that leaves the declared orientation or the boxes must lower the misfit to this
 )
 _HOPELESS = 2.0  # gates: a misfit that no fine alignment mends
+_DOUBTFUL = 0.3  # gates: a misfit from which something may be missing that the boxes were made equal by
+_NO_WORSE = 1.2  # what is missing counts more where the rest is no longer stretched to make up for it
 _SAME_DEG, _STRONG = 25.0, 0.25  # how far off, and how much better, a heading must be to be mentioned
 _ICP_POINTS = 700  # points of the cloud that fine alignment moves
 
@@ -145,6 +148,10 @@ def _best_lay(
         judgement = misfit_of(source, target, other, words)
         if judgement.value < _BETTER * misfit.value:
             best, misfit, laid_how = other, judgement, f"; {how}"
+    if misfit.value > _DOUBTFUL * gate and (partly := laid_partly(source, target, start)) is not None:
+        judgement = misfit_of(source, target, partly, words)
+        if judgement.value < _NO_WORSE * misfit.value:
+            best, misfit, laid_how = partly, judgement, "; laid by what is on both structures"
     return best, misfit, laid_how
 
 

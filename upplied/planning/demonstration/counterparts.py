@@ -21,14 +21,13 @@ from upplied.planning.correspondence.certainty import (
     probability,
 )
 from upplied.planning.correspondence.describe import place_of
-from upplied.planning.correspondence.landmarks import choices_for
-from upplied.planning.demonstration.repetition import Take
+from upplied.planning.correspondence.landmarks import choices_for, side_of
+from upplied.planning.demonstration.repetition import Take, inspected_parts
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
-from upplied.records import Counterpart, Floats, Ints, Record
+from upplied.records import Counterpart, Ints, Record
 
-_INSPECTED = 0.1  # least share of what was inspected, for a part to be asked about
 _MOST = 0.25  # share of what was inspected from which a doubt about it refuses the plan
 _LOOKED_AT = 0.4  # mean weight from which a stretch of skin was inspected
 _COMPACT = (
@@ -57,11 +56,37 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
     found: dict[str, Counterpart] = {}
     for take in takes:
         source, target = _source(take), _target(take)
-        for part, share in _inspected(take, source.label):
+        asked = inspected_parts(take, source.label)
+        # Each taking is asked about the part that it repeats.
+        for part, share in [one for one in asked if one[0] == take.part] or asked:
             one = _counterpart(take, part, share, source, target, settings)
             known = found.get(one.part)
             found[one.part] = one if known is None else _both(known, one)
+    if settings.correspondence.repeat == "each":
+        for one in _not_repeated(takes):
+            found.setdefault(one.part, one)
     return tuple(sorted(_without_flown(list(found.values()), settings), key=lambda one: -one.inspected_pct))
+
+
+def _not_repeated(takes: Sequence[Take]) -> list[Counterpart]:
+    """The parts like the repeated ones on a side of the source for which nothing is flown on the target."""
+    take, flown = takes[0], [take.part for take in takes if take.choice >= 0]
+    if not flown:
+        return []
+    source, there = _source(take), take.pair.target.structure_id
+    alike = choices_for(source.parts, flown[0], source.parts, [flown[0]]).tolist()
+    sides = {side_of(source.parts, part) for part in flown}
+    return [
+        Counterpart(
+            part=(name := _name(source.parts, part)),
+            inspected_pct=100.0,
+            twins=len(alike) - 1,
+            found=0,
+            doubt=f"no part like {name} is found on its side of {there}",
+        )
+        for part in alike
+        if side_of(source.parts, part) not in sides
+    ]
 
 
 def undecided(found: Sequence[Counterpart], settings: Settings) -> str:
@@ -213,18 +238,6 @@ def _doubt(
     return f"{what} is not told apart on {there}: {why}, and what lies nearest may be another part"
 
 
-def _inspected(take: Take, label: Ints) -> list[tuple[int, float]]:
-    """The parts on which most of what was inspected lies, and their shares; at least one if there are any."""
-    cloud, weight = take.pair.surface.source, take.inspection.attention.weight
-    area: Floats = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
-    share = np.bincount(label, weights=weight * area)
-    if share.sum() <= 0:
-        return []
-    share = share / share.sum()
-    return [(int(part), float(share[part])) for part in np.argsort(-share, kind="stable")
-            if share[part] >= min(_INSPECTED, share.max())]  # fmt: skip
-
-
 def _answers(take: Take, part: int, source: _Side) -> list[int]:
     """The target's parts that were matched with a part of the source, none where it was not."""
     match = take.pair.surface.correspondences
@@ -248,7 +261,7 @@ def _target(take: Take) -> _Side:
     registered = in_source_frame(fit.target, fit.registration)
     words = named_axes(take.pair.source.frame)
     return _Side(
-        parts_of(registered).in_axes(words),
+        parts_of(registered).in_axes(words).on(_source(take).parts),
         labels_of(registered),
         bool(labels_of(registered).max(initial=0) > 0),
     )

@@ -22,6 +22,7 @@ from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.poses import from_yaw_pitch, in_a_row, yaw_pitch
 from upplied.records import Correspondences, Demonstration, Floats, Ints, Record, Structure, Trajectory
 
+_INSPECTED = 0.1  # least share of what was inspected, for a part to be asked about
 _TRANSIT_S = 10.0  # of the demonstration's time between two takes; the way itself is timed anew
 
 
@@ -52,6 +53,8 @@ def takes_of(
         raise SettingsError(
             "correspondence.repeat", f"asked for with preset {settings.preset!r}", "preset 'recommended' only"
         )
+    if settings.correspondence.repeat == "each" and _shows_each(first):
+        return [first]
     other = mirrored(demonstration, pair.source)
     across = Take(inspect_demonstration(other, pair, settings, memo), pair)
     if settings.correspondence.repeat == "mirror":
@@ -65,6 +68,18 @@ def takes_of(
             studied = _matched_anew(pair, chosen, memo)
             takes.append(Take(inspect_demonstration(flown, studied, chosen, memo), studied, part, choice))
     return takes or [first]
+
+
+def _shows_each(take: Take) -> bool:
+    """Whether the flight as it was flown shows every part of the kind already: all piers of a bridge."""
+    words, fit = named_axes(take.pair.source.frame), take.pair.surface
+    part, answering = demonstrated_part(take), fit.correspondences.parts_answering
+    shown = [mine for mine, _ in inspected_parts(take, labels_of(fit.source))]
+    source = parts_of(fit.source).in_axes(words)
+    target = parts_of(in_source_frame(fit.target, fit.registration)).in_axes(words).on(source)
+    choices = choices_for(source, part, target, answering(part).tolist()).tolist()
+    answers = {other for mine in shown for other in answering(mine).tolist()}
+    return len(shown) > 1 and part in shown and len(choices) > 0 and set(choices) <= answers
 
 
 def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
@@ -121,6 +136,18 @@ def demonstrated_part(take: Take) -> int:
     return int((filled * seen**2).argmax())
 
 
+def inspected_parts(take: Take, label: Ints) -> list[tuple[int, float]]:
+    """The parts on which most of what was inspected lies, and their shares; at least one if there are any."""
+    cloud, weight = take.pair.surface.source, take.inspection.attention.weight
+    area: Floats = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    share = np.bincount(label, weights=weight * area)
+    if share.sum() <= 0:
+        return []
+    share = share / share.sum()
+    return [(int(part), float(share[part])) for part in np.argsort(-share, kind="stable")
+            if share[part] >= min(_INSPECTED, share.max())]  # fmt: skip
+
+
 def joined(flights: Sequence[Trajectory]) -> Trajectory:
     """Several flights one after another, as one."""
     begin, times = 0.0, []
@@ -147,7 +174,7 @@ def _on_this_side(part: int, pair: Pair) -> list[int]:
     """Target parts like a source part, on its side or in the middle."""
     words, fit = named_axes(pair.source.frame), pair.surface
     source = parts_of(fit.source).in_axes(words)
-    target = parts_of(in_source_frame(fit.target, fit.registration)).in_axes(words)
+    target = parts_of(in_source_frame(fit.target, fit.registration)).in_axes(words).on(source)
     side = side_of(source, part)
     choices = choices_for(source, part, target, fit.correspondences.parts_answering(part).tolist())
     return [int(choice) for choice in choices if side_of(target, int(choice)) in (0, side)]

@@ -43,6 +43,7 @@ class Parts(Record):
     extent: Floats  # (K, 3) m, along its own principal axes, longest first
     body: Bools  # (K,) stands on its neighbours; others continue their skin, as a belly fairing does
     side: Floats  # (K, 2) where it lies from front to rear and from left to right, see `sides`
+    registered: Floats | None = None  # (2, 3) m, box of the structure on which they are registered
 
     def __len__(self) -> int:
         return len(self.low)
@@ -57,7 +58,19 @@ class Parts(Record):
         ends = self.low @ quarters.T, self.high @ quarters.T
         axis = np.abs(quarters[:2, :2]).argmax(axis=1)
         sign = quarters[[0, 1], axis]
-        return replace(self, low=np.minimum(*ends), high=np.maximum(*ends), side=self.side[:, axis] * sign)
+        side = self.side[:, axis] * sign
+        return replace(self, low=np.minimum(*ends), high=np.maximum(*ends), side=side)
+
+    @property
+    def box(self) -> Floats:
+        """(2, 3) m, corners of the box in which places are named: the structure's."""
+        if self.registered is not None:
+            return self.registered
+        return np.stack([self.low.min(axis=0), self.high.max(axis=0)])
+
+    def on(self, source: Parts) -> Parts:
+        """The same parts, registered on a source: what was never scanned of them shifts no middle."""
+        return replace(self, registered=source.box)
 
     @property
     def blade(self) -> Bools:

@@ -1,0 +1,76 @@
+"""A target of which something is missing is laid on the source as the whole one would be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from upplied.config import settings_for
+from upplied.planning.correspondence.partial import laid_partly
+from upplied.planning.correspondence.registration import box_on_box, fitted
+from upplied.planning.geometry.boxes import diagonal_of
+from upplied.planning.surface.samples import surface_samples
+from upplied.records import Cloud, Registration
+from upplied.samples.fleet import member
+from upplied.scene import scene_of
+
+
+@pytest.fixture(scope="module")
+def clouds() -> dict[str, Cloud]:
+    clouds = {}
+    for name in ("a320-v1", "b777-v1", "bridge-1-v1", "bridge-2-v1"):
+        of = member(name).structure
+        clouds[name] = surface_samples(of, scene_of(of), settings_for("recommended").clouds)
+    return clouds
+
+
+def without(cloud: Cloud, gone: np.ndarray) -> Cloud:
+    assert cloud.normals is not None and cloud.area_m2 is not None
+    return Cloud(cloud.points[~gone], cloud.normals[~gone], cloud.area_m2[~gone])
+
+
+def off(found: Registration, right: Registration, cloud: Cloud, source: Cloud) -> float:
+    """Mean distance of where two registrations lay a cloud, over the source's diagonal."""
+    apart = np.linalg.norm(found.to_demo(cloud.points) - right.to_demo(cloud.points), axis=1)
+    return float(apart.mean() / diagonal_of(source.points))
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "axis", "share"),
+    [
+        ("a320-v1", "b777-v1", 1, 0.3),  # a wing
+        ("a320-v1", "b777-v1", 0, 0.25),  # the tail
+        ("bridge-1-v1", "bridge-2-v1", 0, 0.35),
+        ("a320-v1", "a320-v1", 0, 0.3),
+    ],
+)
+@pytest.mark.parametrize("end", [-1, 1])
+def test_where_an_end_is_missing_the_rest_is_not_stretched(
+    clouds: dict[str, Cloud], source: str, target: str, axis: int, share: float, end: int
+) -> None:
+    here, whole = clouds[source], clouds[target]
+    along = end * whole.points[:, axis]
+    cut = without(whole, along > along.max() - share * np.ptp(along))
+    right = box_on_box(here, whole)
+    found = fitted(here, cut, 1.0)
+    assert off(box_on_box(here, cut), right, whole, here) > 0.06
+    assert off(found, right, whole, here) < 0.04
+    assert "what is on both" in found.evidence
+
+
+@pytest.mark.parametrize("target", ["b777-v1", "a320-v1"])
+def test_a_whole_target_lies_as_its_box_says(clouds: dict[str, Cloud], target: str) -> None:
+    here, whole = clouds["a320-v1"], clouds[target]
+    assert laid_partly(here, whole, box_on_box(here, whole)) is None
+
+
+def test_units_and_place_of_the_target_do_not_matter(clouds: dict[str, Cloud]) -> None:
+    here, whole = clouds["a320-v1"], clouds["b777-v1"]
+    cut = without(whole, whole.points[:, 1] > 8)
+    moved = replace(cut, points=1000 * cut.points + 5e4)
+    one = laid_partly(here, cut, box_on_box(here, cut))
+    other = laid_partly(here, moved, box_on_box(here, moved))
+    assert one is not None and other is not None
+    np.testing.assert_allclose(one.to_demo(cut.points), other.to_demo(moved.points), atol=1e-6)
