@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from html import escape
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from prefect.artifacts import create_link_artifact, create_markdown_artifact, cr
 
 from upplied import fleet
 from upplied.catalog import Catalog
+from upplied.catalog.schema.plan_rows import transfer_id
 from upplied.checks import pair_name
 
 from .pages import address
@@ -38,7 +40,7 @@ def transfer_artifacts(catalog: Catalog, decision: fleet.Decision, result: fleet
     why = "\n".join(f"* {count}: {reason}" for reason, count in decision.reasons.items())
     troubles = [{"name": job, "status": status, "reason": reason} for job, status, reason in result.troubles]
     if decision.jobs:  # else the last run that planned something stays the one to read
-        create_table_artifact(_planned(catalog, decision, reports), key="transfer-fleet-result")
+        create_table_artifact(_planned(catalog, decision, result, reports), key="transfer-fleet-result")
     told = f"## transfer-fleet\n\n{summary}\n\n{why}\n\n{_listed(troubles)}"
     if reports:
         index = address(reports, "index.html")
@@ -48,11 +50,16 @@ def transfer_artifacts(catalog: Catalog, decision: fleet.Decision, result: fleet
     return summary
 
 
-def _planned(catalog: Catalog, decision: fleet.Decision, reports: str) -> list[dict[str, Any]]:
+def _planned(
+    catalog: Catalog, decision: fleet.Decision, result: fleet.Result, reports: str
+) -> list[dict[str, Any]]:
     """The plans of a run with where each came from, log to page; those that did not succeed come first."""
-    keys = {job.key for job in decision.jobs}
-    plans = catalog.transfers(every=True, columns=["key", "planned_at", *_LINEAGE])
-    plans = plans[plans["key"].isin(keys)].sort_values("planned_at").drop_duplicates("key", keep="last")
+    troubled = {name for name, _, _ in result.troubles}
+    first = [job for job in decision.jobs if str(job) in troubled][:MOST_ROWS]
+    rest = islice((job for job in decision.jobs if str(job) not in troubled), MOST_ROWS - len(first))
+    ids = [transfer_id(job.key) for job in (*first, *rest)]
+    plans = catalog.transfers(every=True, ids=ids, columns=["planned_at", *_LINEAGE])
+    plans = plans.sort_values("planned_at").drop_duplicates("transfer_id", keep="last")
     plans = plans.assign(fine=plans["status"] == "ok")
     plans = plans.sort_values(["fine", "demonstration_id", "target_id", "preset"]).head(MOST_ROWS)
     rows = []

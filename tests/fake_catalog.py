@@ -97,11 +97,17 @@ class FakeCatalog:
     def flown(self, flight_sha256: str) -> Trajectory:
         return self.flight.trajectory
 
-    def transfers(self, *, every: bool = False) -> pd.DataFrame:
+    def transfers(
+        self, *, every=False, demonstration=None, structure=None, ids=None, columns=None
+    ) -> pd.DataFrame:
         rows = pd.DataFrame(self.rows)
-        return (
-            rows if every else rows.drop_duplicates(["demonstration_id", "target_id", "preset"], keep="last")
-        )
+        if len(rows):
+            for name, value in (("demonstration_id", demonstration), ("target_id", structure)):
+                rows = rows if value is None else rows[rows[name] == value]
+            rows = rows if ids is None else rows[rows["transfer_id"].isin(ids)]
+        pair = ["demonstration_id", "target_id", "preset"]
+        rows = rows if every or not len(rows) else rows.drop_duplicates(pair, keep="last")
+        return rows if columns is None else rows[[name for name in columns if name in rows]]
 
     def structures(self) -> pd.DataFrame:
         return pd.DataFrame(

@@ -16,7 +16,7 @@ from catalog_records import demonstration, key_of, plan, structure
 from upplied.catalog import compact, export_tables, history, open_catalog, vacuum, verify
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store import merging
-from upplied.catalog.verbs import adding
+from upplied.catalog.verbs import adding, queries
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Cloud
 
@@ -193,6 +193,26 @@ def test_two_merges_at_the_same_time_do_not_double_rows(catalog, monkeypatch):
     assert said(catalog) == ""
 
 
+def test_a_merge_holds_no_more_rows_in_memory_than_it_may(catalog, monkeypatch):
+    """Rows that repeat are small in their file only."""
+    table = catalog.tables["waypoints"]
+    per_file = table.read().nbytes / 3
+    monkeypatch.setattr(merging, "DECODED_BYTES", 2.5 * per_file)
+    before = snapshot(catalog)
+    assert compact(catalog)["waypoints"] == 2
+    assert compact(catalog)["waypoints"] == 0, "what is large in memory is not merged again"
+    for left, right in zip(before, snapshot(catalog), strict=True):
+        pd.testing.assert_frame_equal(left, right)
+
+
+def test_texts_that_repeat_are_kept_once_and_say_the_same(catalog):
+    table, names = catalog.tables["transfers"], TABLES["transfers"].names
+    narrow = table.narrow(names)
+    assert pa.types.is_dictionary(narrow.schema.field("settings_json").type)
+    assert len(narrow["settings_json"].combine_chunks().dictionary) == 1
+    assert queries.decoded(narrow).to_pydict() == table.read(None, names).to_pydict()
+
+
 def test_published_files_hold_the_current_rows(catalog, tmp_path):
     catalog.add_plans([(key_of("no"), plan("t3", status="refused", preset="paper"), {})])
     counts = export_tables(catalog, tmp_path / "reports")
@@ -223,10 +243,13 @@ def test_published_files_say_units_and_version(catalog, tmp_path):
 
 
 def test_publishing_in_pieces_gives_the_same(catalog, tmp_path, monkeypatch):
-    from upplied.catalog.verbs import owned
+    from upplied.catalog.verbs import owned, published
 
     export_tables(catalog, tmp_path / "whole")
     monkeypatch.setattr(owned, "CHUNK", 70)
+    monkeypatch.setattr(owned, "GATHERED", 100)
+    monkeypatch.setattr(published, "_PLANS", 3)
+    monkeypatch.setattr(published, "_ROW_GROUP", 2)
     export_tables(catalog, tmp_path / "pieces")
     for name in TABLES:
         left, right = (pd.read_parquet(tmp_path / at / f"{name}.parquet") for at in ("whole", "pieces"))

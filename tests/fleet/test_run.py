@@ -12,6 +12,7 @@ import trimesh
 
 from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
+from upplied.config import settings_for
 from upplied.errors import CatalogError, InputError
 from upplied.fleet import ingest, keeping, manifest, planner, run
 from upplied.fleet.planner import Outcome
@@ -135,6 +136,9 @@ def test_the_shards_of_a_run_are_read_as_they_were_written_and_nothing_else_is(c
     jobs = fleet.decide(
         catalog, fleet.PlanRequest(("baseline", "paper"), {"viewpoints": {"shared": 0.4}})
     ).jobs
+    # Settings of one preset, as those of a kind or a structure are: each job keeps its own.
+    own = settings_for("baseline", viewpoints={"shared": 0.6})
+    jobs = [replace(jobs[0], settings=own), *jobs[1:]]
     made = fleet.bundles(jobs, 2)
     names = manifest.write_shards(catalog, "night-1", made)
     assert [tuple(manifest.read_shard(str(catalog.location), name)) for name in names] == made

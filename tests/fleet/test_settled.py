@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import pyarrow as pa
 import pytest
 from catalog_records import demonstration, plan, structure
 
@@ -97,6 +98,8 @@ def test_everybody_asks_the_same(catalog, planned, monkeypatch, few):
             done = set(catalog.settled(keys, retry_failed=retry))
             assert {job.key for job in fleet.decide(catalog, asked).jobs} == set(keys) - done
             assert len(done) == (0 if plan_request is A else 3 - retry)
+            open_ones = catalog.unsettled(pa.array(keys), retry_failed=retry)
+            assert {key for key, is_open in zip(keys, open_ones, strict=True) if not is_open} == done
             if retry:
                 assert catalog.known_transfers(keys) == done
     assert catalog.settled([]) == {}

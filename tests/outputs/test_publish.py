@@ -19,7 +19,9 @@ from upplied.catalog import Catalog, open_catalog
 from upplied.checks import pair_name
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.outputs import downloads, render
+from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import MissionOptions
+from upplied.outputs.pairs import Pair
 from upplied.outputs.publish import publish, publish_file, publish_pages
 from upplied.records import Placement
 
@@ -222,6 +224,58 @@ def test_a_catalog_becomes_tables_that_pandas_reads_and_pages(kept, tmp_path):
     assert all("states" in plan for plan in plans)
     before = contents(tmp_path)
     assert not publish(kept, tmp_path, pictures=0).written and contents(tmp_path).keys() == before.keys()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_of_many_pairs_those_are_shown_that_need_a_person_first(seed):
+    """The first of all pairs in the order of attention, whatever was planned, decided and measured."""
+    rng, fake = np.random.default_rng(seed), FakeCatalog(targets=1)
+    fake.rows.clear()
+    at = pd.Timestamp("2026-11-20T02:00:00Z")
+    for number in range(120):
+        status = rng.choice(["ok", "ok", "refused", "failed"])
+        state = rng.choice(["draft", "draft", "released", "recalled", "superseded"]) if status == "ok" else ""
+        flyable = rng.choice([True, True, False]) if status == "ok" else None
+        plan = fake.planned("cube", "recommended", 90.0)
+        measured = {
+            name: rng.choice([np.nan, *rng.integers(0, 3, 2)])
+            for name in ("coverage_inspected_pct", "coverage_seen_pct", "min_clearance_m")
+        }
+        target, preset = (
+            f"t{rng.integers(0, 25)}",
+            str(rng.choice(["recommended", "paper", "baseline", "own"])),
+        )
+        for row in fake.rows:
+            if (row["target_id"], row["state"], state) == (target, "released", "released"):
+                row["state"] = "superseded"  # of a pair one plan is in force
+        fake.add(replace(plan, target_id=target, preset=preset, status=str(status)))
+        fake.rows[-1] |= measured | {
+            "state": str(state), "state_at": at + pd.Timedelta(minutes=number), "flyable": flyable,
+            "not_flyable": "too little is seen" if flyable is False and rng.random() < 0.8 else "",
+        }  # fmt: skip
+
+    def told(pair: Pair) -> tuple:
+        plans = {preset: row["transfer_id"] for preset, row in pair.plans.items()}
+        return pair.name, pair.decided, plans, {p: row["transfer_id"] for p, row in pair.earlier.items()}
+
+    every, known = first_pairs(fake, 1000)
+    assert known == len(every) > 15
+    for most in (1, 7, 15):
+        found, of = first_pairs(fake, most)
+        assert ([told(pair) for pair in found], of) == ([told(pair) for pair in every[:most]], known)
+    assert [pair.target_id for pair in first_pairs(fake, 9, target="t3")[0]] == ["t3"]
+
+
+def test_a_fleet_beyond_what_a_browser_lists_says_so(catalog, tmp_path):
+    done = publish_pages(catalog, tmp_path, pictures=0, most=2)
+    fleet = page(tmp_path / "index.html").data["fleet"]
+    assert (len(fleet["rows"]), fleet["known"]) == (2, 3)
+    assert sorted(row[0] for row in fleet["rows"]) == sorted(
+        path.stem for path in (tmp_path / "transfers").iterdir()
+    )
+    assert fleet["rows"][0][0] == "orbit-1--odd" and not done.problems
+    with pytest.raises(SettingsError, match="61 transfers chosen"):
+        publish_file(FakeCatalog(targets=60), tmp_path / "many.html")
 
 
 def test_pictures_and_missions_by_id(kept, tmp_path):

@@ -26,7 +26,7 @@ from upplied.catalog.verbs import ordering, queries
 from upplied.catalog.verbs.queries import PlannedTrajectory, When, Which
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
-from upplied.records import Demonstration, Plan, Structure, SurfaceStates, Trajectory
+from upplied.records import Bools, Demonstration, Plan, Structure, SurfaceStates, Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -93,6 +93,7 @@ class Reading:
         every: bool = False,
         columns: Sequence[str] | None = None,
         purpose: str = "",
+        ids: Sequence[str] | None = None,
         in_force: bool = False,
     ) -> pd.DataFrame:
         """Plans: the newest of each demonstration, target and preset, whether released or not.
@@ -117,12 +118,14 @@ class Reading:
         purpose : str
             Of the newest: those of an experiment (``experiment NAME``) or of a gap (``gap FLIGHT``), which
             are never among the others.
+        ids : sequence of str, optional
+            Only these plans are considered.
         in_force : bool
             The plans that a person released and that are in force, instead of the newest.
         """
         which = Which(
             kind, site, structure, demonstration, preset, status, since, as_of, version, every, columns,
-            purpose, in_force,
+            purpose, ids, in_force,
         )  # fmt: skip
         return queries.transfers(self.tables, which)
 
@@ -268,6 +271,17 @@ class Reading:
         run_id : str
         """
         return ordering.settled(self.tables["transfers"], keys, retry_failed, run_id)
+
+    def unsettled(self, keys: pa.Array, *, retry_failed: bool = False) -> Bools:
+        """Which of an array of keys are not `settled`, (N,); for as many as a large fleet has."""
+        return ordering.unsettled(self.tables["transfers"], keys, retry_failed)
+
+    def newest_plans(self, columns: Sequence[str]) -> pa.Table:
+        """The newest plan of each demonstration, target and preset, and its id; repeated texts are kept once.
+
+        Of retired demonstrations and targets as well.
+        """
+        return ordering.newest_plans(self.tables["transfers"], columns)
 
     def known_transfers(self, keys: Iterable[str]) -> set[str]:
         """Those of the keys that are `settled` by a plan or an honest refusal."""

@@ -26,6 +26,10 @@ def report(
     self_contained: FileOption = None,
     demonstration: Annotated[str | None, Parameter(help="Of the one file: this demonstration only.")] = None,
     target: Annotated[str | None, Parameter(help="Of the one file: this target only.")] = None,
+    pages: Annotated[
+        int,
+        Parameter(help="At most so many pages, of the pairs first that need a person; the tables hold all."),
+    ] = 10_000,
     force: Annotated[
         bool,
         Parameter(
@@ -47,9 +51,9 @@ def report(
     store = opened(catalog)
     problems: tuple[str, ...] = ()
     if folder is not None or self_contained is None:
-        with progress("publishing", pairs_in(store)) as advance:
+        with progress("publishing", min(pages, pairs_in(store))) as advance:
             place = folder or "reports"
-            published = fleet.publish(store, place, progress=lambda _: advance(), force=force)
+            published = fleet.publish(store, place, pages=pages, progress=lambda _: advance(), force=force)
         console.print(str(published.index), markup=False, soft_wrap=True)
         problems = published.problems
     if self_contained is not None:
@@ -63,5 +67,5 @@ def report(
 
 
 def pairs_in(catalog: Catalog) -> int:
-    """How many pages there will be: one for each demonstration and target."""
-    return len(catalog.transfers()[["demonstration_id", "target_id"]].drop_duplicates())
+    """How many pairs of a demonstration and a target there are."""
+    return len(catalog.transfers(columns=["demonstration_id", "target_id"]).drop_duplicates())

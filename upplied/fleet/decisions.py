@@ -10,18 +10,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import compress, count
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from upplied.catalog import Catalog
+from upplied.catalog.schema.plan_rows import transfer_id
 from upplied.catalog.verbs import belonging
 from upplied.checks import check_id, suggested
 from upplied.config import Settings, digest, settings_for
 from upplied.errors import InputError
 from upplied.planning.plan import METHOD_VERSION, transfer_key
 from upplied.provenance import causes
-from upplied.records import Demonstration, Structure
+from upplied.records import Demonstration, Ints, Structure
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class SettingsOf:
         return self._made[preset, kind, own]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Job:
     """One demonstration to carry to one target with one preset."""
 
@@ -115,22 +118,30 @@ def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decisio
     _check_known("structure", plan_request.targets, structures)
     _check_kinds(plan_request, demonstrations, structures)
     settings_of = SettingsOf(catalog, plan_request)
-    wanted = []
-    for preset in plan_request.presets:
-        for pair in _pairs(demonstrations, structures, plan_request):
-            settings = settings_of(preset, pair[2].kind, pair[2].structure_id)
-            wanted.append((settings, *pair, _key(transfer_key(*pair, settings), plan_request.purpose)))
-    done = catalog.settled((key for *_, key in wanted), retry_failed=plan_request.retry_failed)
+
+    def wanted() -> Iterator[tuple[Settings, Demonstration, Structure, Structure]]:
+        for preset in plan_request.presets:
+            for pair in _pairs(demonstrations, structures, plan_request):
+                yield settings_of(preset, pair[2].kind, pair[2].structure_id), *pair
+
+    # A large fleet has a million keys and few of them to plan: they are kept as one array.
+    keys = pa.array(
+        (
+            _key(transfer_key(demonstration, source, target, settings), plan_request.purpose)
+            for settings, demonstration, source, target in wanted()
+        ),
+        pa.string(),
+    )
+    missing = catalog.unsettled(keys, retry_failed=plan_request.retry_failed)
     past, jobs = _Past(catalog), []
-    for settings, demonstration, source, target, key in wanted:
-        if key in done:
-            continue
+    for (settings, demonstration, source, target), place in compress(zip(wanted(), count()), missing):
+        key = keys[place].as_py()
         why = past.why(demonstration, source, target, settings, key)
         names = (demonstration.demonstration_id, source.structure_id, target.structure_id)
         hashes = (demonstration.sha256, source.sha256, target.sha256)
         jobs.append(Job(*names, target.kind, settings, key, why, hashes, plan_request.purpose))
     jobs.sort(key=lambda job: (job.demonstration_id, job.target_id, job.settings.preset))
-    return Decision(jobs, len(wanted) - len(jobs))
+    return Decision(jobs, len(keys) - len(jobs))
 
 
 def _key(key: str, purpose: str) -> str:
@@ -143,47 +154,56 @@ class _Past:
 
     def __init__(self, catalog: Catalog) -> None:
         self._catalog = catalog
+        self._told: dict[tuple[str, ...], tuple[str, ...]] = {}
 
     @cached_property
-    def _rows(self) -> dict[tuple[str, str, str], Any]:
+    def _rows(self) -> pa.Table:
         """The newest plan of each demonstration, target and preset; a quiet night never asks."""
-        rows = self._catalog.transfers(columns=_COMPARED).itertuples(index=False)
-        return {(row.demonstration_id, row.target_id, row.preset): row for row in rows}
+        return self._catalog.newest_plans(_COMPARED)
+
+    @cached_property
+    def _places(self) -> dict[tuple[str, str, str], int]:
+        names = (_texts(self._rows[name]) for name in _COMPARED[:3])
+        return {name: place for place, name in enumerate(zip(*names, strict=True))}
+
+    @cached_property
+    def _columns(self) -> list[tuple[list[str], Ints]]:
+        """What the rows say, by column: the texts, and which of them each row has."""
+        encoded = (self._rows[name].combine_chunks() for name in _COMPARED[3:])
+        return [(column.dictionary.to_pylist(), column.indices.to_numpy()) for column in encoded]
 
     def why(
         self, demonstration: Demonstration, source: Structure, target: Structure, settings: Settings, key: str
     ) -> str:
         """What changed since the newest plan of the pair, in words."""
-        row = self._rows.get((demonstration.demonstration_id, target.structure_id, settings.preset))
-        if row is None:
+        place = self._places.get((demonstration.demonstration_id, target.structure_id, settings.preset))
+        if place is None:
             return "new pair"
-        if row.key == key:
+        if self._rows["transfer_id"][place].as_py() == transfer_id(key):
             return "failed before"
-        changed = {
-            "demonstration changed": row.demonstration_sha256 != demonstration.sha256,
-            "source changed": row.source_sha256 != source.sha256,
-            "target changed": row.target_sha256 != target.sha256,
-            "settings changed": row.settings_sha256 != settings.sha256,
-        }
-        told = [text for text, is_so in changed.items() if is_so]
-        told += causes({**row._asdict(), "machine": ""}, METHOD_VERSION)  # another machine plans the same
-        return ", ".join(told) or "an older version is back"
+        said = [texts[codes[place]] for texts, codes in self._columns]
+        now = (demonstration.sha256, source.sha256, target.sha256, settings.sha256)
+        changed = zip(_CHANGES, said[: len(_CHANGES)], now, strict=True)
+        told = [f"{what} changed" for what, was, is_now in changed if was != is_now]
+        return ", ".join([*told, *self._causes(*said[len(_CHANGES) :])]) or "an older version is back"
+
+    def _causes(self, *said: str) -> tuple[str, ...]:
+        """Why the program may plan otherwise; few rows differ in what they say of theirs."""
+        if said not in self._told:
+            row = dict(zip(_PROGRAM, said, strict=True))  # another machine plans the same
+            self._told[said] = tuple(causes(row, METHOD_VERSION))
+        return self._told[said]
 
 
-_COMPARED = (
-    "demonstration_id",
-    "target_id",
-    "preset",
-    "key",
-    "demonstration_sha256",
-    "source_sha256",
-    "target_sha256",
-    "settings_sha256",
-    "method_version",
-    "code_version",
-    "sources_sha256",
-    "libraries",
-)
+def _texts(column: pa.ChunkedArray) -> Iterator[str]:
+    """The texts of a column with a dictionary, each kept once."""
+    encoded = column.combine_chunks()
+    return map(encoded.dictionary.to_pylist().__getitem__, encoded.indices.to_numpy())
+
+
+_CHANGES = ("demonstration", "source", "target", "settings")
+_PROGRAM = ("method_version", "code_version", "sources_sha256", "libraries")
+_COMPARED = ("demonstration_id", "target_id", "preset", *(f"{what}_sha256" for what in _CHANGES), *_PROGRAM)
 
 
 def _pairs(

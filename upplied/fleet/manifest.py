@@ -1,7 +1,7 @@
 """The shards of a run, written beside its catalog: a machine is told where they lie, and reads its own.
 
 Parameters of a run of Prefect's are bounded (512 KiB), and the jobs of a large fleet are not. One Parquet
-file to a shard holds what cannot be said shorter; settings are stored once to a preset.
+file to a shard holds what cannot be said shorter; settings that several have are stored once.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def read_shard(location: str, name: str) -> list[Job]:
     try:
         table = pq.read_table(BytesIO(store.read(name)))
         plain = json.loads(table.schema.metadata[b"settings"])
-        settings = {preset: settings_of(text) for preset, text in plain.items()}
-        return [_job(row, settings[row["preset"]]) for row in table.to_pylist()]
+        settings = {sha256: settings_of(text) for sha256, text in plain.items()}
+        return [_job(row, settings[row["settings_sha256"]]) for row in table.to_pylist()]
     except (OSError, pa.ArrowException, KeyError, TypeError, ValueError) as error:
         raise CatalogError(store.path(name), f"cannot be read: {error}") from None
 
@@ -78,10 +78,11 @@ def _store(catalog: Catalog) -> FileStore:
 
 def _encoded(shard: Shard) -> bytes:
     columns = {name: [getattr(job, name) for job in shard] for name in _NAMES}
-    columns["preset"] = [job.settings.preset for job in shard]
+    columns["settings_sha256"] = [job.settings.sha256 for job in shard]
     for at, name in enumerate(_HASHES):
         columns[name] = [job.sha256[at] for job in shard]
-    settings = {job.settings.preset: settings_text(job.settings) for job in shard}
+    different = {job.settings.sha256: job.settings for job in shard}
+    settings = {sha256: settings_text(each) for sha256, each in different.items()}
     table = pa.table(columns).replace_schema_metadata({"settings": json.dumps(settings)})
     sink = BytesIO()
     pq.write_table(table, sink, compression="zstd")

@@ -13,7 +13,7 @@ import pandas as pd
 from upplied.checks import pair_name
 
 PRESETS = ("recommended", "paper", "baseline")
-_ATTENTION = {"recalled": -1, "failed": 0, "refused": 1, "not flyable": 1.5, "ok": 2}
+ATTENTION = {"recalled": -1, "failed": 0, "refused": 1, "not flyable": 1.5, "ok": 2}
 
 _FAILED = (
     "Planning stopped with an error. Other targets are not affected; run it again once the cause is removed."
@@ -160,19 +160,19 @@ def attention(pair: Pair) -> tuple[float, float, float, str]:
     seen = coverage(row)
     clearance = number(row, "min_clearance_m")
     return (
-        _ATTENTION.get(shown_status(row), 0),
+        ATTENTION.get(shown_status(row), 0),
         -1.0 if seen is None else seen,
         -1.0 if clearance is None else clearance,
         pair.name,
     )
 
 
-_COVERAGES = ("coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct")  # the most honest first
+COVERAGES = ("coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct")  # the most honest first
 
 
 def coverage(row: Mapping[str, Any]) -> float | None:
     """The most honest coverage that was computed, percent."""
-    known = (number(row, name) for name in _COVERAGES)
+    known = (number(row, name) for name in COVERAGES)
     return next((value for value in known if value is not None), None)
 
 
@@ -228,10 +228,13 @@ def said_of(row: Mapping[str, Any]) -> str:
     return f"{word} by {row.get('state_by')}, {stamp(row.get('state_at'))} UTC{note}"
 
 
-def fleet_data(pairs: list[Pair], title: str, without_page: Collection[str] = ()) -> dict[str, Any]:
+def fleet_data(
+    pairs: list[Pair], title: str, without_page: Collection[str] = (), known: int | None = None
+) -> dict[str, Any]:
     """What the fleet page needs: columns by name, and rows in order of attention.
 
-    `without_page` names the pairs whose own page could not be made, so that nothing links there.
+    `without_page` names the pairs whose own page could not be made, so that nothing links there; `known` is
+    how many pairs there are, where these are the first of more.
     """
     columns = [
         "pair", "status", "demonstration", "source", "target", "kind", "coverage", "attainable", "paper",
@@ -239,12 +242,12 @@ def fleet_data(pairs: list[Pair], title: str, without_page: Collection[str] = ()
         "state", "page",
     ]  # fmt: skip
     rows = [[*_fleet_row(pair), pair.name not in without_page] for pair in pairs]
-    return {"title": title, "columns": columns, "rows": rows}
+    return {"title": title, "columns": columns, "rows": rows, "known": len(pairs) if known is None else known}
 
 
 def _fleet_row(pair: Pair) -> list[Any]:
     row = pair.main
-    name = next((name for name in _COVERAGES if number(row, name) is not None), _COVERAGES[-1])
+    name = next((name for name in COVERAGES if number(row, name) is not None), COVERAGES[-1])
     peers = [number(pair.plans.get(preset, {}), name) for preset in ("paper", "baseline")]
     values = [coverage(row), attainable(row), *peers]
     values += [number(row, name) for name in ("min_clearance_m", "frechet_z", "path_length_m", "duration_s")]

@@ -18,11 +18,13 @@ from upplied.config import digest
 from upplied.errors import SettingsError, UppliedError
 from upplied.outputs import downloads, pages
 from upplied.outputs.files import replace_file
-from upplied.outputs.pairs import Pair, fleet_data, pairs_of
+from upplied.outputs.foremost import first_pairs
+from upplied.outputs.pairs import Pair, fleet_data
 from upplied.outputs.reports import Reader, Source
 
 TITLE = "Inspection fleet"
 PICTURES = 200  # at most, unless asked for more: each takes a second
+PAGES = 10_000  # likewise; a list that a browser still shows at once, and about a gigabyte
 _RECORD = ".published.json"
 _MAILED = 60  # pairs that one file may hold
 
@@ -74,6 +76,7 @@ def publish(
     *,
     title: str = TITLE,
     pictures: int = PICTURES,
+    pages: int = PAGES,
     progress: Callable[[str], None] = lambda _: None,
     force: bool = False,
 ) -> Published:
@@ -88,6 +91,9 @@ def publish(
     title : str
     pictures : int
         Of how many pairs a PNG is made for documents: those first that need a person.
+    pages : int
+        Of how many pairs a page is made and the fleet's page tells: likewise. The tables tell of all, and
+        `publish_file` makes a page of any pair.
     progress : callable
         Told the name of each pair when it is done.
     force : bool
@@ -99,7 +105,7 @@ def publish(
         for left in place.glob("**/.*.partial"):
             left.unlink(missing_ok=True)  # of a publisher that was stopped
         publish_generation(catalog, place, force)
-        return publish_pages(catalog, place, title=title, pictures=pictures, progress=progress)
+        return publish_pages(catalog, place, title=title, pictures=pictures, most=pages, progress=progress)
 
 
 def publish_pages(
@@ -108,11 +114,12 @@ def publish_pages(
     *,
     title: str = TITLE,
     pictures: int = PICTURES,
+    most: int = PAGES,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Published:
     """The pages and pictures alone, as `publish` writes them, of anything that answers like a catalog."""
     reader = Reader(source)
-    pairs = pairs_of(source.transfers(), source.transfers(every=True))
+    pairs, known = first_pairs(source, most)
     place = _Folder(Path(folder), _recorded(Path(folder)))
     code = digest([__version__, {name: digest(text) for name, text in pages.assets().items()}])
     for name, text in pages.assets().items():
@@ -126,10 +133,8 @@ def publish_pages(
             problems[pair.name] = f"{pair.name}: {error}"
         progress(pair.name)
     _put_passports(place, reader, pairs, code, problems)
-    data = {"fleet": fleet_data(pairs, title, problems)}
-    fallback = (
-        f"{title}: {len(pairs)} transfers. The tables are in transfers.parquet; this page needs scripts."
-    )
+    data = {"fleet": fleet_data(pairs, title, problems, known)}
+    fallback = f"{title}: {known} transfers. The tables are in transfers.parquet; this page needs scripts."
     html = pages.fleet_page(title, data, fallback)
     place.put("index.html", digest(html), lambda: html)
     removed = place.remove_others()
@@ -154,22 +159,18 @@ def publish_file(
     SettingsError
         If nothing matches, or more pairs than a mail can carry.
     """
-    chosen = [
-        pair
-        for pair in pairs_of(source.transfers(), source.transfers(every=True))
-        if demonstration_id in (None, pair.demonstration_id) and target_id in (None, pair.target_id)
-    ]
-    if not 0 < len(chosen) <= _MAILED:
+    chosen, known = first_pairs(source, _MAILED, demonstration_id, target_id)
+    if not 0 < known <= _MAILED:
         raise SettingsError(
             "single-file report",
-            f"{len(chosen)} transfers chosen",
+            f"{known} transfers chosen",
             f"1 to {_MAILED}",
             "choose a demonstration",
         )
     reader = Reader(source)
     used = sorted({name for pair in chosen for name in (pair.source_id, pair.target_id)})
     data = {
-        "fleet": fleet_data(chosen, title),
+        "fleet": fleet_data(chosen, title, (), known),
         "pairs": {pair.name: reader.pair_data(pair) for pair in chosen},
         "structures": {name: reader.structure_data(name) for name in used},
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
@@ -42,8 +43,19 @@ _POSE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
 class Source(Protocol):
     """What reports read: the catalog, or anything that answers like it."""
 
-    def transfers(self, *, every: bool = False) -> pd.DataFrame:
-        """One row per plan, refused and failed ones too; with `every`, the older ones as well."""
+    def transfers(
+        self,
+        *,
+        every: bool = False,
+        demonstration: str | None = None,
+        structure: str | None = None,
+        ids: Sequence[str] | None = None,
+        columns: Sequence[str] | None = None,
+    ) -> pd.DataFrame:
+        """One row per plan, refused and failed ones too; with `every`, the older ones as well.
+
+        Of a demonstration, a target, or plans by their ids; some columns, or all.
+        """
 
     def structures(self) -> pd.DataFrame:
         """One row per structure, with its `sha256`."""

@@ -36,12 +36,12 @@ PROVENANCE = (
     "purpose",
 )
 
-_ID_DIGITS = 20  # of the key in `transfer_id`: 80 bits, still short enough to type
+ID_DIGITS = 20  # of the key in `transfer_id`: 80 bits, still short enough to type
 
 
 def transfer_id(key: str) -> str:
     """The name of the plan with this key."""
-    return key[:_ID_DIGITS]
+    return key[:ID_DIGITS]
 
 
 def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:

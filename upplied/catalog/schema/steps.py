@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.tables import TABLES
@@ -101,15 +102,28 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
     times = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy()
     flags = np.asarray(steps["is_viewpoint"]) if name == "waypoints" else None
     numbers, (positions, quats) = steps["seq"].to_numpy(), pose_arrays(steps)
-    names = list(zip(steps[key].to_pylist(), steps["commit_id"].to_pylist(), strict=True))
-    starts = [at for at, owner in enumerate(names) if at == 0 or owner != names[at - 1]]
-    for start, stop in zip(starts, [*starts[1:], len(names)], strict=True):
+    starts = _starts(steps, (key, "commit_id"))
+    firsts = steps.select([key, "commit_id"]).take(pa.array(starts, pa.int64()))
+    names = zip(*(column.to_pylist() for column in firsts.columns), strict=True)
+    for owner, start, stop in zip(names, starts, [*starts, len(steps)][1:], strict=True):
         own = slice(start, stop)
         if not np.array_equal(numbers[own], np.arange(stop - start)):
-            yield names[start][0], "the steps are not numbered 0, 1, 2 ..."
+            yield owner[0], "the steps are not numbered 0, 1, 2 ..."
         elif np.any(np.diff(times[own]) <= 0):
-            yield names[start][0], "time does not increase"
+            yield owner[0], "time does not increase"
         else:
             flagged, zoomed = None if flags is None else flags[own], zoom_of(steps.slice(start, stop - start))
-            if poses_sha256(times[own], positions[own], quats[own], flagged, zoomed) != sha256[names[start]]:
-                yield names[start][0], "the steps do not match the hash in their row"
+            if poses_sha256(times[own], positions[own], quats[own], flagged, zoomed) != sha256[owner]:
+                yield owner[0], "the steps do not match the hash in their row"
+
+
+def _starts(rows: pa.Table, names: tuple[str, ...]) -> list[int]:
+    """Where one of these texts is another one than in the row before."""
+    if not len(rows):
+        return []
+    differs = np.zeros(len(rows), bool)
+    differs[0] = True
+    for name in names:
+        column = rows[name]
+        differs[1:] |= pc.not_equal(column.slice(1), column.slice(0, len(rows) - 1)).to_numpy()
+    return [int(at) for at in np.flatnonzero(differs)]

@@ -12,7 +12,8 @@ import random
 import threading
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -48,6 +49,7 @@ _PROPERTIES = {
 _ORDER = "upplied.rows"  # the transaction that numbers rows advance
 _PATIENCE_S = 60.0  # of conflicts, before a writer gives up
 _ROW_GROUP = 16_384
+_NAMES = ("transfer_id", "key", "waypoints_sha256")  # hardly one twice
 
 
 class StoredTable:
@@ -109,6 +111,30 @@ class StoredTable:
         present = [name for name in wanted.names if name in dataset.schema.names]
         found = told(self.uri, partial(dataset.to_table, columns=present, filter=where))
         return upgraded(self.declared, in_schema(found, wanted)).select(asked)
+
+    def narrow(
+        self, columns: list[str], where: ds.Expression | None = None, version: int | None = None
+    ) -> pa.Table:
+        """As `read`, for questions over every row: texts that repeat are kept once (dictionaries)."""
+        parts = [_encoded(rows) for rows in self.batches(columns, where, version)]
+        return pa.concat_tables(parts).unify_dictionaries()
+
+    def batches(
+        self, columns: list[str], where: ds.Expression | None = None, version: int | None = None
+    ) -> Iterator[pa.Table]:
+        """As `read`, some rows at a time; the first ones may be none."""
+        schema = self.declared.schema
+        wanted = pa.schema([schema.field(name) for name in needed(self.declared, columns)])
+        yield wanted.empty_table().select(columns)
+        dataset = self.dataset(version)
+        if dataset is None:
+            return
+        present = [name for name in wanted.names if name in dataset.schema.names]
+        scanner = dataset.scanner(columns=present, filter=where, batch_size=_ROW_GROUP)
+        with closing(scanner.to_batches()) as found:
+            while (batch := told(self.uri, partial(next, found, None))) is not None:
+                rows = in_schema(pa.table(batch), wanted)
+                yield upgraded(self.declared, rows).select(columns)
 
     def whole(self, where: ds.Expression) -> pa.Table:
         """The rows that fit, with the columns that only a newer program knows as well."""
@@ -278,3 +304,11 @@ class StoredTable:
         if not 0 <= version <= current.version():
             raise CatalogError(f"{self.uri} version {version}", "does not exist", f"0 to {current.version()}")
         return told(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))
+
+
+def _encoded(rows: pa.Table) -> pa.Table:
+    """Rows with their texts as dictionaries, but for those that name a row each."""
+    for at, field in enumerate(rows.schema):
+        if pa.types.is_string(field.type) and field.name not in _NAMES:
+            rows = rows.set_column(at, field.name, rows.column(at).dictionary_encode())
+    return rows

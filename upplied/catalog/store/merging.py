@@ -19,7 +19,9 @@ from upplied.errors import CatalogError
 
 log = logging.getLogger(__name__)
 
-TARGET_BYTES = 64 << 20  # of a data file; merging needs some eight times as much memory
+TARGET_BYTES = 64 << 20  # of a data file
+DECODED_BYTES = 256 << 20  # of its rows in memory, where merging holds them some three times
+_ROWS_WEIGHED = 100
 _LOOKED_AT = 16
 _MANY = 32
 
@@ -42,8 +44,7 @@ def tidy(table: StoredTable, size_bytes: int) -> None:
         delta = table.delta()
         if delta is None or delta.version() % _LOOKED_AT:
             return
-        sizes = pa.table(delta.get_add_actions())["size_bytes"].to_pylist()
-        if sum(size < size_bytes / 2 for size in sizes) >= _MANY:
+        if len(_small(table, delta, size_bytes)) >= _MANY:
             table.change(lambda found: _merge_oldest(table, found, size_bytes))
     except CatalogError as error:
         log.warning("small files of %s were not merged: %s", table.uri, error)
@@ -60,7 +61,7 @@ def removing() -> CommitProperties:
 
 
 def _merge_oldest(table: StoredTable, delta: DeltaTable, size_bytes: int) -> int:
-    chosen = _oldest_small(delta, size_bytes)
+    chosen = _oldest_small(table, delta, size_bytes)
     if len(chosen) < 2:
         return 0
     rows = _rows_of(table, delta, set(chosen))
@@ -72,16 +73,35 @@ def _merge_oldest(table: StoredTable, delta: DeltaTable, size_bytes: int) -> int
     return len(chosen)
 
 
-def _oldest_small(delta: DeltaTable, size_bytes: int) -> dict[str, int]:
+def _oldest_small(table: StoredTable, delta: DeltaTable, size_bytes: int) -> dict[str, int]:
     """Names and sizes of the oldest small files that together make one of about that size."""
-    files = pa.table(delta.get_add_actions()).select(["modification_time", "path", "size_bytes"])
     chosen: dict[str, int] = {}
-    for file in sorted(files.to_pylist(), key=lambda file: (file["modification_time"], file["path"])):
-        if file["size_bytes"] < size_bytes / 2:
-            if len(chosen) > 1 and sum(chosen.values()) + file["size_bytes"] > size_bytes:
-                break
-            chosen[file["path"]] = file["size_bytes"]
+    held = 0.0
+    for name, size, share in _small(table, delta, size_bytes):
+        if len(chosen) > 1 and held + share > 1:
+            break
+        chosen[name] = size
+        held += share
     return chosen
+
+
+def _small(table: StoredTable, delta: DeltaTable, size_bytes: int) -> list[tuple[str, int, float]]:
+    """Files less than half of the largest that is made, oldest first: name, size, and share of that."""
+    files = pa.table(delta.get_add_actions())
+    row_bytes = _row_bytes(table, delta)
+    found = []
+    for file in sorted(files.to_pylist(), key=lambda file: (file["modification_time"], file["path"])):
+        size, rows = file["size_bytes"], file["num_records"] or 0
+        share = max(size / size_bytes, rows * row_bytes / DECODED_BYTES)
+        if share < 0.5:
+            found.append((file["path"], size, share))
+    return found
+
+
+def _row_bytes(table: StoredTable, delta: DeltaTable) -> float:
+    """What a row takes in memory, bytes, told from some."""
+    some = table.rows_of(delta).head(_ROWS_WEIGHED)
+    return some.nbytes / max(len(some), 1)
 
 
 def _rows_of(table: StoredTable, delta: DeltaTable, names: set[str]) -> pa.Table:

@@ -61,12 +61,13 @@ def in_force(catalog: Reading, **asked: Any) -> pd.DataFrame:
     return found
 
 
-def foremost(catalog: Reading) -> pd.DataFrame:
+def foremost(catalog: Reading, columns: Sequence[str]) -> pd.DataFrame:
     """The newest plans, but the one in force in the place of the newest of its pair and preset.
 
     A plan in force whose demonstration is retired stays.
     """
-    newest, force = catalog.transfers(), catalog.transfers(in_force=True)
+    read = list(dict.fromkeys([*columns, *ordering.PAIR, "purpose"]))
+    newest, force = catalog.transfers(columns=read), catalog.transfers(in_force=True, columns=read)
     force = force[force["purpose"] == ""]
     if not len(force):
         return newest
@@ -84,11 +85,9 @@ def recalled(catalog: Reading, structure: str | None = None) -> pd.DataFrame:
         for plan, row in now.why.items()
         if now.state[plan] == "recalled" and now.last[unit_of(row)] == row["decision_id"]
     }
-    if not left:
-        return catalog.transfers(every=True).iloc[:0]
-    every = catalog.transfers(every=True, structure=structure)
+    every = catalog.transfers(every=True, structure=structure, ids=sorted(left))
     used = set(catalog.structures()["structure_id"])
-    return every[every["transfer_id"].isin(left) & every["target_id"].isin(used)].reset_index(drop=True)
+    return every[every["target_id"].isin(used)].reset_index(drop=True)
 
 
 def review(catalog: Reading, transfer_id: str, by: str, note: str = "") -> str:

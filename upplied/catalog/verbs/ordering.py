@@ -13,7 +13,7 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.store.delta import StoredTable
-from upplied.records import Ints
+from upplied.records import Bools, Ints
 
 PAIR = ["demonstration_id", "target_id", "preset"]
 SLOT = [*PAIR, "purpose"]  # of these, the newest plan is current
@@ -69,26 +69,55 @@ def settled(
     table: StoredTable, keys: Iterable[str], retry_failed: bool, run_id: str
 ) -> dict[str, tuple[str, str]]:
     """See `Catalog.settled`."""
-    asked = pa.array(list(dict.fromkeys(keys)), pa.string())
-    if not len(asked):
-        return {}
+    asked = list(dict.fromkeys(keys))
+    found = _settled(table, _ids(asked), retry_failed, run_id, ["reason"])
+    place = pc.index_in(_ids(asked), found["transfer_id"].combine_chunks())
+    said: dict[tuple[str, str], tuple[str, str]] = {}  # few, of many plans
+    outcomes = [
+        said.setdefault(outcome, outcome)
+        for outcome in zip(found["status"].to_pylist(), found["reason"].to_pylist(), strict=True)
+    ]
+    return {key: outcomes[at] for key, at in zip(asked, place.to_pylist(), strict=True) if at is not None}
+
+
+def unsettled(table: StoredTable, keys: pa.Array, retry_failed: bool) -> Bools:
+    """See `Catalog.unsettled`."""
+    asked = _ids(keys)
+    found = _settled(table, asked, retry_failed, "", [])
+    return ~pc.is_in(asked, found["transfer_id"].combine_chunks()).to_numpy(zero_copy_only=False)
+
+
+def _ids(keys: Sequence[str] | pa.Array) -> pa.Array:
+    """The names of the plans with these keys."""
+    texts = keys if isinstance(keys, pa.Array) else pa.array(keys, pa.string())
+    return pc.utf8_slice_codeunits(texts, 0, plan_rows.ID_DIGITS)
+
+
+def _settled(
+    table: StoredTable, asked: pa.Array, retry_failed: bool, run_id: str, more: list[str]
+) -> pa.Table:
+    """The plans of these ids that are current of their pair, preset and purpose."""
     where = None
     if len(asked) <= _FEW_KEYS:  # those of their pairs are enough, where there are any
-        ids = pa.array([plan_rows.transfer_id(key) for key in asked.to_pylist()])
-        known = table.read(pc.field("transfer_id").isin(ids), PAIR[:2])
-        if not len(known):
-            return {}
-        where = pc.field(PAIR[0]).isin(known[PAIR[0]].unique())
-        where &= pc.field(PAIR[1]).isin(known[PAIR[1]].unique())
-    columns = ["transfer_id", *SLOT, *NEWEST, "key", "status", "reason", "run_id"]
-    found = in_order(table.read(where, columns), newest=True)
-    held = pc.is_in(found["key"], asked)
+        known = table.read(pc.field("transfer_id").isin(asked), PAIR[:2])
+        where = pc.field(PAIR[0]).isin(known[PAIR[0]].unique()) & pc.field(PAIR[1]).isin(
+            known[PAIR[1]].unique()
+        )
+    ours = ["run_id"] if retry_failed and run_id else []
+    columns = ["transfer_id", *SLOT, *NEWEST, "status", *ours, *more]
+    found = in_order(table.narrow(columns, where), newest=True)
+    held = pc.is_in(found["transfer_id"], asked)
     if retry_failed:
-        ours = pc.equal(found["run_id"], run_id) if run_id else False
-        held = pc.and_(held, pc.or_(pc.not_equal(found["status"], "failed"), ours))
-    found = found.filter(held)
-    outcomes = zip(found["status"].to_pylist(), found["reason"].to_pylist(), strict=True)
-    return dict(zip(found["key"].to_pylist(), outcomes, strict=True))
+        done = pc.not_equal(found["status"], "failed")
+        held = pc.and_(held, pc.or_(done, pc.equal(found["run_id"], run_id)) if ours else done)
+    return found.filter(held)
+
+
+def newest_plans(table: StoredTable, columns: Sequence[str]) -> pa.Table:
+    """See `Catalog.newest_plans`."""
+    read = ["transfer_id", *SLOT, *NEWEST, "status", *columns]
+    found = in_order(table.narrow(list(dict.fromkeys(read))), newest=True)
+    return found.filter(pc.equal(found["purpose"], "")).select(["transfer_id", *columns])
 
 
 def standing(same_plan: list[Row]) -> Row:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.ipc
 
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
@@ -16,19 +21,14 @@ from upplied.errors import CatalogError
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
-CHUNK = 4_000_000  # steps held in memory at once
+CHUNK = 1_000_000  # steps held in memory at once
+GATHERED = 250_000  # steps that are parted at a time
 
 
 def checked_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
     """As `owned_steps`, each trajectory compared with the hash in its row; one that differs is an error."""
-    key = TABLES[name].names[0]
-    hashes = dict(
-        zip(zip(owners[key], owners["commit_id"], strict=True), owners[f"{name}_sha256"], strict=True)
-    )
     for steps in owned_steps(catalog, name, owners):
-        for row_id, wrong in unlike(name, steps, hashes):
-            remedy = "take the damaged files from a backup; nothing was written"
-            raise CatalogError(f"{name} of {row_id}", wrong, "", remedy)
+        _check(name, steps, owners)
         yield steps
 
 
@@ -46,10 +46,104 @@ def owned_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[p
         owned = stored.join(wanted, [id_name, "commit_id"], join_type="left semi")
         owned = owned.sort_by([(column, "ascending") for column in (id_name, "commit_id", "seq")])
         if len(owned) != chunk[count_name].sum():
-            raise CatalogError(
-                f"{name} of {first} to {last}",
-                f"{len(owned)} steps are stored, their rows say {chunk[count_name].sum()}",
-                "",
-                "run: upplied catalog verify",
-            )
+            raise _missing(name, first, last, len(owned), chunk[count_name].sum())
         yield owned
+
+
+def parted_steps(
+    catalog: Catalog, name: str, parts: Mapping[str, pd.DataFrame], spool: Path
+) -> Iterator[tuple[str, pa.Table]]:
+    """The steps of the owners of each part, as `checked_steps` has them, part by part.
+
+    The stored steps are read once, however many the parts are: each row goes to a file of its part, and
+    each file is then put in order.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    name : {"waypoints", "poses"}
+    parts : mapping
+        The rows that own steps, by the name of the part.
+    spool : path
+        A folder for the files, which must not exist; it is removed.
+    """
+    key = TABLES[name].names[0]
+    if not parts:
+        return
+    owners = pd.concat(list(parts.values()))
+    number = np.repeat(np.arange(len(parts)), [len(part) for part in parts.values()])
+    few = owners[f"n_{name}"].sum() <= CHUNK
+    where = pc.field(key).isin(pa.array(owners[key].tolist(), pa.string())) if few else None
+    spool.mkdir(parents=True)
+    try:
+        with ExitStack() as files:
+            sinks: dict[int, pa.ipc.RecordBatchStreamWriter] = {}
+            wanted = _named(
+                pa.table({n: pa.array(owners[n].tolist(), pa.string()) for n in (key, "commit_id")}), key
+            )
+            for rows in _gathered(catalog.tables[name].batches(TABLES[name].names, where)):
+                place = pc.index_in(_named(rows, key), wanted)
+                rows = rows.filter(place.is_valid())
+                of = number[place.drop_null().to_numpy()]
+                order = np.argsort(of, kind="stable")
+                ends = np.flatnonzero(np.diff(of[order], append=-1)) + 1
+                rows = rows.take(pa.array(order))
+                for first, end in zip([0, *ends], ends, strict=False):
+                    part = int(of[order[first]])
+                    if part not in sinks:
+                        sink = files.enter_context(pa.OSFile(str(spool / str(part)), "wb"))
+                        sinks[part] = files.enter_context(pa.ipc.new_stream(sink, rows.schema))
+                    sinks[part].write_table(rows.slice(first, end - first))
+        for part, (path, own) in enumerate(parts.items()):
+            yield path, _in_order(name, own, spool / str(part))
+    finally:
+        shutil.rmtree(spool, ignore_errors=True)
+
+
+def _in_order(name: str, owners: pd.DataFrame, file: Path) -> pa.Table:
+    """The steps of one part, ordered by owner and sequence, and compared with their hashes."""
+    key = TABLES[name].names[0]
+    steps = TABLES[name].schema.empty_table()
+    if file.exists():
+        with pa.OSFile(str(file), "rb") as source, pa.ipc.open_stream(source) as stream:
+            steps = stream.read_all()
+        file.unlink()
+    if len(steps) != owners[f"n_{name}"].sum():
+        first, last = owners[key].min(), owners[key].max()
+        raise _missing(name, first, last, len(steps), owners[f"n_{name}"].sum())
+    steps = steps.sort_by([(column, "ascending") for column in (key, "commit_id", "seq")])
+    _check(name, steps, owners)
+    return steps
+
+
+def _named(rows: pa.Table, key: str) -> pa.Array:
+    """What tells the owner of each step."""
+    return pc.binary_join_element_wise(rows[key], rows["commit_id"], "/").combine_chunks()
+
+
+def _gathered(batches: Iterable[pa.Table]) -> Iterator[pa.Table]:
+    """Many rows at a time, of tables with few."""
+    waiting: list[pa.Table] = []
+    for rows in batches:
+        waiting.append(rows)
+        if sum(map(len, waiting)) >= GATHERED:
+            yield pa.concat_tables(waiting)
+            waiting = []
+    if waiting:
+        yield pa.concat_tables(waiting)
+
+
+def _check(name: str, steps: pa.Table, owners: pd.DataFrame) -> None:
+    """Compare trajectories with the hashes in their rows; one that differs is an error."""
+    key = TABLES[name].names[0]
+    hashes = dict(
+        zip(zip(owners[key], owners["commit_id"], strict=True), owners[f"{name}_sha256"], strict=True)
+    )
+    for row_id, wrong in unlike(name, steps, hashes):
+        remedy = "take the damaged files from a backup; nothing was written"
+        raise CatalogError(f"{name} of {row_id}", wrong, "", remedy)
+
+
+def _missing(name: str, first: str, last: str, found: int, said: int) -> CatalogError:
+    what = f"{found} steps are stored, their rows say {said}"
+    return CatalogError(f"{name} of {first} to {last}", what, "", "run: upplied catalog verify")

@@ -13,28 +13,29 @@ are those of one generation.)
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import shutil
 import uuid
 import zlib
 from collections.abc import Iterator
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.locking import locked
-from upplied.catalog.verbs import owned
+from upplied.catalog.verbs import owned, queries
 from upplied.catalog.verbs.decisions import foremost
 from upplied.catalog.verbs.generations import Generation, check, clean, current, linked, switch
+from upplied.catalog.verbs.standing import DERIVED
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import CatalogError
@@ -42,7 +43,13 @@ from upplied.errors import CatalogError
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
-_ROW_GROUP = 65_536
+_ROW_GROUP = 16_384
+#: Of a plan: what names its row, what its steps are found by, and what is decided about it.
+_OF_PLANS = (
+    *("transfer_id", "commit_id", "commit_version", "planned_at", "kind", "target_id"),
+    *("n_waypoints", "waypoints_sha256", *DERIVED),
+)
+_PLANS = 50_000  # read and written at a time
 _PART_STEPS = 1_000_000  # of a file of waypoints, about: what a changed plan makes us write again
 
 
@@ -114,9 +121,8 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
     before = current(place)
     # Asked before the rows are read: what is published is at least as new as it says.
     versions = {name: -1 if (d := t.delta()) is None else d.version() for name, t in catalog.tables.items()}
-    transfers, demonstrations = foremost(catalog), catalog.demonstrations()
+    transfers, demonstrations = foremost(catalog, _OF_PLANS), catalog.demonstrations()
     frames = {
-        "transfers": transfers,
         "demonstrations": demonstrations,
         "structures": catalog.structures(),
         "flights": catalog.flights(),
@@ -139,6 +145,8 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
     try:
         clean(tables)
         draft.mkdir(parents=True)
+        now.rows["transfers"] = len(transfers)
+        _put_plans(catalog, tables, draft, transfers, before, now)
         for name, frame in frames.items():
             now.rows[name] = len(frame)
             _put_frame(tables, draft, name, frame, before, now)
@@ -200,6 +208,39 @@ def _put_frame(
         write(draft / file, TABLES[name], iter([rows]))
 
 
+def _put_plans(
+    catalog: Catalog,
+    tables: Path,
+    draft: Path,
+    plans: pd.DataFrame,
+    before: Generation | None,
+    now: Generation,
+) -> None:
+    """Write the table of plans, some at a time, unless it was published just so."""
+    declared, file = TABLES["transfers"], "transfers.parquet"
+    parts = [plans.iloc[at : at + _PLANS] for at in range(0, max(len(plans), 1), _PLANS)]
+    made_of = hashlib.sha256(digest([SCHEMA_VERSION, declared.names]).encode())
+    for part in parts:
+        made_of.update(json.dumps(part.astype(str).to_numpy().tolist()).encode())
+    now.parts[file] = made_of.hexdigest()
+    if linked(tables, draft, file, before, now):
+        return
+    table = catalog.tables["transfers"]
+    write(draft / file, declared, (_whole(table, part, len(plans)) for part in parts))
+
+
+def _whole(table: StoredTable, plans: pd.DataFrame, of: int) -> pa.Table:
+    """All columns of some plans; texts that repeat are kept once."""
+    schema = table.declared.schema
+    known = pa.Table.from_pandas(
+        plans, pa.schema([schema.field(name) for name in plans]), preserve_index=False
+    )
+    more = queries.completed(table, plans, [n for n in table.declared.names if n not in plans], of)
+    for name in more.column_names:
+        known = known.append_column(name, more[name])
+    return known.select(table.declared.names)
+
+
 def _content(rows: pa.Table) -> str:
     """Hash of rows as they are encoded."""
     sink = pa.BufferOutputStream()
@@ -217,22 +258,12 @@ def _put_steps(
     before: Generation | None,
     now: Generation,
 ) -> None:
-    """Write the files of steps whose owners changed, a bounded number of steps at a time."""
+    """Write the files of steps whose owners changed, one at a time."""
     now.parts |= {path: Path(path).stem for path in parts}
     changed = [path for path in sorted(parts) if not linked(tables, draft, path, before, now)]
-    key, read = TABLES[name].names[0], 0
-    batches = {}
-    for path in changed:
-        batches[path] = read // owned.CHUNK
-        read += int(parts[path][f"n_{name}"].sum())
-    for _, group in groupby(changed, batches.__getitem__):
-        paths = list(group)
-        owners = pd.concat([parts[path] for path in paths])
-        none = TABLES[name].schema.empty_table()
-        steps = pa.concat_tables([none, *owned.checked_steps(catalog, name, owners)])
-        for path in paths:
-            own = steps.filter(pc.is_in(steps[key], pa.array(list(parts[path][key]), pa.string())))
-            write(draft / path, TABLES[name], iter([own]))
+    wanted = {path: parts[path] for path in changed}
+    for path, steps in owned.parted_steps(catalog, name, wanted, draft / ".spool"):
+        write(draft / path, TABLES[name], iter([steps]))
 
 
 def write(path: Path, declared: Table, parts: Iterator[pa.Table]) -> int:
@@ -244,7 +275,8 @@ def write(path: Path, declared: Table, parts: Iterator[pa.Table]) -> int:
     with path.open("wb") as file:
         with pq.ParquetWriter(file, schema, compression="zstd") as writer:
             for rows in parts:
-                writer.write_table(rows.cast(schema), row_group_size=_ROW_GROUP)
+                for at in range(0, len(rows), _ROW_GROUP):  # decoded so many at a time
+                    writer.write_table(queries.decoded(rows.slice(at, _ROW_GROUP)).cast(schema))
                 count += len(rows)
         file.flush()
         os.fsync(file.fileno())

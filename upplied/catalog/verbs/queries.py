@@ -23,7 +23,7 @@ from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.ordering import NEWEST, SLOT, in_order, newest_rows
-from upplied.catalog.verbs.standing import DERIVED, standing_of, with_states
+from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_states
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Floats, Trajectory
 
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 When = datetime | str
+
+_NAMED = ["transfer_id", "commit_id", *NEWEST]  # what tells a row of `transfers` from all others
+_FEW = 0.25  # share of the rows up to which they are looked for by name
 
 
 class PlannedTrajectory(Trajectory):
@@ -63,24 +66,31 @@ class Which:
     every: bool = False  # older plans of a pair as well
     columns: Sequence[str] | None = None
     purpose: str = ""  # as in the table: experiments and gaps are asked for by name
+    ids: Sequence[str] | None = None  # only these plans are considered
     in_force: bool = False  # the plans that a person released, instead of the newest
 
 
 def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
-    """Rows of `transfers`, ordered by demonstration, target, preset and time."""
+    """Rows of `transfers`, ordered by demonstration, target, preset and time.
+
+    Which rows those are is told from a few columns; the others are read of these rows alone.
+    """
+    import pandas as pd
+
     declared = TABLES["transfers"]
     wanted = declared.names if which.columns is None else _known_columns(declared.names, which.columns)
     derived = which.in_force or bool({*DERIVED} & {*wanted})
-    sorting = [*SLOT, *NEWEST, "transfer_id", "status"]
-    columns = [name for name in declared.names if name in {*wanted, *sorting, "added_at"}]
-    table = tables["transfers"].read(_pair_filter(tables, which), columns, which.version)
+    now = standing_of(decided(tables["decisions"], _as_of(tables, which))) if derived else Standing()
+    asked = [*_NAMED, *SLOT, *NEWEST, "status", "added_at"]
+    columns = [name for name in declared.names if name in asked]
+    where = _pair_filter(tables, which, now)
+    table = tables["transfers"].narrow(columns, where, which.version)
     if which.as_of is not None:
         table = table.filter(_until("added_at", which.as_of))
     newest = not (which.every or which.in_force)
-    found = frame(in_order(table, newest=newest))
+    found = frame(decoded(in_order(table, newest=newest)))
     if derived:
-        now = standing_of(decided(tables["decisions"], _as_of(tables, which)))
-        found = with_states(found, now)
+        found = with_states(found.assign(**dict.fromkeys(DERIVED)), now)
     if which.in_force:
         found = found[found["state"] == "released"]
     if not which.every:
@@ -91,9 +101,42 @@ def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
         found = found[found["status"] == which.status]
     if which.since is not None:
         found = found[found["planned_at"] >= moment(which.since)]
+    rest = [name for name in wanted if name not in found]
+    if rest:
+        more = completed(tables["transfers"], found, rest, len(table), which.version)
+        found = pd.concat([found.reset_index(drop=True), frame(decoded(more))], axis=1)
     made = found[list(wanted)].reset_index(drop=True)
     made.attrs["units"] = {c.name: c.unit for c in declared.columns if c.name in made}
     return made
+
+
+def completed(
+    table: StoredTable, found: pd.DataFrame, wanted: list[str], of: int, version: int | None = None
+) -> pa.Table:
+    """More columns of these rows, in their order; texts that repeat are kept once.
+
+    Parameters
+    ----------
+    table : StoredTable
+    found : DataFrame
+        Rows with what names each (`_NAMED`).
+    wanted : sequence of str
+    of : int
+        How many rows there are to choose from.
+    version : int, optional
+        Of the table.
+    """
+    import pandas as pd
+
+    few = len(found) < _FEW * of
+    where = (
+        pc.field("transfer_id").isin(pa.array(found["transfer_id"].tolist(), pa.string())) if few else None
+    )
+    more = table.narrow(list(dict.fromkeys([*_NAMED, *wanted])), where, version)
+    names = frame(decoded(more.select(_NAMED)))
+    first = ~names.duplicated().to_numpy()  # one commit of an older program might bring a row twice
+    place = pd.MultiIndex.from_frame(names[first]).get_indexer(pd.MultiIndex.from_frame(found[_NAMED]))
+    return more.select(wanted).take(pa.array(np.flatnonzero(first)[place]))
 
 
 def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
@@ -155,6 +198,15 @@ def frame(table: pa.Table) -> pd.DataFrame:
     return made
 
 
+def decoded(table: pa.Table) -> pa.Table:
+    """A table whose dictionaries are plain columns again."""
+    for at, field in enumerate(table.schema):
+        if pa.types.is_dictionary(field.type):
+            plain = field.with_type(field.type.value_type)
+            table = table.set_column(at, plain, table.column(at).cast(plain.type))
+    return table
+
+
 def moment(when: When) -> pd.Timestamp:
     """A moment in UTC; a text without a zone is UTC."""
     import pandas as pd
@@ -194,7 +246,7 @@ def _repeated(ordered: pd.DataFrame) -> pd.Series:
     return ((said == before) | (said.isna() & before.isna())).all(axis=1)
 
 
-def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expression | None:
+def _pair_filter(tables: Mapping[str, StoredTable], which: Which, now: Standing) -> ds.Expression | None:
     """What may be left out before asking which plan of a pair is the newest."""
     parts = [
         pc.field(column) == value
@@ -209,6 +261,9 @@ def _pair_filter(tables: Mapping[str, StoredTable], which: Which) -> ds.Expressi
     if which.site is not None:
         there = versions(tables["structures"], {"site": which.site}, False, which.as_of)
         parts.append(pc.field("target_id").isin(list(there["structure_id"])))
+    ids = [plan for plan, state in now.state.items() if state == "released"] if which.in_force else which.ids
+    if ids is not None:
+        parts.append(pc.field("transfer_id").isin(pa.array(ids, pa.string())))
     joined: ds.Expression | None = None
     for part in parts:
         joined = part if joined is None else joined & part

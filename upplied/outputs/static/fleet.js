@@ -58,7 +58,8 @@
     const choice = (key, label, values) => element("select", { "aria-label": label, id: "filter-" + key, onchange: (event) => { state[key] = event.target.value; refresh(); } },
       element("option", { value: "" }, label), values.map((value) => element("option", { value }, value)));
     app.append(
-      element("header", { class: "page" }, element("h1", {}, fleet.title), tiles(rows)),
+      element("header", { class: "page" }, element("h1", {}, fleet.title), tiles(rows),
+        fleet.known > rows.length ? element("p", { class: "note", id: "more" }, "These are the " + rows.length + " of " + fleet.known + " transfers that need a person first. All are in transfers.parquet.") : null),
       element("div", { class: "tools" },
         element("input", { type: "search", id: "search", placeholder: "Search ids, kinds, reasons", "aria-label": "Search", oninput: (event) => { state.search = event.target.value; refresh(); } }),
         choice("status", "Any status", ["ok", "recalled", "not flyable", "refused", "failed"].filter((status) => rows.some((row) => row.status === status))),

@@ -1,0 +1,291 @@
+"""What a large fleet takes of each process: 10 000 to 100 000 targets with ten demonstrations each.
+
+    python bench/large.py [--kept 10000 100000] [--planned 1000 10000] [--demonstrations 10] [--pages 1000]
+
+First a catalog that holds a plan of every pair, generated (real rows and waypoints, all of one flight): it is
+decided when nothing changed and when everything has to be planned, the shards are written and one is read,
+and it is published, first all of it, then where nothing changed, then where one structure did. Then a fleet
+that is planned, with the stand-in for planning of `scale.py`, by three machines: processes that share the
+catalog and the shards alone, each with two workers and a cache of its own, as those of a work pool.
+
+Each step runs in a process of its own, whose largest resident memory is told, and that of its children.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).parent))
+
+import scale  # noqa: E402
+
+from upplied import fleet, open_catalog  # noqa: E402
+from upplied.catalog import Catalog  # noqa: E402
+from upplied.catalog.schema import plan_rows, rows  # noqa: E402
+from upplied.catalog.schema.tables import TABLES  # noqa: E402
+from upplied.catalog.verbs import maintenance  # noqa: E402
+from upplied.catalog.verbs.adding import new_commit_id  # noqa: E402
+from upplied.config import settings_for  # noqa: E402
+from upplied.fleet import Limits, manifest  # noqa: E402
+from upplied.outputs.publish import publish  # noqa: E402
+from upplied.records import Demonstration, Measures, Plan, Trajectory  # noqa: E402
+
+MACHINES = 3
+SHARDS = 24  # as the pool cuts for three machines: eight to each
+STEPS = 20  # waypoints of a generated plan
+AT_ONCE = 50_000  # pairs of a commit of the generated catalog
+BOUND_GIB = 2.0  # of each process
+ANOTHER = fleet.PlanRequest(("paper",), scale.CHANGES)  # of which the catalog holds no plan
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--kept", type=int, nargs="*", default=[10_000, 100_000])
+    parser.add_argument("--planned", type=int, nargs="*", default=[1000, 10_000])
+    parser.add_argument("--demonstrations", type=int, default=10)
+    parser.add_argument("--pages", type=int, default=1000)
+    parser.add_argument("--step", nargs="+", default=[], help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.step:
+        name, *given = options.step
+        print(json.dumps(step(name, *given)))
+        return
+    line("targets x demonstrations", "step", "CPU s", "GiB", "GiB, children", "what came of it")
+    for targets in options.kept:
+        with tempfile.TemporaryDirectory() as folder:
+            many = str(options.demonstrations)
+            for name, *given in (
+                ("generate", str(targets), many),
+                ("decide", "baseline"),
+                ("decide", "paper"),
+                ("shards",),
+                ("published", str(options.pages)),
+                ("published", str(options.pages)),
+                ("change",),
+                ("published", str(options.pages)),
+            ):
+                show(f"{targets} x {many}, kept", name, folder, given)
+    for targets in options.planned:
+        with tempfile.TemporaryDirectory() as folder:
+            many = str(options.demonstrations)
+            show(f"{targets} x {many}, planned", "stage", folder, [str(targets), many])
+            for machine in planned(folder):
+                line(f"{targets} x {many}, planned", *machine)
+            show(f"{targets} x {many}, planned", "count", folder, [])
+
+
+def show(what: str, name: str, folder: str, given: list[str]) -> None:
+    """Run a step in a process of its own and print what it took."""
+    line(what, *told(name, read(started(name, folder, *given))))
+
+
+def told(name: str, took: dict[str, float | str]) -> list[str]:
+    """The cells of a step; marked where it takes more than the bound."""
+    most = max(float(took["gib"]), float(took["children_gib"]))
+    over = " (!)" if most > BOUND_GIB else ""
+    return [
+        name,
+        f"{took['cpu_s']:.0f}",
+        f"{took['gib']:.2f}",
+        f"{took['children_gib']:.2f}{over}",
+        str(took["said"]),
+    ]
+
+
+def started(name: str, folder: str, *given: str) -> subprocess.Popen[str]:
+    """A process that does one step."""
+    command = [sys.executable, __file__, "--step", name, folder, *given]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+def read(process: subprocess.Popen[str]) -> dict[str, float | str]:
+    """What a step took, when it ended."""
+    out, _ = process.communicate()
+    if process.returncode:
+        raise SystemExit(f"{process.args} ended with {process.returncode}")
+    found: dict[str, float | str] = json.loads(out.splitlines()[-1])
+    return found
+
+
+def step(name: str, folder: str, *given: str) -> dict[str, float | str]:
+    """Do one step in this process."""
+    steps: dict[str, Callable[..., str]] = {
+        "generate": generate, "decide": decide, "shards": shards, "published": published,
+        "change": change, "stage": stage, "machine": machine, "count": count,
+    }  # fmt: skip
+    cache = Path(folder) / f"cache-{given[0]}" if name == "machine" else None
+    catalog = open_catalog(Path(folder) / "catalog", cache)
+    began = time.perf_counter()
+    said = steps[name](catalog, *given)
+    return {
+        "cpu_s": scale.cpu_s(),
+        "wall_s": time.perf_counter() - began,
+        "gib": scale.gib(resource.RUSAGE_SELF),
+        "children_gib": scale.gib(resource.RUSAGE_CHILDREN),
+        "said": said,
+    }
+
+
+def generate(catalog: Catalog, targets: str, demonstrations: str) -> str:
+    """A catalog with a plan of every pair, as the stand-in would make them, but of one path."""
+    stage(catalog, targets, demonstrations)
+    request = fleet.PlanRequest(("baseline",), scale.CHANGES)
+    settings = settings_for("baseline", **scale.CHANGES)
+    jobs = fleet.decide(catalog, request).jobs
+    flight = catalog.demonstration(jobs[0].demonstration_id)
+    some = np.linspace(0, len(flight.positions) - 1, STEPS).astype(int)
+    path = Trajectory(np.arange(STEPS) * 1.0, flight.positions[some], flight.quat_xyzw[some])
+    for at in range(0, len(jobs), AT_ONCE):
+        part = jobs[at : at + AT_ONCE]
+        commit = new_commit_id(catalog)
+        names = pa.array([plan_rows.transfer_id(job.key) for job in part])
+        plan = Plan(
+            "d", part[0].source_id, "t", part[0].kind, "baseline", "ok", trajectory=path,
+            is_viewpoint=np.ones(STEPS, bool), measures=Measures(min_clearance_m=2.0),
+        )  # fmt: skip
+        one = plan_rows.waypoint_table("x", plan, commit)
+        steps = one.take(pa.array(np.tile(np.arange(STEPS), len(part))))
+        steps = put(steps, "transfer_id", names.take(pa.array(np.repeat(np.arange(len(part)), STEPS))))
+        catalog.tables["waypoints"].append(steps)
+        said = {"settings": settings, "run_id": "generated", "planned_on": "here/1/pool"}
+        row = {**plan_rows.transfer_row(part[0].key, plan, said), "commit_id": commit}
+        made = rows.table_of(TABLES["transfers"], [row]).take(pa.array(np.zeros(len(part), int)))
+        values = {
+            "transfer_id": names,
+            "key": pa.array([job.key for job in part]),
+            "demonstration_id": pa.array([job.demonstration_id for job in part]),
+            "target_id": pa.array([job.target_id for job in part]),
+            **{
+                f"{name}_sha256": pa.array([job.sha256[place] for job in part])
+                for place, name in enumerate(("demonstration", "source", "target"))
+            },
+        }
+        for name, column in values.items():
+            made = put(made, name, column)
+        catalog.tables["transfers"].append(made)
+    merged = maintenance.compact(catalog)
+    return f"{len(jobs)} plans; {sum(merged.values())} files merged into {files(catalog)}"
+
+
+def put(table: pa.Table, name: str, column: pa.Array) -> pa.Table:
+    """A table with another column of that name."""
+    at = table.schema.get_field_index(name)
+    return table.set_column(at, table.schema.field(at), column)
+
+
+def stage(catalog: Catalog, targets: str, demonstrations: str) -> str:
+    """Structures and demonstrations, nothing planned."""
+    scale.fleet_of(Path(str(catalog.location)), int(targets))
+    first = catalog.demonstration(catalog.demonstrations()["demonstration_id"].iloc[0])
+    catalog.add_demonstrations(list(others(first, int(demonstrations))))
+    return f"{len(catalog.structures())} structures, {len(catalog.demonstrations())} demonstrations"
+
+
+def others(flight: Demonstration, many: int) -> Iterator[Demonstration]:
+    """More flights, each a little aside of the first."""
+    for number in range(1, many):
+        yield replace(
+            flight,
+            demonstration_id=f"{flight.demonstration_id}-{number}",
+            positions=flight.positions + 0.01 * number,
+            sha256=f"{number:064d}",
+        )
+
+
+def decide(catalog: Catalog, preset: str) -> str:
+    """What the night would plan."""
+    decision = fleet.decide(catalog, fleet.PlanRequest((preset,), scale.CHANGES))
+    return f"{len(decision.jobs)} to plan, {decision.unchanged} unchanged"
+
+
+def shards(catalog: Catalog) -> str:
+    """As a run hands out all of the fleet, and learns what was kept of it."""
+    jobs = fleet.decide(catalog, ANOTHER).jobs
+    cut = fleet.bundles(jobs, -(-len({job.target_id for job in jobs}) // SHARDS))
+    manifest.write_shards(catalog, "large", cut)
+    kept, missing = fleet.kept(catalog, jobs, "large")
+    manifest.remove_shards(catalog, "large")
+    return f"{len(cut)} shards of {len(cut[0])} pairs; {kept.total} kept, {len(missing)} missing"
+
+
+def published(catalog: Catalog, pages: str) -> str:
+    """Tables and pages."""
+    done = publish(catalog, Path(str(catalog.location)).parent / "reports", pictures=0, pages=int(pages))
+    return f"{len(done.written)} pages written, {done.kept} kept; {size_mb(done.index.parent)} MB"
+
+
+def size_mb(folder: Path) -> int:
+    """Of the current generation of tables and of all pages."""
+    current = sum(path.stat().st_size for path in (folder / "tables/current").resolve().rglob("*.parquet"))
+    return round((current + sum(path.stat().st_size for path in folder.rglob("*.html"))) / 1e6)
+
+
+def change(catalog: Catalog) -> str:
+    """Another version of one structure, and its plans."""
+    changed = replace(catalog.structure("box-00007"), sha256="7" * 64)
+    catalog.add_structures([changed])
+    scale.clock()
+    jobs = fleet.decide(catalog, fleet.PlanRequest(("baseline",), scale.CHANGES)).jobs
+    return str(fleet.transfer(catalog, jobs, "changed", fleet.Resources(1)))
+
+
+def planned(folder: str) -> Iterator[list[str]]:
+    """Let three machines plan all there is to plan; what each took."""
+    catalog = open_catalog(Path(folder) / "catalog")
+    jobs = fleet.decide(catalog, scale.REQUEST).jobs
+    cut = fleet.bundles(jobs, -(-len({job.target_id for job in jobs}) // SHARDS))
+    manifest.write_shards(catalog, "large", cut)
+    machines = [started("machine", folder, str(number), str(len(cut))) for number in range(MACHINES)]
+    for number, process in enumerate(machines):
+        yield told(f"machine {number + 1}", read(process))
+    manifest.remove_shards(catalog, "large")
+
+
+def machine(catalog: Catalog, number: str, shards: str) -> str:
+    """What a machine of the pool does with its shards, one after the other."""
+    scale.clock()
+    total, location = fleet.Result(), str(catalog.location)
+    for shard in range(int(number), int(shards), MACHINES):
+        jobs = manifest.read_shard(location, f"large/{shard:05}.parquet")
+        _, missing = fleet.kept(catalog, jobs, "large")
+        total.include(fleet.transfer(catalog, missing, "large", fleet.Resources(scale.WORKERS, Limits())))
+    return str(total)
+
+
+def count(catalog: Catalog) -> str:
+    """What the catalog holds at the end, and in how many files."""
+    found = catalog.transfers(every=True, columns=["transfer_id", "status"])
+    twice = len(found) - found["transfer_id"].nunique()
+    again = len(fleet.decide(catalog, scale.REQUEST).jobs)
+    return f"{(found['status'] == 'ok').sum()} plans, {twice} twice, {again} left; {files(catalog)}"
+
+
+def files(catalog: Catalog) -> str:
+    """How many data files the large tables have."""
+    found = {name: catalog.tables[name].delta() for name in ("transfers", "waypoints")}
+    return ", ".join(f"{len(d.file_uris())} files of {name}" for name, d in found.items() if d is not None)
+
+
+def line(*cells: object) -> None:
+    """Cells in columns."""
+    widths = (26, 12, 8, 8, 16, 0)
+    print("".join(f"{cell!s:{width or ''}}" for cell, width in zip(cells, widths, strict=True)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

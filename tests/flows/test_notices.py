@@ -1,0 +1,106 @@
+"""What a mail server and Slack get of a run that failed; the way there is tested with the server's."""
+
+from __future__ import annotations
+
+import json
+import socketserver
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from email import message_from_bytes, policy
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from queue import Queue
+
+import pytest
+from apprise.plugins.slack import NotifySlack
+from prefect.blocks.notifications import SlackWebhook
+
+from upplied.flows import notices
+
+SUBJECT, BODY = "transfer-fleet: Failed", "nightly: Failed: 0 ok, 0 refused, 2 failed"
+
+
+class Mailbox(socketserver.StreamRequestHandler):
+    """Takes a mail as SMTP has it, after a name and a password."""
+
+    def handle(self) -> None:
+        self.say("220 here")
+        mail, said = b"", []
+        while line := self.rfile.readline():
+            word = line.split()[0].upper()
+            said.append(line.decode().strip())
+            if word == b"EHLO":
+                self.say("250-here\r\n250 AUTH PLAIN LOGIN")
+            elif word == b"AUTH":
+                self.say("235 welcome")
+            elif word == b"DATA":
+                self.say("354 go on")
+                while (part := self.rfile.readline()) != b".\r\n":
+                    mail += part
+                self.say("250 taken")
+            elif word == b"QUIT":
+                self.say("221 bye")
+                break
+            else:
+                self.say("250 fine")
+        self.server.received.put((said, mail))
+
+    def say(self, text: str) -> None:
+        self.wfile.write(f"{text}\r\n".encode())
+
+
+class Hook(BaseHTTPRequestHandler):
+    """Takes what is posted to it, and says what Slack says."""
+
+    def do_POST(self) -> None:
+        self.server.received.put(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+        self.send_response(200)
+        self.end_headers()
+        self.wfile.write(b"ok")
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@contextmanager
+def listening(server: socketserver.TCPServer) -> Iterator[tuple[int, Queue]]:
+    """A server in a thread; its port and what it receives."""
+    server.received = Queue()
+    thread = threading.Thread(target=server.serve_forever, args=(0.05,))
+    thread.start()
+    try:
+        yield server.server_address[1], server.received
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def test_mail_says_what_failed_to_whom_it_was_told():
+    with listening(socketserver.ThreadingTCPServer(("127.0.0.1", 0), Mailbox)) as (port, received):
+        address = (
+            f"mailto://user:password@127.0.0.1:{port}?to=ops@example.org&from=fleet@example.org&mode=insecure"
+        )
+        notices._block(address).notify(BODY, SUBJECT)
+        said, mail = received.get(timeout=20)
+    assert "rcpt to:<ops@example.org>" in [line.lower() for line in said]
+    assert any(line.startswith("AUTH") for line in said)
+    message = message_from_bytes(mail, policy=policy.default)
+    assert message["Subject"] == SUBJECT and "fleet@example.org" in message["From"]
+    assert BODY in message.get_body(("plain", "html")).get_content()
+
+
+def test_slack_says_what_failed(monkeypatch):
+    block = notices._block(f"https://hooks.slack.com/services/T0123ABCD/B0123ABCD/{'x' * 24}")
+    assert isinstance(block, SlackWebhook)
+    with listening(ThreadingHTTPServer(("127.0.0.1", 0), Hook)) as (port, received):
+        monkeypatch.setattr(NotifySlack, "webhook_url", f"http://127.0.0.1:{port}/services")
+        block.notify(BODY, SUBJECT)
+        said = json.dumps(received.get(timeout=20))
+    assert BODY in said and SUBJECT in said
+
+
+@pytest.mark.parametrize("url", ["http://ops.example.org/hook", "https://ops.example.org/hook"])
+def test_a_webhook_gets_the_words_apart(url):
+    said = notices._block(url).json_data
+    assert said == {"text": "{{subject}}\n{{body}}", "subject": "{{subject}}", "body": "{{body}}"}

@@ -1,0 +1,81 @@
+"""Which pairs of a fleet are shown: those first that need a person, told from a few columns of all plans."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from upplied.checks import pair_name
+from upplied.outputs.pairs import ATTENTION, COVERAGES, PRESETS, RECALLED, Pair, pairs_of, shown_status
+
+if TYPE_CHECKING:
+    from upplied.outputs.reports import Source
+
+_PAIR = ["demonstration_id", "target_id"]
+_TOLD = (  # by `attention`, and of each plan
+    *("transfer_id", *_PAIR, "preset", "purpose", "status", "flyable", "not_flyable"),
+    *("state", "state_at", *COVERAGES, "min_clearance_m"),
+)
+
+
+def first_pairs(
+    source: Source, most: int, demonstration: str | None = None, target: str | None = None
+) -> tuple[list[Pair], int]:
+    """The pairs that need a person most, as `pairs_of` orders all, and how many there are.
+
+    Parameters
+    ----------
+    source : Source
+    most : int
+        Of the pairs.
+    demonstration, target : str, optional
+        Only pairs of these.
+    """
+    asked = partial(source.transfers, demonstration=demonstration, structure=target)
+    newest, every = _plain(asked(columns=_TOLD)), _plain(asked(every=True, columns=_TOLD))
+    main = _main_rows(newest, every)
+    known = len(main)
+    if not known:
+        return [], 0
+    if known <= most:
+        return pairs_of(asked(), asked(every=True)), known
+    chosen = pd.MultiIndex.from_frame(_in_order(main).head(most)[_PAIR])
+    ids = every["transfer_id"][pd.MultiIndex.from_frame(every[_PAIR]).isin(chosen)].tolist()
+    return pairs_of(source.transfers(ids=ids), source.transfers(every=True, ids=ids)), known
+
+
+def _plain(told: pd.DataFrame) -> pd.DataFrame:
+    """A table with every column, be it that of a source that knows fewer."""
+    return told.reindex(columns=list(_TOLD))
+
+
+def _main_rows(newest: pd.DataFrame, every: pd.DataFrame) -> pd.DataFrame:
+    """The row of the plan that stands for each pair: in force, recalled, or the newest of the best preset."""
+    decided = every[(every["purpose"] == "") & every["state"].isin(["released", RECALLED])]
+    decided = decided.sort_values("state_at", kind="stable")
+    decided = decided.assign(at=np.where(decided["state"] == "released", -2, -1)).iloc[::-1]
+    ranks = {preset: rank for rank, preset in enumerate(PRESETS)}
+    undecided = newest.assign(at=newest["preset"].map(ranks).fillna(len(ranks)))
+    rows = pd.concat([decided, undecided]) if len(decided) else undecided
+    rows = rows.sort_values([*_PAIR, "at"], kind="stable")
+    return rows.drop_duplicates(_PAIR).reset_index(drop=True)
+
+
+def _in_order(main: pd.DataFrame) -> pd.DataFrame:
+    """Rows as `attention` sorts their pairs."""
+    told = main[["state", "status", "flyable"]].assign(not_flyable=main["not_flyable"].fillna("") != "")
+    alike = told.groupby(list(told), dropna=False).ngroup()  # few, of a million rows
+    first = told.loc[~alike.duplicated().to_numpy()].to_dict("records")
+    ranks = [ATTENTION.get(shown_status(row), 0) for row in first]
+    seen = pd.Series(np.nan, main.index)
+    for name in COVERAGES:
+        seen = seen.fillna(main[name].astype(float))
+    return main.assign(
+        rank=alike.map(dict(zip(alike.drop_duplicates(), ranks, strict=True))),
+        seen=seen.fillna(-1.0),
+        clearance=main["min_clearance_m"].astype(float).fillna(-1.0),
+        name=[pair_name(*names) for names in zip(*(main[name] for name in _PAIR), strict=True)],
+    ).sort_values(["rank", "seen", "clearance", "name"], kind="stable")
