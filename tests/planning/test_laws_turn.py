@@ -129,6 +129,12 @@ def test_the_frechet_distance_of_a_turned_ship_on_itself_is_small(fleet):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("degrees", [25.0, 35.0])
+def test_a_target_that_stands_upright_is_turned_alike_where_any_orientation_is_sought(fleet, degrees):
+    check_turned_target(fleet, "ship", about_z(degrees), "orientation")
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "degrees"), [("x", 180), ("y", -90), ("y", 60)])
 def test_the_path_on_a_tipped_target_is_the_turned_path(fleet, axis, degrees):
     """Waypoints and what they show; the camera has no roll against the ground that it is flown over."""

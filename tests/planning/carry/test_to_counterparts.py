@@ -1,12 +1,14 @@
 """The flight carried to the counterparts: scaled structures, kept stand-offs, parts that moved."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 from upplied.config import TransferSettings
 from upplied.planning.carry.affine import AxisMap
 from upplied.planning.carry.to_counterparts import follow_counterparts
-from upplied.poses import angle_between, look_at, optical_axis
+from upplied.poses import angle_between, from_yaw_pitch, look_at, optical_axis, yaw_pitch
 from upplied.records import Camera, Cloud, Correspondences, Trajectory, Visibility
 
 CAMERA = Camera(max_range_m=200)
@@ -94,3 +96,91 @@ def test_a_flight_that_sees_nothing_known_is_carried_by_the_map():
         TransferSettings(), CAMERA, 0.1, 0.5,
     )  # fmt: skip
     np.testing.assert_allclose(done.positions, 2 * flight.positions + 1)
+
+
+def towed(deviation, **settings):
+    """A flight round a ball of which one half went elsewhere."""
+    cloud, flight = ball(), orbit()
+    there = cloud.points + np.where(cloud.points[:, :1] > 0, [[4.0, 1.0, 2.0]], [[0.0, 0.0, 0.0]])
+    pairs = Correspondences(np.arange(len(there)), np.zeros(len(there)), there)
+    carrier = AxisMap(1.5 * np.eye(3), np.array([1.0, 2.0, 3.0]))
+    done = follow_counterparts(
+        flight,
+        facing(flight, cloud),
+        cloud,
+        pairs,
+        carrier,
+        TransferSettings(**settings),
+        CAMERA,
+        0.1,
+        deviation,
+    )
+    return carrier.points(flight.positions), done.positions
+
+
+def spread_of(path):
+    """By length; an axis counts as a tenth of the largest at least."""
+    fine = np.vstack([a + np.linspace(0, 1, 50)[:, None] * (b - a) for a, b in itertools.pairwise(path)])
+    weight = np.repeat(np.linalg.norm(np.diff(path, axis=0), axis=1), 50)
+    mean = np.average(fine, axis=0, weights=weight)
+    deviation = np.sqrt(np.average((fine - mean) ** 2, axis=0, weights=weight))
+    return np.maximum(deviation, 0.1 * deviation.max())
+
+
+@pytest.mark.parametrize("deviation", [0.05, 0.3, 2.0])
+def test_a_path_strays_from_the_carried_shape_as_far_as_it_may(deviation):
+    carried, free = towed(1e9)
+    _, bound = towed(deviation)
+    stray = free - carried
+    aside = stray - stray.mean(axis=0)
+    size = np.linalg.norm(aside / (deviation * spread_of(carried)), axis=1, keepdims=True)
+    wanted = carried + stray.mean(axis=0) + aside * np.tanh(size) / size
+    np.testing.assert_allclose(bound, wanted, atol=0.02)
+    left = np.linalg.norm((bound - carried - (bound - carried).mean(axis=0)) / spread_of(carried), axis=1)
+    assert left.max() < 2.1 * deviation and size.max() > 1.2 / (1 + 9 * (deviation > 1))
+
+
+@pytest.mark.parametrize("scale", [0.2, 0.6, 2.0, 6.0])
+def test_a_kept_stand_off_stretches_the_shape_within_its_bounds(scale):
+    """With no room to stray, the path is the demonstrated one, stretched as far as that is its shape."""
+    cloud, flight = ball(), orbit()
+    there = scale * cloud.points
+    pairs = Correspondences(np.arange(len(there)), np.zeros(len(there)), there)
+    done = follow_counterparts(
+        flight, facing(flight, cloud), cloud, pairs, AxisMap(scale * np.eye(3), np.zeros(3)),
+        TransferSettings(standoff="kept"), CAMERA, 0.1, 1e-6,
+    )  # fmt: skip
+    carried = scale * flight.positions
+    offset = carried - carried.mean(axis=0)
+    found = done.positions - done.positions.mean(axis=0)
+    stretch = np.clip((4 * scale + 8) / (12 * scale), 0.4, 2.5)
+    np.testing.assert_allclose(found[:, :2], stretch * offset[:, :2], rtol=0.06, atol=0.05 * scale)
+
+
+def test_a_level_flight_is_stretched_along_no_height():
+    cloud, flight = ball(), orbit()
+    level = Trajectory(flight.t_s, flight.positions * [1, 1, 0.02], flight.quat_xyzw)
+    pairs = Correspondences(np.arange(400), np.zeros(400), 2 * cloud.points)
+    done = follow_counterparts(
+        level, facing(level, cloud), cloud, pairs, AxisMap(2 * np.eye(3), np.zeros(3)),
+        TransferSettings(standoff="kept"), CAMERA, 0.1, 1e-6,
+    )  # fmt: skip
+    height = done.positions[:, 2] - done.positions[:, 2].mean()
+    np.testing.assert_allclose(height, 2 * (level.positions[:, 2] - level.positions[:, 2].mean()), atol=1e-3)
+
+
+def test_a_camera_that_looks_steeply_down_keeps_its_heading():
+    """What is below moved aside: the camera leans, it does not turn round."""
+    grid = np.array([[x, y, 0.0] for x in np.arange(-6, 6.1) for y in np.arange(-6, 6.1)])
+    plate = Cloud(grid, np.tile([0.0, 0, 1], (len(grid), 1)), np.ones(len(grid)))
+    at = np.column_stack([np.linspace(-3, 3, 30), np.zeros(30), np.full(30, 10.0)])
+    moved = grid + np.sign(grid[:, :1]) * np.array([0.0, 2.0, 0.0])
+    pairs = Correspondences(np.arange(len(grid)), np.zeros(len(grid)), moved)
+    seen = Visibility(np.linalg.norm(at[:, None, :2] - grid[:, :2], axis=2) < 3)
+    for pitch, turns in ((-90.0, False), (-80.0, False), (-60.0, True)):
+        quats = from_yaw_pitch(np.full(30, 0.4), np.full(30, np.radians(pitch)))
+        flight = Trajectory(np.arange(30.0), at, quats)
+        still = AxisMap(np.eye(3), np.zeros(3))
+        done = follow_counterparts(flight, seen, plate, pairs, still, TransferSettings(), CAMERA, 0.1, 1e-6)
+        yaw = yaw_pitch(done.quat_xyzw)[0]
+        assert (np.abs(yaw - 0.4) > 0.01).any() == turns
