@@ -13,9 +13,12 @@ from upplied.catalog import open_catalog, verify
 from upplied.catalog.database import Catalog
 from upplied.cli import main
 from upplied.config import CloudSettings
-from upplied.errors import InputError, RefusedError
-from upplied.fleet.flight_logs import Judged, judge_log, keep, photo_times
+from upplied.errors import InputError, RefusedError, SettingsError
+from upplied.fleet.flight_logs import Judged, judge_log, keep
 from upplied.fleet.gaps import flight_row, plan_gap
+from upplied.fleet.promoting import promote_flight
+from upplied.inputs.photos import photo_times
+from upplied.outputs import logs
 from upplied.outputs.logs import write_log
 from upplied.outputs.publish import publish_pages
 from upplied.planning.surface.samples import surface_samples
@@ -124,6 +127,69 @@ def test_the_plan_that_was_flown_is_found(catalog, log):
     assert judged(catalog, log, plan="").row["transfer_id"] == ID
 
 
+def test_a_log_that_names_no_structure_is_found_by_the_plan_that_it_lies_on(
+    catalog, made, tmp_path, monkeypatch
+):
+    tall = replace(CUBE, structure_id="tall-v1", vertices=CUBE.vertices * [1, 1, 3.0], sha256="tall")
+    moved = replace(made.trajectory, positions=made.trajectory.positions + 9.0)
+    other = hashlib.sha256(b"other").hexdigest()
+    facts = logs._facts
+    monkeypatch.setattr(logs, "_facts", lambda *args: {**facts(*args), "structure_id": ""})
+    silent = write_log(tmp_path / "silent.mcap", FLOWN, CUBE, heavy_topic=False)
+    with pytest.raises(InputError, match="does not say which structure was flown"):
+        judged(open_catalog(tmp_path / "empty").create(), silent, plan="")
+    catalog.add_structures([tall])
+    catalog.add_plans([(other, replace(made, target_id="tall-v1", trajectory=moved, surface=None), {})])
+    found = judged(catalog, silent, plan="").row
+    assert (found["transfer_id"], found["target_id"]) == (ID, "cube-v1")
+
+
+def test_a_flight_is_of_the_plan_that_was_in_force_when_it_was_flown(catalog, made, log):
+    from upplied.fleet import plan_of_flight
+
+    later = hashlib.sha256(b"later").hexdigest()
+    catalog.add_plans([(later, replace(made, trajectory=made.trajectory), {})])
+    assert list(catalog.transfers()["transfer_id"]) == [later[:20]]
+    catalog.release(ID, "Ada")
+    catalog.release(later[:20], "Ada")
+    flown = plan_of_flight._read(catalog, str(log), plan_of_flight.LogOptions())
+    before = catalog.decisions().iloc[0]["added_at"]
+    at = int(before.value) + 1000
+    for t_ns, plans in ((at, {ID, later[:20]}), (at + 10**15, {later[:20]})):
+        moved = replace(flown, t_ns=flown.t_ns - flown.t_ns[0] + t_ns)
+        assert {row["transfer_id"] for row in plan_of_flight._plans(catalog, moved)} == plans
+    assert plan_of_flight._plans(
+        catalog, replace(flown, t_ns=flown.t_ns - flown.t_ns[0])
+    )  # a clock from 1970
+
+
+def test_a_good_flight_becomes_a_demonstration_and_one_that_is_not_does_not(
+    catalog, made, log, tmp_path, capsys
+):
+    where = ["--catalog", catalog.location]
+    broken_off = keep(catalog, judged(catalog, log))["flight_id"]
+    assert main(["flights", "promote", broken_off[:12], "--by", "Grace", *where]) == 1
+    assert "% of its plan was flown" in capsys.readouterr().err
+    flown = fly_trajectory(made.trajectory, wind=Wind(1.0), seed=4)
+    record = replace(
+        FLOWN, demonstration_id="flight-8", t_ns=START_NS + np.round(flown.t_s * 1e9).astype(np.int64),
+        positions=flown.positions, quat_xyzw=flown.quat_xyzw, operator="Ada",
+    )  # fmt: skip
+    path = write_log(tmp_path / "flight-8.mcap", record, CUBE, heavy_topic=False)
+    row = keep(catalog, judged(catalog, path))
+    assert main(["flights", "promote", row["flight_id"][:12], "--by", "Grace", "--name", "good", *where]) == 0
+    found = catalog.demonstration("good")
+    assert (found.structure_id, found.operator, int(found.t_ns[0])) == ("cube-v1", "Ada", START_NS)
+    assert np.abs(found.positions - flown.positions[: len(found)]).max() < 0.2 and "Grace" in found.notes
+    assert vars(found.camera) == vars(FLOWN.camera) and verify(catalog) == []
+    with pytest.raises(RefusedError, match="a name of its own"):
+        promote_flight(catalog, row["flight_id"], "Grace", "good")
+    with pytest.raises(SettingsError, match="is unknown"):
+        promote_flight(catalog, row["flight_id"], "Grace", force=("all",))
+    part = promote_flight(catalog, broken_off, "Grace", "part", force=("whole",))
+    assert "overruled, whole" in catalog.demonstration(part.demonstration_id).notes
+
+
 def test_photos_say_when_the_camera_saw(catalog, log, tmp_path):
     times = tmp_path / "photos.csv"
     times.write_text("name,t_ns\n" + "".join(f"p{s},{START_NS + s * 10**9}\n" for s in range(90)))
@@ -147,7 +213,7 @@ def test_a_log_of_another_structure_or_on_no_plan_is_refused(catalog, log, tmp_p
     path = write_log(tmp_path / "other.mcap", elsewhere, other, heavy_topic=False)
     with pytest.raises(InputError, match="was flown round other-v1, plan"):
         judged(catalog, path)
-    with pytest.raises(RefusedError, match="no plan of other-v1 is in the catalog"):
+    with pytest.raises(RefusedError, match="no plan of that structure is in the catalog"):
         judged(catalog, path, plan="")
     far = Demonstration(
         "far", "cube-v1", FLOWN.t_ns, FLOWN.positions + 50.0, FLOWN.quat_xyzw, camera=FLOWN.camera

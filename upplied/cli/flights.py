@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
+from upplied.cli.review import ByOption
 from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, show
 
 app = App(name="flights", help="What was flown: add a log, compare it with its plan, plan what it left out.")
@@ -167,6 +168,34 @@ def history(
             )
         )
         console.print(said)
+    return 0
+
+
+@app.command
+def promote(
+    flight: str,
+    /,
+    *,
+    by: ByOption,
+    name: Annotated[str, Parameter(help="Of the demonstration; else it is made up.")] = "",
+    force: Annotated[
+        tuple[str, ...],
+        Parameter(negative="", help="A rule that is overruled: flown, whole, recorded, clearance."),
+    ] = (),
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Keep a good flight as a demonstration: what its operator did is carried to other structures.
+
+    Parameters
+    ----------
+    flight : str
+        Its id, or how that begins.
+    """
+    from upplied.fleet.promoting import promote_flight
+
+    made = promote_flight(opened(catalog), flight, by, name, force)
+    console.print(f"{made.demonstration_id}: a demonstration of {made.structure_id}", markup=False)
+    next_step("plan --dry-run", "which plans it makes", catalog)
     return 0
 
 

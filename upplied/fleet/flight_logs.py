@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -15,22 +14,21 @@ from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.looks import put_looks
 from upplied.config import CloudSettings, digest
-from upplied.errors import InputError, RefusedError, UppliedError
-from upplied.fleet.ingest import find_logs, placements_of
+from upplied.errors import InputError, UppliedError
+from upplied.fleet.ingest import find_logs
+from upplied.fleet.plan_of_flight import plan_of_flight
 from upplied.fleet.workers import JobKilled, Limits, Workers
-from upplied.inputs.logs import read_demonstration
+from upplied.inputs.photos import photo_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.planning.surface.samples import surface_samples
-from upplied.proof.align import Alignment, align
+from upplied.proof.align import Alignment
 from upplied.proof.as_flown import AsFlown, as_flown, looks_of
 from upplied.records import (
     Bools,
     Camera,
     Cloud,
     Demonstration,
-    Floats,
     Ints,
-    Placement,
     Plan,
     Structure,
     Trajectory,
@@ -38,7 +36,6 @@ from upplied.records import (
 from upplied.scene import scene_of
 
 _SHOWN = 1  # of SURFACE_STATES
-_MOST_PHOTOS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -118,44 +115,20 @@ def judge_log(
 ) -> Judged:
     """In a worker: a log read, laid on its plan and judged."""
     catalog = open_catalog(location)
-    row = catalog.transfer(catalog.find_transfer(transfer_id)) if transfer_id else None
-    options = options or LogOptions()
-    if row is not None and not options.structure_id:
-        options = replace(options, structure_id=row["target_id"])
-    flown = read_demonstration(Path(log), options, _placements(catalog, options.structure_id))
-    if row is not None and flown.structure_id != row["target_id"]:
-        found = f"was flown round {flown.structure_id}, plan {row['transfer_id']} is for {row['target_id']}"
-        raise InputError(log, found, "a flight is judged on the plan that was flown")
+    laid = plan_of_flight(catalog, log, transfer_id, options or LogOptions())
     photo_ns = None if photos is None else photo_times(photos)
-    rows = [row] if row is not None else _candidates(catalog, flown.structure_id)
-    best, where, laid, why = None, None, np.inf, []
-    for each in rows:
-        try:
-            plan = catalog.plan(each["transfer_id"])
-            if plan.trajectory is None:
-                raise RefusedError(f"plan {each['transfer_id']}", f"has no path: it is {plan.status}")
-            on = align(plan.trajectory, flown.trajectory)
-        except RefusedError as refusal:
-            why.append(f"{each['transfer_id']}: {refusal}")
-            continue
-        off = on.residual_p95_m + 10 * (1 - float(on.on_plan.mean()))
-        if off < laid:
-            best, where, laid = each, on, off
-    if best is None or where is None:
-        known = "; ".join(why) or f"no plan of {flown.structure_id} is in the catalog"
-        raise RefusedError(log, f"lies on no plan: {known}", "", "say which plan was flown: --plan ID")
-    return _judged(catalog, best, flown, where, photo_ns)
+    return _judged(catalog, laid.row, laid.flown, laid.on, photo_ns)
 
 
 def _judged(
-    catalog: Catalog, row: Row, flown: Demonstration, found: Alignment, photo_ns: Floats | None
+    catalog: Catalog, row: Row, flown: Demonstration, found: Alignment, photo_ns: Ints | None
 ) -> Judged:
     target = catalog.structure(row["target_id"])
     plan = catalog.plan(row["transfer_id"])
     camera = flown.camera
     if vars(camera) == vars(Camera()):  # the log does not say: the demonstration's
         camera = catalog.demonstration(row["demonstration_id"]).camera
-    photo_s = None if photo_ns is None else (photo_ns - float(flown.t_ns[0])) * 1e-9
+    photo_s = None if photo_ns is None else np.asarray((photo_ns - flown.t_ns[0]) * 1e-9, np.float64)
     surface, required = required_of(catalog, row, plan, target, camera)
     assert plan.trajectory is not None
     moments = plan.trajectory.t_s[viewpoint_index(plan)]
@@ -220,46 +193,6 @@ def required_of(
 def viewpoint_index(plan: Plan) -> Ints:
     """Which poses of a plan are viewpoints."""
     return np.flatnonzero(plan.is_viewpoint) if plan.is_viewpoint is not None else np.empty(0, int)
-
-
-def photo_times(path: str | Path) -> Floats:
-    """Times of photos, ns, rising.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or holds none.
-    """
-    rule = "whole numbers, ns of the log's clock, one a line or in a column t_ns"
-    try:
-        with Path(path).open(encoding="utf-8", newline="") as stream:
-            lines = [line for line in csv.reader(stream) if line and line[0].strip()][: _MOST_PHOTOS + 1]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(str(path), f"cannot be read: {error}", rule) from None
-    at = 0
-    if lines and "t_ns" in (names := [name.strip() for name in lines[0]]):
-        at, lines = names.index("t_ns"), lines[1:]
-    try:
-        times = np.array([int(line[at]) for line in lines], np.int64)
-    except (ValueError, IndexError, OverflowError) as error:
-        raise InputError(str(path), f"holds what is no time: {error}", rule) from None
-    if not 0 < len(times) <= _MOST_PHOTOS:
-        raise InputError(str(path), f"holds {len(times)} times", f"1 to {_MOST_PHOTOS}")
-    return np.sort(times)
-
-
-def _candidates(catalog: Catalog, structure_id: str) -> list[Row]:
-    """Plans of a structure that a flight may be of: those in force, else the newest that are ok."""
-    force = catalog.in_force(structure=structure_id)
-    newest = catalog.transfers(structure=structure_id, status="ok", preset="recommended")
-    return [catalog.transfer(str(name)) for name in (force if len(force) else newest)["transfer_id"]]
-
-
-def _placements(catalog: Catalog, structure_id: str) -> dict[str, Placement]:
-    if not structure_id:
-        return placements_of(catalog.structures())
-    placement = catalog.structure(structure_id).placement
-    return {} if placement is None else {structure_id: placement}
 
 
 def _moment(t_ns: int) -> datetime:

@@ -27,6 +27,8 @@ _LARGEST_M, _LARGEST_DEG = 5.0, 10.0  # of what is corrected: more is another fl
 _LARGEST_CAMERA_DEG = 5.0  # what a compass or a mount may be off; more is a camera that looked elsewhere
 _LEAST_SHARE = 0.3  # of the poses near the plan, after all of it
 _ROUNDS = 12
+_FEWEST = 10  # poses that a turn of the camera is told from
+_LEAST_TURN_DEG = 0.1  # one sigma of a turn is never told as less: a gimbal is no better
 _HUBER_M = 0.3  # residuals beyond count less: gusts, and the ways there and back
 
 
@@ -123,16 +125,51 @@ def _in_time(plan: Trajectory, log: Trajectory) -> Matched | None:
     params = np.zeros(5)  # clock, shift x y z, turn
     params[0] = start
     middle = log.positions.mean(axis=0)
-    for _ in range(_ROUNDS):
-        change, _ = _solved(plan, log, middle, params, error=False)
-        params = params + change
-        if np.abs(change).max() < 1e-5:
-            break
+    params = _settled(plan, log, middle, params, np.ones(5))
     error = _solved(plan, log, middle, params, error=True)[1]
+    params, error[4] = _with_heading(plan, log, middle, params, error)
     moment = log.t_s - params[0]
     gap = np.linalg.norm(_moved(log, middle, params) - _planned(plan, moment), axis=1)
     inside = (moment >= plan.t_s[0] - 1.0) & (moment <= plan.t_s[-1] + 1.0)
     return Matched(moment, inside & (gap < _NEAR_M), params, error, middle)
+
+
+def _settled(plan: Trajectory, log: Trajectory, middle: Floats, params: Floats, free: Floats) -> Floats:
+    """The parameters (5,) at which the log lies nearest to its plan; those that are not free stay."""
+    for _ in range(_ROUNDS):
+        change = free * _solved(plan, log, middle, params, error=False)[0]
+        params = params + change
+        if np.abs(change).max() < 1e-5:
+            break
+    return params
+
+
+def _with_heading(
+    plan: Trajectory, log: Trajectory, middle: Floats, params: Floats, error: Floats
+) -> tuple[Floats, float]:
+    """The parameters with the turn as the camera's heading tells it too, and the error of that turn.
+
+    A frame that is turned turns the logged camera by the same angle as the path. Where both tell of a turn,
+    the same within their errors, it is the frame's, and the camera says it far more exactly; where they do
+    not, a compass or a mount is off, and the path alone counts.
+    """
+    moment = log.t_s - params[0]
+    gap = np.linalg.norm(_moved(log, middle, params) - _planned(plan, moment), axis=1)
+    near = (moment >= plan.t_s[0]) & (moment <= plan.t_s[-1]) & (gap < _NEAR_M)
+    if near.sum() <= _FEWEST or not np.isfinite(error[4]):
+        return params, float(error[4])
+    wanted = yaw_pitch(interpolate(plan, moment[near]).quat_xyzw)[0]
+    seen, sigma = _offset(wanted - yaw_pitch(log.quat_xyzw)[0][near], log.t_s[near])
+    own = max(float(error[4]), np.radians(_LEAST_TURN_DEG))
+    told = abs(params[4]) > _SIGMAS * own and abs(seen) > _SIGMAS * sigma
+    if not told or abs(seen - params[4]) > _SIGMAS * np.hypot(own, sigma):
+        return params, float(error[4])
+    weight = np.array([max(float(error[4]), 1e-6), sigma]) ** -2.0
+    params = params.copy()
+    params[4] = float(weight @ [params[4], seen] / weight.sum())
+    return _settled(plan, log, middle, params, np.array([1.0, 1.0, 1.0, 1.0, 0.0])), float(
+        weight.sum() ** -0.5
+    )
 
 
 def _moved(log: Trajectory, middle: Floats, params: Floats) -> Floats:
@@ -206,7 +243,7 @@ def _applied(
     yaw, pitch = yaw_pitch(log.quat_xyzw)
     yaw = yaw + params[4]
     bias = [0.0, 0.0]
-    if found.near.sum() > 10:
+    if found.near.sum() > _FEWEST:
         asked = yaw_pitch(interpolate(plan, np.clip(found.moment, plan.t_s[0], plan.t_s[-1])).quat_xyzw)
         both = zip(asked, (yaw, pitch), strict=True)
         bias = [_bias(wanted - is_so, found.near, log.t_s) for wanted, is_so in both]
@@ -229,13 +266,19 @@ def _applied(
 
 def _bias(off_rad: Floats, near: Bools, t_s: Floats) -> float:
     """A constant turn, rad: the median over stretches where small and beyond three errors; else 0."""
-    off = np.angle(np.exp(1j * off_rad[near]))
-    block = (t_s[near] // _BLOCK_S).astype(int)
+    middle, error = _offset(off_rad[near], t_s[near])
+    if not abs(middle) <= np.radians(_LARGEST_CAMERA_DEG):
+        return 0.0  # taken as it was logged: what it did not look at was not seen
+    return middle if abs(middle) > _SIGMAS * error else 0.0
+
+
+def _offset(off_rad: Floats, t_s: Floats) -> tuple[float, float]:
+    """A constant turn, rad, as the median over stretches, and one sigma of it; infinite for too few."""
+    off = np.angle(np.exp(1j * off_rad))
+    block = (t_s // _BLOCK_S).astype(int)
     middles = np.array([np.median(off[block == name]) for name in np.unique(block)])
     if len(middles) < 3:
-        return 0.0
+        return 0.0, float("inf")
     middle = float(np.median(middles))
-    if abs(middle) > np.radians(_LARGEST_CAMERA_DEG):
-        return 0.0  # taken as it was logged: what it did not look at was not seen
     error = 1.4826 * float(np.median(np.abs(middles - middle))) / np.sqrt(len(middles))
-    return middle if abs(middle) > _SIGMAS * max(error, np.radians(0.1)) else 0.0
+    return middle, max(error, float(np.radians(_LEAST_TURN_DEG)))

@@ -1,9 +1,7 @@
 """The shortest safe flight that shows what a flight left out, from viewpoints of its own plan.
 
 Viewpoints are chosen among the poses of the plan, so that the gap is shown from as near and in the manner
-that was planned: greedily, and then fewer where some are not needed. They are put in the order of a short
-way, by 2-opt, and each is exchanged for another pose of the plan that shows the same where that shortens the
-way. Safe legs join them.
+that was planned, and put in the order of a short way (`tour`). Safe legs join them.
 """
 
 from __future__ import annotations
@@ -21,11 +19,15 @@ from upplied.planning.trajectory.retime import retime
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import TRULY, stations
 from upplied.poses import from_yaw_pitch, yaw_pitch
+from upplied.proof.tour import short_tour
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory, Waypoints
 
 _STATIONS = 500  # poses of the plan, at most, that viewpoints are chosen from
-_SWEEPS = 6  # of the exchange of viewpoints
 _BOUND_PATCHES = 60  # samples, at most, that the bound on the length is told by
+_BOUND_CHOICES, _SHUFFLED = (
+    12,
+    0.6,
+)  # of them that are tried, and how far their order departs from fewest first
 _PRICED, _COOLED = 150, 0.97  # rounds of prices, and how each is smaller than the one before
 _SLOWEST_MPS, _STANDING_M = 0.3, 1e-6
 _MARGIN_DEG = 4.0  # of the picture, at each rim, that a flight in wind may lose
@@ -86,8 +88,7 @@ def gap_flight(
             "the gap", "can be seen from no pose of the plan that is safe now", "", "plan the structure again"
         )
     seen = seen[:, can]
-    chosen = _order(poses.positions, _cover(seen))
-    chosen = _exchanged(poses.positions, seen, chosen)
+    chosen = short_tour(poses.positions, seen)
     line, at = _way(poses, chosen, graph)
     trajectory, is_viewpoint = _timed(poses, chosen, line, at, plan, limits)
     shows, unattainable = np.zeros(len(missing), bool), np.zeros(len(missing), bool)
@@ -114,88 +115,6 @@ def _shown(poses: Trajectory, cloud: Cloud, camera: Camera, graph: Roadmap) -> B
 def _along(trajectory: Trajectory) -> tuple[Floats, Floats]:
     asked = stations(trajectory)
     return asked.positions, asked.quat_xyzw
-
-
-def _cover(seen: Bools) -> Ints:
-    """Poses (K,) that together see every sample: greedily, then without those that are not needed."""
-    left, chosen = np.ones(seen.shape[1], bool), []
-    while left.any():
-        gain = seen[:, left].sum(axis=1)
-        chosen.append(int(gain.argmax()))
-        left &= ~seen[chosen[-1]]
-    for pose in chosen[:-1]:
-        others = [other for other in chosen if other != pose]
-        if seen[others].any(axis=0).all():
-            chosen = others
-    return np.array(sorted(chosen), np.int64)
-
-
-def _order(places: Floats, chosen: Ints) -> Ints:
-    """The chosen poses in the order of a short open way: nearest first from an end, then 2-opt."""
-    if len(chosen) < 3:
-        return chosen
-    gap = np.linalg.norm(places[chosen][:, None] - places[chosen][None], axis=2)
-    best: list[int] = []
-    least = np.inf
-    for start in {0, len(chosen) - 1, int(gap.sum(axis=1).argmax())}:
-        tour = _two_opt(_nearest_first(gap, start), gap)
-        length = gap[tour[:-1], tour[1:]].sum()
-        if length < least:
-            best, least = tour, length
-    return chosen[best]
-
-
-def _nearest_first(gap: Floats, start: int) -> list[int]:
-    left, tour = set(range(len(gap))) - {start}, [start]
-    while left:
-        tour.append(min(left, key=lambda other: (gap[tour[-1], other], other)))
-        left.remove(tour[-1])
-    return tour
-
-
-def _two_opt(tour: list[int], gap: Floats) -> list[int]:
-    """The tour without crossings: stretches are turned round while that shortens it."""
-    order, better = np.array(tour), True
-    while better:
-        better = False
-        for i in range(len(order) - 1):
-            for j in range(i + 1, len(order)):
-                before = 0.0 if i == 0 else gap[order[i - 1], order[i]]
-                before += 0.0 if j == len(order) - 1 else gap[order[j], order[j + 1]]
-                after = 0.0 if i == 0 else gap[order[i - 1], order[j]]
-                after += 0.0 if j == len(order) - 1 else gap[order[i], order[j + 1]]
-                if after < before - 1e-9:
-                    order[i : j + 1] = order[i : j + 1][::-1].copy()
-                    better = True
-    return order.tolist()
-
-
-def _exchanged(places: Floats, seen: Bools, chosen: Ints) -> Ints:
-    """The same with poses exchanged for others that show what they alone show, on a shorter way."""
-    chosen = chosen.copy()
-    for _ in range(_SWEEPS):
-        changed = False
-        at = 0
-        while at < len(chosen):
-            others = np.delete(chosen, at)
-            needed = ~seen[others].any(axis=0) if len(others) else np.ones(seen.shape[1], bool)
-            if len(others) and not needed.any():
-                chosen, changed = others, True
-                continue
-            fit = np.flatnonzero(seen[:, needed].all(axis=1))
-            ends = [chosen[near] for near in (at - 1, at + 1) if 0 <= near < len(chosen)]
-            cost = np.zeros(len(fit))
-            for end in ends:
-                cost += np.linalg.norm(places[fit] - places[end], axis=1)
-            best = int(fit[int(cost.argmin())])
-            own = sum(float(np.linalg.norm(places[chosen[at]] - places[end])) for end in ends)
-            if cost.min() < own - 1e-6:
-                chosen[at], changed = best, True
-            at += 1
-        if not changed:
-            break
-        chosen = _order(places, chosen)
-    return chosen
 
 
 def _way(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, Ints]:
@@ -238,12 +157,24 @@ def bound_m(places: Floats, seen: Bools) -> float:
 
     Of samples whose poses have none in common, each must be seen from a place of its own. A way through them
     joins them one after the other, each leg no shorter than the gap between any two of their places; the
-    least such way is bounded from below by trees whose nodes carry prices (Held and Karp 1970).
+    least such way is bounded from below by trees whose nodes carry prices (Held and Karp 1970). Several such
+    choices of samples are tried, since each gives a bound.
     """
-    few = np.argsort(seen.sum(axis=0), kind="stable")
+    apart = np.linalg.norm(places[:, None] - places[None], axis=2)
+    rng = np.random.default_rng(0)
+    few = seen.sum(axis=0)
+    best = 0.0
+    for choice in range(_BOUND_CHOICES):
+        order = np.argsort(few * (1 + _SHUFFLED * (choice > 0) * rng.random(len(few))), kind="stable")
+        best = max(best, _bound_by(apart, seen, order))
+    return best
+
+
+def _bound_by(apart: Floats, seen: Bools, order: Ints) -> float:
+    """The bound by samples without a pose in common, chosen in an order."""
     kept: list[int] = []
-    used = np.zeros(len(places), bool)
-    for sample in few:
+    used = np.zeros(len(apart), bool)
+    for sample in order:
         if not (seen[:, sample] & used).any():
             kept.append(int(sample))
             used |= seen[:, sample]
@@ -252,10 +183,10 @@ def bound_m(places: Floats, seen: Bools) -> float:
     if len(kept) < 2:
         return 0.0
     gap = np.zeros((len(kept), len(kept)))
-    apart = np.linalg.norm(places[:, None] - places[None], axis=2)
     for i, one in enumerate(kept):
+        nearest = apart[seen[:, one]].min(axis=0)
         for j in range(i):
-            gap[i, j] = max(apart[np.ix_(seen[:, one], seen[:, kept[j]])].min(), 1e-9)
+            gap[i, j] = max(nearest[seen[:, kept[j]]].min(), 1e-9)
     return _least_way(gap + gap.T)
 
 

@@ -1,0 +1,113 @@
+"""A good flight becomes a demonstration, with what its operator did better than the plan."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from upplied.catalog import Catalog
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.verbs.recipes import settings_of
+from upplied.checks import check_id
+from upplied.config import digest
+from upplied.errors import RefusedError, SettingsError
+from upplied.fleet.gaps import flight_row
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.proof.as_flown import silence_s
+from upplied.records import Demonstration
+from upplied.scene import scene_of
+
+_WHOLE_PCT = 98.0  # of the plan's length, and of what it shows: less is no whole inspection
+_UNKNOWN = ("silent", "the camera stood", "aside of its plan")  # findings of what nobody knows to be good
+#: What a flight must keep to be shown to the database as an example, and why.
+RULES = {
+    "flown": "a vehicle flew it: a simulated flight shows nothing that its plan does not",
+    "whole": f"{_WHOLE_PCT:g} % of the plan was flown, and of what it shows seen",
+    "recorded": "nothing is unknown of it: no silence, no camera that stood",
+    "clearance": "it kept the distance that its plan was asked to keep",
+}
+
+
+def promote_flight(
+    catalog: Catalog, start: str, by: str, name: str = "", force: Collection[str] = ()
+) -> Demonstration:
+    """Keep a flight as a demonstration of the structure that it was flown round.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    start : str
+        How the flight's id begins.
+    by : str
+        Who says that it is good.
+    name : str
+        Of the demonstration; empty: that of the plan's, the structure and the day.
+    force : collection of str
+        Rules that are overruled, of `RULES`; the demonstration's notes say so.
+
+    Raises
+    ------
+    RefusedError
+        If the flight breaks a rule that is not overruled, or there is a demonstration of that name.
+    """
+    if unknown := sorted(set(force) - set(RULES)):
+        raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RULES)}")
+    if not by.strip():
+        raise SettingsError("a demonstration", "says not who takes it for one", "a name", "say --by NAME")
+    row = flight_row(catalog, start)
+    what = f"flight {str(row['flight_id'])[:12]}"
+    plan = catalog.transfer(str(row["transfer_id"]))
+    flown = catalog.flown(str(row["flight_sha256"]))
+    structure = catalog.structure(str(row["target_id"]))
+    broken = _broken(row, path_clearance(scene_of(structure), flown.positions).distance_m, plan)
+    left = [(rule, found) for rule, found in broken if rule not in force]
+    if left:
+        said = "; ".join(found for _, found in left)
+        raise RefusedError(what, said, RULES[left[0][0]], f"or overrule it: --force {left[0][0]}")
+    made_up = f"{plan['demonstration_id']}-{structure.structure_id}-{row['flown_at']:%Y%m%d}"[:64]
+    name = check_id(name or made_up, "demonstration id")
+    known = set(catalog.demonstrations(every=True)["demonstration_id"])
+    if name in known:
+        found = "is in the catalog"
+        raise RefusedError(f"demonstration {name}", found, "a name of its own", "say --name NAME")
+    before = catalog.demonstration(str(plan["demonstration_id"]))
+    start_ns = int(row["flown_at"].value)
+    overruled = "".join(f"; overruled, {rule}: {found}" for rule, found in broken)
+    note = f"promoted by {by.strip()} from {what}, which flew plan {plan['transfer_id']}{overruled}"
+    made = Demonstration(
+        demonstration_id=name,
+        structure_id=structure.structure_id,
+        t_ns=start_ns + np.round(flown.t_s * 1e9).astype(np.int64),
+        positions=flown.positions,
+        quat_xyzw=flown.quat_xyzw,
+        camera=before.camera,
+        operator=str(row["operator"] or ""),
+        site=before.site if before.structure_id == structure.structure_id else "",
+        sha256=digest(["flight", row["flight_id"], row["flight_sha256"]]),
+        breaks=np.flatnonzero(np.diff(flown.t_s) > silence_s(flown)).astype(np.int64) + 1,
+        clock="flight",
+        topic=f"flight {row['flight_id']}",
+        notes=note,
+    )
+    catalog.add_demonstrations([made])
+    return made
+
+
+def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:
+    """The rules that a flight breaks, and what was found."""
+    found = []
+    if row["kind"] != "flown":
+        found.append(("flown", f"is {row['kind'] or 'simulated'}"))
+    shares = (("flown_pct", "of its plan was flown"), ("required_pct", "of what it shows was seen"))
+    for column, words in shares:
+        if not (row[column] or 0.0) >= _WHOLE_PCT:
+            found.append(("whole", f"{row[column] or 0.0:.1f} % {words}"))
+    for part in str(row["findings"] or "").split("; "):
+        if any(words in part for words in _UNKNOWN):
+            found.append(("recorded", part))
+    route = settings_of(plan["settings_json"]).route
+    if route.enforce and clearance_m < route.clearance_m:
+        near = f"comes within {clearance_m:.2f} m, {route.clearance_m:g} m are asked for"
+        found.append(("clearance", near))
+    return found
