@@ -1,0 +1,126 @@
+"""What is refused, and what is said, of counterparts that are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from upplied.config import Settings, ViewpointSettings, settings_for
+from upplied.planning.correspondence.pair import Pair
+from upplied.planning.demonstration.counterparts import doubts, least_probability, undecided
+from upplied.planning.demonstration.inspection import Inspection, nothing_shown, prepared
+from upplied.planning.demonstration.viewpoints import find_viewpoints
+from upplied.records import Counterpart, Demonstration, Trajectory, Visibility
+
+SURE = Counterpart("part_1 (left)", 60.0, twins=1, found=4, flown=("part_2 (left)",), probability=0.99)
+DOUBTED = replace(SURE, probability=0.4, doubt="it is doubted")
+
+
+def asked(**correspondence: object) -> Settings:
+    return settings_for("recommended", correspondence=correspondence)
+
+
+def test_what_is_sure_is_not_refused() -> None:
+    assert undecided([SURE], asked()) == "" and doubts([SURE]) == ()
+    assert undecided([], asked()) == "" and undecided([], asked(expect=3)) == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "refused"),
+    [
+        ({}, True),
+        ({"inspected_pct": 25.0}, True),
+        ({"inspected_pct": 24.9}, False),
+        ({"twins": 0}, True),  # four like it on the target
+        ({"twins": 0, "found": 1}, False),
+        ({"twins": 0, "found": 1, "flown": ()}, True),
+        ({"twins": 0, "found": 0, "flown": ()}, False),
+        ({"twins": 1, "found": 0}, True),
+    ],
+)
+def test_a_doubt_about_much_refuses_where_there_are_others(change: dict[str, object], refused: bool) -> None:
+    one = replace(DOUBTED, **change)  # type: ignore[arg-type]
+    said = undecided([SURE, one], asked())
+    assert bool(said) == refused
+    like = "1 more like it on the source" if one.twins else "none like it on the source"
+    sentence = f"it is doubted ({like}, {one.found} on the target, as far as parts were found)"
+    assert doubts([SURE, one]) == (sentence,) and said in ("", sentence)
+
+
+def test_a_repetition_of_what_is_doubted_is_refused() -> None:
+    alone = replace(DOUBTED, twins=0, found=1)
+    assert undecided([alone], asked(repeat="each")) == "--repeat each was asked for and it is doubted"
+
+
+def test_another_number_than_expected_is_told_of_the_most_inspected() -> None:
+    other = replace(SURE, part="part_7", found=2)
+    assert undecided([SURE, other], asked(expect=4)) == ""
+    assert undecided([other, SURE], asked(expect=4)) == (
+        "2 parts like part_7 were found on the target, 4 are expected (correspondence.expect)"
+    )
+    little = replace(DOUBTED, inspected_pct=20.0)
+    assert undecided([little], asked(expect=3)) == (
+        "4 parts like part_1 (left) were found on the target, 3 are expected (correspondence.expect); "
+        "it is doubted"
+    )
+
+
+def test_the_least_certain_speaks() -> None:
+    assert least_probability([SURE, DOUBTED, replace(SURE, probability=None)]) == 0.4
+    assert np.isnan(least_probability([replace(SURE, probability=None)])) and np.isnan(least_probability([]))
+
+
+def shown(seen: list[int], known: list[int]) -> str:
+    view = np.zeros((2, 4), bool)
+    view[1, seen] = True
+    index = np.full(4, -1)
+    index[known] = 0
+    fit = SimpleNamespace(correspondences=SimpleNamespace(target_index=index))
+    here, there = SimpleNamespace(structure_id="here"), SimpleNamespace(structure_id="there")
+    pair = SimpleNamespace(fit_for=lambda settings: fit, source=here, target=there)
+    inspection = SimpleNamespace(visibility=Visibility(view))
+    return nothing_shown(cast(Inspection, inspection), cast(Pair, pair), asked())
+
+
+def test_a_flight_that_shows_nothing_known_is_refused_in_words() -> None:
+    assert shown([1, 2], [2]) == ""
+    assert shown([], [2]).startswith("the demonstration shows nothing of here: no pose has any")
+    assert shown([1], [2, 3]) == "nothing of what the demonstration shows has a counterpart on there"
+
+
+def flown(count: int, breaks: list[int]) -> Demonstration:
+    quats = np.tile([0.0, 0, 0, 1], (count, 1))
+    return Demonstration("d", "s", np.arange(count) * 10**9, np.arange(3.0 * count).reshape(-1, 3), quats,
+                         breaks=np.array(breaks, np.int64))  # fmt: skip
+
+
+def test_the_papers_flight_is_taken_as_it_is_up_to_its_number_of_poses() -> None:
+    paper = settings_for("paper", viewpoints={"most_poses": 10})
+    flight, breaks = prepared(flown(10, [4]), paper)
+    assert np.array_equal(flight.positions, flown(10, []).positions) and breaks.tolist() == [4]
+    thin, breaks = prepared(flown(28, [0, 1, 9, 10, 27]), paper)
+    own = np.arange(0, 28, 3)
+    assert thin.t_s == pytest.approx(own) and np.array_equal(thin.positions, flown(28, []).positions[own])
+    assert breaks.tolist() == [1, 3, 4, 9]
+    assert prepared(flown(28, []), paper)[1].tolist() == []
+
+
+def test_viewpoints_are_the_means_of_their_segments() -> None:
+    rng = np.random.default_rng(0)
+    seen = np.zeros((6, 4), bool)
+    seen[:2, :2] = seen[2:5, 1:4] = True
+    quats = np.tile([0.0, 0, 0, 1], (6, 1))
+    flight = Trajectory(np.array([0.0, 1, 2, 4, 8, 9]), rng.normal(size=(6, 3)), quats)
+    found = find_viewpoints(flight, Visibility(seen), ViewpointSettings(method="segments", shared=0.6))
+    assert found.start.tolist() == [0, 2, 5] and found.stop.tolist() == [2, 5, 6]
+    for row, (a, b) in enumerate(((0, 2), (2, 5), (5, 6))):
+        assert found.positions[row] == pytest.approx(flight.positions[a:b].mean(axis=0))
+        assert found.seen[row].tolist() == seen[a:b].any(axis=0).tolist()
+        assert found.t_s[row] == pytest.approx(flight.t_s[a:b].mean())
+    assert found.middle.tolist() == [0, 3, 5]
+    each = find_viewpoints(flight, Visibility(seen), ViewpointSettings(method="poses"))
+    assert each.positions == pytest.approx(flight.positions) and each.start.tolist() == list(range(6))
