@@ -252,7 +252,10 @@ ROS2 |= {
     + "sensor_msgs/NavSatStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n" + _HEADER
     + _part("sensor_msgs/NavSatStatus", "int8 STATUS_NO_FIX=-1", "int8 status -2", "uint16 service"),
     "sensor_msgs/msg/Imu": _STAMPED
-    + "geometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n" + _HEADER + _QUAT,
+    + "geometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
+    + "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"
+    + "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance\n"
+    + _HEADER + _QUAT + _part("geometry_msgs/Vector3", *_XYZ),
 }  # fmt: skip
 
 

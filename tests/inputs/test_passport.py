@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_flights import FAULTS, POSE, Made, flights, made, right, zoom_by_another_clock
-from made_logs import Topic, message, transform, write_log
+from made_logs import Topic, header, message, transform, write_log, xyz, xyzw
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError, SettingsError
@@ -44,6 +44,7 @@ BREAKS = {  # of each rule, figures that break it
     "looks-aside": {"axis_pct": 60.0},
     "little-off-centre": {"off_centre_m": (1.0, 1.5), "off_centre_sure": 0.95},
     "velocity": {"motion_fit_pct": 20.0, "motion_ratio": 3.28},
+    "turns-otherwise": {"felt_turn_pct": -98.0},
     "aim-drifts": {"aim_drift_deg": -22.0},
     "aim-off": {"aim_off_deg": 20.0},
     "fast": {"speed_p99_mps": 14.0},
@@ -94,7 +95,7 @@ def test_the_bounds_of_a_rule_are_settings_that_move_it(check: rules.FlightRule)
     if rule.name in ("hovering", "gaps", "near-structure", "zoom") or not check.bounds:
         return  # their bounds act where time and distance are measured
     loose = {
-        name: 0.0 if name.startswith(("least", "odd_axis")) else 1e6
+        name: -1e6 if name.startswith(("least", "odd_axis")) else 1e6
         for name in check.bounds
         if name != "ground_slack_m"
     }
@@ -265,6 +266,38 @@ def test_where_the_clock_stepped_the_recorders_tells_which_pose_had_which_field_
     assert len(found.fov_deg) == len(found) and np.mean(found.fov_deg[:, 0] > 60) == pytest.approx(
         0.5, abs=0.02
     )
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_mirrored_poses_turn_against_the_gyroscope(tmp_path: Path, mirrored: bool) -> None:
+    """The inertial unit, however it is mounted, felt the flight as it was; the poses have y mirrored."""
+    log = made(*flights("box", 0), np.random.default_rng(4))
+    mount = Rotation.from_rotvec([0.7, -1.1, 2.0])
+    turns, seconds = Rotation.from_quat(log.quats), (log.t_ns - log.t_ns[0]) * 1e-9
+    spin = (turns[1:] * turns[:-1].inv()).as_rotvec() / np.diff(seconds)[:, None]
+    spin = np.vstack([spin, spin[-1:]])
+    rng = np.random.default_rng(0)
+    felt = [
+        (mount * turn.inv()).apply(vector) + rng.normal(0, 0.02, 3)
+        for vectors in (spin, np.tile([0, 0, 9.81], (len(log), 1)))
+        for turn, vector in zip(turns, vectors, strict=True)
+    ]
+    gyro, force = np.array(felt).reshape(2, -1, 3)
+    messages = []
+    for at, t in enumerate(log.t_ns):
+        told = {"header": header(int(t), "imu"), "orientation": xyzw([0, 0, 0, 1])}
+        told |= {"angular_velocity": xyz(gyro[at]), "linear_acceleration": xyz(force[at])}
+        messages.append((int(log.log_ns[at]), told))
+    log = replace(log, extra=[Topic("/imu", "sensor_msgs/msg/Imu", messages)])
+    if mirrored:
+        mirror = np.diag([1.0, -1.0, 1.0])
+        matrices = mirror @ turns.as_matrix() @ mirror
+        quats = Rotation.from_matrix(matrices).as_quat()
+        log = replace(log, positions=log.positions @ mirror, quats=quats)
+    passport = taken(log, tmp_path / "a.mcap", allow=tuple(rules.RULES)).passport
+    cosine = passport["measured"]["felt_turn_pct"]
+    assert (cosine < -90) if mirrored else (cosine > 90)
+    assert ("turns-otherwise" in {item["rule"] for item in passport["findings"]}) == mirrored
 
 
 def test_one_of_two_publishers_may_be_named(tmp_path: Path) -> None:

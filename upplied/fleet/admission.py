@@ -68,8 +68,10 @@ class Admission:
         kinds = {one.kind for one in self._known}
         others = [one for one in self._known if one.structure_id != new.structure_id]
         others += [one for one in together if one.kind not in kinds and one.structure_id != new.structure_id]
-        axes = (entry.up, entry.forward)
-        return decided(judged(new, others, entry.bounds, axes, entry.symmetric), entry.allow, entry.strict)
+        axes, sized = (entry.up, entry.forward), any(side is not None for side in entry.nominal_m)
+        return decided(
+            judged(new, others, entry.bounds, axes, entry.symmetric, sized), entry.allow, entry.strict
+        )
 
     def admitted(
         self,

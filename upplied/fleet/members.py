@@ -31,6 +31,7 @@ _CONFUSED = tuple(
         (metres, f"metres read as {name}: units = m?"),
     )
 )
+_MIXED = 3.0  # largest over smallest of a kind from which on feet may pass for metres within it
 _NEARLY_ALIKE = 0.35  # unlikeness of members of one form, nearly all (airliners, turbines, hulls)
 
 
@@ -58,8 +59,9 @@ def judged(
     bounds: StructureSettings,
     axes: tuple[str, str] = ("z", "x"),
     symmetric: bool = False,
+    sized: bool = False,
 ) -> tuple[Verdict, ...]:
-    """The rules that a structure breaks among others; none where there is no other of its kind.
+    """The rules that a structure breaks among others.
 
     Parameters
     ----------
@@ -71,13 +73,18 @@ def judged(
         The file's axes that were declared up and forward, for the words of a remedy.
     symmetric : bool
         No heading can be told from its shape.
+    sized : bool
+        Its real size was declared, and is asked elsewhere.
     """
     kin = [other for other in others if other.kind == new.kind]
     if not kin:
-        return ()
+        return () if sized else (_unconfirmed(new, "it is the first of its kind here"),)
     unlike = unlikeness(new.shape, library_of([one.shape for one in kin]))
+    size = tuple(_size(new, kin, unlike, bounds))
+    if not size and not sized and not _confirmed(new, kin, unlike, bounds):
+        size = (_unconfirmed(new, f"no other {new.kind} here is of its form and its size"),)
     return (
-        *_size(new, kin, unlike, bounds),
+        *size,
         *_axes(new, kin, float(unlike.min()), bounds, axes, symmetric),
         *_kind(new, kin, unlike, [other for other in others if other.kind != new.kind], bounds),
     )
@@ -108,6 +115,23 @@ def _size(new: Member, kin: Sequence[Member], unlike: Floats, bounds: StructureS
         yield broken(RULES["odd-size"], f"{said} ({nearest})", f"at most {odd:.3g} times")
     elif float(unlike.min()) < _NEARLY_ALIKE and abs(np.log(new.size_m / like.size_m)) > np.log(2):
         yield broken(RULES["odd-size"], f"it is {_times(new, like)} as {like}, which has the same form")
+
+
+def _confirmed(new: Member, kin: Sequence[Member], unlike: Floats, bounds: StructureSettings) -> bool:
+    """Whether another of its kind is of its form, and of its size: of a mixed kind nothing else tells.
+
+    Where the sizes of a kind span less than a foot and a metre differ, one in another unit is beyond them.
+    """
+    sizes = np.array([one.size_m for one in kin])
+    if len(kin) > 1 and sizes.max() / sizes.min() < _MIXED:
+        return True
+    off = np.abs(np.log(new.size_m / sizes))
+    return bool(((unlike < bounds.alike) & (off < np.log(bounds.odd_size_ratio))).any())
+
+
+def _unconfirmed(new: Member, why: str) -> Verdict:
+    longest = float(new.shape.extent_m.max())
+    return broken(RULES["size-unconfirmed"], f"{longest:.3g} m long is what its file and manifest say: {why}")
 
 
 def _times(new: Member, like: Member) -> str:

@@ -18,17 +18,22 @@ _FAR_M = 10_000.0  # from the origin: single precision is off by a millimetre th
 _EFFECT = re.compile(
     r"(?i)(?:^|[^a-z])(wake|lights?|flash|beacon|spots?|glow|billboard|halo|shadow)(?![a-z])"
 )
+_PLACED = 0.02  # of a side, that an origin may be off its low end or its middle and is meant there
 _BESIDE = 0.05  # of the diagonal that a landmark may lie outside the box
 
 
-def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> tuple[Verdict, ...]:
-    """The rules that a structure (V, 3), m, breaks by itself, whatever others there are."""
+def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry, turn: Floats) -> tuple[Verdict, ...]:
+    """The rules that a structure (V, 3), m, breaks by itself, whatever others there are.
+
+    `turn` (3, 3) took it there from the axes of its file.
+    """
     found = {
         "declared-unit": _units(raw, entry),
         "declared-up": _up(raw, entry),
         **_extent(vertices, entry),
         "far": _far(vertices),
         "below-ground": _below(vertices, entry),
+        "odd-up-axis": _stands(vertices, turn) if not any(entry.local_origin) else "",
         "effects": _effects(raw),
     }
     verdicts = [broken(RULES[name], words) for name, words in found.items() if words]
@@ -94,6 +99,25 @@ def _below(vertices: Floats, entry: StructureEntry) -> str:
         return ""
     deep = ground - vertices[:, 2].min()
     return f"it reaches {deep:.1f} m below the declared ground (clip_ground = true cuts that off)"
+
+
+def _stands(vertices: Floats, turn: Floats) -> str:
+    """Whether the origin lies at another side than the lower one: models are made to stand on it."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    side = np.maximum(high - low, 1e-9)
+    middle = np.abs(low + high) / 2 < _PLACED * side
+    below, above = np.abs(low) < _PLACED * side, np.abs(high) < _PLACED * side
+    ends = below | above
+    upright = not middle[2] or ends[:2].sum() != 1 or not middle[:2].any()
+    hanging = above[2] and not below[2] and middle[:2].any()
+    if upright and not hanging:
+        return ""
+    axis = 2 if hanging else int(np.argmax(ends))
+    right = turn[axis] * (1 if below[axis] else -1)
+    name = ("-" if right.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(right)))]
+    return (
+        f"its origin is at one end of the file's {name[-1]}, and in the middle of what is up: up = {name!r}?"
+    )
 
 
 def _effects(raw: RawMesh) -> str:

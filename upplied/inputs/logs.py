@@ -33,7 +33,7 @@ from upplied.inputs.passport.passport import passport_of
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.passport.settings import SHAPING, PassportSettings
 from upplied.inputs.rules import Verdict, broken
-from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, px4, ros, tf
+from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, inertial, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions, inspection, placed
 from upplied.inputs.tables import Table
 from upplied.poses import normalised
@@ -191,6 +191,7 @@ def _demonstration(
             tuple(notes),
             overruled,
             None if facts.convention else ros.velocity(_named(tables, topic)),
+            inertial.turning(tables),
         )
         passport = passport_of(reading, structure, facts, what)
     track = kept

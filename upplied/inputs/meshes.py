@@ -89,7 +89,7 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
     else:
         vertices, triangles, normals, findings = _cloud(vertices, raw, entry)
     nominal = nominal_problems(vertices, entry, findings.outliers)
-    found = (*nominal, *findings.verdicts, *concerns(vertices, raw, entry))
+    found = (*nominal, *findings.verdicts, *concerns(vertices, raw, entry, turn(entry.up, entry.forward)))
     verdicts = decided(found, entry.allow, entry.strict)
     findings = replace(findings, done=(*raw.remarks, *findings.done), verdicts=verdicts)
     structure = Structure(

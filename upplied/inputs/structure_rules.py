@@ -53,6 +53,8 @@ RULES = {
              "odd_most_m"),
         Rule("odd-size", "warn", "it may be in other units, or the first of its size",
              "compare its size with the real one, declare nominal_length_m", "odd_size_ratio"),
+        Rule("size-unconfirmed", "warn", "units are often mistaken, and nothing here tells this one",
+             "declare nominal_length_m, nominal_width_m or nominal_height_m"),
         Rule("kind", "warn", "plans between structures that do not correspond are refused or poor",
              "check its kind", "odd_unlikeness"),
         Rule("declared-unit", "warn", "file and manifest differ: one of them is wrong", "check units"),

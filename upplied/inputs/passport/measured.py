@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +17,7 @@ from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.conventions import Fit, best_fits
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Sight, ground_of, sight_of
-from upplied.inputs.passport.velocity import motion_of
+from upplied.inputs.passport.velocity import motion_of, turning_of
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION
 from upplied.poses import angle_between
@@ -48,6 +48,7 @@ class Reading:
     velocity: tuple[Ints, Floats] | None = (
         None  # when (N,), ns, and (N, 6), m/s and rad/s, as the log says it
     )
+    felt: Sequence[tuple[str, Ints, Floats]] = ()  # how fast inertial units turn: topic, when, ns, and rad/s
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ class Measured:
     aim_off_deg: float = 0.0  # in the middle of the flight
     motion_fit_pct: float = float("nan")  # of the poses, with the velocity that the same messages say
     motion_ratio: float = float("nan")  # speed of the poses over that
+    felt_turn_pct: float = float("nan")  # correlation of how the poses turn with what inertial units feel
     speed_p99_mps: float = 0.0
     acceleration_p99_mps2: float = 0.0
     turn_p99_degps: float = 0.0
@@ -148,6 +150,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         aim_off_deg=aim.off_deg,
         motion_fit_pct=motion.fit_pct,
         motion_ratio=motion.ratio,
+        felt_turn_pct=100 * turning_of(reading.logged, reading.felt),
         speed_p99_mps=speed,
         acceleration_p99_mps2=acceleration,
         turn_p99_degps=turning,

@@ -121,6 +121,13 @@ def _velocity(m: Measured, s: PassportSettings) -> str:
     return "poses and velocity of the same messages differ: " + " and ".join(found) if found else ""
 
 
+def _turns_otherwise(m: Measured, s: PassportSettings) -> str:
+    if not m.felt_turn_pct < s.least_felt_turn_pct:
+        return ""
+    found = m.felt_turn_pct / 100
+    return f"the poses turn about the vertical against what the gyroscope feels (correlation {found:.2f})"
+
+
 def _frame_name(m: Measured, s: PassportSettings) -> str:
     named = [name for name in (m.frame, m.child) if _NED.search(name)]
     asked = any("converted as asked" in note for note in m.frames)
@@ -217,6 +224,9 @@ CHECKS: tuple[FlightRule, ...] = (
     _rule("velocity", "warn", ("least_motion_fit_pct", "motion_ratio"),
          "poses that were mirrored, turned or scaled move otherwise than their estimator says",
          "check who wrote the log: its axes, its unit, its clock", _velocity),
+    _rule("turns-otherwise", "warn", ("least_felt_turn_pct",),
+         "poses that were mirrored turn against what the gyroscope feels",
+         "check the axes: one of them is mirrored, or z points down", _turns_otherwise),
     _rule("aim-drifts", "warn", ("aim_drift_deg",),
          "a heading that drifts turns the camera steadily aside", "check the compass and the estimator",
          _aim_drifts),

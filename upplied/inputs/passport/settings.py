@@ -45,6 +45,7 @@ class PassportSettings:
     least_motion_fit_pct: float = (
         60.0  # mean cosine: other axes give 0 or less, public recordings 98.6 and more
     )
+    least_felt_turn_pct: float = -50.0  # mirrored poses give -100, right ones 100, others neither
     motion_ratio: float = 1.3  # of speeds, either way; a foot is 3.3 times shorter than a metre
     max_speed_mps: float = 25.0  # in 99 % of the flight, over half a second
     odd_speed_mps: float = 12.0

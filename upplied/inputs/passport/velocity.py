@@ -7,6 +7,7 @@ flown it so.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from upplied.records import Floats, Ints
 
 _SPAN_S = 0.5  # over which poses are differenced: shorter is noise
 _SLOWEST_MPS, _SLOWEST_RADPS = 0.3, 0.1  # below, a direction is noise
+_TURNING_RADPS = 0.03  # about the vertical: above the bias of a gyroscope
 _LEAST = 30  # moments that tell of one
 _LONGEST_S = 2.0  # between poses that are differenced
 
@@ -27,6 +29,47 @@ class Motion:
 
     fit_pct: float = float("nan")  # mean cosine between the two, the worse of moving and turning
     ratio: float = float("nan")  # speed of the poses over the speed that is said
+
+
+def turning_of(track: Track, felt: Sequence[tuple[str, Ints, Floats]]) -> float:
+    """How the poses turn about the vertical beside what inertial units feel: the best correlation, -1 to 1.
+
+    Mirrored poses turn the other way, whatever was done to their headings. NaN where nothing tells.
+
+    Parameters
+    ----------
+    track : Track
+        Clean, as logged, in a frame with z up.
+    felt : sequence of (topic, array, shape (N,), array, shape (N,))
+        When, ns, and how fast each turns, rad/s, counter-clockwise from above.
+    """
+    first, last, lasted = _steps(track)
+    if len(first) < _LEAST:
+        return float("nan")
+    starts, ends = (Rotation.from_quat(track.quat_xyzw[index]) for index in (first, last))
+    turned = (ends * starts.inv()).as_rotvec()[:, 2] / lasted
+    middle = (track.t_ns[first] + track.t_ns[last]) // 2
+    fits = []
+    for _, t_ns, about in felt:
+        inside = (middle >= t_ns[0]) & (middle <= t_ns[-1])
+        said = np.interp((middle - t_ns[0]) * 1e-9, (t_ns - t_ns[0]) * 1e-9, about)
+        told = inside & (np.maximum(np.abs(turned), np.abs(said)) > _TURNING_RADPS)
+        size = float(np.linalg.norm(turned[told]) * np.linalg.norm(said[told]))
+        fits.append(float(turned[told] @ said[told]) / size if told.sum() >= _LEAST and size > 0 else np.nan)
+    known = [fit for fit in fits if np.isfinite(fit)]
+    return max(known) if known else float("nan")
+
+
+def _steps(track: Track) -> tuple[Ints, Ints, Floats]:
+    """First and last pose, and seconds, of steps of about half a second that no gap interrupts."""
+    if len(track) < _LEAST:
+        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
+    seconds = (track.t_ns - track.t_ns[0]) * 1e-9
+    stride = max(1, round(_SPAN_S / max(float(np.median(np.diff(seconds))), 1e-4)))
+    at = np.arange(0, len(track), stride)
+    lasted = np.diff(seconds[at])
+    whole = (lasted > 1e-3) & (lasted < _LONGEST_S)
+    return at[:-1][whole], at[1:][whole], lasted[whole]
 
 
 def motion_of(track: Track, said: tuple[Ints, Floats] | None) -> Motion:
@@ -42,11 +85,7 @@ def motion_of(track: Track, said: tuple[Ints, Floats] | None) -> Motion:
     if said is None or len(track) < _LEAST or len(said[0]) < _LEAST:
         return Motion()
     seconds = (track.t_ns - track.t_ns[0]) * 1e-9
-    stride = max(1, round(_SPAN_S / max(float(np.median(np.diff(seconds))), 1e-4)))
-    at = np.arange(0, len(track), stride)
-    lasted = np.diff(seconds[at])
-    whole = (lasted > 1e-3) & (lasted < _LONGEST_S)
-    first, last, lasted = at[:-1][whole], at[1:][whole], lasted[whole]
+    first, last, lasted = _steps(track)
     if len(first) < _LEAST:
         return Motion()
     order = np.argsort(said[0], kind="stable")

@@ -19,6 +19,7 @@ from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
 from upplied.inputs.flight.tracks import Track, are_unit, at_times, source_times, stamps
 from upplied.inputs.schemas import gimbal, px4
+from upplied.inputs.schemas.inertial import FELT
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.poses import from_yaw_pitch
@@ -35,6 +36,7 @@ FIELDS = {
     ),
     "sensor_msgs/Imu": (
         "header.stamp.sec", "header.stamp.nanosec", "header.frame_id", "orientation_covariance", *_TURN,
+        *FELT,
     ),
 }  # fmt: skip
 SOURCES = ("sensor_msgs/NavSatFix", "foxglove.LocationFix", "px4_msgs/VehicleGlobalPosition")
