@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pandas as pd
@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 from upplied.outputs.along import profile, speeds
 from upplied.outputs.display import display_mesh, display_states, packed, structure_data
 from upplied.outputs.pages import inert_json
+from upplied.outputs.pair_page import _parts
 from upplied.outputs.pairs import change, meaning, pairs_of, shown_status
 from upplied.outputs.reports import Reader
 from upplied.poses import look_at
-from upplied.records import Structure, SurfaceStates, Trajectory
+from upplied.records import Counterpart, Structure, SurfaceStates, Trajectory
 from upplied.scene import scene_of, simplified
 
 
@@ -217,3 +218,21 @@ def test_a_comparison_that_must_not_be_flown_is_no_ok():
         shown_status({"status": "ok", "flyable": None, "not_flyable": None}) == "ok"
     )  # planned before it was asked
     assert shown_status(row | {"status": "refused"}) == "refused"
+
+
+@pytest.mark.parametrize(
+    ("probability", "sure", "said"),
+    [(0.98, "sure", "98 %"), (0.95, "sure", "95 %"), (0.9, "likely", "90 %"), (0.8, "likely", "80 %"),
+     (0.42, "doubtful", "42 %"), (None, "untold", "not told apart")],
+)  # fmt: skip
+def test_a_counterpart_is_shown_with_how_sure_it_is(probability, sure, said):
+    found = Counterpart("part_5 (left low)", 61.4, 1, 4, ("part_6 (left)",), ("part_7: why",), probability)
+    (shown,) = _parts(json.dumps([asdict(found)]))
+    assert (shown["sure"], shown["probability"]) == (sure, said)
+    assert (shown["inspected"], shown["found"], shown["flown"]) == ("61 %", "4", "part_6 (left)")
+    assert shown["left_out"] == "part_7: why" and not shown["doubt"]
+
+
+@pytest.mark.parametrize("kept", ["", None, float("nan"), "[", "[1]", '[{"part": 1}]'])
+def test_where_no_counterparts_are_kept_none_are_shown(kept):
+    assert _parts(kept) == []

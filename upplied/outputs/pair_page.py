@@ -99,6 +99,10 @@ def path_data(profile: Profile, origin: Floats) -> dict[str, Any]:
     return {name: packed(values.astype(np.float32)) for name, values in columns.items()}
 
 
+# From which probability a counterpart is called how; a plan asks for 0.8 unless it is set otherwise.
+_SURE = ((0.95, "sure"), (0.8, "likely"), (0.0, "doubtful"))
+
+
 def _ordered(pair: Pair) -> list[tuple[str, Mapping[str, Any]]]:
     first = [pair.decided] if pair.decided else []
     known = first + [preset for preset in PRESETS if preset in pair.plans and preset not in first]
@@ -130,22 +134,28 @@ def _text(value: Any) -> str:
     return value if isinstance(value, str) else ""
 
 
-def _parts(value: Any) -> str:
-    """What corresponds to each inspected part, as sentences; the catalog keeps it as a JSON list."""
+def _parts(value: Any) -> list[dict[str, str]]:
+    """What corresponds to each inspected part, for people; the catalog keeps it as a JSON list."""
     try:
         found = json.loads(value) if isinstance(value, str) and value else []
-        return " ".join(_part(one) for one in found)
+        return [_part(one) for one in found]
     except (ValueError, TypeError, KeyError, AttributeError):
-        return ""
+        return []
 
 
-def _part(one: Mapping[str, Any]) -> str:
-    said = f"{one['part']}, {one['inspected_pct']:.0f} % of what was inspected: {one['found']} like it found"
-    said += f", flown to {', '.join(one['flown'])}" if one["flown"] and not one["doubt"] else ""
+def _part(one: Mapping[str, Any]) -> dict[str, str]:
+    """One inspected part: how much, what is flown, what is left out, and how sure that is."""
     sure = one.get("probability")
-    said += f", the right one with probability {sure:.2f}" if isinstance(sure, float) else ""
-    said += f", left out {', '.join(one['left_out'])}" if one["left_out"] else ""
-    return f"{said}. {one['doubt']}".rstrip(". ") + "."
+    return {
+        "part": str(one["part"]),
+        "inspected": f"{one['inspected_pct']:.0f} %",
+        "found": str(one["found"]),
+        "flown": ", ".join(one["flown"]),
+        "left_out": "; ".join(one["left_out"]),
+        "sure": "untold" if sure is None else next(name for least, name in _SURE if sure >= least),
+        "probability": "not told apart" if sure is None else f"{100 * sure:.0f} %",
+        "doubt": str(one["doubt"]),
+    }
 
 
 def safety_m(settings_json: Any) -> float | None:

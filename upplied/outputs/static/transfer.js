@@ -87,6 +87,7 @@
         element("label", { class: "check" }, frusta, "viewpoints"),
         planned.some((track) => track.states) ? colourBy : null),
       planned.some((track) => track.states) ? element("p", { class: "legend" }, STATES.map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name))) : null,
+      counterparts(main),
       upplied.downloads(data, panes),
       data.plans.filter((plan) => plan.flown).map((plan) => element("p", { class: "flown" }, element("b", {}, plan.preset + (plan.flown.kind === "flown" ? ", as flown. " : ", flown in simulation. ")), plan.flown.said)),
       charts, measures(data.plans), remarks(data));
@@ -196,6 +197,19 @@
         rows.map(([key, label, digits, unit, help]) => element("tr", {}, element("th", { scope: "row", title: help }, label), columns.map(({ values }) => element("td", {}, format(values[key], digits, unit)))))))));
   }
 
+  // What corresponds to each inspected part, and by its colour how sure that is.
+  function counterparts(plan) {
+    if (!plan.parts.length) return null;
+    const columns = [["inspected", "Of what was inspected"], ["found", "Like it on the target"], ["flown", "Flown to"], ["left_out", "Left out"]];
+    return element("section", { class: "counterparts" }, element("h2", {}, "Which part is it?"),
+      element("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Inspected parts" }, element("table", { class: "figures" },
+        element("thead", {}, element("tr", {}, ["Inspected part", "The right one", ...columns.map(([, label]) => label)].map((label) => element("th", { scope: "col" }, label)))),
+        element("tbody", {}, plan.parts.map((one) => element("tr", { title: one.doubt },
+          element("td", {}, one.part), element("td", {}, element("span", { class: "certainty " + one.sure }, one.probability)),
+          columns.map(([key]) => element("td", {}, one[key] || "–"))))))),
+      plan.parts.filter((one) => one.doubt).map((one) => element("p", { class: "note" }, one.doubt)));
+  }
+
   function margin(plan, values) {
     return plan.safety_m && Number.isFinite(values.min_clearance_m) ? values.min_clearance_m - plan.safety_m : null;
   }
@@ -210,6 +224,6 @@
     return element("section", {}, element("h2", {}, "Where this comes from"),
       facts([["Demonstration", data.demonstration.id + ", " + data.demonstration.poses + " poses"], ["Passport", passport(data)], ["Source", upplied.structures[data.source].findings], ["Target", upplied.structures[data.target].findings], ["Notes", data.demonstration.notes], ["About", data.demonstration.about || "inferred from the flight: the coloured surface on the left"]]),
       data.plans.map((plan) => element("details", { open: plan === data.plans[0] }, element("summary", {}, plan.preset),
-        facts([["Inspected parts", plan.parts], ["Counterparts", plan.counterparts], ["Stand-off", plan.standoff], ["Evidence", plan.evidence], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
+        facts([["Counterparts", plan.counterparts], ["Stand-off", plan.standoff], ["Evidence", plan.evidence], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
   }
 })();
