@@ -115,3 +115,16 @@ def test_a_round_camera_sees_what_is_beside_it_but_not_above() -> None:
     found = looks_aside(along_x(), round_, PRICE, WAY)
     assert len(round_.missed(found.positions, from_yaw_pitch(found.yaw, found.pitch))) == 0
     assert found.pitch.max() > np.radians(5)
+
+
+def test_a_look_goes_from_where_the_camera_points_to_its_sample() -> None:
+    path, asked = along_x(yaw=0.2, pitch=-0.4), view(*LEFT)
+    found = looks_aside(path, asked, PRICE, WAY)
+    station = int(np.abs(found.yaw - 0.2).argmax())
+    to = LEFT[0][0] - path.positions[station]
+    assert found.yaw[station] == pytest.approx(np.arctan2(to[1], to[0]))
+    assert found.pitch[station] == pytest.approx(0, abs=1e-9)
+    turn = np.hypot(np.cos(0.4) * (found.yaw[station] - 0.2), 0.4)
+    tent = np.clip(1 - np.abs(path.positions[:, 0] - path.positions[station, 0]) / (WAY * turn), 0, 1)
+    assert found.yaw - 0.2 == pytest.approx((found.yaw[station] - 0.2) * tent)
+    assert found.pitch + 0.4 == pytest.approx(0.4 * tent)
