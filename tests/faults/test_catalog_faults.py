@@ -74,11 +74,15 @@ def chaos(place: Path, kills: int, every_s: float) -> Stage:
     """Let everybody work, and kill somebody who writes every so often."""
     rng = random.Random(kills)
     stage = Stage(place)
+    open_catalog(place / "catalog").create()  # whoever publishes may be faster than whoever writes
     roles = [("writer", WRITERS), ("reader", READERS), ("publisher", 1), ("maintenance", 1)]
     try:
         for role, count in roles:
             for number in range(count):
                 stage.start(role, number)
+        begun = time.monotonic()
+        while not list(place.glob("acknowledged-*")) and time.monotonic() < begun + 120:
+            time.sleep(0.1)
         time.sleep(2)
         while sum(stage.kills.values()) < kills and not list(place.glob("trouble-*")):
             time.sleep(rng.uniform(0.2, 1.8) * every_s)

@@ -130,7 +130,10 @@ class StoredTable:
         if dataset is None:
             return
         present = [name for name in wanted.names if name in dataset.schema.names]
-        scanner = dataset.scanner(columns=present, filter=where, batch_size=_ROW_GROUP)
+        # A row of plans takes kilobytes: few are read ahead.
+        scanner = dataset.scanner(
+            columns=present, filter=where, batch_size=_ROW_GROUP, batch_readahead=1, fragment_readahead=1
+        )
         with closing(scanner.to_batches()) as found:
             while (batch := told(self.uri, partial(next, found, None))) is not None:
                 rows = in_schema(pa.table(batch), wanted)
