@@ -54,16 +54,21 @@ def refusal(headers: dict[bytes, bytes], hosts: frozenset[str]) -> str:
     if host_name(asked) not in hosts:
         return "This server does not answer to that name (UPPLIED_HOSTS)."
     if b"origin" in headers:
-        origin = urlsplit(headers[b"origin"].decode("latin-1")).netloc
+        try:
+            origin = urlsplit(headers[b"origin"].decode("latin-1")).netloc
+        except ValueError:  # no address at all
+            origin = ""
         if origin.lower() != asked.lower():
             return "Pages of another site are not answered."
     return ""
 
 
 def host_name(host: str) -> str:
-    """The name in a ``Host`` header, without its port."""
+    """The name in a ``Host`` header, without its port; empty where it is none."""
     try:
-        return urlsplit(f"//{host}").hostname or ""
+        parts = urlsplit(f"//{host}")
+        _ = parts.port  # an error where it is no number
+        return parts.hostname or ""
     except ValueError:
         return ""
 
@@ -80,11 +85,13 @@ async def refuse(kind: str, reason: str, send: Send) -> None:
 
 
 def with_headers(send: Send) -> Send:
-    """The same, with the security headers on every answer."""
+    """The same, with the security headers on every answer, and none that opens it to other sites."""
 
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
-            message["headers"] = [*message.get("headers", ()), *HEADERS]
+            given = message.get("headers", ())
+            kept = [each for each in given if not each[0].lower().startswith(b"access-control-")]
+            message["headers"] = [*kept, *HEADERS]
         await send(message)
 
     return sending

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import stat
@@ -12,7 +13,7 @@ from collections.abc import Iterator
 import prefect_api
 import pytest
 
-from upplied.flows.api import refusal
+from upplied.flows.api import Guard, refusal
 from upplied.flows.server import Server, ServerError, private_server
 
 pytestmark = [pytest.mark.server, pytest.mark.filterwarnings("default")]
@@ -134,8 +135,28 @@ def test_what_a_guard_refuses():
         {b"host": b""},
         {b"host": b"[::1"},
         {b"host": b"127.0.0.1.evil.example"},
+        {b"host": b"127.0.0.1:4200.evil.example"},
         {b"host": b"evil.example@127.0.0.1.evil.example"},
         {b"host": b"127.0.0.1:4200", b"origin": b"null"},
+        {b"host": b"127.0.0.1:4200", b"origin": b"http://["},
         {b"host": b"127.0.0.1:4200", b"origin": b"http://127.0.0.1:4201"},
     ):
         assert refusal(headers, hosts), headers
+
+
+def test_no_answer_is_opened_to_other_sites():
+    """Prefect opens some of its errors to every site."""
+    sent: list[dict] = []
+
+    async def answer(scope, receive, send) -> None:
+        opened = [(b"Access-Control-Allow-Origin", b"*"), (b"content-type", b"text/plain")]
+        await send({"type": "http.response.start", "status": 403, "headers": opened})
+
+    async def take(message) -> None:
+        sent.append(message)
+
+    scope = {"type": "http", "headers": [(b"host", b"localhost")]}
+    asyncio.run(Guard(answer, frozenset({"localhost"}))(scope, None, take))
+    names = [name.lower() for name, _ in sent[0]["headers"]]
+    assert b"content-type" in names and b"x-frame-options" in names
+    assert b"access-control-allow-origin" not in names
