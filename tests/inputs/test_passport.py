@@ -251,6 +251,8 @@ def test_a_zoom_is_a_camera_for_each_pose(tmp_path: Path) -> None:
     assert "zoom" in [item["rule"] for item in found.passport["findings"]]
     part = taken(zoomed, tmp_path / "a.mcap", stop_s=float(log.t_ns[len(log) // 3] - log.t_ns[0]) * 1e-9)
     assert part.camera.hfov_deg == pytest.approx(75.0, abs=1e-3) and part.fov_deg is None
+    told = taken(zoomed, tmp_path / "a.mcap", camera_hfov_deg=70.0).passport
+    assert "from 75.0 to 50.0 deg: 70 deg all the time" in str(told["measured"]["assumed"])
     still = taken(replace(log, hfov_deg=np.full(len(log), 60.0)), tmp_path / "a.mcap")
     assert still.fov_deg is None and "zoom" not in [item["rule"] for item in still.passport["findings"]]
 

@@ -19,7 +19,7 @@ from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Sight, ground_of, sight_of
 from upplied.inputs.passport.velocity import motion_of, turning_of
 from upplied.inputs.rules import Verdict
-from upplied.inputs.schemas.cameras import NO_CALIBRATION
+from upplied.inputs.schemas.cameras import NO_CALIBRATION, ZOOM_UNHEARD
 from upplied.poses import angle_between
 from upplied.records import Camera, Floats, Ints, Structure
 from upplied.scene import scene_of
@@ -269,6 +269,7 @@ def _assumed(reading: Reading) -> tuple[str, ...]:
     said = []
     if NO_CALIBRATION in reading.notes:
         said.append(f"a camera of {camera.hfov_deg:g} x {camera.vfov_deg:g} deg")
+    said += [note for note in reading.notes if note.startswith(ZOOM_UNHEARD)]
     if NO_MOUNT in reading.flown.notes:
         said.append("a camera that looks along the body's x axis")
     if not (reading.logged.parent or reading.logged.child):

@@ -23,6 +23,7 @@ FIELDS = {
     "foxglove.CameraCalibration": ("timestamp.sec", "timestamp.nanosec", "frame_id", *_CALIBRATION),
 }  # fmt: skip
 _KNOWN = 0.5  # of the poses that come after the first calibration: fewer, and the clocks are two
+ZOOM_UNHEARD = "against a calibration in the log that changes"
 NO_CALIBRATION = "no camera calibration in the log"
 _FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "fisheye62")
 
@@ -129,6 +130,9 @@ def camera_of(
         found_range = f"{camera.min_range_m} to {camera.max_range_m} m"
         raise InputError(f"{what}, camera range", f"got {found_range}", "the least range below the greatest")
     said = facts.camera_hfov_deg is not None
+    if said and zoom is not None and zoom.spread_pct > facts.passport.zoom_pct:
+        changes = f"from {zoom.hfov_deg.max():.1f} to {zoom.hfov_deg.min():.1f} deg"
+        notes.append(f"{ZOOM_UNHEARD} {changes}: {camera.hfov_deg:g} deg all the time, as declared")
     return camera, facts.camera_frame_id.lstrip("/") or frame, notes, None if said else zoom
 
 
