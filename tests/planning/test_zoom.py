@@ -24,6 +24,8 @@ from upplied.catalog.verbs import queries
 from upplied.config import settings_for
 from upplied.errors import RefusedError
 from upplied.outputs.missions import MissionOptions, export
+from upplied.outputs.render import export_transfer
+from upplied.outputs.reports import plan_of
 from upplied.planning.plan import plan_transfer
 from upplied.poses import interpolate
 from upplied.records import Demonstration, Placement, Plan, Structure
@@ -151,6 +153,11 @@ def test_a_catalog_keeps_the_zoom_and_notices_when_it_is_changed(planned, tmp_pa
     name = transfer_id("a" * 64)
     again = catalog.plan(name).trajectory
     assert np.array_equal(again.fov_deg, plan.trajectory.fov_deg)
+    listed = catalog.transfers(every=True).iloc[0]
+    assert np.array_equal(plan_of(catalog, listed).trajectory.fov_deg, again.fov_deg), "as it is exported"
+    assert np.array_equal(catalog.path_of(catalog.transfer(name)).fov_deg, again.fov_deg)
+    with pytest.raises(RefusedError, match="zoom"):
+        export_transfer(catalog, name, "litchi", tmp_path / "a.csv", MissionOptions(draft=True))
     row = catalog.transfer(name)
     steps = queries.steps(catalog.tables["waypoints"], row)
     spoilt = np.array(steps["hfov_deg"]).copy()

@@ -15,7 +15,7 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.fleet.gaps import flight_row
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.proof.as_flown import silence_s
-from upplied.records import Demonstration
+from upplied.records import Camera, Demonstration, Trajectory
 from upplied.scene import scene_of
 
 _WHOLE_PCT = 98.0  # of the plan's length, and of what it shows: less is no whole inspection
@@ -81,7 +81,8 @@ def promote_flight(
         t_ns=start_ns + np.round(flown.t_s * 1e9).astype(np.int64),
         positions=flown.positions,
         quat_xyzw=flown.quat_xyzw,
-        camera=before.camera,
+        camera=_camera(before.camera, flown),
+        fov_deg=flown.fov_deg,
         operator=str(row["operator"] or ""),
         site=before.site if before.structure_id == structure.structure_id else "",
         sha256=digest(["flight", row["flight_id"], row["flight_sha256"]]),
@@ -92,6 +93,13 @@ def promote_flight(
     )
     catalog.add_demonstrations([made])
     return made
+
+
+def _camera(planned: Camera, flown: Trajectory) -> Camera:
+    """The camera of the plan, with the narrowest field of view that the flight itself logged."""
+    if flown.fov_deg is None:
+        return planned
+    return planned.zoomed(flown.fov_deg[[flown.fov_deg[:, 0].argmin()]])[0]
 
 
 def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:

@@ -258,7 +258,11 @@ def plan_of(source: Source, row: Any) -> Plan:
 def trajectory_of(steps: pd.DataFrame) -> Trajectory:
     """The trajectory of a table of waypoints."""
     values = steps[_POSE].to_numpy(float)
-    return Trajectory(steps["t_s"].to_numpy(float), values[:, :3], values[:, 3:])
+    zoomed = "hfov_deg" in steps and bool(
+        steps["hfov_deg"].notna().all()
+    )  # rows of before have no such column
+    fov_deg = steps[["hfov_deg", "vfov_deg"]].to_numpy(float) if zoomed else None
+    return Trajectory(steps["t_s"].to_numpy(float), values[:, :3], values[:, 3:], fov_deg)
 
 
 def viewpoints_of(steps: pd.DataFrame) -> Floats:

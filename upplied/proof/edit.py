@@ -19,7 +19,7 @@ from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.roadmap import Roadmap, way
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.retime import retime
-from upplied.poses import from_yaw_pitch, yaw_pitch
+from upplied.poses import fov_at, from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
 
 _SAME_M, _SAME_DEG = 1e-3, 0.05  # of what a file keeps of a pose: less is no change
@@ -137,8 +137,8 @@ def edited(
         parts.append(_cut(whole, int(index[last]) + 1, len(plan)))
     made = _joined(parts, graph)
     path = Waypoints(made.positions, from_yaw_pitch(made.yaw, made.pitch), made.t_s, made.is_viewpoint)
-    timed, flags, _ = retime(path, plan, limits)
-    return timed, flags
+    timed, flags, answers_s = retime(path, plan, limits)
+    return replace(timed, fov_deg=fov_at(plan, answers_s)), flags
 
 
 def _piece(plan: Trajectory, rows: Ints, is_viewpoint: Bools) -> _Piece:
