@@ -7,7 +7,7 @@ import pytest
 
 from upplied.config import TransferSettings
 from upplied.planning.carry.affine import AxisMap
-from upplied.planning.carry.to_counterparts import follow_counterparts
+from upplied.planning.carry.to_counterparts import _smoothing, follow_counterparts
 from upplied.poses import angle_between, from_yaw_pitch, look_at, optical_axis, yaw_pitch
 from upplied.records import Camera, Cloud, Correspondences, Trajectory, Visibility
 
@@ -184,3 +184,21 @@ def test_a_camera_that_looks_steeply_down_keeps_its_heading():
         done = follow_counterparts(flight, seen, plate, pairs, still, TransferSettings(), CAMERA, 0.1, 1e-6)
         yaw = yaw_pitch(done.quat_xyzw)[0]
         assert (np.abs(yaw - 0.4) > 0.01).any() == turns
+
+
+@pytest.mark.parametrize(
+    ("spacing", "standoff", "count", "poses"),
+    [
+        (0.5, 4.0, 100, 4.0),
+        (2.0, 4.0, 100, 1.0),
+        (0.5, 40.0, 100, 12.5),
+        (0.5, 4.0, 6, 1.0),
+        (0.5, 6.0, 100, 6.0),
+    ],
+)
+def test_a_shift_is_smoothed_over_half_a_stand_off(spacing, standoff, count, poses):
+    at = np.column_stack([spacing * np.arange(count), np.zeros((count, 2))])
+    aim = at + np.array([0.0, 0.0, standoff])
+    aim[0] = np.nan
+    assert _smoothing(at, aim) == pytest.approx(poses)
+    assert _smoothing(at[1:2], aim[1:2]) == 1.0

@@ -221,3 +221,13 @@ def test_a_registration_says_the_same_in_the_declared_frames(heading: float) -> 
 def test_words_mean_the_nearest_declared_axes() -> None:
     for degrees, front in ((0.0, [1, 0, 0]), (44.0, [1, 0, 0]), (46.0, [0, 1, 0]), (-100.0, [0, -1, 0])):
         assert named_axes(Frame(np.radians(degrees)))[:, 0] == pytest.approx(front)
+
+
+def test_the_heading_does_not_depend_on_the_size() -> None:
+    for scale in (0.003, 1.0, 500.0):
+        made = prism(30.0)
+        sized = replace(made, vertices=scale * made.vertices)
+        assert off_axes_deg(own_frame(sized).heading_rad, 30.0) < 1e-6
+    upright = own_frame(prism(0.0)).heading_rad
+    small = replace(prism(0.0), vertices=0.01 * prism(0.0).vertices)
+    assert own_frame(small).heading_rad == pytest.approx(upright, abs=1e-9)
