@@ -9,11 +9,12 @@ import sys
 import numpy as np
 
 from upplied.fleet.workers import ONE_THREAD as ONE_THREAD_EACH
+from upplied.records import Structure
 from upplied.samples.fleet import random_member
-from upplied.scene import Scene
+from upplied.scene import Scene, _few, scene_of
 
 PLOTS_TWICE = """
-from upplied.scene import open3d
+from upplied.scene import _few, open3d
 module = open3d()
 drawing, box = module.visualization, module.geometry.TriangleMesh.create_box()
 print("dash" in __import__("sys").modules)
@@ -30,7 +31,7 @@ def test_open3ds_plots_load_when_they_are_asked_for():
 
 def test_an_open3d_that_is_loaded_already_stays_as_it_is():
     code = """
-from upplied.scene import open3d
+from upplied.scene import _few, open3d
 before = open3d().visualization.draw_plotly
 open3d.cache_clear()
 print(open3d().visualization.draw_plotly is before)
@@ -43,7 +44,7 @@ ONE_THREAD = """
 import time
 import numpy as np
 from upplied.samples.fleet import member
-from upplied.scene import Scene
+from upplied.scene import Scene, _few, scene_of
 shape = member("cube-v1").structure
 scene = Scene(shape.vertices, shape.triangles)
 rng = np.random.default_rng(0)
@@ -81,3 +82,18 @@ def test_answers_do_not_depend_on_the_number_of_threads():
     ):
         for left, right in zip(ask(one), ask(many), strict=True):
             assert np.array_equal(left, right)
+
+
+def test_a_cloud_of_many_points_takes_bounded_discs_that_keep_its_distances_and_hide_what_is_behind() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(400_000, 3))
+    points *= 10.0 / np.linalg.norm(points, axis=1, keepdims=True)
+    cloud = Structure("ball", "tank", points, np.empty((0, 3), np.int64))
+    scene = scene_of(cloud, 1)
+    places = rng.normal(size=(500, 3))
+    places *= rng.uniform(10.5, 20.0, (500, 1)) / np.linalg.norm(places, axis=1, keepdims=True)
+    off = scene.distance(places) - (np.linalg.norm(places, axis=1) - 10.0)
+    assert np.abs(off).max() < scene.grain_m < 0.2
+    assert scene.occluded(places, -places).all()
+    assert _few(points, points)[0].shape == (200_000, 3)
+    assert _few(points[:10], None)[1] is None and np.array_equal(_few(points[:10], None)[0], points[:10])

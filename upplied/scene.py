@@ -190,9 +190,20 @@ def scene_of(structure: Structure, threads: int = 0) -> Scene:
 def _new_scene(structure: Structure, threads: int) -> Scene:
     if len(structure.triangles):
         return Scene(structure.vertices, structure.triangles, threads)
-    vertices, triangles = surfels(structure.vertices, structure.normals)
+    vertices, triangles = surfels(*_few(structure.vertices, structure.normals))
     radius = np.linalg.norm(vertices[1::7] - vertices[0::7], axis=1)  # each disc: its centre, then its rim
     return Scene(vertices, triangles, threads, grain_m=float(np.median(radius)))
+
+
+_MOST_DISCS = 200_000  # a disc takes about a kilobyte while rays are cast; more stand for no finer surface
+
+
+def _few(points: Floats, normals: Floats | None) -> tuple[Floats, Floats | None]:
+    """A cloud of at most so many points that rays can be cast at their discs in bounded time and memory."""
+    if len(points) <= _MOST_DISCS:
+        return points, normals
+    chosen = np.sort(np.random.default_rng(0).choice(len(points), _MOST_DISCS, replace=False))
+    return points[chosen], None if normals is None else normals[chosen]
 
 
 def surfels(points: Floats, normals: Floats | None) -> tuple[Floats, Ints]:

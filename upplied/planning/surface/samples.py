@@ -19,6 +19,7 @@ from upplied.scene import Scene
 _DIRECTIONS = 64  # over the whole sphere: half of them for each side of a surface
 _FIRST = 16  # of those, cast for every candidate; the others only where the first leave doubt
 _ESCAPE = 0.06  # least share of a side's rays that escape: inlets reach 0.1, cabins behind a hole 0.03
+_POINTS = 60_000  # of a cloud, that are asked: fifteen for each sample
 _SPARE = 2.5  # candidates on the outside per sample that is kept, so that thinning can space them
 
 
@@ -154,13 +155,17 @@ def _thinned(points: Floats, normals: Floats, area: Floats, piece: Ints, setting
 
 
 def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
-    """Samples of a structure given as a point cloud: its points, thinned."""
-    points = structure.vertices
+    """Samples of a structure given as a point cloud: some of its points, thinned."""
+    points, given = structure.vertices, structure.normals
+    if len(points) > _POINTS:
+        rng = np.random.default_rng(settings.seed)
+        chosen = np.sort(rng.choice(len(points), _POINTS, replace=False))
+        points, given = points[chosen], None if given is None else given[chosen]
     distance, neighbours = cKDTree(points).query(points, k=min(9, len(points)))
     area = np.pi * distance[:, -1] ** 2 / max(distance.shape[1] - 1, 1)
     whole = np.zeros(len(points), np.int64)
-    if structure.normals is not None:
-        return _thinned(points, structure.normals, area, whole, settings)
+    if given is not None:
+        return _thinned(points, given, area, whole, settings)
     patch = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", patch, patch))[1][:, :, 0]
     gap = float(np.median(distance[:, 1]))
