@@ -15,6 +15,7 @@ from upplied.catalog.verbs.looks import put_looks
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, SettingsError
+from upplied.fleet.zones import zones
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import interpolate
 from upplied.proof.as_flown import looks_of
@@ -126,6 +127,24 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     assert list(catalog.requirements()["version"]) == [2] and len(catalog.requirements(every=True)) == 2
     catalog.require("kind", cube.kind, "monthly", [], "Ada")
     assert main(["zones", "cube-v1", *where]) == 0 and not len(catalog.requirements())
+
+
+def test_a_zone_of_one_structure_is_asked_of_all_of_its_kind(catalog):
+    cube = catalog.structure("cube-v1")
+    cuboid = member("cuboid-v1").structure
+    catalog.add_structures([cuboid])
+    low, high = cube.vertices.min(axis=0), cube.vertices.max(axis=0)
+    side = f"box {high[0] - 0.01} {low[1]} {low[2]} {high[0] + 0.01} {high[1]} {high[2]}"
+    asked = {"zone": "side", "where": side, "on": "cube-v1"}
+    catalog.require("kind", cube.kind, "monthly", [asked], "Ada")
+    (own,), (other,) = zones(catalog, "cube-v1"), zones(catalog, "cuboid-v1")
+    assert own["on"] == "" and "carried" not in own["planned_why"]
+    assert other["on"] == "cube-v1" and "carried from cube-v1" in other["planned_why"]
+    assert other["planned"] == "missed" and "was not seen" in other["planned_why"]  # nothing is planned there
+    with pytest.raises(SettingsError, match="a structure of kind"):
+        catalog.require("kind", cube.kind, "monthly", [{**asked, "on": "nobody"}], "Ada")
+    with pytest.raises(SettingsError, match="the id of a structure"):
+        catalog.require("kind", cube.kind, "monthly", [{**asked, "on": 3}], "Ada")
 
 
 @pytest.mark.parametrize(

@@ -73,5 +73,5 @@ def zones(structure: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
     with errors.status("judging"):
         rows = judged(opened(catalog), structure)
     plain = [{name: None if value != value else value for name, value in row.items()} for row in rows]
-    show(f"zones of {structure}", plain, json, ("asked_by", "version", "set"))
+    show(f"zones of {structure}", plain, json, ("asked_by", "version", "set", "probability", "on"))
     return int(any(row["planned"] != "met" for row in rows))

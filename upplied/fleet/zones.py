@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -16,13 +17,14 @@ from upplied.errors import SettingsError
 from upplied.fleet.flight_logs import viewpoint_index
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.demonstration.about import zone_of
+from upplied.planning.demonstration.carried_zone import carried_zone
 from upplied.planning.measures.attainable import attainable
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.planning.visibility.path_views import TRULY
 from upplied.proof.as_flown import looks_of
 from upplied.proof.zones import Demand, Looked, judged
-from upplied.records import Bools, Camera, Cloud, Ints, Plan, Structure
+from upplied.records import Bools, Camera, Cloud, Ints, Plan, Record, Structure
 from upplied.scene import Scene, scene_of
 
 _DAY_S = 86_400.0
@@ -45,7 +47,7 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
         return []
     rows = _plans(catalog, structure_id)
     cameras = [catalog.demonstration(str(row["demonstration_id"])).camera for row in rows]
-    asking = Asking(target, scene_of(target), cameras[0] if cameras else Camera(), asked)
+    asking = Asking(catalog, target, scene_of(target), cameras[0] if cameras else Camera(), asked)
     plans = [catalog.plan(str(row["transfer_id"])) for row in rows]
     shown = [
         planned_looks(plan, asking.surface, camera, asking.scene)
@@ -55,13 +57,14 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     flights = _flown(catalog, structure_id, asking.surface)
     both = zip(asking.judged(*shown), asking.judged(*flights), strict=True)
     return [
-        {name: planned[name] for name in ("set", "version", "asked_by", "zone")}
+        {name: planned[name] for name in _NAMED}
         | {_named("planned", name): planned[name] for name in _VERDICT}
         | {_named("flown", name): flown[name] for name in _VERDICT}
         for planned, flown in both
     ]
 
 
+_NAMED = ("set", "version", "asked_by", "zone", "on", "probability")
 _VERDICT = ("status", "pct", "why")
 
 
@@ -69,11 +72,21 @@ def _named(what: str, name: str) -> str:
     return what if name == "status" else f"{what}_{name}"
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class _Zone(Record):
+    patches: Bools  # (N,)
+    carried: bool = False
+    probability: float = 1.0
+    said: str = ""  # where it was carried from
+
+
 class Asking:
     """The zones that are asked of a structure, and what looks at it make of them.
 
     Parameters
     ----------
+    catalog : Catalog
+        Holds the structures that zones are carried from.
     target : Structure
     scene : Scene
     camera : Camera
@@ -82,7 +95,10 @@ class Asking:
         From `upplied.catalog.verbs.required.zones_of`.
     """
 
-    def __init__(self, target: Structure, scene: Scene, camera: Camera, asked: list[Row]) -> None:
+    def __init__(
+        self, catalog: Catalog, target: Structure, scene: Scene, camera: Camera, asked: list[Row]
+    ) -> None:
+        self._catalog = catalog
         self.target, self.scene, self.camera, self._asked = target, scene, camera, asked
         self.surface = surface_samples(target, scene, CloudSettings())
 
@@ -107,17 +123,32 @@ class Asking:
     def judged(self, *looks: Looked) -> list[Row]:
         """Of each zone its name and set, its status, the share that is shown and why it is not met."""
         found = []
-        for row, (demand, patches) in zip(self._asked, self._demands, strict=True):
-            verdict = judged(demand, patches, self._attainable, looks)
+        for row, (demand, zone) in zip(self._asked, self._demands, strict=True):
+            verdict = judged(demand, zone.patches, self._attainable, looks)
             said = {name: row[name] for name in ("set", "version", "asked_by", "zone")}
-            found.append(said | {"status": verdict.status, "pct": verdict.shown_pct, "why": verdict.why})
+            said |= {"on": demand.on if zone.carried else "", "probability": zone.probability}
+            why = "; ".join(filter(None, (verdict.why, zone.said)))
+            found.append(said | {"status": verdict.status, "pct": verdict.shown_pct, "why": why})
         return found
 
     @cached_property
-    def _demands(self) -> list[tuple[Demand, Bools]]:
+    def _demands(self) -> list[tuple[Demand, _Zone]]:
         known = Demand.__dataclass_fields__
         demands = [Demand(**{name: row[name] for name in known if name in row}) for row in self._asked]
-        return [(demand, self.patches(demand.where)) for demand in demands]
+        return [(demand, self._zone(demand)) for demand in demands]
+
+    def _zone(self, demand: Demand) -> _Zone:
+        """The samples of a zone, carried from the structure that it is on where that is another one."""
+        if demand.on in ("", self.target.structure_id):
+            return _Zone(self.patches(demand.where))
+        source = self._catalog.structure(demand.on)
+        settings = settings_for("recommended")
+        memo = self._catalog.cache
+        found = carried_zone(demand.where, source, self.target, self.surface, settings, memo)
+        said = f"carried from {demand.on}"
+        said += f" with probability {found.probability:.2f}" if np.isfinite(found.probability) else ""
+        said += f", {found.lost_pct:.0f} % of it has no counterpart" if found.lost_pct >= 1 else ""
+        return _Zone(found.patches, True, found.probability, said)
 
     @cached_property
     def _skin(self) -> Ints:

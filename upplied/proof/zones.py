@@ -16,6 +16,7 @@ class Demand:
 
     zone: str  # its name
     where: str  # landmarks, part_0, or "box X Y Z X Y Z" (m), separated by commas
+    on: str = ""  # the structure that the place is on, and is carried from; empty: each structure itself
     looks: int = 1  # pictures that show each patch, at least; what else is asked is asked of one of them
     gsd_mm: float | None = None  # a pixel covers this much of the surface at most
     incidence_deg: float | None = None  # from the normal, at most
@@ -57,6 +58,8 @@ def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looke
     looks : sequence of Looked
     """
     asked = zone & attainable
+    if not zone.any():
+        return ZoneVerdict("unattainable", float("nan"), "it has no counterpart here")
     beyond = 100 * float((zone & ~attainable).sum() / zone.sum())
     if not asked.any():
         return ZoneVerdict("unattainable", float("nan"), "no safe camera can see any of it")

@@ -270,4 +270,4 @@ class Session:
     def _asking(self) -> Asking:
         camera = self.editing.recipe.demonstration.camera
         asked = required.zones_of(self.catalog, self.editing.target.kind, self.editing.target.structure_id)
-        return Asking(self.editing.target, self.editing.scene, camera, asked)
+        return Asking(self.catalog, self.editing.target, self.editing.scene, camera, asked)

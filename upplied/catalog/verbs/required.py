@@ -40,6 +40,12 @@ def require(
     if scope not in ("kind", "structure") or owner not in set(known):
         raise CatalogError(f"{scope} {owner}", "is not in the catalog")
     checked = [_zone(name, zone) for zone in zones]
+    kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
+    kind = owner if scope == "kind" else kinds[owner]
+    for zone in checked:
+        if zone.get("on") and kinds.get(zone["on"]) != kind:
+            what = f"requirements {name}, zone {zone['zone'][:60]}"
+            raise SettingsError(what, f"is on {zone['on'][:60]!r}", f"a structure of kind {kind}")
     if len(zones) > _MOST_ZONES or len({zone["zone"] for zone in checked}) < len(zones):
         rule = f"{_MOST_ZONES} zones at most, each once"
         raise SettingsError(f"requirements {name}", "name a zone twice, or too many", rule)
@@ -57,12 +63,16 @@ def require(
 
 def _zone(name: str, zone: Mapping[str, Any]) -> Row:
     what = f"requirements {name}, zone {str(zone.get('zone', '(unnamed)'))[:60]}"
-    unknown = sorted(set(zone) - {"zone", "where", "looks", *_NUMBERS})
+    unknown = sorted(set(zone) - {"zone", "where", "on", "looks", *_NUMBERS})
     if unknown:
-        raise SettingsError(what, f"has {unknown[0][:60]!r}", f"zone, where, looks, {', '.join(_NUMBERS)}")
+        raise SettingsError(
+            what, f"has {unknown[0][:60]!r}", f"zone, where, on, looks, {', '.join(_NUMBERS)}"
+        )
     looks = zone.get("looks", 1)
     if not isinstance(looks, int) or isinstance(looks, bool) or not 1 <= looks <= _MOST_LOOKS:
         raise SettingsError(what, f"looks is {looks!r}", f"a whole number from 1 to {_MOST_LOOKS}")
+    if not isinstance(zone.get("on", ""), str):
+        raise SettingsError(what, f"is on {zone['on']!r}", "the id of a structure")
     for key in ("zone", "where"):
         if not isinstance(zone.get(key), str) or not 0 < len(zone[key].strip()) <= _LONGEST:
             raise SettingsError(what, f"has no {key}", f"a text of {_LONGEST} letters at most")

@@ -1,0 +1,112 @@
+"""A zone that was named on one structure, found on another of its kind through their correspondences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.config import Settings
+from upplied.planning.correspondence.certainty import ANSWERS, evidence_of_answer, probability
+from upplied.planning.correspondence.pair import Fit, Memo, no_memo, study_pair
+from upplied.planning.demonstration.about import zone_of
+from upplied.planning.geometry.boxes import in_source_frame
+from upplied.planning.surface.frames import frames_for, structure_in
+from upplied.planning.surface.parts import labels_of
+from upplied.planning.surface.skin import skin_parts
+from upplied.records import Bools, Cloud, Floats, Record, Structure
+from upplied.threads import one_thread
+
+_VOTERS = 5  # carried samples nearest to one of the target: most of them say whether it is of the zone
+_REACH = 3.0  # times the spacing of the target's samples, that the nearest of them may be off
+_PART = 0.1  # share of the zone from which a part of the source is asked for
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CarriedZone(Record):
+    """A zone on the target."""
+
+    patches: Bools  # (N,) of the samples that were asked about
+    probability: float  # that they are the right part; NaN where that cannot be told
+    lost_pct: float  # of the zone, what has no counterpart
+
+
+def carried_zone(
+    where: str, source: Structure, target: Structure, surface: Cloud, settings: Settings, memo: Memo = no_memo
+) -> CarriedZone:
+    """Find the samples of a target that correspond to a zone of a source.
+
+    Parameters
+    ----------
+    where : str
+        The zone on the source; see `about.zone_of`.
+    source, target : Structure
+        Of one kind, in their declared frames.
+    surface : Cloud
+        N samples of the target with normals, declared frame.
+    settings : Settings
+    memo : callable, optional
+
+    Raises
+    ------
+    SettingsError
+        If the zone names no surface of the source.
+    """
+    here, there = frames_for(source, target, settings)
+    with one_thread():
+        pair = study_pair(structure_in(here, source), structure_in(there, target), settings, memo)
+    fit = pair.surface
+    skin = skin_parts(pair.source, pair.source_scene, fit.source).label
+    zone = zone_of(where, pair.source, fit.source, skin)
+    assert zone is not None and fit.target.normals is not None and surface.normals is not None
+    kept = fit.correspondences.target_index >= 0
+    mine = _carried(fit, zone)
+    spacing = _spacing(fit.target.points)
+    turned = there.from_declared(surface.points), surface.normals @ there.turn
+    nearest = cKDTree(_sided(fit.target.points, fit.target.normals, spacing)).query(_sided(*turned, spacing))[
+        1
+    ]
+    lost = 100 * float((zone & ~kept).sum() / zone.sum())
+    return CarriedZone(np.asarray(mine[nearest], bool), _probability(fit, zone), lost)
+
+
+def _carried(fit: Fit, zone: Bools) -> Bools:
+    """Which of the target's samples (M,) the zone (N,) of the source's is carried to."""
+    places = fit.correspondences.target_points
+    known = np.isfinite(places).all(axis=1) & (fit.correspondences.target_index >= 0)
+    if not (known & zone).any():
+        return np.zeros(len(fit.target), bool)
+    count = min(_VOTERS, int(known.sum()))
+    off, voters = cKDTree(places[known]).query(fit.target.points, k=count)
+    off, voters = off.reshape(-1, count), voters.reshape(-1, count)
+    said = zone[known][voters].mean(axis=1) > 0.5
+    return np.asarray(said & (off[:, 0] <= _REACH * _spacing(fit.target.points)), bool)
+
+
+def _probability(fit: Fit, zone: Bools) -> float:
+    """That the target's parts are those that answer to the parts of the zone: of the least certain one."""
+    if fit.carried is None:
+        return float("nan")
+    registered = in_source_frame(fit.target, fit.registration)
+    label = labels_of(fit.source)
+    found = []
+    for part in np.unique(label[zone]):
+        if (label[zone] == part).mean() < _PART:
+            continue
+        answers = [int(answer) for answer in fit.correspondences.parts_answering(int(part))]
+        if not answers:
+            return 0.0
+        known = fit.registration.acceptance, fit.told >= 0
+        evidence = evidence_of_answer(fit.source, int(part), registered, answers, *known, fit.carried)
+        found.append(probability(evidence, ANSWERS))
+    return min(found)
+
+
+def _sided(points: Floats, normals: Floats, spacing: float) -> Floats:
+    """Points with their normals, so that the two sides of a thin plate lie apart."""
+    return np.concatenate([points, 2 * spacing * normals], axis=1)
+
+
+def _spacing(points: Floats) -> float:
+    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1])) if len(points) > 1 else 1.0
