@@ -1,13 +1,15 @@
 """Acceptance as a forecast: evidence of many pairs, what their forced plans show, and the calibration.
 
-    python bench/forecast.py collect FILE [--part K/N]
+    python bench/forecast.py collect FILE [--part K/N] [--held]
     python bench/forecast.py fit FILE [FILE ...]
+    python bench/forecast.py judge FILE [FILE ...]
 
 `collect` flies demonstrations round the samples, round structures that nobody built and round the real
 ones (bench/real_data.py), carries each to structures of its kind and to strangers, plans what the gate
 would refuse too, and writes evidence and outcome of each pair as lines of JSON. `fit` calibrates the
 probability on half of the structures and judges it on pairs of the other half, then on all, and prints
-the constants of `planning.carry.forecast`.
+the constants of `planning.carry.forecast`. `judge` says of other pairs, collected with ``--held`` round
+structures and by flights that nothing was calibrated on, what the gate accepts, kind by kind.
 
 The outcome of a pair of one kind is the inspected coverage of its forced plan, pictures sharp or not, times
 the share of counterparts that lie on the intended part, where the parts have names. That of strangers is 0.
@@ -18,7 +20,7 @@ from __future__ import annotations
 import argparse
 import json
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +33,7 @@ from scipy.optimize import minimize
 from upplied.config import Settings, settings_for
 from upplied.errors import UppliedError
 from upplied.planning.carry.evidence import evidence_of
-from upplied.planning.carry.forecast import CAPS
+from upplied.planning.carry.forecast import CAPS, OFFSET, WEIGHTS
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, takes_of
 from upplied.planning.plan import plan_transfer
@@ -49,6 +51,11 @@ SOURCES = ("a320-v1", "turbine-1-v1", "cruise-v1", "cube-v1", "bridge-1-v1")
 REAL_SOURCES = (
     "airplane/a320_fr24", "wind_turbine/enercon_e82_98m", "ship/cruise_ship_219m",
     "building/office_30x47_fg",
+)  # fmt: skip
+HELD_SOURCES = (
+    "b738_fr24", "e190_fr24", "vestas_v112_119m", "enercon_e82_78m", "ferry_88m", "silver_shadow_187m",
+    "hotel_generic_fg", "generic_135x65x35_fg", "motor_yacht_22m",
+    *(f"{kind}-random-700" for kind in FLIGHTS),
 )  # fmt: skip
 LIKE = 8  # targets of the same kind, for each flight
 GOOD = 75.0  # inspected coverage, percent, that counts as most of it
@@ -71,11 +78,11 @@ class Known:
     made: Member | None
 
 
-def structures() -> list[Known]:
+def structures(first: int) -> list[Known]:
     """Samples, structures that nobody built, and real ones."""
     found = [Known(one, one.kind, member(one.structure_id)) for one in sample_structures()]
     for kind in FLIGHTS:
-        for seed in range(300, 300 + RANDOM):
+        for seed in range(first, first + RANDOM):
             made = random_member(kind, seed)
             found.append(Known(made.structure, kind, made))
     folder = real_folder()
@@ -86,20 +93,18 @@ def structures() -> list[Known]:
     return found
 
 
-def rows(part: int, parts: int) -> Iterator[dict[str, Any]]:
+def rows(part: int, parts: int, held: bool) -> Iterator[dict[str, Any]]:
     """Evidence and outcome of every pair of this part."""
-    everything = structures()
-    real = {place.split("/")[1] for place in REAL_SOURCES}
-    sources = [
-        one for one in everything
-        if one.structure.structure_id in SOURCES or one.structure.structure_id in real
-    ]  # fmt: skip
+    everything = structures(700 if held else 300)
+    calibrated = (*SOURCES, *(place.split("/")[1] for place in REAL_SOURCES))
+    flown = HELD_SOURCES if held else calibrated
+    sources = [one for one in everything if one.structure.structure_id in flown]
     for number, source in enumerate(sources):
         if number % parts != part:
             continue
         for inspection in FLIGHTS.get(source.kind, ()):
             try:
-                flight = fly(source.structure, inspection, seed=21)
+                flight = fly(source.structure, inspection, seed=22 if held else 21)
             except UppliedError:
                 continue
             rng = np.random.default_rng(zlib.crc32(flight.demonstration_id.encode()))
@@ -134,6 +139,7 @@ def _row(source: Known, target: Known, inspection: str, flight: Any) -> dict[str
         "source": source.structure.structure_id,
         "target": target.structure.structure_id,
         "inspection": inspection,
+        "kind": source.kind,
         "same": same,
         "evidence": evidence_of(take).values.tolist(),
         "right": _right(take, source, target, inspection),
@@ -167,14 +173,13 @@ def collect(options: argparse.Namespace) -> None:
     """Write the pairs."""
     part, parts = (int(number) for number in options.part.split("/"))
     with open(options.files[0], "w", encoding="utf-8") as file:
-        for row in rows(part, parts):
+        for row in rows(part, parts, options.held):
             print(json.dumps(row), file=file, flush=True)
 
 
 def fit(options: argparse.Namespace) -> None:
     """Calibrate on half of the structures and judge the other half, in turn; then print the constants."""
-    rows_ = [json.loads(line) for path in options.files for line in path.read_text().splitlines()]
-    rows_ = [row for row in rows_ if not np.isnan(_outcome(row))]
+    rows_ = _read(options.files)
     evidence = np.minimum([row["evidence"] for row in rows_], CAPS)
     outcome = np.array([_outcome(row) for row in rows_])
     good = outcome >= GOOD
@@ -191,6 +196,33 @@ def fit(options: argparse.Namespace) -> None:
         print(f"    {row['source']} {row['inspection']} > {row['target']}: {held[place]:.2f}, "
               f"outcome {outcome[place]:.0f}")  # fmt: skip
     print(f"OFFSET = {offset:.2f}\nWEIGHTS = ({', '.join(f'{weight:.2f}' for weight in weights)})")
+
+
+def judge(options: argparse.Namespace) -> None:
+    """What the constants in force say of pairs that they were not calibrated on, kind by kind."""
+    rows_ = _read(options.files)
+    evidence = np.minimum([row["evidence"] for row in rows_], CAPS)
+    outcome = np.array([_outcome(row) for row in rows_])
+    found = _probability(evidence, OFFSET, np.array(WEIGHTS))
+    _print_judged("all", found, outcome)
+    least = settings_for("recommended").registration.least_probability
+    assert least is not None
+    for words, same in (("its own kind", True), ("other kinds", False)):
+        for kind in sorted({row["kind"] for row in rows_}):
+            some = np.array([row["kind"] == kind and row["same"] == same for row in rows_])
+            good = some & (outcome >= GOOD)
+            print(f"    {kind} to {words}: {(found[some] >= least).sum()} of {some.sum()} accepted, "
+                  f"{(found[good] >= least).sum()} of {good.sum()} that show {GOOD:g} %")  # fmt: skip
+    wrong = np.flatnonzero((found >= least) != (outcome >= GOOD))
+    for place in wrong[np.argsort(-np.abs(found - (outcome >= GOOD))[wrong])][:20]:
+        row = rows_[place]
+        print(f"    {row['source']} {row['inspection']} > {row['target']}: {found[place]:.2f}, "
+              f"outcome {outcome[place]:.0f}")  # fmt: skip
+
+
+def _read(files: Sequence[Path]) -> list[dict[str, Any]]:
+    rows_ = [json.loads(line) for path in files for line in path.read_text().splitlines()]
+    return [row for row in rows_ if not np.isnan(_outcome(row))]
 
 
 def _outcome(row: dict[str, Any]) -> float:
@@ -219,8 +251,8 @@ def _probability(evidence: Floats, offset: float, weights: Floats) -> Floats:
 
 
 def _print_judged(name: str, probability: Floats, outcome: Floats) -> None:
-    """Shares accepted at one half, and how far forecast and frequency are apart in five groups."""
-    accepted = probability >= 0.5
+    """Shares that pass the gate, and how far forecast and frequency are apart in five groups."""
+    accepted = probability >= settings_for("recommended").registration.least_probability
     shares = [
         f"{100 * accepted[some].mean():.1f} % of {some.sum()} {words}"
         for words, some in (("with at least 90 %", outcome >= 90), ("below 60 %", outcome < 60))
@@ -233,16 +265,14 @@ def _print_judged(name: str, probability: Floats, outcome: Floats) -> None:
 
 
 def main() -> None:
-    """Collect or fit."""
+    """Collect, fit or judge."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("what", choices=("collect", "fit"))
+    parser.add_argument("what", choices=("collect", "fit", "judge"))
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--part", default="0/1")
+    parser.add_argument("--held", action="store_true", help="other flights and structures, to judge by")
     options = parser.parse_args()
-    if options.what == "collect":
-        collect(options)
-    else:
-        fit(options)
+    {"collect": collect, "fit": fit, "judge": judge}[options.what](options)
 
 
 if __name__ == "__main__":

@@ -168,7 +168,7 @@ class Fidelity:
 
 FIDELITIES = {
     "strict": Fidelity(0.25, 1.2),
-    "balanced": Fidelity(0.58, 0.3),
+    "balanced": Fidelity(0.58, 0.1),
     "coverage": Fidelity(1.2, 0.05),
 }
 
@@ -177,7 +177,7 @@ FIDELITIES = {
 class OptimiseSettings:
     """The optimisation of a path: each weight is the share of what is to be shown that a unit is worth."""
 
-    context: float = 0.4  # share of all that is to be shown which goes to what was seen beside the inspected
+    context: float = 0.2  # share of all that is to be shown which goes to what was seen beside the inspected
     place: float = 0.05  # of straying from the counterparts by a stand-off, mean square
     standoff: float = 1.0  # of being a stand-off too near or too far, beyond the tolerance, mean square
     # The same where the user asks for it in metres, kept or by a ground sampling distance: then it is no wish
@@ -191,7 +191,7 @@ class OptimiseSettings:
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
     rounds: int = 3  # of casting rays
     iterations: int = 12  # of the solver in each round
-    samples: int = 800  # of the surface that stand for all, two thirds of them inspected ones
+    samples: int = 1600  # of the surface that stand for all, two thirds of them inspected ones
 
 
 def focal_px(width_px: int, hfov_deg: float) -> float:

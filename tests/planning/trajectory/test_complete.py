@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from upplied.config import FIDELITIES, settings_for
-from upplied.errors import RefusedError
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.plan import plan_transfer
-from upplied.planning.trajectory.complete import _refuse_beyond_bound, _within_bound
+from upplied.planning.trajectory.complete import _within_bound
 from upplied.records import Plan
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
@@ -70,6 +69,3 @@ def test_a_path_beyond_the_bound_is_drawn_to_the_demonstrated_shape_just_as_far_
     np.testing.assert_allclose(
         _within_bound(strayed, reference, nowhere, reference, 0.0), reference, atol=1e-4
     )
-    _refuse_beyond_bound(drawn, reference, whole / 2)
-    with pytest.raises(RefusedError, match=r"at most 0\.\d+ \(refine.fidelity"):
-        _refuse_beyond_bound(strayed, reference, whole / 2)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from upplied.planning.trajectory.sharpness import moved_in_picture
+from upplied.planning.trajectory.sharpness import moved_in_picture, time_above
 from upplied.poses import from_yaw_pitch, matrices
+from upplied.records import Trajectory
 
 AHEAD = np.array([[10.0, 0, 0]])
 
@@ -37,3 +38,12 @@ def test_the_rim_may_move_faster():
     path = [[0, 0, 0], [0, 0.1, 0]]
     assert moved(path, [0, 0], points, share=0.6)[0] == pytest.approx(0.01, rel=1e-2)
     assert moved(path, [0, 0], points, share=0.9)[0] == pytest.approx(0.1, rel=1e-2)
+
+
+def test_the_time_of_fast_turns_is_their_share():
+    times = np.arange(0, 20.1, 0.1)
+    yaw = np.where(times < 15, np.radians(5) * times, np.radians(75 + 30 * (times - 15)))
+    flown = Trajectory(times, np.zeros((len(times), 3)), from_yaw_pitch(yaw, np.zeros(len(times))))
+    assert time_above(flown, np.radians(10)) == pytest.approx(0.25, abs=0.03)
+    assert time_above(flown, np.radians(40)) == 0
+    assert time_above(flown, np.radians(1)) == pytest.approx(1)

@@ -10,11 +10,14 @@ import numpy as np
 from upplied.config import InspectionSettings, Settings, focal_px
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.demonstration.repetition import Take
+from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.visibility.dwell import dwell
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.path_views import Views
 from upplied.planning.visibility.view_quality import nearest
 from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Record
+
+USUAL_PCT = 95.0  # of the demonstration's time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,6 +99,15 @@ def look_limits(takes: Sequence[Take], rule: InspectionSettings) -> tuple[float,
     )
     oblique = max(rule.max_incidence_deg, *(one.incidence_deg for one in attended))
     return float(sharp), float(np.cos(np.radians(min(oblique, 90.0))))
+
+
+def steady_radps(takes: Sequence[Take], rule: InspectionSettings) -> float:
+    """How fast the camera may turn, rad/s: while it is sharp, or as the expert did 95 % of the time."""
+    flown = [moments(take.inspection.logged, take.inspection.logged_breaks) for take in takes]
+    own = np.concatenate([np.linalg.norm(part.turn, axis=1) for part in flown])
+    time = np.concatenate([part.step_s for part in flown])
+    usual = weighted_percentile(own, time, USUAL_PCT)
+    return max(rule.sharp_radps(takes[0].inspection.camera.hfov_deg), 0.0 if np.isnan(usual) else usual)
 
 
 def inspected_by(take: Take, settings: Settings) -> InspectedSurface:

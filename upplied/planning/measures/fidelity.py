@@ -10,7 +10,7 @@ from scipy.stats import kendalltau
 
 from upplied.config import InspectionSettings, Settings, focal_px
 from upplied.planning.carry.affine import registered_map
-from upplied.planning.carry.inspected_surface import InspectedSurface, look_limits
+from upplied.planning.carry.inspected_surface import InspectedSurface, look_limits, steady_radps
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.visibility.dwell import Dwell, dwell, widened
@@ -66,7 +66,7 @@ def fidelity(
     flown = [moments(take.inspection.logged, take.inspection.logged_breaks) for take in takes]
     rows = zip(takes, flown, begins_s, strict=True)
     patches = _joined([_patches(take, own, begin, sharp, cosine) for take, own, begin in rows])
-    found = _smoothness(steps, flown, inspected, rule, camera)
+    found = _smoothness(steps, flown, inspected, steady_radps(takes, rule))
     if not len(patches.weight):
         return found
     return found | _compared(patches, looks, inspected, camera, rule)
@@ -152,14 +152,9 @@ def _smoothness(
     steps: Moments,
     flown: Sequence[Moments],
     inspected: InspectedSurface,
-    rule: InspectionSettings,
-    camera: Camera,
+    limit_radps: float,
 ) -> dict[str, float]:
     """How much the camera and the path turn, over what the demonstration turned."""
-    own = np.concatenate([_rate(part) for part in flown])
-    time = np.concatenate([part.step_s for part in flown])
-    usual = weighted_percentile(own, time, 95) if time.sum() > 0 else 0.0
-    limit = max(rule.sharp_radps(camera.hfov_deg), usual)
     near = inspected.standoff_m[inspected.need > 0]
     leg_m = max(_LEAST_LEG_M, _LEG * float(np.median(near))) if len(near) else _LEAST_LEG_M
     turned = sum(turned_rad(part.poses.quat_xyzw) for part in flown)
@@ -167,7 +162,9 @@ def _smoothness(
     return {
         "camera_turn_ratio": turned_rad(steps.poses.quat_xyzw) / max(turned, _LEAST_RAD),
         "path_turn_ratio": bent_rad(steps.poses.positions, leg_m) / max(bent, _LEAST_RAD),
-        "pan_fast_pct": _share(float(steps.step_s[_rate(steps) > limit].sum()), float(steps.step_s.sum())),
+        "pan_fast_pct": _share(
+            float(steps.step_s[_rate(steps) > limit_radps].sum()), float(steps.step_s.sum())
+        ),
     }
 
 

@@ -11,7 +11,12 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.airspace.detours import Ways, safe_positions
 from upplied.planning.carry.affine import box_map, registered_map, zscore_map
-from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by, inspected_surface
+from upplied.planning.carry.inspected_surface import (
+    InspectedSurface,
+    inspected_by,
+    inspected_surface,
+    steady_radps,
+)
 from upplied.planning.carry.planar import at_height, in_plane, plane_height
 from upplied.planning.carry.reference import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import Standoff
@@ -20,7 +25,6 @@ from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.optimise import Problem, optimise
 from upplied.planning.trajectory.retime import demonstrated_speed
-from upplied.planning.trajectory.sharpness import steady_degps
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.shape import Shape
 from upplied.planning.trajectory.view import View
@@ -31,6 +35,7 @@ _STEP_M = 0.5  # largest leg of the result
 _LEAST_TURN_RAD = (
     np.pi / 2
 )  # that a demonstration counts as having turned, so that little turning is not dear
+_SHARES = (1.0, 0.5, 0.0)
 _HALVINGS = 20  # of the way to the demonstrated shape
 
 
@@ -90,18 +95,24 @@ def completed(take: Take, settings: Settings) -> Waypoints:
         airspace=ways.planning,
         speed_mps=_finite(demonstrated_speed(flight.t_s, flight, inspection.breaks)),
         turned_rad=max(turned, _LEAST_TURN_RAD),
-        pan_radps=float(np.radians(min(settings.retime.max_yaw_rate_degps, steady_degps([take], settings)))),
+        pan_radps=min(
+            np.radians(settings.retime.max_yaw_rate_degps), steady_radps([take], settings.inspection)
+        ),
         level=settings.transfer.plane,
     )
     fidelity = FIDELITIES[settings.refine.fidelity]
     bound = settings.refine.deviation or fidelity.deviation
     state, variables = optimise(problem, fidelity.shape, settings.optimise)
-    at, curve = state.curve(variables, _STEP_M)
     _, base = state.curve(np.zeros_like(variables), _STEP_M)
-    image = Shape.of(base.positions, stands).image(curve.positions)
-    reference = demonstrated_on_target(take) @ stands.T
-    positions = safe(_within_bound(safe(curve.positions), image, stands, reference, bound))
-    _refuse_beyond_bound(positions @ stands.T, reference, bound)
+    reference, first = demonstrated_on_target(take) @ stands.T, state.nearest(problem.carried)
+    for share in _SHARES:  # of what the optimisation changed: where it is not safe within the bound, less
+        at, curve = state.curve(first + share * (variables - first), _STEP_M)
+        image = Shape.of(base.positions, stands).image(curve.positions)
+        positions = safe(_within_bound(safe(curve.positions), image, stands, reference, bound))
+        if (departure := frechet_floored(reference, positions @ stands.T)) <= bound * (1 + 1e-6):
+            break
+    else:
+        raise _beyond_bound(departure, bound)
     low, high = np.radians([settings.retime.min_gimbal_pitch_deg, settings.retime.max_gimbal_pitch_deg])
     own = np.zeros(len(at), bool)
     whole = np.flatnonzero(at == np.round(at))
@@ -203,12 +214,10 @@ def _within_bound(
     return positions + high * (image - positions)
 
 
-def _refuse_beyond_bound(turned: Floats, reference: Floats, bound: float) -> None:
-    departure = frechet_floored(reference, turned)
-    if departure > bound * (1 + 1e-6):
-        raise RefusedError(
-            "the shape of the path",
-            f"departs from the demonstrated one by {departure:.2f} of its spread where it is safe",
-            f"at most {bound:g} (refine.fidelity, refine.deviation)",
-            "a looser fidelity (--fidelity coverage), or a smaller safety distance, may help",
-        )
+def _beyond_bound(departure: float, bound: float) -> RefusedError:
+    return RefusedError(
+        "the shape of the path",
+        f"departs from the demonstrated one by {departure:.2f} of its spread where it is safe",
+        f"at most {bound:g} (refine.fidelity, refine.deviation)",
+        "a looser fidelity (--fidelity coverage), or a smaller safety distance, may help",
+    )

@@ -49,7 +49,9 @@ def looks_aside(path: Flown, view: View, price_per_rad: float, way_m_per_rad: fl
     )
     if not reach.any():
         return path
-    row, to_yaw, to_pitch, shows = _directions(path, stations, reach, missed, view)
+    half = view.halves_rad(len(path))[stations]
+    places = path.positions[stations]
+    row, to_yaw, to_pitch, shows = directions(places, half, reach, missed, view, _DIRECTIONS)
     at = stations[row]
     aside_yaw = (to_yaw - path.yaw[at] + np.pi) % (2 * np.pi) - np.pi
     aside_pitch = to_pitch - path.pitch[at]
@@ -76,19 +78,20 @@ def looks_aside(path: Flown, view: View, price_per_rad: float, way_m_per_rad: fl
         open_ &= apart > _TAKEN * way_m
 
 
-def _directions(
-    path: Flown, stations: Ints, reach: Bools, missed: Ints, view: View
+def directions(
+    places: Floats, half_rad: Floats, reach: Bools, missed: Ints, view: View, most: int
 ) -> tuple[Ints, Floats, Floats, Bools]:
-    """Directions worth trying from stations (P,), and which of the missed samples each shows.
+    """Directions worth trying from places (P, 3), and which of the missed samples each shows.
 
-    From each place that reaches any: towards the middle of what it reaches, and towards single samples.
-    Returns for each its place (C,), yaw and pitch (C,), and (C, m) what it shows.
+    From each place that reaches any: towards the middle of what it reaches, and towards at most `most`
+    single samples; `half_rad` (P, 2) is half the field of view there. Returns for each its place (C,),
+    yaw and pitch (C,), and (C, m) what it shows.
     """
-    points, need, places = view.cloud.points[missed], view.need[missed], path.positions[stations]
+    points, need = view.cloud.points[missed], view.need[missed]
     rows, aims = [], []
     for place in np.flatnonzero(reach.any(axis=1)):
         hit = np.flatnonzero(reach[place])
-        count = min(_DIRECTIONS, len(hit))
+        count = min(most, len(hit))
         chosen = hit[np.arange(count) * (len(hit) - 1) // max(count - 1, 1)]
         middle = (need[hit, None] * points[hit]).sum(axis=0) / need[hit].sum()
         aims += [middle[None], points[chosen]]
@@ -99,7 +102,7 @@ def _directions(
     pitch = np.arctan2(towards[:, 2], np.hypot(towards[:, 0], towards[:, 1]))
     low, high = np.radians([view.limits.min_gimbal_pitch_deg, view.limits.max_gimbal_pitch_deg])
     pitch = np.clip(pitch, low, high)
-    half = view.halves_rad(len(path))[stations[row]]
+    half = half_rad[row]
     axes = matrices(from_yaw_pitch(yaw, pitch))
     round_ = half[:, 0] >= np.pi / 2
     return row, yaw, pitch, _in_picture(places, row, axes, points, reach, half * _INSIDE, round_)

@@ -7,7 +7,7 @@ be shown (`OptimiseSettings`). One solver, L-BFGS-B with analytic slopes, weighs
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from upplied.config import OptimiseSettings
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.looks import looks_aside
+from upplied.planning.trajectory.moves import Aside, moves_aside
 from upplied.planning.trajectory.state import Flown, State
 from upplied.planning.trajectory.terms import Term
 from upplied.planning.trajectory.terms.clearance import Clearance
@@ -37,6 +38,7 @@ _APART = 0.15  # stand-offs flown plus radians turned, between stations that are
 _SHARES = (0.0, 0.25, 0.5, 0.75)  # of the way from the carried path, that may already be enough
 _LITTLE = 3e-3  # share of the need that all of the way must show more to be worth going
 _HARDLY = 5e-4  # share of the need that is not worth turning the camera otherwise either
+_NOTHING = 5e-4  # the same of what was inspected, which counts as none given up
 _CORRECTIONS = 12  # that L-BFGS keeps
 
 
@@ -80,11 +82,14 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
         return state, variables
     lasting = _lasting_terms(problem, state.flown(variables), shape_weight, weights)
     stride = max(1, round(_APART * len(problem.carried) / _progress(problem)))
+    found = []
     for number, width in enumerate(np.geomspace(_WIDEST, _NARROWEST, weights.rounds)):
         path = state.flown(variables)
         if number == weights.rounds // 2:  # what small moves can show is shown by now
             price = weights.turning / problem.turned_rad
             path = looks_aside(path, problem.view, price, float(problem.speed_mps.mean()) / problem.pan_radps)
+            aside = Aside(_standoff_m(problem), _departure(problem, shape_weight, weights), price)
+            path = moves_aside(path, problem.view, problem.airspace, aside)
             variables = state.nearest(path)
         # What stands in the way, and what is near, from here.
         oblique = replace(problem.view.settings, max_incidence_deg=_OBLIQUE_DEG)
@@ -96,29 +101,66 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
             *lasting,
         ]
         variables = _solved(state, variables, terms, weights.iterations)
-    return state, _no_further(state, state.nearest(problem.carried), variables, problem, asked, need)
+        if number >= weights.rounds // 2:
+            found.append(variables)
+    judged = _Judged(state, problem.view, asked, need)
+    best = max(found, key=lambda at: judged.shown(at)[0] - _cost(state.flown(at), lasting))
+    return state, _no_further(state, state.nearest(problem.carried), best, judged)
 
 
-def _no_further(
-    state: State, start: Floats, end: Floats, problem: Problem, asked: Ints, need: Floats
-) -> Floats:
+def _departure(
+    problem: Problem, shape_weight: float, weights: OptimiseSettings
+) -> Callable[[Floats], Floats]:
+    """Share of the need that all of the path must show more to go aside by (C, 3), m: of place and shape."""
+    shape = problem.demonstrated
+
+    def price(off: Floats) -> Floats:
+        place = weights.place * ((off / _standoff_m(problem)) ** 2).sum(axis=1)
+        return np.asarray(place + shape_weight * ((off @ shape.standing.T / shape.unit_m) ** 2).sum(axis=1))
+
+    return price
+
+
+def _standoff_m(problem: Problem) -> float:
+    return max(problem.standoff.usual_m, 1e-3)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Judged(Record):
+    """What the path of some variables truly shows of the samples that are asked for."""
+
+    state: State
+    view: View
+    asked: Ints
+    need: Floats
+
+    def shown(self, variables: Floats) -> tuple[float, float]:
+        """Share of the need, and of it what was inspected."""
+        path = self.state.flown(variables)
+        quats = from_yaw_pitch(path.yaw, path.pitch)
+        got = self.need * self.view.sees(path.positions, quats, self.asked).any(axis=0)
+        return float(got.sum()), float(got[self.view.inspected[self.asked]].sum())
+
+
+def _cost(path: Flown, terms: Sequence[tuple[float, Term]]) -> float:
+    return sum(weight * term.value(path)[0] for weight, term in terms)
+
+
+def _no_further(state: State, start: Floats, end: Floats, judged: _Judged) -> Floats:
     """The variables nearest to the start, on the way to the end, that truly show as much as the end.
 
     The soft borders of the coverage would move a path that shows all already: on its own structure a
     flight is to come back as it was flown. To turn the camera comes before to leave the path.
     """
-
-    def shown(variables: Floats) -> float:
-        path = state.flown(variables)
-        quats = from_yaw_pitch(path.yaw, path.pitch)
-        return float(need[problem.view.sees(path.positions, quats, asked).any(axis=0)].sum())
-
-    most, moving = shown(end), np.arange(len(end)) < 3 * state.moving.shape[1]
-    if shown(start) >= most - _HARDLY:
+    (all_first, own_first), (most, own) = judged.shown(start), judged.shown(end)
+    least = max(own, own_first) - _NOTHING  # nothing that was inspected is given up for what lay behind it
+    if own < least or (all_first >= most - _HARDLY and own_first >= least):
         return start
+    moving = np.arange(len(end)) < 3 * state.moving.shape[1]
     for share in _SHARES:
         part = np.where(moving, start + share * (end - start), end)
-        if shown(part) >= most - (1 - share) * _LITTLE:
+        shown, own = judged.shown(part)
+        if shown >= most - (1 - share) * _LITTLE and own >= least:
             return part
     return end
 
@@ -127,7 +169,7 @@ def _lasting_terms(
     problem: Problem, start: Flown, shape_weight: float, weights: OptimiseSettings
 ) -> list[tuple[float, Term]]:
     """The terms that hold for all rounds, with their weights."""
-    usual_m, carried = max(problem.standoff.usual_m, 1e-3), problem.carried
+    usual_m, carried = _standoff_m(problem), problem.carried
     leg = np.linalg.norm(np.diff(carried.positions, axis=0), axis=1)
     firmly = weights.standoff_in_metres if problem.standoff.in_metres else weights.standoff
     return [
@@ -156,7 +198,7 @@ def _progress(problem: Problem) -> float:
     path = problem.carried
     length = float(np.linalg.norm(np.diff(path.positions, axis=0), axis=1).sum())
     turned = float(np.abs(np.diff(path.yaw)).sum() + np.abs(np.diff(path.pitch)).sum())
-    return max(length / max(problem.standoff.usual_m, 1e-3) + turned, 1e-3)
+    return max(length / _standoff_m(problem) + turned, 1e-3)
 
 
 def _asked(view: View, most: int) -> tuple[Ints, Floats]:

@@ -13,12 +13,13 @@ from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.airspace.detours import Ways, route
 from upplied.planning.carry.affine import aimed, box_map, zscore_map
 from upplied.planning.carry.gauss_newton import gauss_newton
+from upplied.planning.carry.inspected_surface import USUAL_PCT, steady_radps
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.inspection import Inspection
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined
 from upplied.planning.trajectory.complete import completed
-from upplied.planning.trajectory.retime import retime
-from upplied.planning.trajectory.sharpness import sharp_limits
+from upplied.planning.trajectory.retime import Sharp, retime
+from upplied.planning.trajectory.sharpness import MARGIN, sharp_limits, time_above
 from upplied.poses import fov_at
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
@@ -50,7 +51,13 @@ def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bool
     if settings.refine.method != "view" or not settings.retime.limits:
         return _zooming(flight, *retime(path, flight, settings.retime, breaks_of(takes)))
     sharp = sharp_limits(path, flight, takes, settings)
-    return _zooming(flight, *retime(path, flight, settings.retime, breaks_of(takes), sharp))
+    steady = steady_radps(takes, settings.inspection)
+    found = retime(path, flight, settings.retime, breaks_of(takes), sharp)
+    if time_above(found[0], steady) > 1 - USUAL_PCT / 100:
+        # A swing takes as long on a small structure, the rest does not: it is not the exception any more.
+        steadily = Sharp(sharp.speed_mps, np.minimum(sharp.pan_degps, MARGIN * np.degrees(steady)))
+        found = retime(path, flight, settings.retime, breaks_of(takes), steadily)
+    return _zooming(flight, *found)
 
 
 def _zooming(

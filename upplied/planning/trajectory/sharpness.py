@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from upplied.config import Settings
-from upplied.planning.carry.inspected_surface import inspected_by, look_limits, together
+from upplied.planning.carry.inspected_surface import inspected_by, look_limits, steady_radps, together
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.trajectory.retime import Sharp
 from upplied.planning.visibility.frustum import coarseness
@@ -24,9 +24,8 @@ from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
 _SAMPLES = 600  # of the inspected surface, that are asked for
 _QUIET = 0.7  # share of what is inspected in a picture that is to be sharp: its rim moves faster, and is
 # shown near the middle of other pictures
-_MARGIN = 0.95  # of the limit, for what speeds differ within a leg
+MARGIN = 0.95  # of the limit, for what speeds differ within a leg
 _SLOWEST_MPS = 0.1
-_USUAL = 0.95  # share of the demonstration's time
 
 
 def sharp_limits(path: Waypoints, flight: Trajectory, takes: Sequence[Take], settings: Settings) -> Sharp:
@@ -44,9 +43,9 @@ def sharp_limits(path: Waypoints, flight: Trajectory, takes: Sequence[Take], set
     takes : sequence of Take
     settings : Settings
     """
-    usual, own = steady_degps(takes, settings), _swung_degps(path.t_s, flight)
+    usual, own = np.degrees(steady_radps(takes, settings.inspection)), _swung_degps(path.t_s, flight)
     speed = np.where(own > usual, np.inf, _sharp_speeds(path, flight, takes, settings))
-    return Sharp(speed, np.maximum(own, usual))
+    return Sharp(speed, np.maximum(own, MARGIN * usual))
 
 
 def _swung_degps(t_s: Floats, flight: Trajectory) -> Floats:
@@ -82,18 +81,16 @@ def _sharp_speeds(path: Waypoints, flight: Trajectory, takes: Sequence[Take], se
     )
     leg = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        fastest = np.where((angle > 0) & (leg > 1e-6), leg * _MARGIN * limit / angle, np.inf)
+        fastest = np.where((angle > 0) & (leg > 1e-6), leg * MARGIN * limit / angle, np.inf)
     fastest = np.maximum(fastest, _SLOWEST_MPS)
     return np.minimum(np.append(fastest, np.inf), np.insert(fastest, 0, np.inf))
 
 
-def steady_degps(takes: Sequence[Take], settings: Settings) -> float:
-    """How many degrees a second the camera may turn: as long as it is sharp, or as the expert turned it."""
-    rate = settings.inspection.sharp_radps(takes[0].inspection.camera.hfov_deg)
-    for take in takes:
-        turn = np.linalg.norm(moments(take.inspection.logged, take.inspection.logged_breaks).turn, axis=1)
-        rate = max(rate, float(np.quantile(turn, _USUAL, method="lower")))
-    return float(np.degrees(rate))
+def time_above(flown: Trajectory, steady_radps: float) -> float:
+    """Share of the time in which the camera turns faster than it stays sharp."""
+    steps = moments(flown)
+    fast = np.linalg.norm(steps.turn, axis=1) > steady_radps
+    return float(steps.step_s[fast].sum() / max(float(steps.step_s.sum()), 1e-9))
 
 
 @njit(cache=True)
