@@ -21,6 +21,9 @@ _BETTER = (
 )
 _HOPELESS = 2.0  # gates: a misfit that no fine alignment mends
 _DOUBTFUL = 0.3  # gates: a misfit from which something may be missing that the boxes were made equal by
+# So many gates are asked for where the boxes alone would refuse: of some 250 pairs of other structures, real
+# and samples, four of other kinds that lay partly on each other had 0.86 to 0.98.
+_PARTLY = 0.8
 _NO_WORSE = 1.2  # what is missing counts more where the rest is no longer stretched to make up for it
 _SAME_DEG, _STRONG = 25.0, 0.25  # how far off, and how much better, a heading must be to be mentioned
 _ICP_POINTS = 700  # points of the cloud that fine alignment moves
@@ -150,7 +153,8 @@ def _best_lay(
             best, misfit, laid_how = other, judgement, f"; {how}"
     if misfit.value > _DOUBTFUL * gate and (partly := laid_partly(source, target, start)) is not None:
         judgement = misfit_of(source, target, partly, words)
-        if judgement.value < _NO_WORSE * misfit.value:
+        most = _NO_WORSE * misfit.value if misfit.value < gate else _PARTLY * gate
+        if judgement.value < most:
             best, misfit, laid_how = partly, judgement, "; laid by what is on both structures"
     return best, misfit, laid_how
 
