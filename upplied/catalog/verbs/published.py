@@ -189,7 +189,7 @@ def _parts(
             count *= 2
         bucket = rows[target].map(lambda text, count=count: zlib.crc32(text.encode()) % count)
         for number, part in rows.groupby(bucket):
-            part = part.sort_values([key, "commit_id"])
+            part = part[[key, "commit_id", f"{name}_sha256", f"n_{name}"]].sort_values([key, "commit_id"])
             names = part[[key, "commit_id", f"{name}_sha256"]].to_numpy().tolist()
             made_of = digest([SCHEMA_VERSION, TABLES[name].names, names])
             path = f"{check_id(of, 'kind')}/{at}/{number + 1}-of-{count}-{made_of[:16]}.parquet"
