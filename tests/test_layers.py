@@ -31,7 +31,7 @@ ALLOWED = {
     "proof": FOUNDATION | {"planning", "proof"},
     "inputs": FOUNDATION | {"inputs"},
     "catalog": FOUNDATION | {"catalog"},
-    "outputs": FOUNDATION | {"outputs", "inputs", "samples", "catalog", "planning"},
+    "outputs": FOUNDATION | {"outputs", "inputs", "samples", "catalog", "planning", "proof"},
     "recommend": FOUNDATION | {"planning", "catalog", "recommend"},
     "fleet": FOUNDATION
     | {"planning", "simulate", "proof", "recommend", "inputs", "catalog", "outputs", "fleet"},

@@ -15,7 +15,8 @@ from upplied.catalog.verbs.looks import put_looks
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, SettingsError
-from upplied.fleet.zones import zones
+from upplied.outputs.publish import publish_pages
+from upplied.outputs.zones import zones
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import interpolate
 from upplied.proof.as_flown import looks_of
@@ -122,9 +123,20 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     )  # fmt: skip
     main(["zones", "cube-v1", "--json", *where])
     assert {r["zone"]: r["flown"] for r in json.loads(capsys.readouterr().out)}["side"] == "met"
+    # the page says so too, and is written anew when what is asked for changes
+    publish_pages(catalog, tmp_path / "reports", pictures=0)
+    (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
+    assert '"zone":"roof"' in page.read_text() and '"flown":"met"' in page.read_text()
+    assert not publish_pages(catalog, tmp_path / "reports", pictures=0).written
     # the next version of the set, and none
     catalog.require("kind", cube.kind, "monthly", [{"zone": "side", "where": side}], "Ada")
-    assert list(catalog.requirements()["version"]) == [2] and len(catalog.requirements(every=True)) == 2
+    assert publish_pages(catalog, tmp_path / "reports", pictures=0).written
+    assert '"zone":"roof"' not in page.read_text()
+    catalog.require("kind", cube.kind, "odd", [{"zone": "mast", "where": "no_such_landmark"}], "Ada")
+    publish_pages(catalog, tmp_path / "reports", pictures=0)
+    assert "not judged" in page.read_text() and "no_such_landmark" in page.read_text()
+    catalog.require("kind", cube.kind, "odd", [], "Ada")
+    assert list(catalog.requirements()["version"]) == [2] and len(catalog.requirements(every=True)) == 4
     catalog.require("kind", cube.kind, "monthly", [], "Ada")
     assert main(["zones", "cube-v1", *where]) == 0 and not len(catalog.requirements())
 

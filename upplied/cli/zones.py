@@ -68,7 +68,7 @@ def zones(structure: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
     structure : str
         Its id.
     """
-    from upplied.fleet.zones import zones as judged
+    from upplied.outputs.zones import zones as judged
 
     with errors.status("judging"):
         rows = judged(opened(catalog), structure)

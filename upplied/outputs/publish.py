@@ -188,7 +188,8 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
     draft = _plain({} if pair.draft is None else {"draft": pair.draft})
     key = digest([code, _plain(pair.plans), _plain(pair.earlier), draft, pair.decided, hashes, flown])
     scripts = [f"data/{name}.js" for name in used]
-    told = digest([key, [[reader.flown(row), reader.overruled(row)] for row in pair.plans.values()], picture])
+    said = [[reader.flown(row), reader.overruled(row)] for row in pair.plans.values()]
+    told = digest([key, said, picture, _plain({row["zone"]: row for row in reader.zones(pair.target_id)})])
     drawn = f"../pictures/{pair.name}.png" if picture else ""
     missions = _put_missions(place, reader, pair, key)
     page = digest([told, missions])

@@ -10,7 +10,9 @@ import numpy as np
 import pandas as pd
 
 from upplied import __version__
+from upplied.catalog.database import Catalog
 from upplied.config import digest
+from upplied.errors import UppliedError
 from upplied.outputs import figures
 from upplied.outputs.along import profile
 from upplied.outputs.display import (
@@ -34,6 +36,7 @@ from upplied.outputs.pair_page import (
 )
 from upplied.outputs.pairs import Pair, number, shown_status
 from upplied.outputs.passport_page import passport_page
+from upplied.outputs.zones import zones
 from upplied.records import Demonstration, Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
 from upplied.scene import Scene, scene_of
 
@@ -93,6 +96,7 @@ class Reader:
         self._data = lru_cache(4)(self._data_of)
         self._flown = lru_cache(32)(self._flown_of)
         self.refused: dict[str, list[str]] = {}  # pairs whose plan does not pass the gate, and why
+        self._zones: dict[str, list[dict[str, Any]]] = {}  # of the last target
         self._near: dict[str, Ints] = {}  # of the last target
 
     def sha256(self, table: str, name: str) -> str:
@@ -126,12 +130,26 @@ class Reader:
                         seen = self._seen_as_flown(row, flown, pair.target_id)
                         if seen is not None:
                             paths[preset]["flown"]["states"] = packed(seen)
+        zones = self.zones(pair.target_id)
         demonstration = dict(self._flown(pair.demonstration_id))
         inspected = self.source.inspected(str(pair.main["transfer_id"]))
         if inspected is not None:
             states = display_states(self._mesh(pair.source_id), inspected)
             demonstration["states"] = packed(states)
-        return pair_data(pair, demonstration, paths, picture)
+        return pair_data(pair, demonstration, paths, picture) | {"zones": zones}
+
+    def zones(self, structure_id: str) -> list[dict[str, Any]]:
+        """What became of each zone that must be seen of a structure; none where none is asked for."""
+        if not isinstance(self.source, Catalog):
+            return []
+        if structure_id not in self._zones:
+            try:
+                found = zones(self.source, structure_id)
+            except UppliedError as error:  # such as a landmark that this structure does not have
+                said = dict.fromkeys(("planned", "flown"), "not judged") | {"planned_why": str(error)}
+                found = [{"zone": "all", "set": "", "asked_by": "", "version": 0, "flown_why": "", **said}]
+            self._zones = {structure_id: found}  # pairs come target by target
+        return self._zones[structure_id]
 
     def overruled(self, row: Any) -> list[str]:
         """Which rules of the gate a person overruled for a plan, in words."""

@@ -19,12 +19,12 @@ from upplied.checks import check_id
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.editing import Base, Editing, JudgedEdit, flown_path
 from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
-from upplied.fleet.zones import Asking, planned_looks
 from upplied.outputs.along import profile
 from upplied.outputs.display import display_mesh, display_states, nearest_samples, packed, structure_data
 from upplied.outputs.pair_page import path_data
 from upplied.outputs.pairs import number, said_of
 from upplied.outputs.reports import trajectory_of
+from upplied.outputs.zones import Asking, planned_looks
 from upplied.poses import from_yaw_pitch, optical_axis
 from upplied.proof.carried_edit import kept_edit
 from upplied.proof.edit import Asked, Edit

@@ -90,7 +90,7 @@
       counterparts(main),
       upplied.downloads(data, panes),
       data.plans.filter((plan) => plan.flown).map((plan) => element("p", { class: "flown" }, element("b", {}, plan.preset + (plan.flown.kind === "flown" ? ", as flown. " : ", flown in simulation. ")), plan.flown.said)),
-      charts, measures(data.plans), remarks(data));
+      zones(data.zones || []), charts, measures(data.plans), remarks(data));
 
     if (!upplied.draws3d()) {
       for (const each of app.querySelectorAll(".views, .flight, .legend")) each.hidden = true;
@@ -208,6 +208,15 @@
           element("td", {}, one.part), element("td", {}, element("span", { class: "certainty " + one.sure }, one.probability)),
           columns.map(([key]) => element("td", {}, one[key] || "–"))))))),
       plan.parts.filter((one) => one.doubt).map((one) => element("p", { class: "note" }, one.doubt)));
+  }
+
+  // What must be seen of the structure, and whether it is: by the plans in force, and by what was flown.
+  function zones(rows) {
+    if (!rows.length) return null;
+    const said = (row, what) => element("td", { class: row[what] === "met" ? "" : "warned" }, element("b", {}, row[what]), Number.isFinite(row[what + "_pct"]) ? " " + format(row[what + "_pct"], 1, " %") : "", element("div", { class: "note" }, row[what + "_why"]));
+    return element("section", { class: "zones" }, element("h2", {}, "Zones that must be seen"), element("div", { class: "scroll" }, element("table", { class: "figures" },
+      element("thead", {}, element("tr", {}, ["Zone", "As planned", "As flown", "Asked by"].map((title) => element("th", { scope: "col" }, title)))),
+      element("tbody", {}, rows.map((row) => element("tr", {}, element("th", { scope: "row" }, row.zone), said(row, "planned"), said(row, "flown"), element("td", {}, row.asked_by + ": " + row.set + ", version " + row.version)))))));
   }
 
   function margin(plan, values) {

@@ -14,7 +14,6 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs import required
 from upplied.config import CloudSettings, settings_for
 from upplied.errors import SettingsError
-from upplied.fleet.flight_logs import viewpoint_index
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.carried_zone import carried_zone
@@ -174,7 +173,8 @@ def planned_looks(plan: Plan, surface: Cloud, camera: Camera, scene: Scene) -> L
     """How a plan that has a path sees the samples of its target; a picture is taken at each viewpoint."""
     path = plan.trajectory
     assert path is not None
-    looks = looks_of(path, surface, camera, scene, None, path.t_s[viewpoint_index(plan)])
+    flags = np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint
+    looks = looks_of(path, surface, camera, scene, None, path.t_s[flags])
     return Looked(looks.distance_m, looks.incidence_deg, 0.0, camera, looks.pictures)
 
 
