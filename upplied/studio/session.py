@@ -24,8 +24,8 @@ from upplied.outputs.display import display_mesh, display_states, nearest_sample
 from upplied.outputs.pair_page import path_data
 from upplied.outputs.pairs import number, said_of
 from upplied.outputs.reports import trajectory_of
-from upplied.outputs.zones import Asking, planned_looks
 from upplied.poses import from_yaw_pitch, optical_axis
+from upplied.proof.asking import Asking, planned_looks
 from upplied.proof.carried_edit import kept_edit
 from upplied.proof.edit import Asked, Edit
 from upplied.records import Ints, Trajectory
@@ -269,5 +269,6 @@ class Session:
     @cached_property
     def _asking(self) -> Asking:
         camera = self.editing.recipe.demonstration.camera
-        asked = required.zones_of(self.catalog, self.editing.target.kind, self.editing.target.structure_id)
-        return Asking(self.catalog, self.editing.target, self.editing.scene, camera, asked)
+        target, scene = self.editing.target, self.editing.scene
+        asked = required.zones_of(self.catalog, target.kind, target.structure_id)
+        return Asking(self.catalog.structure, self.catalog.cache, target, scene, camera, asked)
