@@ -41,7 +41,7 @@ def off(found: Registration, right: Registration, cloud: Cloud, source: Cloud) -
     ("source", "target", "axis", "share"),
     [
         ("a320-v1", "b777-v1", 1, 0.3),  # a wing
-        ("a320-v1", "b777-v1", 0, 0.25),  # the tail
+        ("a320-v1", "b777-v1", 0, 0.2),  # the tail
         ("bridge-1-v1", "bridge-2-v1", 0, 0.35),
         ("a320-v1", "a320-v1", 0, 0.3),
     ],
