@@ -6,7 +6,6 @@ A hook of MkDocs: nothing here is written to `docs/`, so nothing can grow stale.
 from __future__ import annotations
 
 import contextlib
-import inspect
 import io
 import math
 import re
@@ -17,6 +16,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 sys.path.insert(0, str(Path(__file__).parent))
+from comments import comments
+from constants import constants_page
 from house import house_page
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -102,6 +103,7 @@ def made_pages() -> dict[str, str]:
     pages["reference/manifest.md"] = "\n".join(_keys())
     pages["reference/command.md"] = "\n".join(_commands())
     pages["reference/house.md"] = house_page()
+    pages["reference/constants.md"] = constants_page()
     pages["examples.md"] = "\n".join(_examples())
     return pages
 
@@ -134,18 +136,6 @@ def _by_preset(values: list[Any]) -> str:
     if len(set(shown)) == 1:
         return shown[0]
     return "<br>".join(f"{preset}&nbsp;{text}" for preset, text in zip(PRESETS, shown, strict=True))
-
-
-def comments(kind: type) -> dict[str, str]:
-    """What the comments before and beside the fields of a class say of each."""
-    found: dict[str, str] = {}
-    before: list[str] = []
-    for line in inspect.getsource(kind).splitlines():
-        text, _, comment = line.strip().partition("# ")
-        if name := re.match(r"(\w+): ", text):
-            found[name[1]] = " ".join([*before, comment]).strip()
-        before = [*before, comment] if comment and not text else []
-    return {name: f"{said[:1].upper()}{said[1:].rstrip('.')}." for name, said in found.items() if said}
 
 
 def _may_be(name: str, wanted: Any) -> str:
