@@ -27,8 +27,8 @@ from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
 from upplied.errors import UppliedError
+from upplied.planning.carry.counterparts import counterparts_of, doubts, least_probability, undecided
 from upplied.planning.correspondence.pair import study_pair
-from upplied.planning.demonstration.counterparts import counterparts_of, doubts, least_probability, undecided
 from upplied.planning.demonstration.repetition import Take, takes_of
 from upplied.planning.geometry.boxes import spacing
 from upplied.planning.surface.samples import surface_samples

@@ -136,6 +136,24 @@ def test_rooms_of_planning_use_those_before_them(path: Path):
     assert used <= set(ROOMS[: ROOMS.index(room) + 1]), f"{room} may use the rooms before it alone"
 
 
+def test_the_method_goes_from_room_to_room_and_not_back():
+    """`plan._planned` asks the rooms in their order: a demonstration becomes a plan in one pass."""
+    tree = ast.parse((ROOT / "upplied" / "planning" / "plan.py").read_text(encoding="utf-8"))
+    room_of_name = {
+        alias.name: str(node.module).split(".")[2]
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("upplied.planning.")
+        for alias in node.names
+    }
+    (method,) = (node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "_planned")
+    calls = [
+        node for node in ast.walk(method) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+    ]
+    called = sorted((call.lineno, call.func.id) for call in calls if call.func.id in room_of_name)
+    entered = [room_of_name[name] for _, name in called]
+    assert len(entered) > 8 and entered == sorted(entered, key=ROOMS.index), called
+
+
 def test_outputs_know_the_rules_of_the_air_and_no_other_room_of_planning():
     """Missions are flown by the rules that plans are made by; nothing else of planning is needed."""
     used = {

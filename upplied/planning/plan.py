@@ -6,19 +6,18 @@ from dataclasses import replace
 
 from upplied.config import Settings, digest
 from upplied.errors import RefusedError
-from upplied.planning.carry.forecast import forecast_of, unlikely
-from upplied.planning.correspondence.pair import METHOD_VERSION, Memo, no_memo, study_pair
-from upplied.planning.demonstration.counterparts import (
+from upplied.planning.carry.counterparts import (
     counterparts_of,
     doubts,
     least_probability,
     undecided,
 )
+from upplied.planning.carry.forecast import forecast_of, unlikely
+from upplied.planning.correspondence.pair import METHOD_VERSION, Memo, no_memo, study_pair
 from upplied.planning.demonstration.inspection import nothing_shown
-from upplied.planning.demonstration.repetition import takes_of
+from upplied.planning.demonstration.repetition import inspected_states, takes_of
 from upplied.planning.measures.evaluate import judge
-from upplied.planning.measures.inspected import inspected_states
-from upplied.planning.measures.verdict import odd_size, shortfalls, wrong_size
+from upplied.planning.measures.verdict import shortfalls
 from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,
@@ -27,6 +26,7 @@ from upplied.planning.surface.frames import (
     surface_from,
     trajectory_from,
 )
+from upplied.planning.surface.sizes import odd_size, wrong_size
 from upplied.planning.trajectory.propose import propose
 from upplied.provenance import method
 from upplied.records import Demonstration, Measures, Plan, Structure
@@ -90,6 +90,7 @@ def _planned(
     # Are they of like size, or was a unit mistaken?
     if (sizes := wrong_size(source, target, settings)) and settings.verdict.enforce:
         return replace(plan, status="refused", reason="; ".join(sizes))
+    sizes_said = odd_size(source, target, settings) if not sizes else ()
     # Do the structures fit, and what on one corresponds to what on the other? (Algorithm 1)
     try:
         pair = study_pair(source, target, settings, memo)
@@ -121,6 +122,7 @@ def _planned(
     plan = replace(plan, counterparts=answers, measures=known)
     if unsure := undecided(answers, settings):
         return replace(plan, status="refused", reason=unsure)
+    doubted = doubts(answers)
     # From where does the target show the same? (lines 14 to 18)
     try:
         trajectory, is_viewpoint, answers_s = propose(takes, settings)
@@ -133,10 +135,9 @@ def _planned(
         acceptance_probability=likely.probability,
         counterpart_probability=known.counterpart_probability,
     )
-    warnings = (*doubts(answers), *warnings)
     # May it be flown? What falls short is refused, or says so where it is for comparison.
     short = "; ".join((*sizes, *shortfalls(trajectory, measures, takes, settings)))
-    warnings = (*(odd_size(source, target, settings) if not sizes else ()), *warnings)
+    warnings = (*sizes_said, *doubted, *warnings)
     if short and settings.verdict.enforce:
         return replace(plan, status="refused", reason=short, measures=measures, warnings=warnings)
     return replace(

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from upplied.config import Settings, ViewpointSettings, settings_for
+from upplied.planning.carry.counterparts import doubts, least_probability, undecided
 from upplied.planning.correspondence.pair import Pair
-from upplied.planning.demonstration.counterparts import doubts, least_probability, undecided
 from upplied.planning.demonstration.inspection import Inspection, nothing_shown, prepared
 from upplied.planning.demonstration.viewpoints import find_viewpoints
 from upplied.records import Counterpart, Demonstration, Trajectory, Visibility

@@ -10,8 +10,9 @@ import pytest
 from upplied.config import settings_for
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
-from upplied.planning.measures.verdict import odd_size, shortfalls, wrong_size
+from upplied.planning.measures.verdict import shortfalls
 from upplied.planning.plan import plan_transfer
+from upplied.planning.surface.sizes import odd_size, wrong_size
 from upplied.records import Measures
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly

@@ -13,7 +13,8 @@ from upplied.config import Settings, settings_for
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.measures import verdict
-from upplied.planning.measures.verdict import odd_size, shortfalls, size_ratio, wrong_size
+from upplied.planning.measures.verdict import shortfalls
+from upplied.planning.surface.sizes import odd_size, size_ratio, wrong_size
 from upplied.records import Measures, Structure, Surroundings, Trajectory
 from upplied.scene import Scene
 

@@ -20,7 +20,16 @@ from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.poses import from_yaw_pitch, in_a_row, yaw_pitch
-from upplied.records import Correspondences, Demonstration, Floats, Ints, Record, Structure, Trajectory
+from upplied.records import (
+    Correspondences,
+    Demonstration,
+    Floats,
+    Ints,
+    Record,
+    Structure,
+    SurfaceStates,
+    Trajectory,
+)
 
 _INSPECTED = 0.1  # least share of what was inspected, for a part to be asked about
 _TRANSIT_S = 10.0  # of the demonstration's time between two takes; the way itself is timed anew
@@ -118,6 +127,14 @@ def mirrored(demonstration: Demonstration, source: Structure) -> Demonstration:
         quat_xyzw=from_yaw_pitch(-yaw if across == 1 else np.pi - yaw, pitch),
         sha256=demonstration.sha256 and f"{demonstration.sha256}-mirrored",
     )
+
+
+def inspected_states(take: Take) -> SurfaceStates:
+    """What of the source a demonstration was about, in three steps, and what of that has no counterpart."""
+    cloud, weight = take.pair.surface.source, take.inspection.attention.weight
+    state = np.select([weight >= 0.7, weight >= 0.4, weight >= 0.1], [7, 6, 5], 0)
+    state[(weight >= 0.1) & (take.pair.surface.correspondences.target_index < 0)] = 4
+    return SurfaceStates(cloud.points, state.astype(np.int64), cloud.normals)
 
 
 def demonstrated_part(take: Take) -> int:

@@ -137,14 +137,6 @@ def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> d
     }
 
 
-def inspected_states(take: Take) -> SurfaceStates:
-    """What of the source a demonstration was about, in three steps, and what of that has no counterpart."""
-    cloud, weight = take.pair.surface.source, take.inspection.attention.weight
-    state = np.select([weight >= 0.7, weight >= 0.4, weight >= 0.1], [7, 6, 5], 0)
-    state[(weight >= 0.1) & (take.pair.surface.correspondences.target_index < 0)] = 4
-    return SurfaceStates(cloud.points, state.astype(np.int64), cloud.normals)
-
-
 def surface_states(found: Shown) -> SurfaceStates:
     """What became of each sample of the target: other, shown, missed or unattainable."""
     wanted = (found.inspected.need > 0) | (found.answers > 0.5)

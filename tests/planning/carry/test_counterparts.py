@@ -10,8 +10,8 @@ from made_structures import one_piece
 
 from upplied.config import settings_for
 from upplied.errors import SettingsError
+from upplied.planning.carry.counterparts import counterparts_of, doubts, undecided
 from upplied.planning.correspondence.pair import study_pair
-from upplied.planning.demonstration.counterparts import counterparts_of, doubts, undecided
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.parts import labels_of, mesh_pieces
