@@ -11,7 +11,7 @@ from upplied.records.planning import Registration
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measures(Record):
-    """What a plan is judged by; NaN where a measure was not computed (algorithm.md, section 8)."""
+    """What a plan is judged by; NaN where a measure was not computed."""
 
     acceptance_probability: float = float("nan")
     counterpart_probability: float = float("nan")

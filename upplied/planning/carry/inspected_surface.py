@@ -1,4 +1,4 @@
-"""Which points of the target answer for what the demonstration was about, and how near to show them."""
+"""Which points of the target correspond to what the demonstration was about, and how near to show them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class InspectedSurface(Record):
     """What a target path should show, since the demonstration was about its counterpart."""
 
     cloud: Cloud  # N points of the target
-    need: Floats  # (N,) how much demonstrated surface each answers for: weighted m^2, or points; 0: none
+    need: Floats  # (N,) how much demonstrated surface corresponds to each: weighted m^2, or points; 0: none
     standoff_m: Floats  # (N,) from how near it is to be shown, m: the best look; NaN where need is 0
     without: float  # how much of that surface has no counterpart, in the unit of `need`
 
@@ -49,7 +49,7 @@ def inspected_surface(
     weight: Floats | None = None,
     near_m: Floats | None = None,
 ) -> InspectedSurface:
-    """Which target points answer for what the demonstration was about, and for how much of it.
+    """Which target points correspond to what the demonstration was about, and for how much of it.
 
     Parameters
     ----------

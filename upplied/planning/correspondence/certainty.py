@@ -19,14 +19,14 @@ from upplied.records import Bools, Cloud, Floats, Ints
 
 #: Largest value of each piece of evidence that still tells something.
 CAPS = (2.0, 1.0, 1.0, 1.0, 1.5, 1.0)
-# Calibrated by bench/as_built.py on 284 answers and 233 others of airliners, turbines, bridges and ships, as
-# modelled and as scanned in eight ways, half of them of structures that nobody built. With each half judged
-# by the other: of answers said to be at least 97 % certain 98.5 % were right, of 90 to 97 % 88, of 80 to 90 %
-# 71 (of 17 parts). First the offset, then a weight for each piece of evidence.
+# Calibrated by bench/as_built.py on 284 counterparts and 233 others of airliners, turbines, bridges and
+# ships, as modelled and as scanned in eight ways, half of them of structures that nobody built. With each
+# half judged by the other: of those said to be at least 97 % certain 98.5 % were right, of 90 to 97 % 88, of
+# 80 to 90 % 71 (of 17 parts). First the offset, then a weight for each piece of evidence.
 ANSWERS = (7.25, 2.16, 0.98, 2.94, 0.34, 2.54, 0.61)
 OTHERS = (7.74, 1.28, 0.0, 0.0, 2.59, 0.83, 7.5)
 
-# Where the smooth displacement lays most of either part elsewhere, 6 of 16 answers were right; a logistic
+# Where the smooth displacement lays most of either part elsewhere, 6 of 16 were right; a logistic
 # curve through all says more.
 _DISAGREES, _DISPUTED = 0.6, 0.4
 
@@ -35,19 +35,20 @@ def evidence_of_answer(
     source: Cloud,
     part: int,
     registered: Cloud,
-    answers: Sequence[int],
+    counterparts: Sequence[int],
     wholes: float,
     told: bool,
     carried: Ints,
 ) -> Floats:
-    """What speaks against parts of the target answering to a part of the source, (6,); 0 is perfect.
+    """What speaks against parts of the target corresponding to a part of the source, (6,); 0 is perfect.
 
     Parameters
     ----------
     source, registered : Cloud
         Samples with parts, in the source's frame and at its scale.
     part : int
-    answers : sequence of int
+    counterparts : sequence of int
+        Parts of the target.
     wholes : float
         `Registration.acceptance`.
     told : bool
@@ -55,7 +56,7 @@ def evidence_of_answer(
     carried : array of int, shape (M,)
         The part of the source that a smooth displacement alone lays on each sample of the target.
     """
-    mine, theirs = labels_of(source) == part, np.isin(labels_of(registered), answers)
+    mine, theirs = labels_of(source) == part, np.isin(labels_of(registered), counterparts)
     named = carried == part
     both, area = named & theirs, _area(registered)
     return np.array(
@@ -70,9 +71,9 @@ def evidence_of_answer(
     )
 
 
-def evidence_of_other(registered: Cloud, answer: int, other: int, wholes: float, told: bool) -> Floats:
+def evidence_of_other(registered: Cloud, counterpart: int, other: int, wholes: float, told: bool) -> Floats:
     """What speaks against a part of the target being of the kind of another, (6,); 0 is perfect."""
-    one, two = (labels_of(registered) == part for part in (answer, other))
+    one, two = (labels_of(registered) == part for part in (counterpart, other))
     area = _area(registered)
     ratio = abs(np.log(max(area[two].sum(), 1e-12) / max(area[one].sum(), 1e-12)))
     return np.array([_shape(registered, one, registered, two), 0.0, 0.0, float(told), _whole(wholes), ratio])

@@ -1,4 +1,4 @@
-"""Which samples of a surface could be seen at all (algorithm.md, section 8: coverage_attainable_pct).
+"""Which samples of a surface could be seen at all (`coverage_attainable_pct`).
 
 For each sample many camera positions are tried: along its normal and around it up to the limit of
 the incidence, from near to far. The first that may be flown and sees the sample settles it. What is

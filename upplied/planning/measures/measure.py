@@ -1,6 +1,6 @@
-"""What a plan is judged by: the same code for every preset and the baseline (algorithm.md, section 8).
+"""What a plan is judged by: the same code for every preset and the baseline.
 
-Two questions come first. `carry.inspected_surface`: which points of the target answer for what the
+Two questions come first. `carry.inspected_surface`: which points of the target correspond to what the
 demonstration saw, and for what it was about?
 `visibility.path_views`: which points does a planned path see? `measure` compares them, and the paths.
 """

@@ -1,4 +1,4 @@
-"""Samples with normals on the outside surface of a structure (algorithm.md, section 1).
+"""Samples with normals on the outside surface of a structure.
 
 Real meshes carry hidden interiors, duplicate faces and flipped patches, and few are watertight. So
 neither winding nor inside tests are believed: a side of a surface counts where rays from it escape.
