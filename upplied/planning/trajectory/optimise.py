@@ -30,15 +30,15 @@ from upplied.planning.trajectory.terms.time import Time
 from upplied.planning.trajectory.terms.turning import Turning
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch
-from upplied.records import Floats, Ints, Record
+from upplied.records import Bools, Floats, Ints, Record
 
 _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it
 _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _SHARES = (0.0, 0.25, 0.5, 0.75)  # of the way from the carried path, that may already be enough
 _LITTLE = 3e-3  # share of the need that all of the way must show more to be worth going
-_HARDLY = 5e-4  # share of the need that is not worth turning the camera otherwise either
-_NOTHING = 5e-4  # the same of what was inspected, which counts as none given up
+_HARDLY = 5e-4  # share of the need that is not worth turning the camera otherwise either, and counts as none
+_URGENT = 16.0  # times the need of what a round gave up that was inspected and is shown as carried
 _CORRECTIONS = 12  # that L-BFGS keeps
 
 
@@ -81,6 +81,8 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     if len(asked) == 0:
         return state, variables
     lasting = _lasting_terms(problem, state.flown(variables), shape_weight, weights)
+    judged = _Judged(state, problem.view, asked, need, lasting)
+    start, urgent = variables, np.ones(len(need))
     stride = max(1, round(_APART * len(problem.carried) / _progress(problem)))
     found = []
     for number, width in enumerate(np.geomspace(_WIDEST, _NARROWEST, weights.rounds)):
@@ -96,16 +98,15 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
         anywhere = replace(problem.view, farthest_m=np.full(len(problem.view.need), np.inf))
         free = anywhere.reach(path.positions[::stride], asked, oblique, np.arange(0, len(path), stride))
         terms: list[tuple[float, Term]] = [
-            (1.0, Coverage.of(problem.view, asked, need, free, float(width), stride)),
+            (1.0, Coverage.of(problem.view, asked, need * urgent, free, float(width), stride)),
             (weights.clearance, Clearance.of(problem.airspace, path)),
             *lasting,
         ]
         variables = _solved(state, variables, terms, weights.iterations)
         if number >= weights.rounds // 2:
             found.append(variables)
-    judged = _Judged(state, problem.view, asked, need)
-    best = max(found, key=lambda at: judged.shown(at)[0] - _cost(state.flown(at), lasting))
-    return state, _no_further(state, state.nearest(problem.carried), best, judged)
+        urgent[judged.given_up(start, variables)] *= _URGENT
+    return state, _no_further(state, start, max(found, key=judged.worth), judged)
 
 
 def _departure(
@@ -127,23 +128,35 @@ def _standoff_m(problem: Problem) -> float:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Judged(Record):
-    """What the path of some variables truly shows of the samples that are asked for."""
+    """What the path of some variables truly shows of the samples that are asked for, and what it costs."""
 
     state: State
     view: View
     asked: Ints
     need: Floats
+    lasting: Sequence[tuple[float, Term]]
+
+    def sees(self, variables: Floats) -> Bools:
+        """(M, m) which of the samples each station sees."""
+        path = self.state.flown(variables)
+        return self.view.sees(path.positions, from_yaw_pitch(path.yaw, path.pitch), self.asked)
 
     def shown(self, variables: Floats) -> tuple[float, float]:
         """Share of the need, and of it what was inspected."""
-        path = self.state.flown(variables)
-        quats = from_yaw_pitch(path.yaw, path.pitch)
-        got = self.need * self.view.sees(path.positions, quats, self.asked).any(axis=0)
+        got = self.need * self.sees(variables).any(axis=0)
         return float(got.sum()), float(got[self.view.inspected[self.asked]].sum())
 
+    def given_up(self, start: Floats, end: Floats) -> Bools:
+        """(m,) inspected samples that the start shows and the end does not; none where it shows as many."""
+        inspected = self.view.inspected[self.asked]
+        before, after = self.sees(start).any(axis=0), self.sees(end).any(axis=0)
+        more = self.need @ (inspected * (after.astype(float) - before)) >= -_HARDLY
+        return np.zeros_like(before) if more else inspected & before & ~after
 
-def _cost(path: Flown, terms: Sequence[tuple[float, Term]]) -> float:
-    return sum(weight * term.value(path)[0] for weight, term in terms)
+    def worth(self, variables: Floats) -> float:
+        """Share of the need, less what the terms cost."""
+        path = self.state.flown(variables)
+        return self.shown(variables)[0] - sum(weight * term.value(path)[0] for weight, term in self.lasting)
 
 
 def _no_further(state: State, start: Floats, end: Floats, judged: _Judged) -> Floats:
@@ -153,7 +166,7 @@ def _no_further(state: State, start: Floats, end: Floats, judged: _Judged) -> Fl
     flight is to come back as it was flown. To turn the camera comes before to leave the path.
     """
     (all_first, own_first), (most, own) = judged.shown(start), judged.shown(end)
-    least = max(own, own_first) - _NOTHING  # nothing that was inspected is given up for what lay behind it
+    least = max(own, own_first) - _HARDLY  # nothing that was inspected is given up for what lay behind it
     if own < least or (all_first >= most - _HARDLY and own_first >= least):
         return start
     moving = np.arange(len(end)) < 3 * state.moving.shape[1]
