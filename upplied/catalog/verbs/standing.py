@@ -85,11 +85,12 @@ def with_states(plans: pd.DataFrame, now: Standing) -> pd.DataFrame:
 
     ids = plans["transfer_id"]
     state = ids.map(now.state).where(ids.isin(list(now.state)), "draft").astype(object)
+    why = [now.why.get(plan, {"by": "", "note": ""}) for plan in ids]
     values = {
         "state": state.where(plans["status"] == "ok", ""),
         "state_at": pd.to_datetime(ids.map({p: row["added_at"] for p, row in now.why.items()}), utc=True),
-        "state_by": ids.map({plan: row["by"] for plan, row in now.why.items()}).fillna(""),
-        "state_note": ids.map({plan: row["note"] for plan, row in now.why.items()}).fillna(""),
+        "state_by": [row["by"] for row in why],
+        "state_note": [row["note"] for row in why],
     }
     known = {name: value for name, value in values.items() if name in plans or name == "state"}
     return plans.assign(**known)
