@@ -38,7 +38,7 @@ _APART = 0.15  # stand-offs flown plus radians turned, between stations that are
 _SHARES = (0.0, 0.25, 0.5, 0.75)  # of the way from the carried path, that may already be enough
 _LITTLE = 3e-3  # share of the need that all of the way must show more to be worth going
 _HARDLY = 5e-4  # share of the need that is not worth turning the camera otherwise either, and counts as none
-_URGENT = 16.0  # times the need of what a round gave up that was inspected and is shown as carried
+_FIRST = 10.0  # how many times what was inspected counts what lay behind it, before any of it is given up
 _CORRECTIONS = 12  # that L-BFGS keeps
 
 
@@ -105,7 +105,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
         variables = _solved(state, variables, terms, weights.iterations)
         if number >= weights.rounds // 2:
             found.append(variables)
-        urgent[judged.given_up(start, variables)] *= _URGENT
+        urgent[judged.given_up(start, variables)] *= _FIRST
     return state, _no_further(state, start, max(found, key=judged.worth), judged)
 
 
@@ -166,7 +166,8 @@ def _no_further(state: State, start: Floats, end: Floats, judged: _Judged) -> Fl
     flight is to come back as it was flown. To turn the camera comes before to leave the path.
     """
     (all_first, own_first), (most, own) = judged.shown(start), judged.shown(end)
-    least = max(own, own_first) - _HARDLY  # nothing that was inspected is given up for what lay behind it
+    # What was inspected is given up for so much more of what lay behind it, and for no less.
+    least = max(own, own_first) - max(_HARDLY, (most - all_first) / _FIRST)
     if own < least or (all_first >= most - _HARDLY and own_first >= least):
         return start
     moving = np.arange(len(end)) < 3 * state.moving.shape[1]
