@@ -133,6 +133,11 @@ def fov_at(trajectory: Trajectory, t_s: Floats) -> Floats | None:
     return np.column_stack([np.interp(t_s, trajectory.t_s, angle) for angle in trajectory.fov_deg.T])
 
 
+def wrapped(angle: Floats) -> Floats:
+    """The same angles from -pi to pi, rad."""
+    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
 def moved(trajectory: Trajectory, rotation: Floats, translation: Floats) -> Trajectory:
     """The trajectory after a rigid motion: ``p' = rotation @ p + translation``."""
     quats = (Rotation.from_matrix(rotation) * Rotation.from_quat(trajectory.quat_xyzw)).as_quat()

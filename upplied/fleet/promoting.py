@@ -15,11 +15,11 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.fleet.gaps import flight_row
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.proof.as_flown import silence_s
+from upplied.proof.findings import LOOKED, SILENT, STOOD
 from upplied.records import Camera, Demonstration, Trajectory
 from upplied.scene import scene_of
 
 _WHOLE_PCT = 98.0  # of the plan's length, and of what it shows: less is no whole inspection
-_UNKNOWN = ("silent", "the camera stood", "aside of its plan")  # findings of what nobody knows to be good
 #: What a flight must keep to be shown to the database as an example, and why.
 RULES = {
     "flown": "a vehicle flew it: a simulated flight shows nothing that its plan does not",
@@ -112,7 +112,7 @@ def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:
         if not (row[column] or 0.0) >= _WHOLE_PCT:
             found.append(("whole", f"{row[column] or 0.0:.1f} % {words}"))
     for part in str(row["findings"] or "").split("; "):
-        if any(words in part for words in _UNKNOWN):
+        if part.startswith((SILENT, STOOD, LOOKED)):
             found.append(("recorded", part))
     route = settings_of(plan["settings_json"]).route
     if route.enforce and clearance_m < route.clearance_m:

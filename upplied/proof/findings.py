@@ -11,6 +11,8 @@ from upplied.poses import interpolate, optical_axis
 from upplied.proof.align import Alignment
 from upplied.records import Bools, Floats, Trajectory
 
+#: How findings begin after which it is not known what was seen.
+SILENT, STOOD, LOOKED = "the log is silent", "the camera stood", "the camera looked"
 _WHOLE_PCT = 98.0  # of the plan's length: less is a flight that was broken off
 _PAUSE_S = 5.0  # longer than the plan takes between two places: the flight was resumed, or waited
 _STUCK_S, _STUCK_DEG, _TURNED_DEG = 5.0, 0.3, 5.0  # a camera that stands while its plan turns
@@ -75,7 +77,7 @@ def _missing(plan: Trajectory, found: Alignment, flown_pct: float) -> Iterator[s
     silent = np.diff(found.flown.t_s)
     for at in np.flatnonzero(silent > _PAUSE_S):
         when = found.flown.t_s[at]
-        yield f"the log is silent for {silent[at]:.0f} s at {when:.0f} s: what was seen then is not known"
+        yield f"{SILENT} for {silent[at]:.0f} s at {when:.0f} s: what was seen then is not known"
 
 
 def _aside(plan: Trajectory, found: Alignment) -> Iterator[str]:
@@ -87,7 +89,7 @@ def _aside(plan: Trajectory, found: Alignment) -> Iterator[str]:
     axis, wanted = optical_axis(found.flown.quat_xyzw[on]), optical_axis(interpolate(plan, moments).quat_xyzw)
     off = float(np.median(_angle_deg((axis * wanted).sum(axis=1))))
     if off > _TURNED_DEG:
-        yield f"the camera looked {off:.0f} deg aside of its plan, in the median: taken as it was logged"
+        yield f"{LOOKED} {off:.0f} deg aside of its plan, in the median: taken as it was logged"
 
 
 def _stuck(plan: Trajectory, found: Alignment) -> Iterator[str]:
@@ -106,7 +108,7 @@ def _stuck(plan: Trajectory, found: Alignment) -> Iterator[str]:
         length = float(beats[end] - beats[start]) if end < len(beats) else float(beats[-1] - beats[start])
         if length >= _STUCK_S and turned > _TURNED_DEG:
             when = beats[start]
-            yield f"the camera stood for {length:.0f} s at {when:.0f} s; its plan turned {turned:.0f} deg"
+            yield f"{STOOD} for {length:.0f} s at {when:.0f} s; its plan turned {turned:.0f} deg"
 
 
 def _angle_deg(cosine: Floats) -> Floats:

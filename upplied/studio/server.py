@@ -15,7 +15,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from upplied.outputs.pages import studio_files
+from upplied.outputs.pages import finite, studio_files
 
 HOST = "127.0.0.1"
 NAMES = ("127.0.0.1", "localhost")
@@ -134,15 +134,4 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _json(value: Any) -> bytes:
-    return json.dumps(_finite(value), allow_nan=False).encode()
-
-
-def _finite(value: Any) -> Any:
-    """The same with null for what is no finite number."""
-    if isinstance(value, float):
-        return value if abs(value) < float("inf") else None
-    if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return value
+    return json.dumps(finite(value), allow_nan=False).encode()

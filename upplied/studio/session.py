@@ -206,7 +206,7 @@ class Session:
             "path": data,
             "states": self._states(judged),
             "measures": {name: number(vars(judged.plan.measures), name) for name in _NUMBERS},
-            "verdict": self._verdict(judged),
+            "verdict": self._verdict(judged, self.editing.clearance_m(asked)),
             "differences": self._differences(judged),
             "zones": self._asking.judged(planned_looks(judged.plan, *self._asking.seen_by)),
             "words": ", ".join(filter(None, (edit.words, asked.words, "planned anew" if base.asked else ""))),
@@ -214,11 +214,10 @@ class Session:
         took = {"judged_s": time.perf_counter() - began, "cpu_s": time.process_time() - cpu}
         return answer | {name: round(value, 3) for name, value in took.items()}
 
-    def _verdict(self, judged: JudgedEdit) -> dict[str, Any]:
+    def _verdict(self, judged: JudgedEdit, kept_m: float) -> dict[str, Any]:
         measures = judged.plan.measures
         wrong = [*judged.broken, *([judged.short] if judged.short else [])]
-        kept = self.editing.usual_m
-        said = f"keeps {measures.min_clearance_m:.2f} m from the structure, {kept:g} m asked for"
+        said = f"keeps {measures.min_clearance_m:.2f} m from the structure, {kept_m:g} m asked for"
         shown = measures.coverage_inspected_pct
         headline = f"It shows {shown:.1f} % of what was inspected, and {said}."
         return {"flyable": not wrong, "headline": headline, "look": [*wrong, *judged.plan.warnings]}

@@ -78,3 +78,9 @@ COMMIT_VERSION = Column(
     low=-1,
 )
 ADDED = "by the clock of the place, never before what was added earlier"
+
+
+def committed(when: str) -> tuple[Column, ...]:
+    """The columns that say by which commit a row came, and when, in words."""
+    moment = Column("added_at", MOMENT, "UTC", f"{when}, {ADDED}", required=True)
+    return COMMIT, moment, COMMIT_VERSION

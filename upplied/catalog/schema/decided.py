@@ -8,13 +8,11 @@ changed there: which plan is in force follows from the rows in the order of thei
 from __future__ import annotations
 
 from upplied.catalog.schema.columns import (
-    ADDED,
-    COMMIT,
-    COMMIT_VERSION,
     MOMENT,
     TEXT,
     Column,
     Table,
+    committed,
     identity,
 )
 
@@ -52,9 +50,7 @@ DECISIONS = Table(
             "the last decision that whoever released knew of; a release after another one does not count",
         ),
         Column("code_version", TEXT, "", "version of the program"),
-        COMMIT,
-        Column("added_at", MOMENT, "UTC", f"when it was decided, {ADDED}", required=True),
-        COMMIT_VERSION,
+        *committed("when it was decided"),
     ),
     ("added_at",),
 )
@@ -71,9 +67,7 @@ OVERRULED = Table(
         Column("format", TEXT, "", "of the mission; empty for a flight in simulation"),
         identity("rule", "the rule that was overruled (docs/checks.md)"),
         Column("found", TEXT, "", "what was found, in words"),
-        COMMIT,
-        Column("added_at", MOMENT, "UTC", f"when it was added, {ADDED}", required=True),
-        COMMIT_VERSION,
+        *committed("when it was added"),
     ),
     ("transfer_id", "added_at"),
 )

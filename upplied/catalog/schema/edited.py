@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from upplied.catalog.schema.columns import (
-    ADDED,
-    COMMIT,
-    COMMIT_VERSION,
-    MOMENT,
     TEXT,
     Column,
     Table,
+    committed,
     identity,
 )
 
@@ -29,9 +26,7 @@ EDITS = Table(
         Column("lost", TEXT, "", "what of it could not be carried over, and why; empty: all of it was"),
         identity("by", "who changed the plan"),
         Column("note", TEXT, "", "why"),
-        COMMIT,
-        Column("added_at", MOMENT, "UTC", f"when it was added, {ADDED}", required=True),
-        COMMIT_VERSION,
+        *committed("when it was added"),
     ),
     ("target_id", "added_at"),
 )

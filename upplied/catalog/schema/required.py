@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from upplied.catalog.schema.columns import (
-    ADDED,
-    COMMIT,
-    COMMIT_VERSION,
-    MOMENT,
     TEXT,
     WHOLE,
     Column,
     Table,
+    committed,
     identity,
 )
 
@@ -29,9 +26,7 @@ REQUIREMENTS = Table(
         Column("zones_json", TEXT, "", "zones, each with its place and what is asked; none: taken back"),
         identity("by", "who asks"),
         Column("note", TEXT, "", "why"),
-        COMMIT,
-        Column("added_at", MOMENT, "UTC", f"when it was asked, {ADDED}", required=True),
-        COMMIT_VERSION,
+        *committed("when it was asked"),
     ),
     ("owner", "added_at"),
 )

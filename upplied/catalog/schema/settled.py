@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from upplied.catalog.schema.columns import (
-    ADDED,
-    COMMIT,
-    COMMIT_VERSION,
-    MOMENT,
     TEXT,
     Column,
     Table,
+    committed,
     identity,
 )
 
@@ -25,9 +22,7 @@ SETTINGS = Table(
         Column("value_json", TEXT, "", "the value; empty: taken back, and inherited again"),
         identity("by", "who said so"),
         Column("note", TEXT, "", "why"),
-        COMMIT,
-        Column("added_at", MOMENT, "UTC", f"when it was said, {ADDED}", required=True),
-        COMMIT_VERSION,
+        *committed("when it was said"),
     ),
     ("owner", "added_at"),
 )

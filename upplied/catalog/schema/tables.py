@@ -14,7 +14,7 @@ from dataclasses import fields
 from upplied.catalog.schema.columns import ADDED as _ADDED
 from upplied.catalog.schema.columns import COMMIT as _COMMIT
 from upplied.catalog.schema.columns import COMMIT_VERSION as _COMMIT_VERSION
-from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table
+from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table, committed
 from upplied.catalog.schema.columns import identity as _id
 from upplied.catalog.schema.decided import DECIDED, DECISIONS, OVERRULED
 from upplied.catalog.schema.edited import EDITS
@@ -231,9 +231,7 @@ TRANSFERS = Table(
         ),
         *DECIDED,
         _id("key", "hash of everything the plan depends on"),
-        _COMMIT,
-        Column("added_at", MOMENT, "UTC", f"when it was added, {_ADDED}", required=True),
-        _COMMIT_VERSION,
+        *committed("when it was added"),
     ),
     ("transfer_id", "planned_at"),
 )
@@ -256,9 +254,7 @@ FLIGHTS = Table(
         Column("seed", WHOLE, "1", "of the gusts"),
         *(column for column in TRANSFERS.columns if column.name in _MEASURED),
         _id("flight_sha256", "hash of the flown path, which is flown/<hash>.parquet"),
-        _COMMIT,
-        Column("added_at", MOMENT, "UTC", f"when it was added, {_ADDED}", required=True),
-        _COMMIT_VERSION,
+        *committed("when it was added"),
     ),
     ("target_id", "added_at"),
 )

@@ -11,7 +11,7 @@ from upplied.config import Settings
 from upplied.planning.correspondence.certainty import ANSWERS, evidence_of_answer, probability
 from upplied.planning.correspondence.pair import Fit, Memo, no_memo, study_pair
 from upplied.planning.demonstration.about import zone_of
-from upplied.planning.geometry.boxes import in_source_frame
+from upplied.planning.geometry.boxes import in_source_frame, spacing
 from upplied.planning.surface.frames import frames_for, structure_in
 from upplied.planning.surface.parts import labels_of
 from upplied.planning.surface.skin import skin_parts
@@ -62,11 +62,10 @@ def carried_zone(
     assert zone is not None and fit.target.normals is not None and surface.normals is not None
     kept = fit.correspondences.target_index >= 0
     mine = _carried(fit, zone)
-    spacing = _spacing(fit.target.points)
+    apart_m = spacing(fit.target)
     turned = there.from_declared(surface.points), surface.normals @ there.turn
-    nearest = cKDTree(_sided(fit.target.points, fit.target.normals, spacing)).query(_sided(*turned, spacing))[
-        1
-    ]
+    known = cKDTree(_sided(fit.target.points, fit.target.normals, apart_m))
+    nearest = known.query(_sided(*turned, apart_m))[1]
     lost = 100 * float((zone & ~kept).sum() / zone.sum())
     return CarriedZone(np.asarray(mine[nearest], bool), _probability(fit, zone), lost)
 
@@ -81,7 +80,7 @@ def _carried(fit: Fit, zone: Bools) -> Bools:
     off, voters = cKDTree(places[known]).query(fit.target.points, k=count)
     off, voters = off.reshape(-1, count), voters.reshape(-1, count)
     said = zone[known][voters].mean(axis=1) > 0.5
-    return np.asarray(said & (off[:, 0] <= _REACH * _spacing(fit.target.points)), bool)
+    return np.asarray(said & (off[:, 0] <= _REACH * spacing(fit.target)), bool)
 
 
 def _probability(fit: Fit, zone: Bools) -> float:
@@ -103,10 +102,6 @@ def _probability(fit: Fit, zone: Bools) -> float:
     return min(found)
 
 
-def _sided(points: Floats, normals: Floats, spacing: float) -> Floats:
+def _sided(points: Floats, normals: Floats, apart_m: float) -> Floats:
     """Points with their normals, so that the two sides of a thin plate lie apart."""
-    return np.concatenate([points, 2 * spacing * normals], axis=1)
-
-
-def _spacing(points: Floats) -> float:
-    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1])) if len(points) > 1 else 1.0
+    return np.concatenate([points, 2 * apart_m * normals], axis=1)

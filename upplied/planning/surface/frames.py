@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.config import Settings
-from upplied.poses import normalised
+from upplied.poses import normalised, wrapped
 from upplied.records import (
     Demonstration,
     Floats,
@@ -83,7 +83,7 @@ def _found_frame(structure: Structure) -> Frame:
         return Frame(order, middle)
     quarters = np.round((order - walls - _OFF) / (np.pi / 2))
     heading = walls + quarters * np.pi / 2
-    return Frame(float((heading + np.pi) % (2 * np.pi) - np.pi), middle)
+    return Frame(float(wrapped(np.asarray(heading))), middle)
 
 
 def _wall_heading(structure: Structure) -> float | None:

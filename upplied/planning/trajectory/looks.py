@@ -12,7 +12,7 @@ from numba import njit
 
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.poses import from_yaw_pitch, matrices
+from upplied.poses import from_yaw_pitch, matrices, wrapped
 from upplied.records import Bools, Floats, Ints
 
 _STATIONS = 160  # of the path from which looks are considered
@@ -53,7 +53,7 @@ def looks_aside(path: Flown, view: View, price_per_rad: float, way_m_per_rad: fl
     places = path.positions[stations]
     row, to_yaw, to_pitch, shows = directions(places, half, reach, missed, view, _DIRECTIONS)
     at = stations[row]
-    aside_yaw = (to_yaw - path.yaw[at] + np.pi) % (2 * np.pi) - np.pi
+    aside_yaw = wrapped(to_yaw - path.yaw[at])
     aside_pitch = to_pitch - path.pitch[at]
     level = np.cos(path.pitch[at])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.positions, axis=0), axis=1))])

@@ -16,7 +16,7 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.looks import directions
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.poses import from_yaw_pitch, optical_axis
+from upplied.poses import from_yaw_pitch, optical_axis, wrapped
 from upplied.records import Bools, Floats, Ints, Record
 
 _STATIONS = 48  # of the path beside which places are tried
@@ -104,7 +104,7 @@ def _taken(path: Flown, places: _Places, left: Floats, aside: Aside) -> Flown:
     while True:
         off = places.off - moved[at]
         way_m = _LENGTH * np.linalg.norm(off, axis=1)
-        turned = np.hypot(level * _wrapped(places.yaw - yaw[at]), places.pitch - pitch[at])
+        turned = np.hypot(level * wrapped(places.yaw - yaw[at]), places.pitch - pitch[at])
         leaving = _OF_TENT * way_m / whole * (price - aside.departure(moved[at]))
         net = table @ left - leaving - 2 * aside.turn * turned
         best = int(np.argmax(net))
@@ -113,9 +113,5 @@ def _taken(path: Flown, places: _Places, left: Floats, aside: Aside) -> Flown:
         left[places.shows[best]] = 0.0
         tent = np.clip(1 - np.abs(along - along[at[best]]) / max(float(way_m[best]), 1e-6), 0, 1)
         moved += tent[:, None] * off[best]
-        yaw += tent * _wrapped(places.yaw[best] - yaw[at[best]])
+        yaw += tent * wrapped(places.yaw[best] - yaw[at[best]])
         pitch += tent * (places.pitch[best] - pitch[at[best]])
-
-
-def _wrapped(angle: Floats) -> Floats:
-    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
