@@ -77,7 +77,7 @@ lerobot: $(READY) ## the LeRobot export loaded by lerobot itself, in .venv-lerob
 bench: $(READY) ## print the benchmarks' tables
 	@for f in $$(grep -l __main__ bench/*.py); do echo "== $$f"; $(BIN)/python $$f || exit 1; done
 
-mutate: $(READY) ## how many of 200 small faults the tests notice (hours), or MUTANTS=... SEED=...
+mutate: $(READY) ## how many of 200 small faults the tests notice (an hour or two), or MUTANTS=... SEED=...
 	$(BIN)/python tests/mutate.py --number $${MUTANTS:-200} --seed $${SEED:-0}
 
 docs: $(READY) ## the documentation as a site: open site/index.html
