@@ -16,7 +16,8 @@ from catalog_records import demonstration, key_of, plan, structure
 from upplied.catalog import compact, export_tables, history, open_catalog, vacuum, verify
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store import merging
-from upplied.catalog.verbs import adding, queries
+from upplied.catalog.verbs import adding
+from upplied.catalog.verbs.frames import decoded
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Cloud
 
@@ -210,7 +211,7 @@ def test_texts_that_repeat_are_kept_once_and_say_the_same(catalog):
     narrow = table.narrow(names)
     assert pa.types.is_dictionary(narrow.schema.field("settings_json").type)
     assert len(narrow["settings_json"].combine_chunks().dictionary) == 1
-    assert queries.decoded(narrow).to_pydict() == table.read(None, names).to_pydict()
+    assert decoded(narrow).to_pydict() == table.read(None, names).to_pydict()
 
 
 def test_published_files_hold_the_current_rows(catalog, tmp_path):

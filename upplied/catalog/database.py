@@ -12,8 +12,9 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from upplied.catalog.reading import OWNER, Reading
-from upplied.catalog.verbs import adding, belonging, decisions, looks, queries, required
+from upplied.catalog.verbs import adding, belonging, decisions, looks, required
 from upplied.catalog.verbs.adding import Planned
+from upplied.catalog.verbs.frames import frame
 from upplied.catalog.verbs.leaving import ASKED, check_leaves
 from upplied.catalog.verbs.queries import PlannedTrajectory
 from upplied.records import Demonstration, Plan, Structure, Trajectory
@@ -181,7 +182,7 @@ class Catalog(Reading):
 
     def said_settings(self) -> pd.DataFrame:
         """What was ever said of settings of kinds and structures, in the order of commits."""
-        found = queries.frame(self.tables["settings"].read()).sort_values("commit_version", kind="stable")
+        found = frame(self.tables["settings"].read()).sort_values("commit_version", kind="stable")
         return found.reset_index(drop=True)
 
     def settings_of(self, structure_id: str) -> pd.DataFrame:
@@ -223,7 +224,7 @@ class Catalog(Reading):
 
     def edits(self) -> pd.DataFrame:
         """What people changed of plans, and to which plans made later that was carried over."""
-        found = queries.frame(self.tables["edits"].read()).sort_values("commit_version", kind="stable")
+        found = frame(self.tables["edits"].read()).sort_values("commit_version", kind="stable")
         return found.reset_index(drop=True)
 
     def add_edit(self, row: Mapping[str, Any]) -> int:

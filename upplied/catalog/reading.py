@@ -23,7 +23,8 @@ from upplied.catalog.store.meshes import MeshStore
 from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.surfaces import SurfaceStore
 from upplied.catalog.verbs import ordering, queries
-from upplied.catalog.verbs.queries import PlannedTrajectory, When, Which
+from upplied.catalog.verbs.frames import When, frame
+from upplied.catalog.verbs.queries import PlannedTrajectory, Which
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
 from upplied.records import Bools, Demonstration, Plan, Structure, SurfaceStates, Trajectory
@@ -131,11 +132,11 @@ class Reading:
 
     def waypoints(self, transfer_id: str) -> pd.DataFrame:
         """The steps of one planned trajectory, in order."""
-        return queries.frame(self._waypoints(self.transfer(transfer_id, OWNER)))
+        return frame(self._waypoints(self.transfer(transfer_id, OWNER)))
 
     def poses(self, demonstration_id: str) -> pd.DataFrame:
         """The steps of the current version of one demonstration, in order."""
-        return queries.frame(self._poses(self.newest("demonstrations", demonstration_id)))
+        return frame(self._poses(self.newest("demonstrations", demonstration_id)))
 
     def path_of(self, row: Row) -> PlannedTrajectory:
         """The trajectory of one row of `transfers`, whether it may be flown or not."""

@@ -5,10 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from upplied.config import CloudSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.measures.attainable import attainable
+from upplied.planning.measures.attainable import (
+    _ask_neighbours,
+    _candidates,
+    _distances,
+    _frames,
+    _from_sample,
+    _seen,
+    attainable,
+)
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.poses import look_at
@@ -94,3 +103,110 @@ def test_what_only_a_window_lets_be_seen_is_found_through_what_served_its_neighb
     scene = Scene(room.vertices, room.triangles, 1)
     camera = Camera(min_range_m=0.5, max_range_m=20)
     assert attainable(wall, Airspace(scene, 2.0, Surroundings(), 1.0), camera, TRULY).all()
+
+
+FAR = np.array([[900.0, 900, 900], [901, 900, 900], [900, 901, 900]]), np.array([[0, 1, 2]])
+
+
+def patch_at(normals: Floats) -> Cloud:
+    return Cloud(np.zeros((len(normals), 3)), normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize(("clearance", "nearest"), [(2.0, 0.5), (0.5, 2.0)])
+def test_from_nearer_than_the_safety_distance_or_the_range_nothing_is_asked(
+    clearance: float, nearest: float
+) -> None:
+    cloud = patch_at(np.tile([0.0, 0, 1], (3, 1)))
+    airspace = Airspace(Scene(*FAR, 1), clearance, Surroundings())
+    camera = Camera(min_range_m=nearest, max_range_m=30.0)
+    found = attainable(cloud, airspace, camera, TRULY, np.array([1.99, 2.0, 2.01]))
+    assert found.tolist() == [False, False, True]
+    assert attainable(cloud, airspace, camera, TRULY).all()
+
+
+def test_with_no_least_distance_a_sample_is_seen_from_close_by() -> None:
+    cloud = patch_at(np.array([[0.0, 0, 1]]))
+    bare = Airspace(Scene(*FAR, 1), 0.0, Surroundings())
+    assert attainable(cloud, bare, Camera(min_range_m=0.0), TRULY, np.array([0.01])).all()
+    assert not attainable(cloud, bare, Camera(min_range_m=0.0), TRULY, np.array([0.0005])).any()
+
+
+def test_positions_are_tried_on_the_normal_and_round_it_up_to_the_limit() -> None:
+    tilt, turn, share = _candidates(60.0)
+    assert len(tilt) == 8 + 5 * 16 * 8 and not tilt[:8].any() and not turn[:8].any()
+    assert sorted(share[:8]) == pytest.approx(np.arange(8) / 7)
+    assert share[0] == pytest.approx(2 / 7)  # neither near nor far is likeliest
+    rings = np.degrees(tilt[8:]).reshape(5, 8, 16)
+    assert rings == pytest.approx(
+        np.broadcast_to(60 * np.array([0.3, 0.55, 0.75, 0.88, 0.98])[:, None, None], rings.shape)
+    )
+    assert turn[8:].reshape(40, 16) == pytest.approx(np.tile(np.arange(16) * np.pi / 8, (40, 1)))
+    assert share[8:].reshape(5, 8, 16)[:, :, 3] == pytest.approx(np.tile(share[:8], (5, 1)))
+    assert np.degrees(_candidates(90.0)[0].max()) == pytest.approx(0.98 * 89.9)
+
+
+def test_distances_grow_by_equal_factors() -> None:
+    found = _distances(np.array([0, 0.5, 1]), 2.0, np.array([8.0, 32.0]))
+    np.testing.assert_allclose(found, [[2, 4, 8], [2, 8, 32]])
+
+
+def test_a_position_stands_as_far_and_as_oblique_as_is_asked() -> None:
+    normals = np.random.default_rng(0).normal(size=(30, 3))
+    cloud = patch_at(np.vstack([normals, [[0, 0, 1], [0, 0, -1], [1, 0, 0]]]))
+    frames = _frames(cloud)
+    np.testing.assert_allclose(
+        np.einsum("nij,nkj->nik", frames, frames), np.tile(np.eye(3), (33, 1, 1)), atol=1e-9
+    )
+    assert cloud.normals is not None and np.array_equal(frames[:, 0], cloud.normals)
+    tilt, turn = np.radians([0.0, 30, 30, 60]), np.radians([0.0, 0, 90, 200])
+    distance = np.tile([2.0, 3, 4, 5], (33, 1))
+    at = _from_sample(frames, tilt, turn, distance)
+    np.testing.assert_allclose(np.linalg.norm(at, axis=2), distance)
+    np.testing.assert_allclose(
+        np.einsum("nki,ni->nk", at, cloud.normals) / distance, np.tile(np.cos(tilt), (33, 1))
+    )
+    aside = at - np.einsum("nki,ni->nk", at, cloud.normals)[:, :, None] * cloud.normals[:, None]
+    between = np.einsum("ni,ni->n", aside[:, 1], aside[:, 2]) / (1.5 * 2)
+    np.testing.assert_allclose(between, 0, atol=1e-9)  # turned by a right angle
+    against = np.einsum("ni,ni->n", aside[:, 1], aside[:, 3]) / (1.5 * 5 * np.sin(np.radians(60)))
+    np.testing.assert_allclose(against, np.cos(np.radians(200)))
+
+
+def asked(airspace: Airspace, served: Floats, nearest: float = 1.0, farthest: float = 10.0) -> list[bool]:
+    """Three samples of a floor in a row, with what served the first."""
+    cloud = Cloud(np.array([[0.0, 0, 0], [1, 0, 0], [8, 0, 0]]), np.tile([0.0, 0, 1], (3, 1)))
+    found = np.vstack([served, np.full((2, 3), np.nan)])
+    _ask_neighbours(found, cloud, airspace, nearest, np.full(3, farthest), 60.0)
+    return np.isfinite(found[:, 0]).tolist()
+
+
+def test_what_served_a_neighbour_is_tried_within_range_and_incidence() -> None:
+    airspace = Airspace(Scene(*FAR, 1), 0.5, Surroundings())
+    assert asked(airspace, np.array([4.0, 0, 5])) == [True, True, True]
+    assert asked(airspace, np.array([1.0, 0, 2])) == [True, True, False]  # 74 deg
+    assert asked(airspace, np.array([4.0, 0, 5]), nearest=6.0) == [True, False, True]  # 5.83 m
+    assert asked(airspace, np.array([4.0, 0, 5]), farthest=6.0) == [True, True, False]  # 6.4 m
+    assert asked(Airspace(Scene(*FAR, 1), 0.5, Surroundings(ceiling_z_m=4.0)), np.array([4.0, 0, 5])) == [
+        True,
+        False,
+        False,
+    ]
+
+
+def test_an_allowed_position_with_a_free_line_of_sight_sees_its_sample() -> None:
+    wall = boxes(([2.0, -3, -3], [2.5, 3, 3]))
+    cloud = Cloud(np.array([[0.0, 0, 0]]), np.array([[1.0, 0, 0]]))
+    at = np.array([[5.0, 0, 0], [1.5, 0, 0], [0.9, 0, 0], [0, 0, 4], [0, 0, 9], [np.inf, 0, 0], [1.1, 0, 0]])
+    airspace = Airspace(Scene(wall.vertices, wall.triangles, 1), 1.0, Surroundings(ceiling_z_m=8.0))
+    found = _seen(at, np.zeros(7, np.int64), cloud, airspace)
+    assert found.tolist() == [False, False, True, True, False, False, False]
+
+
+def test_of_a_sampled_surface_a_ray_arrives_one_grain_before_it() -> None:
+    plate = boxes(([-0.5, -3, -3], [0.3, 3, 3]))  # the discs stand 0.3 m before the sample
+    cloud = Cloud(np.array([[0.0, 0, 0]]), np.array([[1.0, 0, 0]]))
+    at = np.array([[4.0, 0, 0], [-4.0, 0, 0]])
+    for grain, sees in ((0.0, False), (0.25, False), (0.4, True)):
+        scene = Scene(plate.vertices, plate.triangles, 1, grain_m=grain)
+        found = _seen(at, np.zeros(2, np.int64), cloud, Airspace(scene, 1.0, Surroundings()))
+        assert found.tolist() == [sees, False]

@@ -15,6 +15,7 @@ import pyarrow.compute as pc
 
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs import adding, ordering, queries
+from upplied.catalog.verbs.frames import frame
 from upplied.catalog.verbs.standing import Standing, standing_of, unit_of
 from upplied.errors import RefusedError, SettingsError
 from upplied.provenance import code_version
@@ -37,7 +38,7 @@ def decisions(catalog: Reading, transfer_id: str | None = None) -> pd.DataFrame:
     """See `Catalog.decisions`."""
     table = catalog.tables["decisions"]
     where = None if transfer_id is None else pc.field("transfer_id") == transfer_id
-    found = queries.frame(table.read(where)).sort_values("commit_version", kind="stable")
+    found = frame(table.read(where)).sort_values("commit_version", kind="stable")
     return found.reset_index(drop=True)
 
 

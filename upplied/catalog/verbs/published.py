@@ -34,6 +34,7 @@ from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs import owned, queries
 from upplied.catalog.verbs.decisions import foremost
+from upplied.catalog.verbs.frames import decoded
 from upplied.catalog.verbs.generations import Generation, check, clean, current, linked, switch
 from upplied.catalog.verbs.standing import DERIVED
 from upplied.checks import check_id
@@ -276,7 +277,7 @@ def write(path: Path, declared: Table, parts: Iterator[pa.Table]) -> int:
         with pq.ParquetWriter(file, schema, compression="zstd") as writer:
             for rows in parts:
                 for at in range(0, len(rows), _ROW_GROUP):  # decoded so many at a time
-                    writer.write_table(queries.decoded(rows.slice(at, _ROW_GROUP)).cast(schema))
+                    writer.write_table(decoded(rows.slice(at, _ROW_GROUP)).cast(schema))
                 count += len(rows)
         file.flush()
         os.fsync(file.fileno())

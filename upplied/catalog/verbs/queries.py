@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +21,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.verbs.frames import When, decoded, frame, moment, until
 from upplied.catalog.verbs.ordering import NEWEST, SLOT, in_order, newest_rows
 from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_states
 from upplied.errors import CatalogError, SettingsError
@@ -29,8 +29,6 @@ from upplied.records import Floats, Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
-
-When = datetime | str
 
 _NAMED = ["transfer_id", "commit_id", *NEWEST]  # what tells a row of `transfers` from all others
 _FEW = 0.25  # share of the rows up to which they are looked for by name
@@ -86,7 +84,7 @@ def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
     where = _pair_filter(tables, which, now)
     table = tables["transfers"].narrow(columns, where, which.version)
     if which.as_of is not None:
-        table = table.filter(_until("added_at", which.as_of))
+        table = table.filter(until("added_at", which.as_of))
     newest = not (which.every or which.in_force)
     found = frame(decoded(in_order(table, newest=newest)))
     if derived:
@@ -141,7 +139,7 @@ def completed(
 
 def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
     """The decisions until a moment, in the order of commits."""
-    found = rows.rows_of(table.read(_until("added_at", as_of)))
+    found = rows.rows_of(table.read(until("added_at", as_of)))
     return sorted(found, key=lambda row: row["commit_version"])
 
 
@@ -189,43 +187,12 @@ def flights(
     return found.reset_index(drop=True)
 
 
-def frame(table: pa.Table) -> pd.DataFrame:
-    """A DataFrame; the unit of each column is in ``frame.attrs["units"]``."""
-    made = table.to_pandas()
-    made.attrs["units"] = {
-        field.name: field.metadata[b"unit"].decode() for field in table.schema if field.metadata
-    }
-    return made
-
-
-def decoded(table: pa.Table) -> pa.Table:
-    """A table whose dictionaries are plain columns again."""
-    for at, field in enumerate(table.schema):
-        if pa.types.is_dictionary(field.type):
-            plain = field.with_type(field.type.value_type)
-            table = table.set_column(at, plain, table.column(at).cast(plain.type))
-    return table
-
-
-def moment(when: When) -> pd.Timestamp:
-    """A moment in UTC; a text without a zone is UTC."""
-    import pandas as pd
-
-    try:
-        stamp = pd.Timestamp(when)
-    except ValueError:
-        raise SettingsError(
-            f"moment {when!r}", "cannot be read", "like 2026-11-21 or 2026-11-21T02:00:00Z"
-        ) from None
-    return stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
-
-
 def versions(
     table: StoredTable, equal: Mapping[str, str | None], every: bool, as_of: When | None
 ) -> pd.DataFrame:
     """Versions of each id counted in the order of commits, then narrowed to what was asked."""
     name = table.declared.names[0]
-    found = frame(table.read(_until("added_at", as_of))).sort_values(
+    found = frame(table.read(until("added_at", as_of))).sort_values(
         [name, "commit_version", "added_at", "commit_id"], kind="stable"
     )
     found = found[~_repeated(found)]  # two writers may add the same version at once
@@ -275,7 +242,7 @@ def _in_use(tables: Mapping[str, StoredTable], found: pd.DataFrame, which: Which
     as_of = _as_of(tables, which)
     used = [("structures", "target_id"), ("demonstrations", "demonstration_id")]
     for name, column in used[:1] if which.in_force else used:  # a released plan outlives its demonstration
-        where = _until("added_at", as_of)
+        where = until("added_at", as_of)
         gone = [row for row in newest_rows(tables[name], where) if row["retired"]]
         found = found[~found[column].isin([row[TABLES[name].names[0]] for row in gone])]
     return found
@@ -287,10 +254,6 @@ def _as_of(tables: Mapping[str, StoredTable], which: Which) -> When | None:
         return which.as_of
     added = tables["transfers"].read(None, ["added_at"], which.version)["added_at"]
     return pc.max(added).as_py() if len(added) else None
-
-
-def _until(column: str, as_of: When | None) -> ds.Expression | None:
-    return None if as_of is None else pc.field(column) <= pa.scalar(moment(as_of), pa.timestamp("us", "UTC"))
 
 
 def _known_columns(names: list[str], asked: Iterable[str]) -> list[str]:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from upplied.catalog.schema.rows import Row, json_text
-from upplied.catalog.verbs import adding, queries
+from upplied.catalog.verbs import adding
+from upplied.catalog.verbs.frames import frame
 from upplied.checks import check_id
 from upplied.errors import CatalogError, SettingsError
 
@@ -88,7 +89,7 @@ def _zone(name: str, zone: Mapping[str, Any]) -> Row:
 
 def requirements(catalog: Reading, every: bool = False) -> pd.DataFrame:
     """See `Catalog.requirements`."""
-    found = queries.frame(catalog.tables["requirements"].read()).sort_values("commit_version", kind="stable")
+    found = frame(catalog.tables["requirements"].read()).sort_values("commit_version", kind="stable")
     owners = ["scope", "owner", "name"]
     found["version"] = found.groupby(owners).cumcount() + 1
     if not every:

@@ -90,7 +90,8 @@ def _ask_neighbours(
     """Try for each sample left the positions that served its nearest neighbours, again where one helped."""
     assert cloud.normals is not None
     left = np.flatnonzero(np.isnan(served[:, 0]))
-    near = cKDTree(cloud.points).query(cloud.points[left], k=min(_NEIGHBOURS + 1, len(cloud)))[1]
+    number = min(_NEIGHBOURS + 1, len(cloud))
+    near = cKDTree(cloud.points).query(cloud.points[left], k=number)[1].reshape(len(left), number)
     limit = np.cos(np.radians(max_incidence_deg))
     for _ in range(_ROUNDS):
         open_ = np.isnan(served[left, 0])

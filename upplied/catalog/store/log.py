@@ -1,0 +1,91 @@
+"""The log of one Delta table: opened, followed to its newest commit, and never behind what was seen of it."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import pyarrow.dataset as ds
+from deltalake import DeltaTable
+
+from upplied.catalog.schema.columns import Table
+from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.store.files import FileStore
+from upplied.catalog.store.identity import Heads, Identity
+from upplied.catalog.store.opening import VERSION_KEY, check_version, opened
+from upplied.catalog.store.telling import told
+from upplied.errors import CatalogError
+
+_PROPERTIES = {
+    "delta.checkpointInterval": "50",
+    "delta.logRetentionDuration": "interval 365 days",
+    "delta.deletedFileRetentionDuration": "interval 30 days",
+}
+
+
+class TableLog:
+    """What `StoredTable` reads and commits through."""
+
+    def __init__(self, root: str, declared: Table, identity: Identity | None = None) -> None:
+        self.declared = declared
+        self.uri = f"{root.rstrip('/')}/{declared.name}"
+        self._identity = identity or Identity(root, [declared.name])
+        self._heads = Heads(root, declared.name)
+        self._files = FileStore(self.uri)
+        self._lock = threading.Lock()
+        self._delta: DeltaTable | None = None
+
+    def rows_of(self, delta: DeltaTable) -> ds.Dataset:
+        """The rows of one version, read by pyarrow itself.
+
+        Through delta-rs's own file system one process in seven aborted at its exit, since pyarrow's
+        threads may outlive the interpreter that it calls back into.
+        """
+        return delta.to_pyarrow_dataset(filesystem=self._files.filesystem())
+
+    def delta(self) -> DeltaTable | None:
+        """The table itself, as of its newest commit, for maintenance; None where there is none."""
+        with self._lock:
+            return self._refreshed()
+
+    def _refreshed(self) -> DeltaTable | None:
+        if self._delta is None:
+            seen = self._heads.seen()  # before the log is read: it never runs ahead of it
+            delta = told(self.uri, lambda: opened(self.uri))
+            self._check(-1 if delta is None else delta.version(), seen)
+            self._delta = delta
+        else:
+            told(self.uri, self._delta.update_incremental)
+            check_version(self._delta, self.uri)  # a newer program may have come meanwhile
+        return self._delta
+
+    def _check(self, version: int, seen: int) -> None:
+        """Whether the log reaches as far as it once did; a table that is not there was never made."""
+        if version < seen:
+            lost = f"its versions {version + 1} to {seen} are missing" if version >= 0 else "is missing"
+            remedy = f"take {self.uri} from a backup: what was in it would be lost, and planned again"
+            raise CatalogError(self.uri, lost, "nothing that was committed goes away", remedy)
+        if version < 0:
+            self._identity.required()
+
+    def _created(self) -> DeltaTable:
+        if self._files.local:
+            Path(self.uri).mkdir(parents=True, exist_ok=True)
+        self._delta = DeltaTable.create(
+            self.uri,
+            self.declared.schema,
+            mode="ignore",
+            name=self.declared.name,
+            description=self.declared.meaning,
+            configuration={VERSION_KEY: str(SCHEMA_VERSION), **_PROPERTIES},
+            raise_if_key_not_exists=False,
+        )
+        return self._delta
+
+    def _older(self, version: int) -> ds.Dataset | None:
+        current = self.delta()
+        if current is None:
+            return None
+        if not 0 <= version <= current.version():
+            raise CatalogError(f"{self.uri} version {version}", "does not exist", f"0 to {current.version()}")
+        return told(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))
