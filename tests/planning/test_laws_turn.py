@@ -140,10 +140,10 @@ def test_the_path_on_a_tipped_target_is_the_turned_path(fleet, axis, degrees):
     """Waypoints and what they show; the camera has no roll against the ground that it is flown over."""
     tower = fleet["turbine-1-v1"]
     flight, turn = fly(tower, "tower", seed=1), Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
-    registered = replace(tower, surroundings=replace(tower.surroundings, ground_z_m=None), sha256="")
+    ungrounded = replace(tower, surroundings=replace(tower.surroundings, ground_z_m=None), sha256="")
     options = settings_for("recommended", verdict=ANY, registration={"search": "orientation"})
-    plan = plan_transfer(flight, tower, registered, options)
-    turned = plan_transfer(flight, tower, replace(registered, vertices=registered.vertices @ turn.T), options)
+    plan = plan_transfer(flight, tower, ungrounded, options)
+    turned = plan_transfer(flight, tower, replace(ungrounded, vertices=ungrounded.vertices @ turn.T), options)
     assert strays_m(turned, plan, turn) < 0.02 * tower.diagonal_m
     assert turned.measures.coverage_seen_pct == pytest.approx(plan.measures.coverage_seen_pct, abs=1)
     assert turned.measures.frechet_z == pytest.approx(plan.measures.frechet_z, abs=0.05)

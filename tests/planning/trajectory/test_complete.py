@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from upplied.config import FIDELITIES, settings_for
+from upplied.errors import RefusedError
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.plan import plan_transfer
-from upplied.planning.trajectory.complete import _within_bound
+from upplied.planning.trajectory.complete import _changed_safely, _within_bound
+from upplied.planning.trajectory.state import Flown, State
 from upplied.records import Plan
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
@@ -69,3 +71,37 @@ def test_a_path_beyond_the_bound_is_drawn_to_the_demonstrated_shape_just_as_far_
     np.testing.assert_allclose(
         _within_bound(strayed, reference, nowhere, reference, 0.0), reference, atol=1e-4
     )
+
+
+@pytest.mark.parametrize(("bound", "share"), [(4.0, 1.0), (3.99, 0.5), (2.0, 0.5), (1.99, 0.0), (0.0, 0.0)])
+def test_as_much_of_the_change_is_made_as_is_safe_within_the_bound(bound: float, share: float):
+    """A straight path that the optimisation lifts by 4 m everywhere; its height is how far it departs."""
+    base = Flown(np.column_stack([np.arange(20.0), np.zeros((20, 2))]), np.zeros(20), np.zeros(20))
+    state = State.of(base, np.ones(3), 6, 5)
+    lifted = state.nearest(Flown(base.positions + np.array([0.0, 0, 4]), base.yaw + 1, base.pitch))
+    asked: list[np.ndarray] = []
+
+    def bounded(positions: np.ndarray) -> np.ndarray:
+        asked.append(positions)
+        return positions + np.array([0.0, 7, 0])
+
+    def departs(positions: np.ndarray) -> float:
+        assert positions[0, 1] == 7  # what is judged is the path as it is safe
+        return float(np.round(positions[:, 2].max(), 2))
+
+    at, curve, positions = _changed_safely(state, state.nearest(base), lifted, bounded, departs, bound)
+    assert at[0] == 0 and at[-1] == 19 and len(at) == 39  # legs of half a metre
+    np.testing.assert_allclose(curve.positions[:, 2], 4 * share, atol=0.01)
+    np.testing.assert_allclose(curve.yaw, share, atol=0.01)
+    np.testing.assert_allclose(positions, curve.positions + np.array([0.0, 7, 0]))
+    assert len(asked) == {1.0: 1, 0.5: 2, 0.0: 3}[share]
+
+
+def test_a_path_that_no_change_leaves_safe_within_the_bound_is_refused():
+    base = Flown(np.column_stack([np.arange(20.0), np.zeros((20, 2))]), np.zeros(20), np.zeros(20))
+    state = State.of(base, np.ones(3), 6, 5)
+    still = state.nearest(base)
+    with pytest.raises(
+        RefusedError, match=r"departs .* by 0.75 of its spread where it is safe.*at most 0.7 "
+    ):
+        _changed_safely(state, still, still + 1, lambda positions: positions, lambda _: 0.75, 0.7)

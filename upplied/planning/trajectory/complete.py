@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +26,7 @@ from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.optimise import Problem, optimise
 from upplied.planning.trajectory.retime import demonstrated_speed
-from upplied.planning.trajectory.state import Flown
+from upplied.planning.trajectory.state import Flown, State
 from upplied.planning.trajectory.terms.shape import Shape
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch, optical_axis, yaw_pitch
@@ -35,7 +36,7 @@ _STEP_M = 0.5  # largest leg of the result
 _LEAST_TURN_RAD = (
     np.pi / 2
 )  # that a demonstration counts as having turned, so that little turning is not dear
-_SHARES = (1.0, 0.5, 0.0)
+_SHARES = (1.0, 0.5, 0.0)  # of what the optimisation changed, the first that is safe within the bound
 _HALVINGS = 20  # of the way to the demonstrated shape
 
 
@@ -105,14 +106,15 @@ def completed(take: Take, settings: Settings) -> Waypoints:
     state, variables = optimise(problem, fidelity.shape, settings.optimise)
     _, base = state.curve(np.zeros_like(variables), _STEP_M)
     reference, first = demonstrated_on_target(take) @ stands.T, state.nearest(problem.carried)
-    for share in _SHARES:  # of what the optimisation changed: where it is not safe within the bound, less
-        at, curve = state.curve(first + share * (variables - first), _STEP_M)
-        image = Shape.of(base.positions, stands).image(curve.positions)
-        positions = safe(_within_bound(safe(curve.positions), image, stands, reference, bound))
-        if (departure := frechet_floored(reference, positions @ stands.T)) <= bound * (1 + 1e-6):
-            break
-    else:
-        raise _beyond_bound(departure, bound)
+
+    def bounded(positions: Floats) -> Floats:
+        image = Shape.of(base.positions, stands).image(positions)
+        return safe(_within_bound(safe(positions), image, stands, reference, bound))
+
+    def departs(positions: Floats) -> float:
+        return frechet_floored(reference, positions @ stands.T)
+
+    at, curve, positions = _changed_safely(state, first, variables, bounded, departs, bound)
     low, high = np.radians([settings.retime.min_gimbal_pitch_deg, settings.retime.max_gimbal_pitch_deg])
     own = np.zeros(len(at), bool)
     whole = np.flatnonzero(at == np.round(at))
@@ -195,6 +197,32 @@ def _refuse_without_counterpart(wanted: InspectedSurface, settings: Settings) ->
             f"at least {100 * settings.refine.least_counterpart:g} % has one (refine.least_counterpart)",
             "fly one on a structure whose inspected parts this one has, or name them (--counterpart)",
         )
+
+
+def _changed_safely(
+    state: State,
+    first: Floats,
+    variables: Floats,
+    bounded: Callable[[Floats], Floats],
+    departs: Callable[[Floats], float],
+    bound: float,
+) -> tuple[Floats, Flown, Floats]:
+    """The curve with as much of the optimised change as is safe within the bound, and its safe positions.
+
+    What is pushed off the structure may leave the bound again: then half of the change is made, or none.
+
+    Raises
+    ------
+    RefusedError
+        If the path without any change is not safe within the bound either.
+    """
+    for share in _SHARES:
+        at, curve = state.curve(first + share * (variables - first), _STEP_M)
+        positions = bounded(curve.positions)
+        departure = departs(positions)
+        if departure <= bound * (1 + 1e-6):
+            return at, curve, positions
+    raise _beyond_bound(departure, bound)
 
 
 def _within_bound(
