@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from upplied.cli.export import Flags, Format
-from upplied.cli.terminal import CatalogOption, beside, console, hint, opened
+from upplied.cli.terminal import CatalogOption, beside, hint, opened, say
 
 app = App(name="brief", help="Write the page that a pilot takes along: map, heights, sorties, verdict.")
 
@@ -37,6 +37,6 @@ def brief(
     options = MissionOptions(**asdict(flags or Flags()))
     store = opened(catalog)
     made = brief_transfer(store, store.find_transfer(transfer), to, beside(output), options)
-    console.print(str(made), markup=False, soft_wrap=True)
+    say(made)
     hint("Next: open it in a browser and print it, as PDF or on paper")
     return 0

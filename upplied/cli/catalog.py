@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, console, opened, show
+from upplied.cli.terminal import CatalogOption, JsonOption, console, opened, say, show
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -175,7 +175,7 @@ def verify(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> i
         show("", [vars(finding) for finding in found], json)
     else:
         for finding in found:
-            console.print(str(finding), markup=False, soft_wrap=True)
+            say(finding)
         console.print(
             f"{len(found)} finding(s): take the damaged files from a backup" if found else "all is well"
         )

@@ -17,6 +17,7 @@ from upplied.cli.terminal import (
     next_step,
     opened,
     progress,
+    say,
     show,
 )
 
@@ -120,7 +121,7 @@ def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: Js
     show(f"{demonstration}: {passport['verdict']}", rows, False)
     for item in findings_of(passport):
         said = f"{item}. {item.remedy}"
-        console.print(said, markup=False, soft_wrap=True)
+        say(said)
     return 0
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from upplied.cli.review import ByOption
-from upplied.cli.terminal import CatalogOption, beside, console, next_step, opened
+from upplied.cli.terminal import CatalogOption, beside, console, next_step, opened_at, say
 
 app = App(name="edit", help="Change a plan: move, turn or leave out viewpoints, forbid boxes.")
 
@@ -35,16 +35,15 @@ def edit(
 
     if (out is None) == (read is None):
         raise SettingsError("upplied edit", "both or neither of --out and --from", "one of them")
-    store = opened(catalog)
-    plan = store.find_transfer(transfer)
+    store, plan = opened_at(catalog, transfer)
     if out is not None:
-        console.print(str(write_edit(store, plan, beside(out))), markup=False, soft_wrap=True)
+        say(write_edit(store, plan, beside(out)))
         next_step(f"edit {plan} --from {out} --by NAME", "once it is changed", catalog)
         return 0
     assert read is not None
     made = edit_plan(store, plan, read, by)
     row = store.transfer(made)
-    console.print(f"{made}: {store.plan(made).warnings[0]}", markup=False, soft_wrap=True)
+    say(f"{made}: {store.plan(made).warnings[0]}")
     shown, clearance = row["coverage_inspected_pct"], row["min_clearance_m"]
     console.print(f"inspected {'?' if shown is None else f'{shown:.1f}'} %, clearance {clearance:.2f} m")
     next_step(f"review {made}", "beside the one in force", catalog)

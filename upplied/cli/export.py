@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, beside, console, hint, opened
+from upplied.cli.terminal import CatalogOption, beside, hint, opened, say
 
 app = App(name="export", help="Write a plan as a mission for an autopilot, or for a map.")
 
@@ -121,8 +121,8 @@ def export(
     store = opened(catalog)
     written = export_transfer(store, store.find_transfer(transfer), to, beside(output), options)
     for path in written.paths:
-        console.print(str(path), markup=False, soft_wrap=True)
+        say(path)
     for note in written.notes:
-        console.print(f"note: {note}", markup=False, soft_wrap=True)
+        say(f"note: {note}")
     hint(f"Next: read the notes, then look at it in {OPENED_IN[to]}")
     return 0

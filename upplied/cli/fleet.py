@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from upplied.cli.serve import PortOption, flows_wanted, no_server
-from upplied.cli.terminal import console, errors
+from upplied.cli.terminal import complain, say
 
 app = App(name="fleet", help="The fleet's deployments in Prefect.")
 
@@ -31,9 +31,9 @@ def run(
     from upplied.flows.client import NotAccepted, run_now
 
     try:
-        ended = run_now(parameters, watch, lambda line: console.print(line, markup=False, soft_wrap=True))
+        ended = run_now(parameters, watch, say)
     except NotAccepted as error:
-        errors.print(f"error: {address}: {error}", markup=False, soft_wrap=True)
+        complain(f"error: {address}: {error}")
         return 1
     return int(not ended)
 
@@ -57,7 +57,7 @@ def notify(
         return 1
     from upplied.flows.notices import tell
 
-    console.print(tell(url, every_run), markup=False, soft_wrap=True)
+    say(tell(url, every_run))
     return 0
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from upplied.cli.review import ByOption
-from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, show
+from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, say, show
 
 app = App(name="flights", help="What was flown: add a log, compare it with its plan, plan what it left out.")
 
@@ -126,7 +126,7 @@ def gap(flight: str, /, *, catalog: CatalogOption = "catalog") -> int:
     with errors.status("planning"):
         plan = plan_gap(store, flight)
     row = store.transfer(plan)
-    console.print(f"{plan}: {store.plan(plan).warnings[0]}", markup=False, soft_wrap=True)
+    say(f"{plan}: {store.plan(plan).warnings[0]}")
     console.print(f"{row['duration_s']:.0f} s, clearance {row['min_clearance_m']:.2f} m")
     next_step(f"release {plan} --by NAME", "put it in force", catalog)
     return 0

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, show
+from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened_at, show
 
 if TYPE_CHECKING:
     from upplied.outputs.flown import Flown
@@ -54,8 +54,7 @@ def fly(
     from upplied.fleet.flights import fly_plan
     from upplied.simulate import Wind
 
-    store = opened(catalog)
-    transfer = store.find_transfer(transfer)
+    store, transfer = opened_at(catalog, transfer)
     with errors.status("flying"):
         flown = fly_plan(store, transfer, Wind(wind, towards, gusts), seed, force)
     row = store.transfer(transfer)

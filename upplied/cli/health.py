@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from upplied.cli.terminal import console, errors
+from upplied.cli.terminal import complain, console, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
@@ -48,14 +48,14 @@ def _told(
         with Workers(1) as pool:  # whatever a file does to a reader, within its time and memory
             report = pool.run(health_report, what)
     except (InputError, JobKilled) as error:
-        errors.print(f"refused: {error}", markup=False, soft_wrap=True)
+        complain(f"refused: {error}")
         return 1
-    console.print(report.text, markup=False, soft_wrap=True)
+    say(report.text)
     save(png, structure_png(report.structure, title=png.stem.removesuffix("-check")))
-    console.print(f"  picture     {png}", markup=False, soft_wrap=True)
+    say(f"  picture     {png}")
     found = () if isinstance(what, Path) else _among_others(what, report.structure, catalog)
     for verdict in found:
-        console.print(f"  {verdict.severity:<11} {verdict}. {verdict.remedy}", markup=False, soft_wrap=True)
+        say(f"  {verdict.severity:<11} {verdict}. {verdict.remedy}")
     if clean:
         _cleaned(report.structure, png)
     return int(bool(report.problems or refusals(found)))
@@ -85,8 +85,8 @@ def _cleaned(structure: Structure, png: Path) -> None:
     )
     ground = "" if found.ground_z_m is None else f", ground_z = {found.ground_z_m:.2f}"
     declare = f"units = 'm', up = 'z', forward = 'x'{ground}"
-    console.print(f"  cleaned     {mesh}: declare {declare}", markup=False, soft_wrap=True)
-    console.print(f"  picture     {picture} (before and after)", markup=False, soft_wrap=True)
+    say(f"  cleaned     {mesh}: declare {declare}")
+    say(f"  picture     {picture} (before and after)")
 
 
 def _among_others(

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from upplied.cli.catalog import app
-from upplied.cli.terminal import CatalogOption, console, opened
+from upplied.cli.terminal import CatalogOption, console, opened, say
 
 
 @app.command
@@ -108,7 +108,7 @@ def import_(
 
 
 def _counted(what: str, counts: dict[str, int]) -> None:
-    console.print(f"{what}: {_words(counts)}", markup=False, soft_wrap=True)
+    say(f"{what}: {_words(counts)}")
 
 
 def _words(counts: dict[str, int]) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, show
+from upplied.cli.terminal import CatalogOption, JsonOption, complain, errors, next_step, opened, say, show
 
 app = App(name="recommend", help="Say which demonstrations would transfer best to a structure, and why.")
 
@@ -35,9 +35,7 @@ def recommend(
     else:
         show(f"demonstrations for {structure}", [_row(row) for row in found], spare=("inspected %", "lost %"))
         for row in found:
-            console.print(
-                f"{row['rank']}. {row['demonstration_id']}: {row['why']}", markup=False, soft_wrap=True
-            )
+            say(f"{row['rank']}. {row['demonstration_id']}: {row['why']}")
     if not json and any(row["verdict"] == "fits" for row in found):
         next_step(f"transfer --best {structure}", "carry the best of them", catalog)
     return int(found[0]["verdict"] not in ("own", "fits"))
@@ -69,7 +67,7 @@ def best(location: str, structure: str) -> str:
             "flights are carried within a kind",
             "correct the kind in the manifest if they are of one",
         )
-    errors.print(f"{fitting.demonstration_id}: {fitting.why}", markup=False, soft_wrap=True)
+    complain(f"{fitting.demonstration_id}: {fitting.why}")
     return fitting.demonstration_id
 
 

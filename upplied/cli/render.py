@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, beside, console, opened
+from upplied.cli.terminal import CatalogOption, beside, opened, say
 
 app = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
 
@@ -76,5 +76,5 @@ def comparison(
 def _saved(output: Path, png: bytes) -> int:
     from upplied.outputs.figures import save
 
-    console.print(str(save(beside(output), png)), markup=False, soft_wrap=True)
+    say(save(beside(output), png))
     return 0

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, console, errors, next_step, opened, progress
+from upplied.cli.terminal import CatalogOption, complain, next_step, opened, progress, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
@@ -54,15 +54,15 @@ def report(
         with progress("publishing", min(pages, pairs_in(store))) as advance:
             place = folder or "reports"
             published = fleet.publish(store, place, pages=pages, progress=lambda _: advance(), force=force)
-        console.print(str(published.index), markup=False, soft_wrap=True)
+        say(str(published.index))
         problems = published.problems
     if self_contained is not None:
         made = publish_file(store, self_contained, demonstration_id=demonstration, target_id=target)
-        console.print(str(made), markup=False, soft_wrap=True)
+        say(made)
     if not problems:
         next_step("fly TRANSFER", "what margin a plan keeps in wind; its id is on its page", catalog)
     for problem in problems:
-        errors.print(f"problem: {problem}", markup=False, soft_wrap=True)
+        complain(f"problem: {problem}")
     return int(bool(problems))
 
 

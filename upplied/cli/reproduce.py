@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from upplied.cli.terminal import console, errors, opened
+from upplied.cli.terminal import errors, opened, say
 from upplied.errors import RefusedError
 
 
@@ -23,12 +23,12 @@ def reproduce(catalog: str, transfer_id: str) -> int:
     different = made_from.differences(plan)
     row = made_from.row
     for doubt in made_from.doubts:
-        console.print(f"note: {doubt}", markup=False, soft_wrap=True)
+        say(f"note: {doubt}")
     if not different:
         what = f"{row['n_waypoints']} waypoints" if row["status"] == "ok" else row["status"]
-        console.print(f"{transfer_id}: the same again ({what})", markup=False, soft_wrap=True)
+        say(f"{transfer_id}: the same again ({what})")
         return 0
-    console.print(f"{transfer_id}: differs in {', '.join(different)}", markup=False, soft_wrap=True)
+    say(f"{transfer_id}: differs in {', '.join(different)}")
     why = causes(row, METHOD_VERSION)
     told = f"It was planned by method {row['method_version']}, code {row['code_version']}."
     told += (
@@ -36,5 +36,5 @@ def reproduce(catalog: str, transfer_id: str) -> int:
         if why
         else (" Method, sources, libraries and machine are the same as then: please report this as a fault.")
     )
-    console.print(told, markup=False, soft_wrap=True)
+    say(told)
     return 1

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, show
+from upplied.cli.terminal import CatalogOption, JsonOption, complain, next_step, opened, opened_at, say, show
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,8 +56,7 @@ def review(
     transfer : str
         Its id, or how that begins.
     """
-    store = opened(catalog)
-    plan = store.find_transfer(transfer)
+    store, plan = opened_at(catalog, transfer)
     if by:
         store.review(plan, by, note)
     every = store.transfers(every=True)
@@ -68,7 +67,7 @@ def review(
     show(f"{plan}, {row['state'] or row['status']}", _compared(row, other), json)
     if not json:
         for text in filter(None, (row["reason"], row["not_flyable"], row["state_note"])):
-            console.print(str(text), markup=False, soft_wrap=True)
+            say(text)
         if row["state"] in ("draft", "reviewed"):
             next_step(f"release {plan} --by NAME", "put it in force", catalog)
     return 0
@@ -113,10 +112,9 @@ def release(
     transfer : str
         Its id, or how that begins.
     """
-    store = opened(catalog)
-    plan = store.find_transfer(transfer)
+    store, plan = opened_at(catalog, transfer)
     store.release(plan, by, note, force)
-    console.print(f"{plan} is in force, released by {by}", markup=False, soft_wrap=True)
+    say(f"{plan} is in force, released by {by}")
     next_step(f"export {plan} --to qgc-plan --output mission.plan", "a file to fly", catalog)
     return 0
 
@@ -132,10 +130,9 @@ def reject(
     transfer : str
         Its id, or how that begins.
     """
-    store = opened(catalog)
-    plan = store.find_transfer(transfer)
+    store, plan = opened_at(catalog, transfer)
     store.reject(plan, by, note)
-    console.print(f"{plan} is rejected", markup=False, soft_wrap=True)
+    say(f"{plan} is rejected")
     return 0
 
 
@@ -156,5 +153,5 @@ def list_in_force(
     show("in force", rows_of(found, None if json else LISTED), json)
     for row in recalled.to_dict("records"):
         what = f"recalled: {row['transfer_id']}, {row['demonstration_id']} on {row['target_id']}"
-        errors.print(f"{what}: {row['state_note']}", markup=False, soft_wrap=True)
+        complain(f"{what}: {row['state_note']}")
     return int(bool(len(recalled)))

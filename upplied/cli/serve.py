@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import errors
+from upplied.cli.terminal import complain, errors
 from upplied.extras import extra
 
 serving = App(name="serve", help="Run Prefect's server, a worker and the reports here, until Ctrl-C.")
@@ -39,7 +39,7 @@ def serve(*, port: PortOption = 4200, root: RootOption = (), only: PartOption = 
     try:
         return service.only(only, port, root) if only else service.serve(port, root)
     except ServerError as error:
-        errors.print(str(error), markup=False, soft_wrap=True)
+        complain(error)
         return 1
 
 
@@ -56,7 +56,7 @@ def deploy(*, port: PortOption = 4200) -> int:
     try:
         serve.deploy(told)
     except ServerError as error:
-        errors.print(str(error), markup=False, soft_wrap=True)
+        complain(error)
         return 1
     return 0
 
@@ -78,7 +78,7 @@ def watch(
         Watched with its subfolders; what lies there at the start is told too.
     """
     if not folder.is_dir():
-        errors.print(f"error: {folder} is no folder", markup=False, soft_wrap=True)
+        complain(f"error: {folder} is no folder")
         return 2
     flows_wanted()
     from upplied.flows import environment

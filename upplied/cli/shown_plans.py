@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from upplied.cli.terminal import console, show
+from upplied.cli.terminal import console, say, show
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
@@ -63,7 +63,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
         if status != "ok":
             why = row["reason"] or row["not_flyable"]
             said = f"{status}: {row['target_id']} ({row['preset']}): {why}"
-            console.print(said, markup=False, soft_wrap=True)
+            say(said)
 
 
 def _cell(row: dict[str, Any], name: str) -> Any:

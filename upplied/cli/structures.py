@@ -11,11 +11,11 @@ from upplied.cli.terminal import (
     CatalogOption,
     JsonOption,
     WorkersOption,
-    console,
     ingested_report,
     next_step,
     opened,
     progress,
+    say,
     show,
 )
 
@@ -111,7 +111,7 @@ def show_(structure: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
         return 0
     show(structure, [{"what": name, "found": value} for name, value in facts.items() if value])
     for verdict in verdicts:
-        console.print(f"{verdict.severity}: {verdict}. {verdict.remedy}", markup=False, soft_wrap=True)
+        say(f"{verdict.severity}: {verdict}. {verdict.remedy}")
     return 0
 
 

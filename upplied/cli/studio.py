@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, console, errors, opened
+from upplied.cli.terminal import CatalogOption, complain, console, errors, opened_at
 
 app = App(name="studio", help="Open a plan in the browser: change it, see it judged, release or reject it.")
 
@@ -33,14 +33,13 @@ def studio(
     from upplied.studio.server import Studio
     from upplied.studio.session import Session
 
-    store = opened(catalog)
-    plan = store.find_transfer(transfer)
+    store, plan = opened_at(catalog, transfer)
     with errors.status("opening"):
         session = Session(store, plan)
     try:
         server = Studio(session.answer, port)
     except (OSError, OverflowError) as error:
-        errors.print(f"error: port {port}: {error}. Say another: --port 0", markup=False, soft_wrap=True)
+        complain(f"error: port {port}: {error}. Say another: --port 0")
         return 2
     with server:
         console.print(f"{plan}: {server.address}", markup=False, soft_wrap=True, highlight=False)

@@ -42,6 +42,22 @@ def opened(location: str) -> Catalog:
     return open_catalog(location)
 
 
+def opened_at(location: str, transfer: str) -> tuple[Catalog, str]:
+    """The catalog at a location, and the whole id of its plan of that id, or whose id begins so."""
+    catalog = opened(location)
+    return catalog, catalog.find_transfer(transfer)
+
+
+def say(text: object) -> None:
+    """A line as it is, however long: ids and paths are copied from it."""
+    console.print(str(text), markup=False, soft_wrap=True)
+
+
+def complain(text: object) -> None:
+    """The same, beside what is asked for."""
+    errors.print(str(text), markup=False, soft_wrap=True)
+
+
 def beside(output: Path) -> Path:
     """A file to write, in a folder that is there: none is made unasked."""
     from upplied.errors import InputError
@@ -122,9 +138,9 @@ def ingested_report(ingested: Sequence[Ingested]) -> int:
     """Say what became of the files; 1 when one of them failed."""
     for item in ingested:
         if item.status == "failed":
-            errors.print(f"failed: {item.reason}", markup=False, soft_wrap=True)
+            complain(f"failed: {item.reason}")
         for finding in item.findings:
-            console.print(f"{item.name}: {finding}", markup=False, soft_wrap=True)
+            say(f"{item.name}: {finding}")
     counts = {
         status: sum(item.status == status for item in ingested)
         for status in ("added", "unchanged", "retired", "failed")

@@ -13,11 +13,12 @@ from upplied.cli.terminal import (
     CatalogOption,
     JsonOption,
     WorkersOption,
+    complain,
     console,
-    errors,
     next_step,
     opened,
     progress,
+    say,
 )
 
 if TYPE_CHECKING:
@@ -145,7 +146,7 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
     if not found:
         raise InputError("transfer", "; ".join(reasons))
     for reason in reasons:
-        errors.print(f"refused: {reason}", markup=False, soft_wrap=True)
+        complain(f"refused: {reason}")
     return tuple(found)
 
 
@@ -175,7 +176,7 @@ def plan_fleet(
         return 0
     checked = fleet.recheck(opened_catalog, fleet.Limits(timeout))
     for found in checked:
-        (errors if found.troubled else console).print(str(found), markup=False, soft_wrap=True)
+        (complain if found.troubled else say)(found)
     result = run(opened_catalog, decision, workers, timeout)
     console.print(f"{result}, {decision.unchanged} unchanged")
     next_step("report", "draw the plans as pages to look at", catalog)
@@ -210,5 +211,5 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
     with progress("planning", len(decision.jobs)) as advance:
         result = fleet.transfer(catalog, decision.jobs, fleet.new_run_id(), resources, lambda _: advance())
     for told in carry_edits(catalog):
-        errors.print(told, markup=False, soft_wrap=True)
+        complain(told)
     return result

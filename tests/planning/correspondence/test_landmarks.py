@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_clouds import BoxOf
+from made_clouds import boxes as sampled_boxes
 
 from upplied.config import CorrespondenceSettings
 from upplied.errors import RefusedError, SettingsError
@@ -12,35 +14,17 @@ from upplied.planning.correspondence.nearest import correspond, nearest
 from upplied.planning.surface.parts import parts_of
 from upplied.records import Cloud, Floats, Registration
 
-Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+def boxes(*given: BoxOf) -> Cloud:
+    return sampled_boxes(*given, number=400)
 
 
-def cloud(*boxes: Box, number: int = 400) -> Cloud:
-    """Boxes by corner and size, with normals; areas are true."""
-    rng = np.random.default_rng(0)
-    points, normals, area = [], [], []
-    for low, size in boxes:
-        each, axis, end = rng.random((number, 3)), np.arange(number) % 3, np.arange(number) // 3 % 2
-        each[np.arange(number), axis] = end
-        each[:8] = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-        points.append(np.array(low) + each * size)
-        normals.append((2 * end - 1)[:, None] * np.eye(3)[axis])
-        a, b, c = size
-        area.append(np.full(number, 2 * (a * b + b * c + c * a) / number))
-    return Cloud(
-        np.concatenate(points),
-        np.concatenate(normals),
-        np.concatenate(area),
-        np.repeat(np.arange(len(boxes)), number),
-    )
-
-
-HULL: Box = ((0, -5, 0), (80, 10, 8))
+HULL: BoxOf = ((0, -5, 0), (80, 10, 8))
 SIZE = (5.0, 3.0, 3.0)
 #: A body, two engines on each side (inner further ahead), one on top in the middle, and a large fin.
-TARGET = cloud(HULL, ((50, 12, 0), SIZE), ((30, 30, 0), SIZE), ((50, -15, 0), SIZE), ((30, -33, 0), SIZE),
+TARGET = boxes(HULL, ((50, 12, 0), SIZE), ((30, 30, 0), SIZE), ((50, -15, 0), SIZE), ((30, -33, 0), SIZE),
                ((2, -1.5, 20), SIZE), ((70, -1, 8), (10.0, 2.0, 15.0)))  # fmt: skip
-SOURCE = cloud(HULL, ((40, 20, 0), SIZE), ((40, -23, 0), SIZE), ((2, -1.5, 20), SIZE),
+SOURCE = boxes(HULL, ((40, 20, 0), SIZE), ((40, -23, 0), SIZE), ((2, -1.5, 20), SIZE),
                ((40, -33, 0), (1.0, 1.0, 1.0)), ((40, 32, 0), (1.0, 1.0, 1.0)))  # fmt: skip
 SAME = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
 
@@ -93,7 +77,7 @@ def test_names_that_mean_nothing_are_told() -> None:
         with pytest.raises(SettingsError, match="of the source"):
             pinned((bad, "outer"))
     with pytest.raises(RefusedError, match="no part of the target has the shape and size"):
-        pinned(("mine", "outer"), target=cloud(HULL, ((70, -1, 8), (10.0, 2.0, 15.0))))
+        pinned(("mine", "outer"), target=boxes(HULL, ((70, -1, 8), (10.0, 2.0, 15.0))))
     with pytest.raises(SettingsError, match="none declared"):
         pinned_parts(SOURCE, TARGET, SAME, (("mine", "outer"),), {}, {})
 
@@ -109,7 +93,7 @@ def test_choices_are_of_the_shape_those_on_the_own_side_first() -> None:
     assert choices_for(source, 2, target).tolist() == [3, 4, 1, 2, 5]
     assert choices_for(source, 1, target, [2]).tolist() == [1, 2, 3, 4, 5]
     larger = parts_of(
-        cloud(HULL, ((50, 12, 0), SIZE), ((30, 30, 0), (6.2, 3.9, 3.9)), ((30, -33, 0), (5.4, 3.2, 3.2)),
+        boxes(HULL, ((50, 12, 0), SIZE), ((30, 30, 0), (6.2, 3.9, 3.9)), ((30, -33, 0), (5.4, 3.2, 3.2)),
               ((2, -1.5, 20), SIZE), ((70, -1, 8), (10.0, 2.0, 15.0)))
     )  # fmt: skip
     assert choices_for(source, 1, larger).tolist() == [1, 2, 3, 4]

@@ -4,35 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_clouds import boxes
+from moved_scenes import about_z
 from scipy.spatial.transform import Rotation
 
 from upplied.planning.correspondence.orientation import find_orientation
 from upplied.records import Cloud, Floats
 
-
-def boxes(*given: tuple[list[float], list[float]], number: int = 500, seed: int = 0) -> Cloud:
-    rng = np.random.default_rng(seed)
-    points, normals, area = [], [], []
-    for low, size in given:
-        at, axis, end = rng.random((number, 3)), np.arange(number) % 3, np.arange(number) // 3 % 2
-        at[np.arange(number), axis] = end
-        points.append(np.array(low) + at * size)
-        normals.append((2.0 * end - 1)[:, None] * np.eye(3)[axis])
-        area.append(np.full(number, 1.0))
-    return Cloud(np.concatenate(points), np.concatenate(normals), np.concatenate(area))
-
-
 #: An L with a tower at one end: no turn lays it on itself.
-ODD = boxes(([0, 0, 0], [20, 4, 3]), ([0, 4, 0], [4, 6, 3]), ([16, 0, 3], [4, 4, 9]))
-BRICK = boxes(([0, 0, 0], [20, 6, 3]))
+ODD_BOXES = ([0, 0, 0], [20, 4, 3]), ([0, 4, 0], [4, 6, 3]), ([16, 0, 3], [4, 4, 9])
+ODD = boxes(*ODD_BOXES, number=500)
+BRICK = boxes(([0, 0, 0], [20, 6, 3]), number=500)
 
 
 def turned(cloud: Cloud, turn: Floats) -> Cloud:
     return Cloud(cloud.points @ turn.T, cloud.normals @ turn.T, cloud.area_m2)  # type: ignore[operator]
-
-
-def about_z(degrees: float) -> Floats:
-    return Rotation.from_rotvec([0, 0, np.radians(degrees)]).as_matrix()
 
 
 def off_deg(one: Floats, other: Floats) -> float:
@@ -62,7 +48,7 @@ def test_any_orientation_is_found_again(axis: list[float]) -> None:
 @pytest.mark.parametrize("degrees", [0.0, 35.0, 90.0])
 def test_what_stands_upright_is_turned_about_the_vertical_alone(degrees: float) -> None:
     """Principal axes of another sampling lean by tenths of a degree."""
-    again = boxes(([0, 0, 0], [20, 4, 3]), ([0, 4, 0], [4, 6, 3]), ([16, 0, 3], [4, 4, 9]), seed=5)
+    again = boxes(*ODD_BOXES, number=500, seed=5)
     found = find_orientation(ODD, turned(again, about_z(degrees)), "orientation")
     heading = find_orientation(ODD, turned(again, about_z(degrees)), "heading")
     assert off_deg(found.turn, about_z(-degrees)) < 2.5

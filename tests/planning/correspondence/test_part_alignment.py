@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import made_clouds
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -14,13 +17,9 @@ WHOLE = np.array([[-50.0, -50, -50], [50, 50, 50]])
 
 
 def box(
-    low: Floats | list[float], size: Floats | list[float], number: int = 600, seed: int = 0
+    low: Sequence[float], size: Sequence[float], number: int = 600, seed: int = 0
 ) -> tuple[Floats, Floats]:
-    rng = np.random.default_rng(seed)
-    at, axis, end = rng.random((number, 3)), np.arange(number) % 3, np.arange(number) // 3 % 2
-    at[np.arange(number), axis] = end
-    at[:8] = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-    return np.asarray(low) + at * size, (2.0 * end - 1)[:, None] * np.eye(3)[axis]
+    return made_clouds.box(low, size, number, np.random.default_rng(seed))
 
 
 def patch(points: Floats, normals: Floats) -> Patch:

@@ -6,29 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from made_clouds import box, boxes
+from moved_scenes import about_z
 
 from upplied.config import settings_for
 from upplied.planning.correspondence.misfit import misfit_of
 from upplied.planning.correspondence.registration import box_on_box, fitted, published, register
 from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.geometry.icp import icp
-from upplied.records import Cloud, Floats
+from upplied.records import Cloud
 
 PAPER = settings_for("paper").registration
 JUDGED = settings_for("recommended").registration
 
 
 def cloud(seed: int, number: int = 300) -> Cloud:
-    rng = np.random.default_rng(seed)
-    at, axis, end = rng.random((number, 3)), np.arange(number) % 3, np.arange(number) // 3 % 2
-    at[np.arange(number), axis] = end
-    at[:2] = [[0, 0, 0], [1, 1, 1]]
-    return Cloud(at * [9.0, 5, 3] + [1, 2, 3], leaf_m=0.8)
-
-
-def about_z(degrees: float) -> Floats:
-    return Rotation.from_rotvec([0, 0, np.radians(degrees)]).as_matrix()
+    """A cuboid of voxels, in another place."""
+    return Cloud(box([1, 2, 3], [9, 5, 3], number, np.random.default_rng(seed))[0], leaf_m=0.8)
 
 
 @pytest.mark.parametrize("degrees", [0.0, 90.0])
@@ -58,9 +52,8 @@ def test_the_gate_is_gamma_times_the_squared_spacing() -> None:
     gate = PAPER.gamma * fine.leaf_m**2
     assert f"distance {score:.3g} m^2, gate {gate:.3g} m^2 (gamma {PAPER.gamma:g} times" in refused.reason
     assert published(coarse, target, PAPER).reason == ""
-    assert not published(
-        replace(source, leaf_m=float(leaf)), target, replace(PAPER, gamma=PAPER.gamma)
-    ).accepted
+    at_the_gate = replace(PAPER, gamma=score)
+    assert not published(replace(source, leaf_m=1.0), target, at_the_gate).accepted
 
 
 def test_boxes_on_boxes_make_boxes_equal() -> None:
@@ -72,24 +65,9 @@ def test_boxes_on_boxes_make_boxes_equal() -> None:
     assert np.array_equal(plain.turn, np.eye(3)) and np.isnan(plain.score_m2) and not plain.accepted
 
 
-def faced(*given: tuple[list[float], list[float]], number: int = 900, seed: int = 0) -> Cloud:
-    """Boxes with normals, areas and parts."""
-    rng = np.random.default_rng(seed)
-    points, normals, area = [], [], []
-    for low, size in given:
-        at, axis, end = rng.random((number, 3)), np.arange(number) % 3, np.arange(number) // 3 % 2
-        at[np.arange(number), axis] = end
-        points.append(np.array(low) + at * size)
-        normals.append((2.0 * end - 1)[:, None] * np.eye(3)[axis])
-        a, b, c = size
-        area.append(np.full(number, 2 * (a * b + b * c + c * a) / number))
-    label = np.repeat(np.arange(len(given)), number)
-    return Cloud(np.concatenate(points), np.concatenate(normals), np.concatenate(area), label)
-
-
-SHIP = faced(([0, -4, 0], [60, 8, 6]), ([40, -3, 6], [12, 6, 10]))
-LIKE = faced(([0, -4, 0], [60, 8, 6]), ([40, -3, 6], [12, 6, 10]), seed=1)
-OTHER = faced(([0, -4, 0], [60, 8, 6]), ([2, -3, 6], [12, 6, 10]), seed=1)
+SHIP = boxes(([0, -4, 0], [60, 8, 6]), ([40, -3, 6], [12, 6, 10]))
+LIKE = boxes(([0, -4, 0], [60, 8, 6]), ([40, -3, 6], [12, 6, 10]), seed=1)
+OTHER = boxes(([0, -4, 0], [60, 8, 6]), ([2, -3, 6], [12, 6, 10]), seed=1)
 
 
 def test_what_is_alike_is_accepted_and_what_is_not_is_told() -> None:
@@ -98,7 +76,7 @@ def test_what_is_alike_is_accepted_and_what_is_not_is_told() -> None:
     assert same.evidence.startswith("orientation as declared; ") and np.isnan(same.runner_up_gap)
     nearest = np.linalg.norm(SHIP.points[:, None] - in_source_frame(LIKE, same).points, axis=2).min(axis=1)
     assert same.score_m2 == pytest.approx(np.mean(nearest**2))
-    strange = faced(([0, -30, 0], [60, 60, 1]), ([40, -3, 0], [2, 6, 40]), seed=2)
+    strange = boxes(([0, -30, 0], [60, 60, 1]), ([40, -3, 0], [2, 6, 40]), seed=2)
     refused = register(SHIP, strange, JUDGED)
     assert not refused.accepted and refused.acceptance > 1
     assert refused.reason.startswith(

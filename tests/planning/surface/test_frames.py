@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from moved_scenes import about_z
 from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
@@ -24,7 +25,6 @@ from upplied.planning.surface.frames import (
 )
 from upplied.records import (
     Demonstration,
-    Floats,
     Frame,
     Registration,
     Structure,
@@ -33,10 +33,6 @@ from upplied.records import (
 )
 
 FRAME = Frame(np.radians(33.0), np.array([4.0, -2.0, 0.0]))
-
-
-def about_z(degrees: float) -> Floats:
-    return Rotation.from_rotvec([0, 0, np.radians(degrees)]).as_matrix()
 
 
 def prism(degrees: float, sides: tuple[float, float] = (9.0, 5.0), corners: int = 4) -> Structure:

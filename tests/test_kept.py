@@ -1,0 +1,65 @@
+"""What a process keeps between calls is listed in CONVENTIONS.md, and nothing else is kept."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+TABLES = frozenset({"lru_cache", "WeakKeyDictionary", "WeakValueDictionary"})
+KEEPERS = TABLES | {"cache"}  # as a decorator: much else bears that name
+
+
+def keepers(path: Path) -> set[str]:
+    """The names of a module's functions that remember, and of its tables that outlive a call."""
+    tree, found = ast.parse(path.read_text(encoding="utf-8")), set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            if any(_asks(decorator) for decorator in node.decorator_list):
+                found.add(node.name)
+            for inner in ast.walk(node):
+                if isinstance(inner, ast.Global):
+                    found.update(inner.names)
+        elif (
+            isinstance(node, ast.Assign | ast.AnnAssign)
+            and node.value is not None
+            and _asks(node.value, TABLES)
+        ):
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            found.add(ast.unparse(target).removeprefix("self."))
+    return found
+
+
+def _asks(node: ast.expr, keepers: frozenset[str] = KEEPERS) -> bool:
+    """Whether it is one of the keepers, or a call of one: ``cache``, ``lru_cache(4)(self.read)``."""
+    while isinstance(node, ast.Call):
+        node = node.func
+    return (node.id if isinstance(node, ast.Name) else getattr(node, "attr", "")) in keepers
+
+
+def test_whatever_is_kept_between_calls_is_listed() -> None:
+    text = (ROOT / "CONVENTIONS.md").read_text(encoding="utf-8")
+    section = text.split("## Kept between calls")[1].split("\n## ")[0]
+    listed = {
+        (module, name)
+        for module, names in re.findall(r"^\| `([\w.]+)` \| ([^|]+)\|", section, re.MULTILINE)
+        for name in re.findall(r"`(\w+)`", names)
+    }
+    found = set()
+    for folder in ("upplied", "flows"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            module = ".".join(path.relative_to(ROOT / folder).with_suffix("").parts)
+            found |= {(module if folder == "upplied" else f"flows.{module}", name) for name in keepers(path)}
+    assert found == listed, f"not listed: {found - listed}; no longer kept: {listed - found}"
+
+
+def test_a_table_of_its_own_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text(
+        "from functools import cache, lru_cache\n_A: dict = WeakKeyDictionary()\n_made = None\n"
+        "@cache\ndef one(): ...\n@lru_cache(maxsize=2)\ndef two(): ...\n"
+        "class C:\n    def __init__(self): self.three = lru_cache(4)(self.read)\n"
+        "def sets():\n    global _made\n    _made = 1\n"
+    )
+    assert keepers(path) == {"_A", "_made", "one", "two", "three"}
