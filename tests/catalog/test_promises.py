@@ -112,6 +112,35 @@ def test_files_are_taken_in_a_batch_at_a_time(monkeypatch):
     assert [item.status for item in done].count("added") == 5
 
 
+@pytest.mark.parametrize("kind", ["structures", "demonstrations"])
+def test_as_it_is_set_little_is_lost_where_ingest_is_stopped(kind):
+    """What waits for its commit is bounded, however many files there are."""
+    reads = (
+        (f"f{at}", structure(f"s{at}") if kind == "structures" else demonstration()) for at in range(260)
+    )
+    name = (lambda it: it.structure_id) if kind == "structures" else (lambda it: f"d{next(names)}")
+    names, commits = iter(range(260)), []
+    ingest._keep(reads, {}, name, lambda items: commits.append(len(items)), lambda _: None)
+    assert sum(commits) == 260
+    assert max(commits) <= 100
+
+
+def test_files_are_not_read_far_ahead_of_what_is_kept():
+    """Else a large fleet is held in memory, and lost where the first commit fails."""
+    handed: list[int] = []
+
+    class Counted(list):
+        def __iter__(self):
+            for item in range(len(self)):
+                handed.append(item)
+                yield item
+
+    found = ingest.each(str, Counted(range(300)), str, 1, lambda _: ingest.Ingested("", "unchanged"))
+    next(found)
+    found.close()
+    assert 1 <= len(handed) <= 100
+
+
 def test_small_files_are_merged_while_they_come(catalog):
     for number in range(70):
         catalog.add_plans([(key_of(number), plan(f"t{number}", number), {})])
