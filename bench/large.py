@@ -2,11 +2,13 @@
 
     python bench/large.py [--kept 10000 100000] [--planned 1000 10000] [--demonstrations 10] [--pages 1000]
 
-First a catalog that holds a plan of every pair, generated (real rows and waypoints, all of one flight): it is
-decided when nothing changed and when everything has to be planned, the shards are written and one is read,
-and it is published, first all of it, then where nothing changed, then where one structure did. Then a fleet
-that is planned, with the stand-in for planning of `scale.py`, by three machines: processes that share the
-catalog and the shards alone, each with two workers and a cache of its own, as those of a work pool.
+First a catalog that holds a plan of every pair, generated (real rows and waypoints, all of one flight): its
+files are merged, it is decided when nothing changed and when everything has to be planned, the shards are
+written and read, and it is published, first all of it, then where nothing changed, then where one structure
+did. Then three machines plan it with other settings, with the stand-in for planning of `scale.py`: processes
+that share the catalog and the shards alone, each with two workers and a cache of its own, as those of a work
+pool. Each takes one of its eight shards, as large as they are (`--shards 8`: all, which takes hours); and it
+is published again. Then smaller fleets of which nothing was planned, planned whole.
 
 Each step runs in a process of its own, whose largest resident memory is told, and that of its children.
 """
@@ -47,7 +49,7 @@ from upplied.records import Demonstration, Measures, Plan, Trajectory  # noqa: E
 MACHINES = 3
 SHARDS = 24  # as the pool cuts for three machines: eight to each
 STEPS = 20  # waypoints of a generated plan
-AT_ONCE = 50_000  # pairs of a commit of the generated catalog
+AT_ONCE = 10_000  # pairs of a commit of the generated catalog
 BOUND_GIB = 2.0  # of each process
 ANOTHER = fleet.PlanRequest(("paper",), scale.CHANGES)  # of which the catalog holds no plan
 
@@ -59,6 +61,7 @@ def main() -> None:
     parser.add_argument("--planned", type=int, nargs="*", default=[1000, 10_000])
     parser.add_argument("--demonstrations", type=int, default=10)
     parser.add_argument("--pages", type=int, default=1000)
+    parser.add_argument("--shards", type=int, default=1, help="of each machine, of the fleets of --kept")
     parser.add_argument("--step", nargs="+", default=[], help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.step:
@@ -69,8 +72,10 @@ def main() -> None:
     for targets in options.kept:
         with tempfile.TemporaryDirectory() as folder:
             many = str(options.demonstrations)
+            what = f"{targets} x {many}, kept"
             for name, *given in (
                 ("generate", str(targets), many),
+                ("merge",),
                 ("decide", "baseline"),
                 ("decide", "paper"),
                 ("shards",),
@@ -79,14 +84,19 @@ def main() -> None:
                 ("change",),
                 ("published", str(options.pages)),
             ):
-                show(f"{targets} x {many}, kept", name, folder, given)
+                show(what, name, folder, given)
+            for machine in planned(folder, ANOTHER, options.shards):
+                line(what, *machine)
+            show(what, "count", folder, [ANOTHER.presets[0]])
+            show(what, "published", folder, [str(options.pages)])
     for targets in options.planned:
         with tempfile.TemporaryDirectory() as folder:
             many = str(options.demonstrations)
             show(f"{targets} x {many}, planned", "stage", folder, [str(targets), many])
-            for machine in planned(folder):
+            for machine in planned(folder, scale.REQUEST, SHARDS):
                 line(f"{targets} x {many}, planned", *machine)
-            show(f"{targets} x {many}, planned", "count", folder, [])
+            show(f"{targets} x {many}, planned", "count", folder, [scale.REQUEST.presets[0]])
+            show(f"{targets} x {many}, planned", "published", folder, [str(options.pages)])
 
 
 def show(what: str, name: str, folder: str, given: list[str]) -> None:
@@ -125,8 +135,8 @@ def read(process: subprocess.Popen[str]) -> dict[str, float | str]:
 def step(name: str, folder: str, *given: str) -> dict[str, float | str]:
     """Do one step in this process."""
     steps: dict[str, Callable[..., str]] = {
-        "generate": generate, "decide": decide, "shards": shards, "published": published,
-        "change": change, "stage": stage, "machine": machine, "count": count,
+        "generate": generate, "merge": merge, "decide": decide, "shards": shards, "published": published,
+        "change": change, "stage": stage, "hand_out": hand_out, "machine": machine, "count": count,
     }  # fmt: skip
     cache = Path(folder) / f"cache-{given[0]}" if name == "machine" else None
     catalog = open_catalog(Path(folder) / "catalog", cache)
@@ -178,8 +188,13 @@ def generate(catalog: Catalog, targets: str, demonstrations: str) -> str:
         for name, column in values.items():
             made = put(made, name, column)
         catalog.tables["transfers"].append(made)
+    return f"{len(jobs)} plans; {files(catalog)}"
+
+
+def merge(catalog: Catalog) -> str:
+    """As maintenance does, and each run at its end."""
     merged = maintenance.compact(catalog)
-    return f"{len(jobs)} plans; {sum(merged.values())} files merged into {files(catalog)}"
+    return f"{sum(merged.values())} files merged into {files(catalog)}"
 
 
 def put(table: pa.Table, name: str, column: pa.Array) -> pa.Table:
@@ -244,34 +259,41 @@ def change(catalog: Catalog) -> str:
     return str(fleet.transfer(catalog, jobs, "changed", fleet.Resources(1)))
 
 
-def planned(folder: str) -> Iterator[list[str]]:
-    """Let three machines plan all there is to plan; what each took."""
-    catalog = open_catalog(Path(folder) / "catalog")
-    jobs = fleet.decide(catalog, scale.REQUEST).jobs
-    cut = fleet.bundles(jobs, -(-len({job.target_id for job in jobs}) // SHARDS))
-    manifest.write_shards(catalog, "large", cut)
-    machines = [started("machine", folder, str(number), str(len(cut))) for number in range(MACHINES)]
+def planned(folder: str, request: fleet.PlanRequest, shards: int) -> Iterator[list[str]]:
+    """Let three machines plan what there is to plan, so many shards each; what each process took."""
+    (preset,) = request.presets
+    yield told("hand_out", read(started("hand_out", folder, preset)))
+    machines = [started("machine", folder, str(number), str(shards)) for number in range(MACHINES)]
     for number, process in enumerate(machines):
         yield told(f"machine {number + 1}", read(process))
-    manifest.remove_shards(catalog, "large")
+    manifest.remove_shards(open_catalog(Path(folder) / "catalog"), "large")
 
 
-def machine(catalog: Catalog, number: str, shards: str) -> str:
+def hand_out(catalog: Catalog, preset: str) -> str:
+    """As a run cuts what is to be planned for its machines."""
+    jobs = fleet.decide(catalog, fleet.PlanRequest((preset,), scale.CHANGES)).jobs
+    cut = fleet.bundles(jobs, -(-len({job.target_id for job in jobs}) // SHARDS))
+    manifest.write_shards(catalog, "large", cut)
+    return f"{len(cut)} shards of {len(cut[0])} pairs"
+
+
+def machine(catalog: Catalog, number: str, most: str) -> str:
     """What a machine of the pool does with its shards, one after the other."""
     scale.clock()
     total, location = fleet.Result(), str(catalog.location)
-    for shard in range(int(number), int(shards), MACHINES):
-        jobs = manifest.read_shard(location, f"large/{shard:05}.parquet")
+    names = sorted(path.name for path in Path(location, manifest.FOLDER, "large").iterdir())
+    for name in names[int(number) :: MACHINES][: int(most)]:
+        jobs = manifest.read_shard(location, f"large/{name}")
         _, missing = fleet.kept(catalog, jobs, "large")
         total.include(fleet.transfer(catalog, missing, "large", fleet.Resources(scale.WORKERS, Limits())))
     return str(total)
 
 
-def count(catalog: Catalog) -> str:
-    """What the catalog holds at the end, and in how many files."""
-    found = catalog.transfers(every=True, columns=["transfer_id", "status"])
+def count(catalog: Catalog, preset: str) -> str:
+    """What the catalog holds of the request at the end, and in how many files."""
+    found = catalog.transfers(every=True, preset=preset, columns=["transfer_id", "status"])
     twice = len(found) - found["transfer_id"].nunique()
-    again = len(fleet.decide(catalog, scale.REQUEST).jobs)
+    again = len(fleet.decide(catalog, fleet.PlanRequest((preset,), scale.CHANGES)).jobs)
     return f"{(found['status'] == 'ok').sum()} plans, {twice} twice, {again} left; {files(catalog)}"
 
 

@@ -206,6 +206,24 @@ def test_a_merge_holds_no_more_rows_in_memory_than_it_may(catalog, monkeypatch):
         pd.testing.assert_frame_equal(left, right)
 
 
+def test_who_reads_slowly_is_not_read_ahead_of(catalog):
+    """Else a million plans lie in memory, decoded, before the first of them is written."""
+    table = catalog.tables["waypoints"]
+    rows = table.read()
+    many = rows.take(pa.array(np.resize(np.arange(len(rows)), 400_000)))
+    for _ in range(2):
+        table.append(many)
+    whole = 2 * many.nbytes
+    del many, rows
+    before, most = pa.total_allocated_bytes(), 0
+    for number, _ in enumerate(table.batches(TABLES["waypoints"].names)):
+        if number < 6:
+            time.sleep(0.1)
+        most = max(most, pa.total_allocated_bytes() - before)
+    assert number > 40
+    assert most < 0.4 * whole
+
+
 def test_texts_that_repeat_are_kept_once_and_say_the_same(catalog):
     table, names = catalog.tables["transfers"], TABLES["transfers"].names
     narrow = table.narrow(names)

@@ -1,4 +1,4 @@
-"""There is one correspond to the question what is done, and everybody who asks gets it."""
+"""There is one answer to the question what is done, and everybody who asks gets it."""
 
 from __future__ import annotations
 

@@ -111,9 +111,15 @@ class StoredTable(TableLog):
         if dataset is None:
             return
         present = [name for name in wanted.names if name in dataset.schema.names]
-        # A row of plans takes kilobytes: few are read ahead.
+        # A row of plans takes kilobytes: few are read ahead. With threads up to a gibibyte is decoded ahead
+        # of whoever asks (Acero's backpressure starts there), whatever the readahead says.
         scanner = dataset.scanner(
-            columns=present, filter=where, batch_size=_ROW_GROUP, batch_readahead=1, fragment_readahead=1
+            columns=present,
+            filter=where,
+            batch_size=_ROW_GROUP,
+            batch_readahead=1,
+            fragment_readahead=1,
+            use_threads=False,
         )
         with closing(scanner.to_batches()) as found:
             while (batch := told(self.uri, partial(next, found, None))) is not None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pyarrow.compute as pc
+import pyarrow.dataset as ds
 from deltalake import DeltaTable
 
 from upplied.catalog.store.delta import StoredTable
@@ -90,9 +91,14 @@ def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
 def orphans(steps: StoredTable, owners: StoredTable, before: datetime) -> list[str]:
     """Commits of steps that no row owns, older than a moment."""
     youngest = f"{before:%Y%m%d-%H%M%S-%f}"  # commit ids begin with their time
-    held = pc.unique(steps.read(pc.field("commit_id") < youngest, ["commit_id"])["commit_id"])
-    owned = pc.unique(owners.read(None, ["commit_id"])["commit_id"])
-    return sorted(set(held.to_pylist()) - set(owned.to_pylist()))
+    held = _commits(steps, pc.field("commit_id") < youngest)
+    return sorted(held - _commits(owners))
+
+
+def _commits(table: StoredTable, where: ds.Expression | None = None) -> set[str]:
+    """The commits of the rows that fit."""
+    parts = table.batches(["commit_id"], where)
+    return {commit for rows in parts for commit in pc.unique(rows["commit_id"]).to_pylist()}
 
 
 def _drop_orphans(steps: StoredTable, owners: StoredTable, before: datetime) -> int:

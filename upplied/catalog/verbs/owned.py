@@ -17,6 +17,7 @@ import pyarrow.ipc
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.errors import CatalogError
+from upplied.records import Ints
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
@@ -82,9 +83,9 @@ def parted_steps(
                 pa.table({n: pa.array(owners[n].tolist(), pa.string()) for n in (key, "commit_id")}), key
             )
             for rows in _gathered(catalog.tables[name].batches(TABLES[name].names, where)):
-                place = pc.index_in(_named(rows, key), wanted)
-                rows = rows.filter(place.is_valid())
-                of = number[place.drop_null().to_numpy()]
+                place = _place(_named(rows, key), wanted)
+                rows = rows.filter(pa.array(place >= 0))
+                of = number[place[place >= 0]]
                 order = np.argsort(of, kind="stable")
                 ends = np.flatnonzero(np.diff(of[order], append=-1)) + 1
                 rows = rows.take(pa.array(order))
@@ -114,6 +115,19 @@ def _in_order(name: str, owners: pd.DataFrame, file: Path) -> pa.Table:
     steps = steps.sort_by([(column, "ascending") for column in (key, "commit_id", "seq")])
     _check(name, steps, owners)
     return steps
+
+
+def _place(names: pa.Array, wanted: pa.Array) -> Ints:
+    """Where each name stands among the wanted ones, -1 where it does not.
+
+    Looked up by the few names of these steps, so that no table of all that are wanted is made for each lot.
+    """
+    encoded = names.dictionary_encode()
+    there = pc.index_in(wanted, encoded.dictionary).to_numpy(zero_copy_only=False)
+    held = np.flatnonzero(~np.isnan(there))
+    place = np.full(len(encoded.dictionary), -1)
+    place[there[held].astype(int)] = held
+    return np.asarray(place[encoded.indices.to_numpy()], np.int64)
 
 
 def _named(rows: pa.Table, key: str) -> pa.Array:

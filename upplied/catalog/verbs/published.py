@@ -51,7 +51,7 @@ _OF_PLANS = (
     *("n_waypoints", "waypoints_sha256", *DERIVED),
 )
 _PLANS = 50_000  # read and written at a time
-_PART_STEPS = 1_000_000  # of a file of waypoints, about: what a changed plan makes us write again
+_PART_STEPS = 250_000  # of a file of waypoints, about: what a changed plan makes us write again
 
 
 def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool = False) -> dict[str, int]:

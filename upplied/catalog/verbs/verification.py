@@ -174,9 +174,8 @@ def _counts(catalog: Catalog, name: str) -> Counter[tuple[str, str]]:
     """How many steps each owner and commit has; read in batches, since there may be many."""
     key = TABLES[name].names[0]
     counts: Counter[tuple[str, str]] = Counter()
-    dataset = catalog.tables[name].dataset()
-    for batch in dataset.to_batches(columns=[key, "commit_id"]) if dataset is not None else ():
-        grouped = pa.table(batch).group_by([key, "commit_id"]).aggregate([([], "count_all")])
+    for rows in catalog.tables[name].batches([key, "commit_id"]):
+        grouped = rows.group_by([key, "commit_id"]).aggregate([([], "count_all")])
         for row in grouped.to_pylist():
             counts[row[key], row["commit_id"]] += row["count_all"]
     return counts
