@@ -1,0 +1,251 @@
+"""Flights repeated and joined, and the parts that a demonstration is about: each by its definition."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from made_clouds import boxes
+
+from upplied.config import settings_for
+from upplied.errors import SettingsError
+from upplied.planning.correspondence.pair import Pair
+from upplied.planning.demonstration import repetition
+from upplied.planning.demonstration.repetition import (
+    Take,
+    _on_this_side,
+    _shows_each,
+    begins_of,
+    breaks_of,
+    demonstrated_part,
+    inspected_parts,
+    inspected_states,
+    joined,
+    mirrored,
+    takes_of,
+)
+from upplied.poses import from_yaw_pitch, yaw_pitch
+from upplied.records import (
+    Cloud,
+    Correspondences,
+    Demonstration,
+    Floats,
+    Frame,
+    Registration,
+    Structure,
+    Trajectory,
+    Visibility,
+)
+
+
+def flight(number: int, start_s: float = 0.0) -> Trajectory:
+    at = np.column_stack([np.arange(number), np.zeros((number, 2))]).astype(float)
+    return Trajectory(start_s + 2.0 * np.arange(number), at, np.tile([0.0, 0, 0, 1], (number, 1)))
+
+
+def take(
+    own: Trajectory | None = None,
+    breaks: list[int] | None = None,
+    source: Cloud | None = None,
+    target: Cloud | None = None,
+    weight: Floats | None = None,
+    index: Floats | None = None,
+    seen: Floats | None = None,
+    **match: Any,
+) -> Take:
+    source = boxes(([0, 0, 0], [1, 1, 1]), number=9) if source is None else source
+    known = np.arange(len(source)) if index is None else index
+    inspection = SimpleNamespace(
+        flight=flight(2) if own is None else own,
+        breaks=np.array(breaks or [], np.int64),
+        attention=SimpleNamespace(weight=weight),
+        visibility=None if seen is None else Visibility(seen),
+    )
+    fit = SimpleNamespace(
+        source=source,
+        target=source if target is None else target,
+        registration=Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True),
+        correspondences=Correspondences(known, np.zeros(len(known)), source.points, "", **match),
+    )
+    pair = SimpleNamespace(surface=fit, source=SimpleNamespace(frame=Frame()))
+    return cast(Take, SimpleNamespace(inspection=inspection, pair=pair))
+
+
+def test_flights_follow_one_another_after_ten_seconds() -> None:
+    one, two = flight(3, 5.0), flight(2, 100.0)
+    both = joined([one, two])
+    assert both.t_s.tolist() == [0, 2, 4, 14, 16]
+    assert both.positions[:, 0].tolist() == [0, 1, 2, 0, 1]
+    takes = [take(one), take(two)]
+    assert begins_of(takes, both).tolist() == [0, 14]
+    assert begins_of(takes[:1], joined([one])).tolist() == [0]
+
+
+def test_a_joined_flight_breaks_where_takes_meet_and_where_their_logs_have_gaps() -> None:
+    takes = [take(flight(5), [2, 4]), take(flight(3)), take(flight(4), [1])]
+    assert breaks_of(takes).tolist() == [2, 4, 5, 8, 9]
+    assert breaks_of(takes[1:2]).tolist() == []
+
+
+def test_what_was_inspected_is_shown_in_three_steps_and_what_of_it_has_no_counterpart() -> None:
+    weight = np.array([0.05, 0.1, 0.39, 0.4, 0.69, 0.7, 1.0, 0.1, 0.09])
+    index = np.array([0, 1, 2, 3, 4, 5, 0, -1, -1])
+    found = inspected_states(take(weight=weight, index=index))
+    assert found.state.tolist() == [0, 5, 5, 6, 6, 7, 7, 4, 0]
+
+
+TWO = boxes(([0, 0, 0], [10, 10, 10]), ([30, 0, 0], [2, 2, 2]), number=60)
+
+
+def test_the_part_that_is_meant_fills_the_picture_and_most_of_it_is_seen() -> None:
+    """Little of a large part near by, against most of a small one far off."""
+    at = np.array([[20.0, 5, 5], [24, 1, 1]])
+    seen = np.zeros((2, 120), bool)
+    seen[:, 60:] = True
+    for share in (6, 30, 60):
+        seen[:, :share] = True
+        own = replace(flight(2), positions=at)
+        rays = at[:, None] - TWO.points
+        assert TWO.area_m2 is not None
+        filled = (seen * TWO.area_m2 / (rays**2).sum(axis=2)).sum(axis=0)
+        score = [filled[:60].sum() * (share / 60) ** 2, filled[60:].sum()]
+        assert demonstrated_part(take(own, source=TWO, seen=seen)) == int(np.argmax(score))
+    plain = Cloud(TWO.points, TWO.normals, None, TWO.part)
+    counted = (seen / (rays**2).sum(axis=2)).sum(axis=0)  # each sample as much as any
+    most = int(counted[60:].sum() > counted[:60].sum())
+    assert demonstrated_part(take(own, source=plain, seen=seen)) == most == 1
+    same = replace(own, positions=TWO.points[[0, 1]])  # a camera on a sample divides by nothing
+    assert demonstrated_part(take(same, source=TWO, seen=seen)) in (0, 1)
+
+
+def test_parts_with_a_tenth_of_what_was_inspected_are_asked_about_the_most_inspected_first() -> None:
+    label = np.repeat([0, 1, 2, 3], [2, 3, 3, 1])
+    weight = np.array([1.0, 0, 1, 1, 1, 0.2, 0.2, 0, 0])
+    source = Cloud(np.zeros((9, 3)), None, np.array([2.0, 1, 1, 1, 3, 1, 1, 1, 1]), label)
+    whole = 2 + 5 + 0.4
+    found = inspected_parts(take(source=source, weight=weight), label)
+    assert [part for part, _ in found] == [1, 0]
+    assert [share for _, share in found] == pytest.approx([5 / whole, 2 / whole])
+    plain = Cloud(source.points, None, None, label)
+    found = inspected_parts(take(source=plain, weight=weight), label)
+    assert found == [(1, pytest.approx(3 / 4.4)), (0, pytest.approx(1 / 4.4))]
+    assert inspected_parts(take(source=source, weight=np.zeros(9)), label) == []
+    many = np.arange(30)
+    even = Cloud(np.zeros((30, 3)), None, None, many)
+    assert len(inspected_parts(take(source=even, weight=np.ones(30)), many)) == 30  # each below a tenth
+
+
+def demonstration(positions: Floats, quats: Floats, sha256: str = "abc") -> Demonstration:
+    made = SimpleNamespace(positions=positions, quat_xyzw=quats, sha256=sha256)
+    return cast(Demonstration, made)
+
+
+@pytest.mark.parametrize(("quarter", "across"), [(0.0, 1), (90.0, 0)])
+def test_a_mirrored_flight_is_on_the_other_side_of_the_middle_plane(
+    quarter: float, across: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turn = np.radians(quarter)
+    axes = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    monkeypatch.setattr(repetition, "named_axes", lambda frame: axes)
+    monkeypatch.setattr(repetition, "replace", lambda of, **new: SimpleNamespace(**{**vars(of), **new}))
+    vertices = np.array([[2.0, 10, 0], [8, 20, 5]])
+    source = cast(Structure, SimpleNamespace(frame=None, vertices=vertices))
+    rng = np.random.default_rng(0)
+    yaw, pitch = rng.uniform(-3, 3, 20), rng.uniform(-1.4, 1.4, 20)
+    flown = demonstration(rng.normal(0, 9, (20, 3)), from_yaw_pitch(yaw, pitch))
+    found = mirrored(flown, source)
+    wanted = flown.positions.copy()
+    wanted[:, across] = vertices[:, across].sum() - wanted[:, across]
+    np.testing.assert_allclose(found.positions, wanted)
+    new_yaw, new_pitch = yaw_pitch(found.quat_xyzw)
+    np.testing.assert_allclose(new_pitch, pitch, atol=1e-9)
+    flip = np.array([-1.0, 1]) if across == 0 else np.array([1.0, -1])
+    before = np.column_stack([np.cos(yaw), np.sin(yaw)]) * flip
+    np.testing.assert_allclose(np.column_stack([np.cos(new_yaw), np.sin(new_yaw)]), before, atol=1e-9)
+    assert found.sha256 == "abc-mirrored"
+    assert mirrored(demonstration(flown.positions, flown.quat_xyzw, ""), source).sha256 == ""
+
+
+HULL, POD = ([0, -4, 0], [60, 8, 6]), [6, 2, 2]
+LEFT, RIGHT, TOP = ([20, 9, 0], POD), ([20, -11, 0], POD), ([20, -1, 12], POD)
+
+
+def pods(*places: Any) -> Cloud:
+    return boxes(HULL, *places, number=60)
+
+
+def about(weights: dict[int, float], answers: list[int]) -> Take:
+    """A flight at some pods of a hull with two, to one with three; the parts that correspond are given."""
+    source, target = pods(LEFT, RIGHT), pods(LEFT, RIGHT, TOP)
+    weight = np.array([weights.get(int(part), 0.0) for part in source.part])  # type: ignore[union-attr]
+    seen = np.tile(weight > 0, (2, 1))
+    known = {"weight": weight, "seen": seen, "source_class": np.arange(3)}
+    answering = np.array([answers.index(part) if part in answers else -1 for part in range(4)])
+    return take(source=source, target=target, target_class=answering, **known)
+
+
+def test_a_flight_shows_each_where_every_part_of_the_kind_was_inspected() -> None:
+    assert not _shows_each(about({1: 1.0}, [0, 1, 2]))  # one of two
+    assert not _shows_each(about({1: 1.0, 2: 1.0}, [0, 1, 2]))  # a third has no counterpart
+    two = about({1: 1.0, 2: 1.0}, [0, 1, 2])
+    inspection, source = two.inspection, two.pair.surface.source
+    known = {"weight": inspection.attention.weight, "seen": inspection.visibility.seen}
+    fewer = take(source=source, source_class=np.arange(3), target_class=np.arange(3), **known)
+    assert _shows_each(fewer)
+
+
+def test_a_part_is_repeated_on_its_side_and_in_the_middle() -> None:
+    found = about({1: 1.0}, [0, 1, 2])
+    assert sorted(_on_this_side(1, cast(Pair, found.pair))) == [1, 3]
+    assert sorted(_on_this_side(2, cast(Pair, found.pair))) == [2, 3]
+
+
+def flown_again(
+    repeat: str, monkeypatch: pytest.MonkeyPatch, **known: Any
+) -> list[tuple[str, Any, int, int, Any]]:
+    """Which flights are flown, with which pair, part and choice, and the counterparts that were asked for."""
+    choices = known.get("choices", {4: [7, 8], 5: [9]})
+    changed = {
+        "inspect_demonstration": lambda flown, pair, settings, memo: (flown, settings),
+        "mirrored": lambda flown, source: f"{flown} mirrored",
+        "demonstrated_part": lambda one: 5 if "mirrored" in one.inspection[0] else 4,
+        "_shows_each": lambda one: known.get("shows_each", False),
+        "_on_this_side": lambda part, pair: choices[part],
+        "_matched_anew": lambda pair, settings, memo: "anew",
+    }
+    for name, changes in changed.items():
+        monkeypatch.setattr(repetition, name, changes)
+    method = known.get("method", "parts")
+    settings = settings_for("recommended", correspondence={"repeat": repeat})
+    settings = replace(settings, correspondence=replace(settings.correspondence, method=method))
+    pair = cast(Pair, SimpleNamespace(source=None))
+    takes = takes_of(cast(Demonstration, "flight"), pair, settings)
+    return [
+        (one.inspection[0], one.pair, one.part, one.choice, one.inspection[1].correspondence.counterparts)  # type: ignore[index]
+        for one in takes
+    ]
+
+
+def test_each_part_is_flown_from_its_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = flown_again("each", monkeypatch)
+    assert found == [
+        ("flight", "anew", 4, 7, (("part_4", "part_7"),)),
+        ("flight", "anew", 4, 8, (("part_4", "part_8"),)),
+        ("flight mirrored", "anew", 5, 9, (("part_5", "part_9"),)),
+    ]
+
+
+def test_without_repetition_or_where_nothing_is_like_it_the_flight_is_flown_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for repeat, known in (("", {}), ("each", {"shows_each": True}), ("each", {"choices": {4: [], 5: []}})):
+        ((flown, pair, part, choice, pinned),) = flown_again(repeat, monkeypatch, **known)
+        assert (flown, part, choice, pinned) == ("flight", -1, -1, ()) and pair != "anew"
+    mirror = flown_again("mirror", monkeypatch, shows_each=True)
+    assert [one[0] for one in mirror] == ["flight", "flight mirrored"]
+    with pytest.raises(SettingsError, match="preset 'recommended' only"):
+        flown_again("each", monkeypatch, method="nearest")
+    assert len(flown_again("", monkeypatch, method="nearest")) == 1
