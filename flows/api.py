@@ -9,17 +9,12 @@ from __future__ import annotations
 import os
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
-from urllib.parse import urlsplit
+
+from upplied import guard
 
 HOSTS = "UPPLIED_HOSTS"  # names that the server is reached by besides this machine's, separated by commas
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
-HEADERS = (
-    (b"x-content-type-options", b"nosniff"),
-    (b"x-frame-options", b"DENY"),
-    (b"content-security-policy", b"frame-ancestors 'none'"),
-    (b"referrer-policy", b"same-origin"),
-    (b"cross-origin-resource-policy", b"same-origin"),
-)
+POLICY = {"Content-Security-Policy": "frame-ancestors 'none'", "Referrer-Policy": "same-origin"}
+HEADERS = [(name.lower().encode(), value.encode()) for name, value in (guard.HEADERS | POLICY).items()]
 
 Message = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Message]]
@@ -50,27 +45,9 @@ class Guard:
 
 def refusal(headers: dict[bytes, bytes], hosts: frozenset[str]) -> str:
     """Why a request is refused; empty where it is not."""
-    asked = headers.get(b"host", b"").decode("latin-1")
-    if host_name(asked) not in hosts:
-        return "This server does not answer to that name (UPPLIED_HOSTS)."
-    if b"origin" in headers:
-        try:
-            origin = urlsplit(headers[b"origin"].decode("latin-1")).netloc
-        except ValueError:  # no address at all
-            origin = ""
-        if origin.lower() != asked.lower():
-            return "Pages of another site are not answered."
-    return ""
-
-
-def host_name(host: str) -> str:
-    """The name in a ``Host`` header, without its port; empty where it is none."""
-    try:
-        parts = urlsplit(f"//{host}")
-        _ = parts.port  # an error where it is no number
-        return parts.hostname or ""
-    except ValueError:
-        return ""
+    asked, origin = headers.get(b"host", b"").decode("latin-1"), headers.get(b"origin")
+    why = guard.refusal(asked, None if origin is None else origin.decode("latin-1"), hosts)
+    return f"{why} ({HOSTS})" if why and why != guard.OTHER_SITE else why
 
 
 async def refuse(kind: str, reason: str, send: Send) -> None:
@@ -100,7 +77,7 @@ def with_headers(send: Send) -> Send:
 def allowed_hosts() -> frozenset[str]:
     """The names of this machine's loopback, and those that the environment declares."""
     named = os.environ.get(HOSTS, "").split(",")
-    return frozenset(LOOPBACK) | {name.strip().lower() for name in named if name.strip()}
+    return frozenset(guard.LOOPBACK) | {name.strip().lower() for name in named if name.strip()}
 
 
 def create_app() -> Guard:

@@ -12,15 +12,14 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import IO
 
-from .api import allowed_hosts, host_name
+from upplied import guard
+
+from .api import allowed_hosts
 from .environment import home
 
 ADDRESS = "UPPLIED_REPORTS_URL"  # of the folder of reports, where a server gives it out
-HEADERS = {
-    "X-Content-Type-Options": "nosniff",
-    "X-Frame-Options": "DENY",
+HEADERS = guard.HEADERS | {
     "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Resource-Policy": "same-origin",
     # The pages hold their own styles and scripts; nothing else is loaded, and nothing is sent anywhere.
     "Content-Security-Policy": "default-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; "
     "script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; "  # the plotting library compiles code
@@ -33,7 +32,7 @@ class _Pages(SimpleHTTPRequestHandler):
 
     def send_head(self) -> IO[bytes] | None:  # type: ignore[override]
         path = Path(self.translate_path(self.path))
-        if host_name(self.headers.get("Host", "")) not in allowed_hosts():
+        if guard.host_name(self.headers.get("Host", "")) not in allowed_hosts():
             self.send_error(HTTPStatus.FORBIDDEN, "This server does not answer to that name")
             return None
         if not _inside(path, Path(self.directory)) or (path.is_dir() and not (path / "index.html").is_file()):

@@ -14,7 +14,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
-FOUNDATION = {"errors", "extras", "records", "config", "checks", "poses", "scene", "threads", "provenance"}
+FOUNDATION = {
+    "errors", "extras", "records", "config", "checks", "poses", "scene", "threads", "provenance", "guard",
+}  # fmt: skip
 ALLOWED = {
     "errors": set(),
     "extras": {"errors"},
@@ -25,6 +27,7 @@ ALLOWED = {
     "scene": FOUNDATION,
     "threads": set(),
     "provenance": set(),
+    "guard": set(),
     "planning": FOUNDATION | {"planning"},
     "samples": FOUNDATION | {"planning", "samples"},
     "simulate": FOUNDATION | {"planning"},

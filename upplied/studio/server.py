@@ -15,21 +15,18 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from upplied import guard
 from upplied.outputs.pages import finite, studio_files
 
 HOST = "127.0.0.1"
-NAMES = ("127.0.0.1", "localhost")
 _MOST_BYTES = 4 << 20  # of a request
 _WAIT_S = 30.0  # for a request that comes in pieces
-_HEADERS = {
+_HEADERS = guard.HEADERS | {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self'; frame-ancestors 'none'; form-action 'none'; "
     "base-uri 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
 
@@ -108,16 +105,13 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _refused(self) -> bool:
         """Whether it comes under another name, or from another site; then it is answered so."""
-        asked = self.headers.get("Host", "")
-        allowed = {f"{name}:{self.server.server_port}" for name in NAMES}
-        origin, site = self.headers.get("Origin"), self.headers.get("Sec-Fetch-Site", "none")
-        if asked not in allowed:
-            self._told(HTTPStatus.FORBIDDEN, "this server does not answer to that name")
-        elif site not in ("none", "same-origin") or origin not in (None, f"http://{asked}"):
-            self._told(HTTPStatus.FORBIDDEN, "pages of another site are not answered")
-        else:
-            return False
-        return True
+        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        why = guard.refusal(host, origin, guard.LOOPBACK, self.server.server_port)
+        if not why and self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
+            why = guard.OTHER_SITE
+        if why:
+            self._told(HTTPStatus.FORBIDDEN, why)
+        return bool(why)
 
     def _told(self, status: HTTPStatus, why: str) -> None:
         self._send(status, "application/json", _json({"refused": why}))

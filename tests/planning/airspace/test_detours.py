@@ -359,3 +359,9 @@ def test_places_lean_over_edges_so_that_detours_are_short() -> None:
     safe = safe_positions(line([-20.0, 0, 1], [20, 0, 1], 81), ways())
     assert independent_clearance(safe) >= CLEARANCE
     assert np.linalg.norm(np.diff(safe, axis=0), axis=1).sum() < 50.5
+
+
+def test_ways_are_planned_a_little_beyond_the_safety_distance() -> None:
+    one = ways()
+    assert one.planning.clearance_m == pytest.approx(CLEARANCE + 0.05)
+    assert one.airspace.clearance_m == CLEARANCE and one.graph.airspace is one.planning

@@ -166,6 +166,7 @@ def test_there_is_no_way_into_a_closed_room() -> None:
     outside = np.array([[13.0, 0, 0], [-13, 0, 0], [0, 13, 0]])
     graph = roadmap(rules, Cloud(outside - np.sign(outside), np.sign(outside)))
     assert way(graph, np.zeros(3), np.array([20.0, 0, 0])) is None
+    assert way(graph, np.array([20.0, 0, 0]), np.zeros(3)) is None
     assert not len(links(graph, np.zeros(3))) and len(links(graph, np.array([20.0, 0, 0])))
 
 

@@ -146,6 +146,18 @@ def test_bunches_leave_out_nothing_that_is_seen(camera: Camera) -> None:
     assert sorted(met) == np.flatnonzero(wanted).tolist()
 
 
+def test_the_range_itself_and_points_beyond_it() -> None:
+    x = np.array([1.999, 2.0, 2.001, 49.999, 50.0, 50.001])
+    cloud = Cloud(x[:, None] * [1.0, 0, 0], np.tile([-1.0, 0, 0], (6, 1)))
+    limits = limits_of(Camera(min_range_m=2.0, max_range_m=50.0), TRUE, cloud)[None]
+    found = bunches_of(cloud, np.zeros(3), limits, 1)
+    seen = np.zeros((1, 6), bool)
+    axes = matrices(np.array([[0.0, 0, 0, 1]]))
+    asked = (found.points, found.normals, found.order, found.start, found.bounds)
+    in_view(np.zeros((1, 3)), axes, limits, *asked, seen)
+    assert seen[0].tolist() == [False, True, True, True, True, False]
+
+
 def test_rays_fill_the_room_that_there_is() -> None:
     cloud = Cloud(np.array([[10.0, 0, 0], [11, 0, 0]]), np.tile([-1.0, 0, 0], (2, 1)))
     at, limits = np.zeros((3, 3)), np.tile(limits_of(Camera(), TRUE, cloud), (3, 1))

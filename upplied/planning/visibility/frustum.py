@@ -90,7 +90,8 @@ def bunches_of(cloud: Cloud, origin: Floats, limits: Floats, poses: int) -> Bunc
     if least_cosine > 0 and cloud.normals is not None:
         normals = np.asarray(cloud.normals, float)
     if poses < _FEW_POSES or len(points) < 4 * _BUNCH:
-        bounds = np.array([[0.0, 0.0, 0.0, 1e300, 0.0, 0.0, 0.0, -1.0, 0.0]]).T
+        bounds = np.zeros((9, 1))
+        bounds[3] = 1e300  # every camera is inside of that sphere
         order, start = np.arange(len(points)), np.array([0, len(points)])
     else:
         rows, face = np.arange(len(points)), np.abs(normals).argmax(axis=1)
