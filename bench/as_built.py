@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from as_built_cases import area_of, side, sort
 from scans import VARIANTS, made, scan, true_parts
 from scipy.optimize import minimize
 
@@ -58,6 +58,7 @@ HELD = {
 SMALL = 0.01  # share of the surface below which a part is not asked about
 RIDGE = 0.1
 LEAST = 0.8  # probability that a plan is asked for
+_BODY = 0  # the largest part
 PURE, WHOLE = 0.7, 0.5  # of a part that is found on the right one, and of the right one that it holds
 
 
@@ -88,10 +89,10 @@ def rows_of(
     mine, theirs = parts_of(here), parts_of(registered)
     common = {"kind": kind, "source": names[0], "target": names[1], "variant": variant, "told": told}
     counts = [sorts(kind, name) for name in names]
-    wholes, carried = fit.registration.acceptance, fit.carried
+    wholes, carried = fit.registration.scanned, fit.carried
     if carried is None:
         return
-    area = np.ones(len(registered)) if registered.area_m2 is None else registered.area_m2
+    area = area_of(registered)
     for part in np.flatnonzero(mine.area > SMALL).tolist():
         answers = fit.correspondences.parts_answering(part).tolist()
         if not answers:
@@ -101,7 +102,8 @@ def rows_of(
         right = _right(np.isin(labels_of(registered), answers), true_there, area, meant, strict)
         found = evidence_of_answer(here, part, registered, answers, wholes, told, carried)
         yield {**common, "part": meant, "question": "answer", "right": right, "evidence": found.tolist()}
-        for choice in choices_for(mine, part, theirs, answers).tolist():
+        alike = choices_for(mine, part, theirs, answers).tolist()
+        for choice in dict.fromkeys([*alike, _BODY]):  # what is of no such size is no other one either
             if choice not in answers and len(answers) == 1:
                 right = _right(labels_of(registered) == choice, true_there, area, meant)
                 found = evidence_of_other(registered, answers[0], choice, wholes, told)
@@ -112,11 +114,6 @@ def rows_of(
                     "right": right,
                     "evidence": found.tolist(),
                 }
-
-
-def sort(name: str) -> str:
-    """What sort of part a name says: ``engine`` of ``engine_left_outer``, ``pier`` of ``pier_2``."""
-    return re.sub(r"_(left|right|outer|inner|front|back|\d+)", "", name)
 
 
 def sorts(kind: str, name: str) -> dict[str, int]:
@@ -143,14 +140,10 @@ def _right(mine: Bools, true: np.ndarray, area: Floats, meant: str, strict: bool
     return bool(fits and both >= PURE * area[mine].sum() and both >= WHOLE * area[true == name].sum())
 
 
-def side(name: str) -> str:
-    return next((side for side in ("left", "right") if side in name), "")
-
-
 def parts(options: argparse.Namespace) -> None:
     """Write the evidence of all parts."""
     with Path(options.file).open("a", encoding="utf-8") as file:
-        for variant in VARIANTS:
+        for variant in options.variants.split(",") if options.variants else VARIANTS:
             for held in (False, True):
                 for pair in pairs(variant, held):
                     try:
@@ -219,6 +212,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         command = commands.add_parser(name)
         command.add_argument("file")
         command.set_defaults(run=run)
+        if run is parts:
+            command.add_argument("--variants", default="")
     options = parser.parse_args(arguments)
     options.run(options)
 

@@ -1,13 +1,14 @@
 """What is decided for scans before a plan is made: silently wrong decisions are counted.
 
     python bench/as_built_decisions.py write FILE [--kinds airliner,ship] [--seeds 31-36] [--variants shell]
-    python bench/as_built_decisions.py judge FILE
+    python bench/as_built_decisions.py judge FILE... [--curve PICTURE.svg]
 
-`write` takes each case as far as it is decided whether and where to fly, which costs a tenth of a plan,
-and writes a line of JSON: what share of the inspected surface corresponds to the right part of the generator,
-how much of each right part that reaches, and what was said. `judge` counts them. A decision is silently wrong
-where neither a refusal nor a warning names the part and less than 80 % of what corresponds, or less than 80 %
-of what the demonstration shows of its part, is on a right one.
+`write` takes each case as far as it is decided whether and where to fly (`plan.decided`), which costs a tenth
+of a plan, and writes a line of JSON: what share of the inspected surface corresponds to the right part of the
+generator, how much of each right part that reaches, how much of it was scanned, what was said. Flights of
+other kinds are asked for as well. `judge` counts all. A decision is silently wrong where neither a refusal
+nor a warning names the part and less than 80 % of what corresponds, or less than 80 % of what the
+demonstration shows of its part, is on a right one.
 """
 
 from __future__ import annotations
@@ -16,79 +17,21 @@ import argparse
 import itertools
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from as_built import side, sort
-from scans import VARIANTS, made, scan, true_parts
-from scipy.spatial import cKDTree
+from as_built_cases import CASES, RIGHT, SOURCE, Case, flown, present, truth
+from scans import VARIANTS, made, scan
 
 from upplied.config import settings_for
-from upplied.errors import UppliedError
-from upplied.planning.carry.counterparts import counterparts_of, doubts, least_probability, undecided
-from upplied.planning.correspondence.pair import study_pair
-from upplied.planning.demonstration.repetition import Take, takes_of
-from upplied.planning.geometry.boxes import spacing
-from upplied.planning.surface.samples import surface_samples
-from upplied.records import Bools, Demonstration, Floats
-from upplied.samples.pilot import fly
-from upplied.scene import scene_of
+from upplied.planning.plan import decided
 
-Asked = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Case:
-    """One inspection, what is asked, and the parts of the target that are right."""
-
-    inspection: str
-    asked: Asked
-    right: Callable[[str], bool]  # of the name of a part of the generator
-    every: bool = False  # whether each of the right parts must be reached, not one of them
-
-
-def _is(name: str) -> Callable[[str], bool]:
-    return lambda other: other == name
-
-
-def _of(name: str) -> Callable[[str], bool]:
-    return lambda other: sort(other) == name
-
-
-def _left_engine(other: str) -> bool:
-    return sort(other) == "engine" and side(other) == "left"
-
-
-#: By kind: sources, and what is asked of each of them.
-SOURCES = {
-    "airliner": "a320-v1",
-    "wind_turbine": "turbine-1-v1",
-    "bridge": "bridge-1-v1",
-    "ship": "cruise-v1",
-}
-CASES = {
-    "airliner": (
-        Case("engine_left", {}, _left_engine),
-        Case("engine_left", {"repeat": "each"}, _of("engine"), every=True),
-        Case("engine_left", {"counterparts": (("engine_left", "outer"),)}, _left_engine),
-        Case("wings", {}, _of("wing"), every=True),
-        Case("fuselage", {}, _is("fuselage")),
-    ),
-    "wind_turbine": (Case("tower", {}, _is("tower")),),
-    "bridge": (
-        Case("piers", {}, _of("pier")),
-        Case("piers", {"repeat": "each"}, _of("pier"), every=True),
-    ),
-    "ship": (Case("hull", {}, _is("hull")),),
-}
-RIGHT = 0.8  # of what corresponds, or of what the demonstration shows, that must be on a right part
-_LOOKED_AT = 0.4  # attention from which a sample was inspected
-_MAIN = 0.1  # share of what was inspected from which a part is meant
-_REACH = 2.5  # spacings: a sample of the target this near a counterpart is reached
-_THERE = 0.01  # of the diagonal: a clean sample this near the scan's surface was scanned
-CLEARANCE_M = 2.0  # that `recommended` keeps
+_FOR_STRANGERS = ("model", "shell", "cloud", "cut20")
+_WHOLE = 0.9  # share of a part that was scanned, from which it is there
+_SURE = (0.0, 0.5, 0.8, 0.9, 0.97, 1.01)  # bins of what was said
 
 
 class _Kept:
@@ -111,22 +54,47 @@ class _Kept:
 
 def decisions(options: argparse.Namespace) -> None:
     """Write what is decided in each case."""
-    path = Path(options.file)
+    path = Path(options.file[0])
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     done = {tuple(json.loads(line)["case"]) for line in lines}
     memo = _Kept()
     with path.open("a", encoding="utf-8") as file:
-        for kind, target, variant in _targets(options):
-            for number, case in enumerate(CASES[kind]):
-                name = (kind, SOURCES[kind], target, variant, number)
+        for kind, target, variant in targets_of(options):
+            own = [(number, partial(_row, kind, case)) for number, case in enumerate(CASES[kind])]
+            for number, row in [*own, *_strangers(kind, variant)]:
+                name = (kind, SOURCE[kind], target, variant, number)
                 if name not in done:
-                    row = _decided(kind, case, target, variant, memo)
-                    file.write(json.dumps({"case": name, **row}) + "\n")
+                    file.write(json.dumps({"case": name, **row(target, variant, memo)}) + "\n")
                     file.flush()
             memo.prune()
 
 
-def _targets(options: argparse.Namespace) -> Iterator[tuple[str, str, str]]:
+def _strangers(kind: str, variant: str) -> Iterator[tuple[str, Callable[..., dict[str, Any]]]]:
+    """The flights of the other kinds, on some scans, with names for their rows."""
+    for other in CASES if variant in _FOR_STRANGERS else ():
+        for inspection in dict.fromkeys(case.inspection for case in CASES[other] if other != kind):
+            yield f"{other} {inspection}", partial(_stranger, kind, other, inspection)
+
+
+def _stranger(
+    kind: str, other: str, inspection: str, target: str, variant: str, memo: _Kept
+) -> dict[str, Any]:
+    """What is decided for a flight of another kind; asked for all the same, it is to be refused."""
+    source, settings = made(other, SOURCE[other]).structure, settings_for("recommended")
+    there = replace(scan(kind, target, variant), kind=other)
+    plan, _ = decided(flown(other, inspection), source, there, settings, memo)
+    return {
+        "stranger": True,
+        "inspection": inspection,
+        "asked": f"on a {kind}",
+        "status": plan.status,
+        "reason": plan.reason,
+        "forecast": plan.measures.acceptance_probability,
+    }
+
+
+def targets_of(options: argparse.Namespace) -> Iterator[tuple[str, str, str]]:
+    """Kind, structure that nobody built, and scan of it, as the options choose."""
     first, last = (int(each) for each in options.seeds.split("-"))
     kinds = options.kinds.split(",") if options.kinds else list(CASES)
     variants = options.variants.split(",") if options.variants else VARIANTS
@@ -134,112 +102,52 @@ def _targets(options: argparse.Namespace) -> Iterator[tuple[str, str, str]]:
         yield kind, f"r{seed}", variant
 
 
-def _decided(kind: str, case: Case, target: str, variant: str, memo: _Kept) -> dict[str, Any]:
-    source = made(kind, SOURCES[kind]).structure
+def _row(kind: str, case: Case, target: str, variant: str, memo: _Kept) -> dict[str, Any]:
+    source = made(kind, SOURCE[kind]).structure
     settings = settings_for("recommended", correspondence=case.asked)
-    asked = {"inspection": case.inspection, "asked": str(case.asked or "once")}
-    there = scan(kind, target, variant)
-    try:
-        pair = study_pair(source, there, settings, memo)
-        takes = takes_of(_flown(kind, case.inspection), pair, settings, memo)
-    except UppliedError as refusal:
-        return {**asked, "status": "refused", "reason": str(refusal)}
-    found = counterparts_of(takes, settings)
-    reason = undecided(found, settings)
-    if not pair.surface.registration.accepted:
-        reason = reason or f"gate: {pair.surface.registration.reason}"
-    status = "refused" if reason else "warned" if doubts(found) else "ok"
-    known = least_probability(found)
+    plan, takes = decided(flown(kind, case.inspection), source, scan(kind, target, variant), settings, memo)
+    named = any("part_" in warning for warning in plan.warnings)
+    known = plan.measures.counterpart_probability
     return {
-        **asked,
-        "status": status,
-        "reason": reason or "; ".join(doubts(found)),
-        "told": pair.surface.told,
+        "inspection": case.inspection,
+        "asked": case.said,
+        "present": present(kind, case, target, variant),
+        "status": "warned" if plan.status == "ok" and named else plan.status,
+        "reason": plan.reason or "; ".join(plan.warnings),
+        "forecast": plan.measures.acceptance_probability,
         "sure": None if np.isnan(known) else known,
-        "flown": [list(one.flown) for one in found],
-        **_truth(kind, case, target, takes),
+        "flown": [list(one.flown) for one in plan.counterparts],
+        **(truth(kind, case, target, variant, takes) if takes else {"right": 0.0, "reach": 0.0}),
     }
 
 
-_FLOWN: dict[tuple[str, str], Demonstration] = {}
-
-
-def _flown(kind: str, inspection: str) -> Demonstration:
-    if (kind, inspection) not in _FLOWN:
-        _FLOWN[kind, inspection] = fly(made(kind, SOURCES[kind]).structure, inspection, seed=2)
-    return _FLOWN[kind, inspection]
-
-
-def _truth(kind: str, case: Case, target: str, takes: Sequence[Take]) -> dict[str, Any]:
-    """Share of what corresponds that is on a right part, how much of each that reaches, how much is there."""
-    on_right, counted, reached = 0.0, 0.0, np.empty((0, 3))
-    shown = 1.0
-    for take in takes:
-        cloud, fit = take.pair.surface.source, take.pair.surface
-        area = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
-        name = true_parts(kind, SOURCES[kind], cloud.points)
-        looked = take.inspection.attention.weight > _LOOKED_AT
-        main = _meant(case, name, looked, area)
-        shown = min(shown, float(area[main].sum() / area[np.isin(name, np.unique(name[main]))].sum()))
-        points = fit.correspondences.target_points[main]
-        known = np.isfinite(points[:, 0])
-        there = true_parts(kind, target, points[known])
-        good = np.array([case.right(str(each)) for each in there], bool)
-        on_right += float(area[main][known][good].sum())
-        counted += float(area[main][known].sum())
-        reached = np.vstack([reached, points[known]])
-    reach = _reach(kind, case, target, takes[0], reached, shown)
-    return {"right": on_right / max(counted, 1e-9), "counted": counted > 0, **reach}
-
-
-def _meant(case: Case, name: np.ndarray, looked: Bools, area: Floats) -> Bools:
-    """Which samples of the source are inspected and on a part of the sort that is meant."""
-    of_sort = np.array([case.right(str(each)) or sort(str(each)) in _SORTS[case.inspection] for each in name])
-    return np.asarray(looked & of_sort & (area > 0), bool)
-
-
-_SORTS = {"engine_left": ("engine",), "wings": ("wing",), "fuselage": ("fuselage",), "tower": ("tower",),
-          "piers": ("pier",), "hull": ("hull",)}  # fmt: skip
-
-
-def _reach(kind: str, case: Case, target: str, take: Take, reached: Floats, shown: float) -> dict[str, Any]:
-    """Least share of a right part, of what the demonstration shows of its own, that has a counterpart."""
-    clean = surface_samples(made(kind, target).structure, scene_of(made(kind, target).structure),
-                            settings_for("recommended").clouds)  # fmt: skip
-    name = true_parts(kind, target, clean.points)
-    scanned = take.pair.surface.target
-    there = cKDTree(scanned.points).query(clean.points)[0] < max(
-        2 * spacing(scanned), _THERE * made(kind, target).structure.diagonal_m
-    )
-    near = np.zeros(len(clean), bool)
-    if len(reached):
-        near = cKDTree(reached).query(clean.points)[0] < _REACH * spacing(clean)
-    area = np.ones(len(clean)) if clean.area_m2 is None else clean.area_m2
-    shares, present = [], []
-    for each in np.unique(name):
-        if case.right(str(each)):
-            mine = name == each
-            present.append(float(area[mine & there].sum() / area[mine].sum()))
-            shares.append(float(area[mine & near].sum() / max(area[mine & there].sum(), 1e-9)))
-    some = (min if case.every else max)(shares, default=0.0)
-    return {"reach": some / max(shown, 1e-9), "present": (min if case.every else max)(present, default=0.0)}
+def is_wrong(row: dict[str, Any]) -> bool:
+    """Whether what is decided is not on the right part, or leaves out much of it."""
+    return bool(row["right"] < RIGHT or row["reach"] < RIGHT)
 
 
 def is_silent(row: dict[str, Any]) -> bool:
     """Whether a decision is wrong and nothing says so."""
-    return row["status"] == "ok" and (row["right"] < RIGHT or row["reach"] < RIGHT)
+    return row["status"] == "ok" and is_wrong(row)
 
 
 def judge(options: argparse.Namespace) -> None:
-    """Count decisions by variant and by what is asked."""
-    rows = [json.loads(line) for line in Path(options.file).read_text(encoding="utf-8").splitlines()]
+    """Count decisions by variant and by what is asked, and what was said by what was right."""
+    rows = [
+        json.loads(line)
+        for file in options.file
+        for line in Path(file).read_text(encoding="utf-8").splitlines()
+    ]
+    others = [row for row in rows if row.get("stranger")]
+    rows = [row for row in rows if not row.get("stranger")]
     groups: dict[str, Callable[[dict[str, Any]], str]] = {
         "variant": lambda row: row["case"][3],
         "kind, inspection, asked": lambda row: f"{row['case'][0]} {row['inspection']} {row['asked']}",
         "all": lambda row: "all",
     }
     for title, of in groups.items():
-        print(f"{title:72}{'n':>5}{'ok':>6}{'warned':>8}{'refused':>9}{'right %':>9}{'silently wrong':>16}")
+        print(f"{title:72}{'n':>5}{'ok':>6}{'warned':>8}{'refused':>9}{'right %':>9}{'silently wrong':>16}"
+              f"{'there, refused':>16}")  # fmt: skip
         for name in dict.fromkeys(map(of, rows)):
             some = [row for row in rows if of(row) == name]
             ok, warned, refused = (
@@ -247,12 +155,56 @@ def judge(options: argparse.Namespace) -> None:
             )
             right = [row["right"] for row in some if row["status"] == "ok"]
             mean = 100 * np.mean(right) if right else np.nan
-            silent = sum(map(is_silent, some))
-            print(f"{name:72}{len(some):5}{ok:6}{warned:8}{refused:9}{mean:9.1f}{silent:16}")
+            there = [row["status"] == "refused" for row in some if row["present"] >= _WHOLE]
+            counted = f"{len(some):5}{ok:6}{warned:8}{refused:9}{mean:9.1f}{sum(map(is_silent, some)):16}"
+            print(f"{name:72}{counted}{sum(there):10} of {len(there)}")
+    _print_said(rows)
+    if options.curve:
+        Path(options.curve).write_text(_curve(rows), encoding="utf-8")
+    taken = [row for row in others if row["status"] != "refused"]
+    print(f"flights of other kinds: {len(taken)} of {len(others)} taken")
+    for row in taken:
+        print("TAKEN", *row["case"], row["asked"], f"forecast {row['forecast']:.2f}")
     for row in rows:
         if is_silent(row):
             said = f"right {row['right']:.2f} reach {row['reach']:.2f} sure {row['sure']}"
             print("SILENT", *row["case"], row["inspection"], row["asked"], said, row["flown"])
+
+
+def _print_said(rows: Sequence[dict[str, Any]]) -> None:
+    """How often what was said to be so certain was right."""
+    known = [row for row in rows if row["sure"] is not None]
+    for low, high in itertools.pairwise(_SURE):
+        some = [row for row in known if low <= row["sure"] < high]
+        if some:
+            said = 100 * np.mean([row["sure"] for row in some])
+            right = 100 * np.mean([row["right"] >= RIGHT for row in some])
+            print(f"said {100 * low:3.0f} to {min(100 * high, 100):3.0f} %: {len(some):4} decisions, "
+                  f"said {said:5.1f}, right {right:5.1f}")  # fmt: skip
+
+
+def _curve(rows: Sequence[dict[str, Any]]) -> str:
+    """What was said to be so certain against what was right of it, as a picture (SVG)."""
+    known = [row for row in rows if row["sure"] is not None]
+    dots = []
+    for low, high in itertools.pairwise(_SURE):
+        some = [row for row in known if low <= row["sure"] < high]
+        if some:
+            said = float(np.mean([row["sure"] for row in some]))
+            right = float(np.mean([row["right"] >= RIGHT for row in some]))
+            x, y = 40 + 300 * said, 320 - 300 * right
+            dots.append(
+                f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{3 + len(some) ** 0.4:.1f}"/>'
+                f'<text x="{x - 12:.1f}" y="{y:.1f}" text-anchor="end">{len(some)}</text>'
+            )
+    return (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 360 360" font-size="11">'
+        '<rect width="360" height="360" fill="white"/>'
+        '<path d="M40 20V320H340M40 320L340 20" fill="none" stroke="#888"/>'
+        f'<g fill="#1f5fa8">{"".join(dots)}</g>'
+        '<text x="190" y="350" text-anchor="middle">said, 0 to 100 %</text>'
+        '<text x="16" y="170" text-anchor="middle" transform="rotate(-90 16 170)">right</text></svg>\n'
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -261,8 +213,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     commands = parser.add_subparsers(required=True)
     for name, run in (("write", decisions), ("judge", judge)):
         command = commands.add_parser(name)
-        command.add_argument("file")
+        command.add_argument("file", nargs="+" if run is judge else 1)
         command.set_defaults(run=run)
+        if run is judge:
+            command.add_argument("--curve", default="", help="where to draw what was said by what was right")
         if run is decisions:
             command.add_argument("--kinds", default="")
             command.add_argument("--seeds", default="31-33")

@@ -1,114 +1,169 @@
-"""Plans on scans to the end, judged by what is truly seen on the clean mesh.
+"""Plans on scans to the end, judged by what is truly seen of the clean mesh, and how near they come to it.
 
-    python bench/as_built_plans.py [--only WORD]
+    python bench/as_built_plans.py write FILE [--kinds airliner,ship] [--seeds 31-36] [--variants shell]
+    python bench/as_built_plans.py judge FILE...
 
-A plan is silently wrong where its status is ok, no warning names a part, and less than 80 % of what the plan
-for the clean mesh shows of the right part is seen there.
+Each case is planned on the structure as modelled and as scanned. A plan is silently wrong where its status
+is ok, no warning names a part, and less than 80 % of what the plan for the model shows of the right part is
+seen.
+The clearance that is promised (`min_clearance_m`) must be kept on the clean mesh.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
-from dataclasses import replace
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from as_built import sort
-from scans import VARIANTS, made, scan, true_parts
+from as_built_cases import CASES, RIGHT, SOURCE, Case, area_of, clean_cloud, flown
+from as_built_decisions import targets_of
+from scans import made, scan, true_parts
 
 from upplied.config import settings_for
+from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.plan import plan_transfer
-from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.path_views import TRULY, views
 from upplied.records import Camera, Plan, Trajectory
-from upplied.samples.pilot import fly
 from upplied.scene import scene_of
 
-#: Kind, source, inspection, what is asked, target, and the parts that should be shown.
-PLANS: tuple[tuple[str, str, str, dict[str, Any], str, str], ...] = (
-    ("airliner", "a320-v1", "engine_left", {"repeat": "each", "expect": 4}, "b747-v1", "engine"),
-    ("airliner", "a320-v1", "engine_left", {}, "b777-v1", "engine_left"),
-    ("airliner", "a320-v1", "engine_left", {"counterparts": [("engine_left", "outer")]}, "b747-v1",
-     "engine_left_outer"),
-    ("airliner", "a320-v1", "wings", {}, "r11", "wing"),
-    ("airliner", "a320-v1", "fuselage", {}, "b777-v1", "fuselage"),
-    ("wind_turbine", "turbine-1-v1", "tower", {}, "turbine-2-v1", "tower"),
-    ("bridge", "bridge-1-v1", "piers", {}, "bridge-2-v1", "pier"),
-    ("ship", "cruise-v1", "hull", {}, "yacht-2-v1", "hull"),
-)  # fmt: skip
-STRANGERS = (("airliner", "a320-v1", "engine_left", "ship", "cruise-v1"),
-             ("bridge", "bridge-1-v1", "piers", "airliner", "b777-v1"),
-             ("ship", "cruise-v1", "hull", "bridge", "bridge-2-v1"))  # fmt: skip
-CLEARANCE_M = 2.0  # that `recommended` keeps
-SHOWN = 0.8  # of what the plan for the clean mesh shows of the right part
+_TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)
 
 
 def plans(options: argparse.Namespace) -> None:
-    """Plan on scans, and judge by the clean mesh."""
-    print("source inspection > target (asked): variant: status, right part seen on the clean mesh "
-          "(least of several), clearance there; silent wrong plans are marked")  # fmt: skip
-    wrong = refused = planned = near = 0
-    for kind, source, inspection, asked, target, right in PLANS:
-        if options.only not in f"{kind} {inspection} {target}":
-            continue
-        clean = None
-        for variant in VARIANTS:
-            plan = _planned(kind, source, inspection, asked, kind, target, variant)
-            said = any("part_" in warning for warning in plan.warnings)
-            line = f"{source} {inspection} > {target} ({asked or 'once'}): {variant:8} {plan.status:8}"
-            planned += 1
-            if plan.trajectory is None:
-                refused += 1
-                print(f"{line} {plan.reason[:140]}", flush=True)
-                continue
-            seen, clearance = _judged(plan.trajectory, kind, target, right)
-            clean = seen if variant == "model" else clean
-            silent = clean is not None and seen < SHOWN * clean and not said
-            wrong, near = wrong + silent, near + (clearance < CLEARANCE_M)
-            known = plan.measures.counterpart_probability
-            mark = ", SILENT WRONG" if silent else ", warned" if said else ""
-            print(
-                f"{line} seen {100 * seen:3.0f} %, clear {clearance:.2f} m, sure {known:.2f}{mark}",
-                flush=True,
-            )
-    for kind, source, inspection, other, target in STRANGERS:
-        for variant in ("shell", "cloud"):
-            if options.only not in f"{kind} {inspection} {target}":
-                continue
-            plan = _planned(kind, source, inspection, {}, other, target, variant)
-            said = f"stranger {source} {inspection} > {target}: {variant:8}"
-            print(said, plan.status, plan.reason[:80])
-    print(f"{planned} plans, {refused} refused, {wrong} silently wrong, {near} nearer on the clean mesh")
+    """Plan on scans, and judge by the clean mesh; the plan on the model comes first."""
+    path = Path(options.file[0])
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    rows = {tuple(json.loads(line)["case"]): json.loads(line) for line in lines}
+    with path.open("a", encoding="utf-8") as file:
+        for kind, target, variant in targets_of(options):
+            for number, case in enumerate(CASES[kind]):
+                if options.cases and str(number) not in options.cases.split(","):
+                    continue
+                for scanned in dict.fromkeys(("model", variant)):
+                    name = (kind, SOURCE[kind], target, scanned, number)
+                    if name not in rows:
+                        rows[name] = {"case": name, **_row(kind, case, target, scanned)}
+                        file.write(json.dumps(rows[name]) + "\n")
+                        file.flush()
 
 
-def _planned(
-    kind: str, source: str, inspection: str, asked: dict[str, Any], other: str, target: str, variant: str
-) -> Plan:
-    one, there = made(kind, source).structure, scan(other, target, variant)
-    settings = settings_for("recommended", correspondence=asked)
-    return plan_transfer(fly(one, inspection, seed=2), one, replace(there, kind=kind), settings)
+def _row(kind: str, case: Case, target: str, variant: str) -> dict[str, Any]:
+    source, there = made(kind, SOURCE[kind]).structure, scan(kind, target, variant)
+    demonstration = flown(kind, case.inspection)
+    start = time.process_time()
+    plan = plan_transfer(demonstration, source, there, settings_for("recommended", correspondence=case.asked))
+    took = time.process_time() - start
+    named = any("part_" in warning for warning in plan.warnings)
+    row = {
+        "inspection": case.inspection,
+        "asked": case.said,
+        "status": "warned" if plan.status == "ok" and named else plan.status,
+        "reason": plan.reason or "; ".join(plan.warnings),
+        "cpu_s": took,
+    }
+    return row if plan.trajectory is None else {**row, **_judged(plan, plan.trajectory, kind, case, target)}
 
 
-def _judged(path: Trajectory, kind: str, target: str, right: str) -> tuple[float, float]:
-    """Share of the right part (the least of several) seen on the clean mesh, and the clearance there, m."""
-    clean = made(kind, target).structure
-    scene = scene_of(clean, 1)
-    cloud = surface_samples(clean, scene, settings_for("recommended").clouds)
+def _judged(plan: Plan, path: Trajectory, kind: str, case: Case, target: str) -> dict[str, Any]:
+    """What of the right part is seen on the clean mesh (the least of several), and the clearance there."""
+    scene, cloud = scene_of(made(kind, target).structure, 1), clean_cloud(kind, target)
     seen = views(path, cloud, Camera(), TRULY, scene).seen.any(axis=0)
-    name = true_parts(kind, target, cloud.points)
-    area = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
-    meant = [each for each in np.unique(name) if str(each) == right or sort(str(each)) == right]
-    shares = [float(area[seen & (name == each)].sum() / area[name == each].sum()) for each in meant]
-    along = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(path.positions)])
-    return min(shares), float(scene.distance(along).min())
+    name, area = true_parts(kind, target, cloud.points), area_of(cloud)
+    shares = [
+        float(area[seen & mine].sum() / max(area[mine].sum(), 1e-9))
+        for mine in (name == each for each in case.right(kind, target))
+    ]
+    return {
+        "seen": (min if case.every else max)(shares, default=0.0),
+        "reported": plan.measures.coverage_inspected_pct,
+        "promised_m": plan.measures.min_clearance_m,
+        "error_m": plan.measures.surface_error_m,
+        "kept_m": path_clearance(scene, path.positions).distance_m,
+    }
 
 
-def main() -> None:
-    """Plan and judge."""
+def judge(options: argparse.Namespace) -> None:
+    """Count plans by variant: against the plan on the model of the same case."""
+    rows = [
+        json.loads(line)
+        for file in options.file
+        for line in Path(file).read_text(encoding="utf-8").splitlines()
+    ]
+    models = {_without_variant(row): row for row in rows if row["case"][3] == "model"}
+    print(f"{'scan':10}{'n':>5}{'ok':>5}{'warned':>8}{'refused':>9}", end="")
+    print(f"{'seen less by, points: median':>30}{'p95':>6}", end="")
+    print(f"{'silently wrong':>16}{'too near':>10}{'worst, m':>10}{'error, m':>10}{'CPU':>6}")
+    for variant in [*dict.fromkeys(row["case"][3] for row in rows), "all scans"]:
+        some = [
+            row
+            for row in rows
+            if row["case"][3] == variant or variant == "all scans" != row["case"][3] != "model"
+        ]
+        _print_row(variant, some, models)
+    for row in rows:
+        if _silent(row, models):
+            clean = models[_without_variant(row)].get("seen", np.nan)
+            print(
+                "SILENT", *row["case"], row["inspection"], row["asked"], f"{row['seen']:.2f} of {clean:.2f}"
+            )
+
+
+def _print_row(variant: str, some: Sequence[dict[str, Any]], models: dict[tuple[Any, ...], Any]) -> None:
+    ok, warned, refused = (
+        sum(row["status"] == status for row in some) for status in ("ok", "warned", "refused")
+    )
+    pairs = [(row, models.get(_without_variant(row), {})) for row in some]
+    less = [
+        100 * (clean["seen"] - row["seen"])
+        for row, clean in pairs
+        if row["status"] == "ok" and "seen" in clean
+    ]
+    over = [row["kept_m"] - row["promised_m"] for row in some if "kept_m" in row]
+    cost = [row["cpu_s"] / clean["cpu_s"] for row, clean in pairs if "seen" in row and "seen" in clean]
+    error = [row["error_m"] for row in some if "error_m" in row]
+    print(
+        f"{variant:10}{len(some):5}{ok:5}{warned:8}{refused:9}{_of(np.median, less):30.1f}"
+        f"{_of(lambda values: np.percentile(values, 95), less):6.1f}"
+        f"{sum(_silent(row, models) for row in some):16}"
+        f"{sum(each < -_TOLERANCE_M for each in over):5} / {len(over):3}{_of(min, over):9.2f}"
+        f"{_of(np.median, error):10.2f}{_of(np.median, cost):6.2f}"
+    )
+
+
+def _of(measure: Any, values: Sequence[float]) -> float:
+    return float(measure(values)) if values else float("nan")
+
+
+def _without_variant(row: dict[str, Any]) -> tuple[Any, ...]:
+    kind, source, target, _, number = row["case"]
+    return kind, source, target, number
+
+
+def _silent(row: dict[str, Any], models: dict[tuple[Any, ...], Any]) -> bool:
+    """Whether a plan shows much less of the right part than the one for the model, and nothing says so."""
+    clean = models.get(_without_variant(row), {}).get("seen")
+    return row["status"] == "ok" and clean is not None and row["seen"] < RIGHT * clean
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run one of the commands."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--only", default="", help="kind, inspection and target contain it")
-    plans(parser.parse_args())
+    commands = parser.add_subparsers(required=True)
+    for name, run in (("write", plans), ("judge", judge)):
+        command = commands.add_parser(name)
+        command.add_argument("file", nargs="+" if run is judge else 1)
+        command.set_defaults(run=run)
+        if run is plans:
+            command.add_argument("--kinds", default="")
+            command.add_argument("--seeds", default="31-33")
+            command.add_argument("--variants", default="")
+            command.add_argument("--cases", default="", help="numbers of cases of each kind")
+    options = parser.parse_args(arguments)
+    options.run(options)
 
 
 if __name__ == "__main__":

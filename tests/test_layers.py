@@ -15,7 +15,8 @@ ROOT = Path(__file__).parents[1]
 
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
-    "errors", "extras", "records", "config", "checks", "poses", "scene", "threads", "provenance", "guard",
+    "errors", "extras", "records", "config", "checks", "poses", "discs", "scene",
+    "threads", "provenance", "guard",
 }  # fmt: skip
 ALLOWED = {
     "errors": set(),
@@ -24,6 +25,7 @@ ALLOWED = {
     "config": {"errors"},
     "checks": {"errors", "records", "config"},
     "poses": {"errors", "records", "config", "checks"},
+    "discs": {"errors", "records"},
     "scene": FOUNDATION,
     "threads": set(),
     "provenance": set(),

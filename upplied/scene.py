@@ -20,6 +20,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from upplied.discs import Discs
 from upplied.records import Bools, Floats, Ints, Structure
 
 
@@ -84,14 +85,24 @@ class Scene:
     grain_m : float
         How coarsely the triangles stand for the surface: 0 for a mesh, the discs' radius for a
         sampled cloud. A sight line that comes this near to its target has arrived.
+    error_m : float
+        How much nearer the surface may be than its triangles, see `Discs.error_m`: `distance` and
+        `closest` take it to be so.
     """
 
-    def __init__(self, vertices: Floats, triangles: Ints, threads: int = 0, grain_m: float = 0.0) -> None:
+    def __init__(
+        self,
+        vertices: Floats,
+        triangles: Ints,
+        threads: int = 0,
+        grain_m: float = 0.0,
+        error_m: float = 0.0,
+    ) -> None:
         core = open3d().core
         self.box = vertices.min(axis=0), vertices.max(axis=0)
         self.origin = (self.box[0] + self.box[1]) / 2
         self.threads = threads or int(os.environ.get("UPPLIED_THREADS", "0"))
-        self.grain_m = grain_m
+        self.grain_m, self.error_m = grain_m, error_m
         self._scene = open3d().t.geometry.RaycastingScene(nthreads=self.threads)
         self._scene.add_triangles(
             core.Tensor(np.ascontiguousarray(vertices - self.origin, np.float32)),
@@ -156,18 +167,21 @@ class Scene:
         return self._scene.count_intersections(self._tensor(rays), self.threads).numpy().astype(np.int64)
 
     def distance(self, points: Floats) -> Floats:
-        """Unsigned distance (N,) of each point (N, 3) from the surface, m."""
+        """Unsigned distance (N,) of each point (N, 3) from the surface, m, less what that may be off."""
         local = np.asarray(np.reshape(points, (-1, 3)) - self.origin, np.float32)
-        return self._scene.compute_distance(self._tensor(local), self.threads).numpy().astype(float)
+        away = self._scene.compute_distance(self._tensor(local), self.threads).numpy().astype(float)
+        return np.maximum(away - self.error_m, 0.0) if self.error_m else away
 
     def closest(self, points: Floats) -> tuple[Floats, Ints]:
-        """Closest surface point (N, 3), m, and its triangle (N,)."""
+        """Closest place (N, 3), m, that the surface may reach, and its triangle (N,)."""
         local = np.asarray(np.reshape(points, (-1, 3)) - self.origin, np.float32)
         found = self._scene.compute_closest_points(self._tensor(local), self.threads)
-        return (
-            found["points"].numpy().astype(float) + self.origin,
-            found["primitive_ids"].numpy().astype(np.int64),
-        )
+        places = found["points"].numpy().astype(float) + self.origin
+        if self.error_m:
+            away = np.reshape(points, (-1, 3)) - places
+            length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
+            places = places + away * np.minimum(self.error_m / length, 1.0)
+        return places, found["primitive_ids"].numpy().astype(np.int64)
 
     @staticmethod
     def _tensor(array: np.ndarray) -> Any:
@@ -190,9 +204,8 @@ def scene_of(structure: Structure, threads: int = 0) -> Scene:
 def _new_scene(structure: Structure, threads: int) -> Scene:
     if len(structure.triangles):
         return Scene(structure.vertices, structure.triangles, threads)
-    vertices, triangles = surfels(*_few(structure.vertices, structure.normals))
-    radius = np.linalg.norm(vertices[1::7] - vertices[0::7], axis=1)  # each disc: its centre, then its rim
-    return Scene(vertices, triangles, threads, grain_m=float(np.median(radius)))
+    discs = Discs.of(*_few(structure.vertices, structure.normals))
+    return Scene(*discs.mesh(), threads, discs.grain_m, discs.error_m())
 
 
 _MOST_DISCS = 200_000  # a disc takes about a kilobyte while rays are cast; more stand for no finer surface
@@ -204,45 +217,6 @@ def _few(points: Floats, normals: Floats | None) -> tuple[Floats, Floats | None]
         return points, normals
     chosen = np.sort(np.random.default_rng(0).choice(len(points), _MOST_DISCS, replace=False))
     return points[chosen], None if normals is None else normals[chosen]
-
-
-def surfels(points: Floats, normals: Floats | None) -> tuple[Floats, Ints]:
-    """Oriented hexagons that stand for a sampled surface.
-
-    The radius is the distance to the sixth neighbour: on sampled meshes this agrees with the mesh
-    itself on 95 % of the sight lines. Without normals, the plane of the twelve nearest points decides.
-
-    Parameters
-    ----------
-    points : array, shape (N, 3), m
-    normals : array, shape (N, 3) or None
-
-    Returns
-    -------
-    vertices : array, shape (7 N, 3), m
-    triangles : array, shape (6 N, 3)
-    """
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(points)
-    distances, neighbours = tree.query(points, k=min(13, len(points)))
-    radius = distances[:, min(6, distances.shape[1] - 1)]
-    if normals is None:
-        patch = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
-        normals = np.linalg.eigh(np.einsum("nki,nkj->nij", patch, patch))[1][:, :, 0]
-    helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(normals, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(normals, first)
-    angles = np.arange(6) * np.pi / 3
-    rim = points[:, None] + radius[:, None, None] * (
-        np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * second[:, None]
-    )
-    vertices = np.concatenate([points[:, None], rim], axis=1).reshape(-1, 3)
-    corner = np.arange(6)
-    fan = np.stack([np.zeros(6, int), 1 + corner, 1 + (corner + 1) % 6], axis=1)
-    triangles = (7 * np.arange(len(points)))[:, None, None] + fan
-    return vertices, triangles.reshape(-1, 3)
 
 
 def simplified(vertices: Floats, triangles: Ints, count: int) -> tuple[Floats, Ints]:

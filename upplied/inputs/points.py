@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.discs import surfels
 from upplied.records import Bools, Floats, Ints
-from upplied.scene import Scene, surfels
+from upplied.scene import Scene
 
 _NEIGHBOURS = 13
 _JUDGED = 30_000  # points that vote by rays; the others follow their neighbours

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from upplied.config import Settings, digest
@@ -15,7 +16,7 @@ from upplied.planning.carry.counterparts import (
 from upplied.planning.carry.forecast import forecast_of, unlikely
 from upplied.planning.correspondence.pair import METHOD_VERSION, Memo, no_memo, study_pair
 from upplied.planning.demonstration.inspection import nothing_shown
-from upplied.planning.demonstration.repetition import inspected_states, takes_of
+from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
 from upplied.planning.measures.evaluate import judge
 from upplied.planning.measures.verdict import shortfalls
 from upplied.planning.surface.frames import (
@@ -76,9 +77,14 @@ def plan_transfer(
     )
 
 
-def _planned(
+def decided(
     demonstration: Demonstration, source: Structure, target: Structure, settings: Settings, memo: Memo
-) -> Plan:
+) -> tuple[Plan, Sequence[Take]]:
+    """What is known before a path is sought: a refusal, or takes to plan from.
+
+    The plan has no trajectory yet, and the warnings that are known so far; where it is refused there may be
+    no takes. All is in the frames that the structures are given in.
+    """
     plan = Plan(
         demonstration_id=demonstration.demonstration_id,
         source_id=source.structure_id,
@@ -88,56 +94,65 @@ def _planned(
         status="ok",
     )
     # Are they of like size, or was a unit mistaken?
-    if (sizes := wrong_size(source, target, settings)) and settings.verdict.enforce:
-        return replace(plan, status="refused", reason="; ".join(sizes))
-    sizes_said = odd_size(source, target, settings) if not sizes else ()
+    sizes = wrong_size(source, target, settings)
+    if sizes and settings.verdict.enforce:
+        return replace(plan, status="refused", reason="; ".join(sizes)), ()
+    plan = replace(plan, warnings=() if sizes else odd_size(source, target, settings))
     # Do the structures fit, and what on one corresponds to what on the other? (Algorithm 1)
     try:
         pair = study_pair(source, target, settings, memo)
     except RefusedError as refusal:  # a part that was named cannot be told apart
-        return replace(plan, status="refused", reason=str(refusal))
-    plan = replace(
-        plan,
-        registration=pair.fit_for(settings).registration,
-        counterpart_summary=pair.surface.correspondences.summary,
-    )
-    least = settings.registration.least_probability
+        return replace(plan, status="refused", reason=str(refusal)), ()
     found = pair.fit_for(settings).registration
+    plan = replace(plan, registration=found, counterpart_summary=pair.surface.correspondences.summary)
+    least = settings.registration.least_probability
     if not found.accepted and least is None:
-        return replace(plan, status="refused", reason=found.reason)
+        return replace(plan, status="refused", reason=found.reason), ()
     # What did the expert look at, and from which viewpoints? (Algorithm 2, lines 1 to 13)
     takes = takes_of(demonstration, pair, settings, memo)
     plan = replace(plan, inspected=inspected_states(takes[0]))
     if nothing := nothing_shown(takes[0].inspection, takes[0].pair, settings):
-        return replace(plan, status="refused", reason=nothing)
+        return replace(plan, status="refused", reason=nothing), takes
     # Would a transfer show that?
     likely = forecast_of(takes)
-    plan = replace(plan, acceptance_evidence=likely.evidence)
-    plan = replace(plan, measures=Measures(acceptance_probability=likely.probability))
+    plan = replace(
+        plan,
+        acceptance_evidence=likely.evidence,
+        measures=Measures(acceptance_probability=likely.probability),
+    )
     if least is not None and likely.probability < least:
-        return replace(plan, status="refused", reason=unlikely(likely, least, found))
+        return replace(plan, status="refused", reason=unlikely(likely, least, found)), takes
     # Which part of the target is it, and can that be told?
     answers = counterparts_of(takes, settings)
     known = replace(plan.measures, counterpart_probability=least_probability(answers))
-    plan = replace(plan, counterparts=answers, measures=known)
+    plan = replace(plan, counterparts=answers, measures=known, warnings=(*plan.warnings, *doubts(answers)))
     if unsure := undecided(answers, settings):
-        return replace(plan, status="refused", reason=unsure)
-    doubted = doubts(answers)
+        return replace(plan, status="refused", reason=unsure), takes
+    return plan, takes
+
+
+def _planned(
+    demonstration: Demonstration, source: Structure, target: Structure, settings: Settings, memo: Memo
+) -> Plan:
+    plan, takes = decided(demonstration, source, target, settings, memo)
+    if plan.status != "ok":
+        return replace(plan, warnings=())
     # From where does the target show the same? (lines 14 to 18)
     try:
         trajectory, is_viewpoint, answers_s = propose(takes, settings)
     except RefusedError as refusal:
-        return replace(plan, status="refused", reason=str(refusal))
+        return replace(plan, status="refused", reason=str(refusal), warnings=())
     # How good is it? The same measures for every preset.
     measures, surface, warnings = judge(trajectory, answers_s, takes, settings, memo)
     measures = replace(
         measures,
-        acceptance_probability=likely.probability,
-        counterpart_probability=known.counterpart_probability,
+        acceptance_probability=plan.measures.acceptance_probability,
+        counterpart_probability=plan.measures.counterpart_probability,
     )
     # May it be flown? What falls short is refused, or says so where it is for comparison.
+    sizes = wrong_size(source, target, settings)
     short = "; ".join((*sizes, *shortfalls(trajectory, measures, takes, settings)))
-    warnings = (*sizes_said, *doubted, *warnings)
+    warnings = (*plan.warnings, *warnings)
     if short and settings.verdict.enforce:
         return replace(plan, status="refused", reason=short, measures=measures, warnings=warnings)
     return replace(

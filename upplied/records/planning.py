@@ -41,6 +41,8 @@ class Registration(Record):
     accepted: bool
     reason: str = ""  # why not, in words, where it is refused
     acceptance: float = float("nan")  # free of density and scale, lower is better; NaN where not computed
+    # The same of the target's surface alone, which what was never scanned does not raise.
+    scanned: float = float("nan")
     runner_up_gap: float = float("nan")  # relative gap to the next best orientation; NaN where not searched
     evidence: str = ""  # what was tried and found, in words
     turn: Floats = field(default_factory=lambda: np.eye(3))  # (3, 3) proper, of the target before its scaling

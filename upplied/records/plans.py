@@ -40,6 +40,7 @@ class Measures(Record):
     frechet_floored: float = float("nan")
     frechet_m: float = float("nan")
     min_clearance_m: float = float("nan")
+    surface_error_m: float = float("nan")
     path_length_m: float = float("nan")
     duration_s: float = float("nan")
     standoff_ratio_p50: float = float("nan")

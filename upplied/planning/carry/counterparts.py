@@ -181,7 +181,7 @@ def _probability(
     if carried is None:
         return None
     registered = in_source_frame(fit.target, fit.registration)
-    known = fit.registration.acceptance, fit.told >= 0
+    known = fit.registration.scanned, fit.told >= 0
 
     def answer(parts: list[int]) -> float:
         found = evidence_of_answer(fit.source, part, registered, parts, *known, carried)

@@ -44,6 +44,8 @@ class Misfit(Record):
     gap: float  # mean distance of the surfaces, both ways, over the diagonal
     stretch: float  # |log| of the scale of the axis that differs most from the middle one
     value: float  # what is gated, by `RegistrationSettings.acceptance`
+    scanned: float  # the same of the target's surface alone: blind to what was never scanned
+    common: float  # share of the source's cells that are at most one cell from the target's
     where: str  # what fits worst, in words; empty where nothing does
 
 
@@ -57,14 +59,20 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
     """
     registered = in_source_frame(target, registration)
     here = _with_blades_turned(source, registered)
-    overlap = _overlap(here.points, registered.points)
+    common, explained = _overlaps(here.points, registered.points)
+    overlap = (common + explained) / 2
     diagonal = diagonal_of(source.points)
     forth, back = _distances(here, registered, diagonal), _distances(registered, here, diagonal)
-    gap = (_mean(here, forth) + _mean(registered, back)) / 2
+    gap_there = _mean(registered, back)
+    gap = (_mean(here, forth) + gap_there) / 2
     logs = np.sort(np.log(registration.scale))
     stretch = float(np.abs(logs - logs[1]).max())
-    value = float(np.dot(_WEIGHTS, (1 - overlap, gap, stretch)))
-    return Misfit(overlap, gap, stretch, value, _worst(source, registered, forth, back, diagonal, words))
+    value, scanned = (
+        float(np.dot(_WEIGHTS, found))
+        for found in ((1 - overlap, gap, stretch), (1 - explained, gap_there, stretch))
+    )
+    worst = _worst(source, registered, forth, back, diagonal, words)
+    return Misfit(overlap, gap, stretch, value, scanned, common, worst)
 
 
 def _with_blades_turned(source: Cloud, registered: Cloud) -> Cloud:
@@ -74,13 +82,14 @@ def _with_blades_turned(source: Cloud, registered: Cloud) -> Cloud:
     return Cloud(moved.points, moved.normals, source.area_m2, source.part)
 
 
-def _overlap(points: Floats, others: Floats) -> float:
+def _overlaps(points: Floats, others: Floats) -> tuple[float, float]:
+    """Share of the cells of either that are at most one cell from the other's."""
     low = np.minimum(points.min(axis=0), others.min(axis=0))
     size = np.maximum(np.maximum(points.max(axis=0), others.max(axis=0)) - low, 1e-9)
     one, other = _occupied(points, low, size), _occupied(others, low, size)
     forth = (one & ndimage.binary_dilation(other)).sum() / one.sum()
     back = (other & ndimage.binary_dilation(one)).sum() / other.sum()
-    return float(forth + back) / 2
+    return float(forth), float(back)
 
 
 def _occupied(points: Floats, low: Floats, size: Floats) -> Bools:

@@ -96,7 +96,7 @@ def _probability(fit: Fit, zone: Bools) -> float:
         answers = [int(answer) for answer in fit.correspondences.parts_answering(int(part))]
         if not answers:
             return 0.0
-        known = fit.registration.acceptance, fit.told >= 0
+        known = fit.registration.scanned, fit.told >= 0
         evidence = evidence_of_answer(fit.source, int(part), registered, answers, *known, fit.carried)
         found.append(probability(evidence, ANSWERS))
     return min(found)

@@ -77,6 +77,7 @@ def measure(
         frechet_floored=frechet_floored(carried @ axes.T, planned.positions @ axes.T),
         frechet_m=frechet(carried, planned.positions),
         min_clearance_m=path_clearance(scene, planned.positions).distance_m,
+        surface_error_m=scene.error_m,
         path_length_m=path_length(planned.positions),
         duration_s=float(planned.t_s[-1] - planned.t_s[0]),
         peak_speed_mps=speed,
