@@ -142,7 +142,7 @@ def test_rooms_of_planning_use_those_before_them(path: Path):
 
 
 def test_the_method_goes_from_room_to_room_and_not_back():
-    """`plan._planned` asks the rooms in their order: a demonstration becomes a plan in one pass."""
+    """`plan.decided` and `plan._planned` ask the rooms in their order: one pass from flight to plan."""
     tree = ast.parse((ROOT / "upplied" / "planning" / "plan.py").read_text(encoding="utf-8"))
     room_of_name = {
         alias.name: str(node.module).split(".")[2]
@@ -150,9 +150,16 @@ def test_the_method_goes_from_room_to_room_and_not_back():
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith("upplied.planning.")
         for alias in node.names
     }
-    (method,) = (node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "_planned")
+    method = [
+        node
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef) and node.name in ("decided", "_planned")
+    ]
     calls = [
-        node for node in ast.walk(method) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+        node
+        for function in method
+        for node in ast.walk(function)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     ]
     called = sorted((call.lineno, call.func.id) for call in calls if call.func.id in room_of_name)
     entered = [room_of_name[name] for _, name in called]

@@ -82,8 +82,8 @@ def decided(
 ) -> tuple[Plan, Sequence[Take]]:
     """What is known before a path is sought: a refusal, or takes to plan from.
 
-    The plan has no trajectory yet, and the warnings that are known so far; where it is refused there may be
-    no takes. All is in the frames that the structures are given in.
+    The plan has no trajectory yet, and the warnings and shortfalls that are known so far; where it is refused
+    there may be no takes. All is in the frames that the structures are given in.
     """
     plan = Plan(
         demonstration_id=demonstration.demonstration_id,
@@ -97,7 +97,8 @@ def decided(
     sizes = wrong_size(source, target, settings)
     if sizes and settings.verdict.enforce:
         return replace(plan, status="refused", reason="; ".join(sizes)), ()
-    plan = replace(plan, warnings=() if sizes else odd_size(source, target, settings))
+    said = () if sizes else odd_size(source, target, settings)
+    plan = replace(plan, warnings=said, not_flyable="; ".join(sizes))
     # Do the structures fit, and what on one corresponds to what on the other? (Algorithm 1)
     try:
         pair = study_pair(source, target, settings, memo)
@@ -136,12 +137,12 @@ def _planned(
 ) -> Plan:
     plan, takes = decided(demonstration, source, target, settings, memo)
     if plan.status != "ok":
-        return replace(plan, warnings=())
+        return replace(plan, warnings=(), not_flyable="")
     # From where does the target show the same? (lines 14 to 18)
     try:
         trajectory, is_viewpoint, answers_s = propose(takes, settings)
     except RefusedError as refusal:
-        return replace(plan, status="refused", reason=str(refusal), warnings=())
+        return replace(plan, status="refused", reason=str(refusal), warnings=(), not_flyable="")
     # How good is it? The same measures for every preset.
     measures, surface, warnings = judge(trajectory, answers_s, takes, settings, memo)
     measures = replace(
@@ -150,8 +151,8 @@ def _planned(
         counterpart_probability=plan.measures.counterpart_probability,
     )
     # May it be flown? What falls short is refused, or says so where it is for comparison.
-    sizes = wrong_size(source, target, settings)
-    short = "; ".join((*sizes, *shortfalls(trajectory, measures, takes, settings)))
+    found = shortfalls(trajectory, measures, takes, settings)
+    short = "; ".join((*([plan.not_flyable] if plan.not_flyable else []), *found))
     warnings = (*plan.warnings, *warnings)
     if short and settings.verdict.enforce:
         return replace(plan, status="refused", reason=short, measures=measures, warnings=warnings)
