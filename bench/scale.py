@@ -79,7 +79,12 @@ def clocked(job: fleet.Job) -> Outcome:
 
 
 def scaled(
-    demonstration: Demonstration, source: Structure, target: Structure, settings: Settings, memo: Memo
+    demonstration: Demonstration,
+    source: Structure,
+    target: Structure,
+    settings: Settings,
+    memo: Memo,
+    *_: None,
 ) -> Plan:
     """Stands for planning: a cloud of the target, kept in the cache, and the path scaled box by box."""
     cloud = memo("clouds", Cloud, target.sha256, lambda: voxel_cloud(target, settings.clouds))

@@ -60,6 +60,43 @@ def test_every_value_is_told_with_where_it_comes_from(catalog, capsys):
     assert list(catalog.said_settings()["value_json"]) == ["3", "0.002", ""]
 
 
+def keys(catalog: Catalog) -> dict[tuple[str, str], str]:
+    return {(job.target_id, job.settings.preset): job.key for job in fleet.decide(catalog, BOTH).jobs}
+
+
+def test_what_must_be_seen_is_part_of_the_key_of_plans_that_are_flown(catalog, capsys):
+    usual = keys(catalog)
+    zone = {"zone": "roof", "where": "part_0", "gsd_mm": 2.0}
+    catalog.require("kind", "box", "monthly", [zone], "Ada")
+    of_kind = keys(catalog)
+    changed = {name for name in usual if of_kind[name] != usual[name]}
+    assert changed == {("t1", "recommended"), ("t2", "recommended")}
+    # what a plan is not made by does not make another
+    catalog.require(
+        "kind", "box", "monthly", [{**zone, "zone": "top", "max_age_days": 30, "looks": 2}], "Ada"
+    )
+    assert keys(catalog) == of_kind
+    catalog.require("structure", "t1", "yearly", [{"zone": "side", "where": "box 0 0 0 1 1 1"}], "Ada")
+    own = keys(catalog)
+    assert {name for name in own if own[name] != of_kind[name]} == {("t1", "recommended")}
+    rows = catalog.settings_of("t1").set_index("setting")
+    assert rows.loc["required.zones", "value"] == "top (monthly 2), side (yearly 1)"
+    assert rows.loc["required.zones", "from"] == "kind box, structure t1"
+    # a zone that is carried from a structure follows its mesh
+    catalog.require("structure", "t1", "yearly", [{**zone, "on": "t2"}], "Ada")
+    carried = keys(catalog)["t1", "recommended"]
+    catalog.add_structures([structure("t2", 3)])
+    assert keys(catalog)["t1", "recommended"] not in (carried, own["t1", "recommended"])
+    for owner in (("kind", "box", "monthly"), ("structure", "t1", "yearly")):
+        catalog.require(*owner, [], "Ada")
+    assert keys(catalog)["t1", "recommended"] == usual["t1", "recommended"]
+    assert (
+        catalog.settings_of("t1").set_index("setting").loc["required.zones", "from"] == "preset recommended"
+    )
+    with pytest.raises(SettingsError, match="upplied require"):
+        catalog.set("kind", "box", {"required.zones": "abc"}, "Ada")
+
+
 @pytest.mark.parametrize(
     ("scope", "owner", "values", "error"),
     [

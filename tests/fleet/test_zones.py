@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zipfile
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
+from upplied.catalog.verbs import required
 from upplied.catalog.verbs.looks import put_looks
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, SettingsError
+from upplied.fleet import PlanRequest, Resources, decide, transfer
 from upplied.outputs.publish import publish_pages
 from upplied.outputs.zones import zones
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import interpolate
 from upplied.proof.as_flown import looks_of
+from upplied.proof.asking import Asking
 from upplied.proof.zones import Demand, Looked, judged
-from upplied.records import Camera, Plan, Surroundings, Trajectory
+from upplied.records import Camera, Placement, Plan, Surroundings, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.scene import scene_of
@@ -31,8 +37,9 @@ ALL, NONE = np.ones(N, bool), np.zeros(N, bool)
 CAMERA = Camera(90.0, 60.0, 1.0, 40.0, 2000, 1500)  # 1 mm a pixel at 1 m
 
 
-def look(distance=3.0, incidence=20.0, age=0.0, seen=ALL, camera=CAMERA, pictures=None) -> Looked:
-    return Looked(np.where(seen, distance, np.nan), np.where(seen, incidence, np.nan), age, camera, pictures)
+def look(distance=3.0, incidence=20.0, age=0.0, seen=ALL, camera=CAMERA, pictures=None, more=()) -> Looked:
+    every = [np.where(seen, value, np.nan) for value in (distance, incidence, *more)]
+    return Looked(every[0], every[1], age, camera, pictures, (tuple(every[2:]),) if more else ())
 
 
 @pytest.mark.parametrize(
@@ -55,6 +62,10 @@ def look(distance=3.0, incidence=20.0, age=0.0, seen=ALL, camera=CAMERA, picture
         ({"looks": 2, "max_age_days": 30.0}, [look(age=31.0), look()], "missed", "fewer than 2 pictures"),
         # near but oblique on one day, frontal but far on another: no look keeps both
         ({"gsd_mm": 3.5, "incidence_deg": 30.0}, [look(3.0, 50.0), look(9.0, 5.0)], "missed", "obliquely"),
+        # the nearest look of a flight was oblique, another one of it was frontal
+        ({"incidence_deg": 30.0}, [look(3.0, 50.0, more=(9.0, 5.0))], "met", ""),
+        ({"gsd_mm": 3.5, "incidence_deg": 30.0}, [look(3.0, 50.0, more=(9.0, 5.0))], "missed", "obliquely"),
+        ({"looks": 2}, [look(more=(9.0, 5.0))], "missed", "fewer than 2 pictures"),
     ],
 )
 def test_a_zone_is_met_where_every_patch_has_one_look_that_keeps_every_demand(demand, looks, status, why):
@@ -73,7 +84,8 @@ def test_what_no_safe_camera_can_see_does_not_count_and_is_told():
 @pytest.fixture
 def catalog(tmp_path) -> Catalog:
     """A cube on the ground whose sides were planned; its underside is unattainable, its top was not asked."""
-    cube = replace(member("cube-v1").structure, surroundings=Surroundings(ground_z_m=0.0))
+    cube = replace(member("cube-v1").structure, surroundings=Surroundings(ground_z_m=0.0),
+                   placement=Placement(50.0, 8.0, 100.0, 0.0))  # fmt: skip
     flown = fly(cube, "sides", seed=1)
     path = interpolate(flown.trajectory, np.arange(0.0, flown.trajectory.t_s[-1], 0.5))
     plan = Plan(flown.demonstration_id, "cube-v1", "cube-v1", cube.kind, "recommended", "ok",
@@ -105,6 +117,26 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     assert main(["zones", "cube-v1", "--json", *where]) == 1
     rows = {row["zone"]: row for row in json.loads(capsys.readouterr().out)}
     assert (rows["side"]["planned"], rows["side"]["flown"]) == ("met", "missed")
+    # a mission says what becomes of each zone, in its file and beside it
+    (plan,) = catalog.transfers()["transfer_id"]
+    goal = tmp_path / "mission.geojson"
+    made = ["export", plan, "--to", "geojson", "-o", str(goal), "--draft", "--photos", "none", *where]
+    assert main(made) == 0
+    notes = json.loads(goal.read_text())["features"][0]["properties"]["notes"]
+    assert "zone side (monthly 1): met, 100.0 % of it is shown" in notes
+    assert any(note.startswith("zone roof (monthly 1): missed, 0.0 %") for note in notes)
+    beside = {row["zone"]: row for row in json.loads((tmp_path / "mission.geojson.zones.json").read_text())}
+    assert beside["side"]["status"] == "met" and "was not seen" in beside["roof"]["why"]
+    assert main(["brief", plan, "-o", str(tmp_path / "b.html"), "--draft", "--photos", "none", *where]) == 0
+    assert "Zones that must be seen" in (tmp_path / "b.html").read_text()
+    for form, word in (("qgc-plan", b"zone roof"), ("dji-wpml", b""), ("mcap", b"zone roof"), ("csv", b"")):
+        goal = tmp_path / f"mission.{form}"
+        kind = ["--to", form, "-o", str(goal), "--draft", "--photos", "none", *where]
+        assert main(["export", plan, *kind, *(["--drone", "m30t"] if form == "dji-wpml" else [])]) == 0
+        assert word in goal.read_bytes() and (tmp_path / f"mission.{form}.zones.json").exists()
+    with zipfile.ZipFile(tmp_path / "mission.dji-wpml") as packed:
+        assert b"zone roof" in packed.read("wpmz/template.kml")
+    capsys.readouterr()
     assert rows["roof"]["planned"] == "missed" and "was not seen" in rows["roof"]["planned_why"]
     assert rows["side"]["asked_by"] == f"kind {cube.kind}" and rows["side"]["version"] == 1
     # a flight that saw the side closes it
@@ -114,12 +146,11 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     path = catalog.trajectory(plan)
     seen = looks_of(Trajectory(path.t_s, path.positions, path.quat_xyzw), surface, catalog.demonstration(
         catalog.transfers()["demonstration_id"].iloc[0]).camera, scene)  # fmt: skip
-    values = {name: getattr(seen, name) for name in ("distance_m", "incidence_deg", "speed_mps", "t_s")}
     row = catalog.transfer(plan)
     catalog.add_flight(
         {"flight_id": "f1", "transfer_id": plan, "kind": "flown", "target_id": "cube-v1",
          "demonstration_id": row["demonstration_id"], "flown_at": catalog.clock.now(),
-         "looks_sha256": put_looks(catalog, surface.points, surface.normals, seen.seen, values)}, path,
+         "looks_sha256": put_looks(catalog, surface.points, surface.normals, seen.seen, seen.values)}, path,
     )  # fmt: skip
     main(["zones", "cube-v1", "--json", *where])
     assert {r["zone"]: r["flown"] for r in json.loads(capsys.readouterr().out)}["side"] == "met"
@@ -159,6 +190,46 @@ def test_a_zone_of_one_structure_is_asked_of_all_of_its_kind(catalog):
         catalog.require("kind", cube.kind, "monthly", [{**asked, "on": 3}], "Ada")
 
 
+@pytest.mark.ci
+def test_a_run_plans_for_what_is_required_and_the_same_comes_of_it_again(catalog, capsys):
+    cuboid = member("cuboid-v1").structure
+    catalog.add_structures([cuboid])
+    low, high = cuboid.vertices.min(axis=0), cuboid.vertices.max(axis=0)
+    wall = f"box {low[0]} {low[1] - 0.01} {low[2]} {high[0]} {low[1] + 0.01} {high[2]}"
+    wall = {"zone": "wall", "where": wall, "incidence_deg": 30}
+    asked = PlanRequest(("recommended",))
+    transfer(catalog, decide(catalog, asked).jobs, "usual", Resources(workers=1))
+    (before,) = zones_shown(catalog, wall)
+    odd = {"zone": "mast", "where": "no_such_landmark"}
+    catalog.require("structure", "cuboid-v1", "monthly", [wall, odd], "Ada")
+    jobs = decide(catalog, asked).jobs
+    assert [job.target_id for job in jobs] == ["cuboid-v1"]
+    transfer(catalog, jobs, "asked", Resources(workers=1))
+    assert not decide(catalog, asked).jobs
+    (after,) = zones_shown(catalog, wall)
+    assert after > before + 5
+    plan = catalog.transfers(preset="recommended", structure="cuboid-v1").iloc[0]
+    assert "zone mast is not planned for" in plan["warnings"]
+    where = ["--catalog", catalog.location]
+    assert main(["transfer", "--reproduce", plan["transfer_id"], *where]) == 0
+    assert "the same again" in capsys.readouterr().out
+    assert main(["zones", "cuboid-v1", "--json", *where]) == 1
+    rows = {row["zone"]: row for row in json.loads(capsys.readouterr().out)}
+    assert rows["mast"]["planned"] == rows["mast"]["flown"] == "not judged"
+    assert "no_such_landmark" in rows["mast"]["planned_why"] and rows["wall"]["planned"] != "not judged"
+    # asked for otherwise since: the plan is still the one that it was
+    catalog.require("structure", "cuboid-v1", "monthly", [], "Ada")
+    assert main(["transfer", "--reproduce", plan["transfer_id"], *where]) == 0
+
+
+def zones_shown(catalog, zone: dict[str, object]) -> list[float]:
+    """How much of a zone the newest plan of the cuboid shows, %."""
+    catalog.require("structure", "cuboid-v1", "asked", [zone], "Ada")
+    found = [row["planned_pct"] for row in zones(catalog, "cuboid-v1") if row["set"] == "asked"]
+    catalog.require("structure", "cuboid-v1", "asked", [], "Ada")
+    return found
+
+
 @pytest.mark.parametrize(
     "zone",
     [
@@ -179,3 +250,95 @@ def test_a_zone_that_asks_wrongly_is_told(catalog, zone):
     with pytest.raises(CatalogError, match="is not in the catalog"):
         catalog.require("structure", "nobody", "monthly", [], "Ada")
     assert not len(catalog.requirements(every=True))
+
+
+def labels_of(structure) -> list[str]:
+    """The top of a structure, and the rest of it, face by face."""
+    corners = structure.vertices[structure.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    up = normal[:, 2] / np.linalg.norm(normal, axis=1) > 0.9
+    return ["roof" if each else "7" for each in up]
+
+
+def written(path, labels: list[str]):
+    numbers = [int(label.replace("roof", "3")) for label in labels]
+    order = np.random.default_rng(0).permutation(len(labels))
+    if path.suffix == ".npy":
+        np.save(path, np.array(numbers) if "numbers" in path.stem else np.array(labels))
+    elif path.suffix == ".txt":
+        path.write_text("\n".join(labels))
+    elif path.suffix == ".csv":
+        path.write_text("face,label\n" + "\n".join(f"{at},{labels[at]}" for at in order))
+    else:
+        pq.write_table(pa.table({"label": labels}), path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.npy", "numbers.npy", "a.txt", "a.csv", "a.parquet"])
+def test_a_zone_is_labelled_face_by_face(catalog, tmp_path, capsys, name):
+    cube = catalog.structure("cube-v1")
+    written(tmp_path / name, labels_of(cube))
+    label = "3" if name.startswith("numbers") else '"roof"'
+    asked = tmp_path / "monthly.toml"
+    asked.write_text(f'labels = "{name}"\n[[zone]]\nzone = "roof"\nlabel = {label}\n')
+    where = ["--catalog", catalog.location]
+    assert main(["require", "cube-v1", str(asked), "--by", "Ada", *where]) == 0
+    (row,) = required.zones_of(catalog, cube.kind, "cube-v1")
+    asking = Asking(catalog.structure, catalog.cache, cube, scene_of(cube), CAMERA, [row],
+                    catalog.faces_labelled)  # fmt: skip
+    found, _ = asking.required()
+    assert (found.zone == (found.normals[:, 2] > 0.9)).all() and found.zone.any()
+    # the mesh changed: the labels are of no use, and that is told
+    turned = replace(cube, triangles=cube.triangles[::-1], sha256="other")
+    catalog.add_structures([turned])
+    (row,) = zones(catalog, "cube-v1")
+    assert row["planned"] == "not judged" and "another mesh" in row["planned_why"]
+
+
+def test_labels_of_one_structure_are_carried_to_its_kind(catalog, tmp_path):
+    cube, cuboid = catalog.structure("cube-v1"), member("cuboid-v1").structure
+    catalog.add_structures([cuboid])
+    written(tmp_path / "a.txt", labels_of(cube))
+    asked = tmp_path / "monthly.toml"
+    asked.write_text('labels = "a.txt"\n[[zone]]\nzone = "roof"\nlabel = "roof"\non = "cube-v1"\n')
+    where = ["--by", "Ada", "--catalog", catalog.location]
+    assert main(["require", cube.kind, str(asked), "--kind", *where]) == 0
+    (row,) = required.zones_of(catalog, cube.kind, "cuboid-v1")
+    asking = Asking(catalog.structure, catalog.cache, cuboid, scene_of(cuboid), CAMERA, [row],
+                    catalog.faces_labelled)  # fmt: skip
+    found, untold = asking.required()
+    up = found.normals[:, 2] > 0.9
+    assert not untold and found.zone[up].mean() > 0.9 and found.zone[~up].mean() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.txt", b"roof " * 11, "has 11 labels, cube-v1 has 12 faces"),
+        ("a.txt", b"\xff\xfe\x00", "cannot be read"),
+        ("a.csv", b"face,name\n0,roof\n", "has no column 'label'"),
+        ("a.csv", b"face,label\n" + b"0,roof\n" * 12, "does not name each of 0 to 11 once"),
+        ("a.csv", b"label\n" + b'"a b"\n' * 12, "without spaces or commas"),
+        ("a.npy", b"no array", "cannot be read"),
+        ("a.npy", b"pickle", "cannot be read"),
+        ("a.parquet", b"no table", "cannot be read"),
+        ("a.ply", b"", "has the suffix '.ply'"),
+    ],
+    ids=["few", "bytes", "column", "faces", "words", "npy", "pickle", "parquet", "suffix"],
+)
+def test_labels_that_do_not_fit_are_told(catalog, tmp_path, capsys, name, content, said):
+    if content == b"pickle":
+        np.save(tmp_path / name, np.array([{"a": 1}] * 12, dtype=object), allow_pickle=True)
+    else:
+        (tmp_path / name).write_bytes(content)
+    asked = tmp_path / "monthly.toml"
+    asked.write_text(f'labels = "{name}"\n[[zone]]\nzone = "roof"\nlabel = "roof"\n')
+    where = ["--by", "Ada", "--catalog", catalog.location]
+    assert main(["require", "cube-v1", str(asked), *where]) == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert main(["require", "box", str(asked), "--kind", *where]) == 2
+    asked.write_text('[[zone]]\nzone = "roof"\nlabel = "roof"\n')
+    assert main(["require", "cube-v1", str(asked), *where]) == 2
+    assert "no file of labels is named" in " ".join(capsys.readouterr().err.split())
+    assert main(["zones", "cube-v1", "--mesh", str(tmp_path / "m.ply"), "--catalog", catalog.location]) == 0
+    assert "12 faces" in capsys.readouterr().out and (tmp_path / "m.ply").read_bytes()[:3] == b"ply"

@@ -15,9 +15,12 @@ from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
+from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.path_views import TRULY
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.proof.align import align
 from upplied.proof.as_flown import AsFlown, as_flown, looks_of
+from upplied.proof.camera import camera_offset
 from upplied.proof.gap import bound_m, gap_flight
 from upplied.records import Camera, Floats, Trajectory
 from upplied.samples.fleet import member
@@ -176,6 +179,55 @@ def test_looks_say_from_where_each_patch_was_seen(flown):
     gap = np.linalg.norm(here - SURFACE.points[looks.seen], axis=1)
     assert np.allclose(gap, looks.distance_m[looks.seen], atol=1e-6) and gap.max() <= CAMERA.max_range_m
     assert (looks.incidence_deg[looks.seen] <= 75.001).all() and np.isnan(looks.distance_m[~looks.seen]).all()
+
+
+def test_the_most_frontal_look_is_told_beside_the_nearest(flown):
+    photos = np.arange(0.0, flown.t_s[-1], 2.0)
+    looks = looks_of(flown, SURFACE, CAMERA, SCENE, photos, within_m=[6.0])
+    poses = interpolate(flown, photos)
+    seen = visible(poses.positions, poses.quat_xyzw, SURFACE, CAMERA, TRULY, SCENE).seen
+    ray = poses.positions[:, None] - SURFACE.points
+    gap = np.linalg.norm(ray, axis=2)
+    off = np.degrees(np.arccos((ray * SURFACE.normals).sum(axis=2) / gap))
+    for (_, incidence), far in zip(looks.frontal, (np.inf, 6.0), strict=True):
+        least = np.where(seen & (gap <= far), off, np.inf).min(axis=0)
+        assert np.allclose(np.where(np.isnan(incidence), np.inf, incidence), least, atol=1e-6)
+    assert (looks.frontal[0][1] < looks.incidence_deg - 5)[looks.seen].any()
+    assert np.isnan(looks.frontal[1][1]).sum() > np.isnan(looks.frontal[0][1]).sum()
+
+
+# --- the camera --------------------------------------------------------------------------------
+
+
+def round_a_tower(lag_s: float = 0.0, off_deg: float = 0.0) -> tuple[Trajectory, Trajectory]:
+    """A camera that looks at a tower from all sides, now faster and now slower, and one that is late."""
+    t = np.arange(0.0, 120.0, 0.1)
+
+    def yaw(at):
+        return 0.15 * at + 0.3 * np.sin(2 * np.pi * at / 17.0)
+
+    place = np.column_stack([-5 * np.cos(yaw(t)), -5 * np.sin(yaw(t)), 2 + t / 30])
+    wanted = from_yaw_pitch(yaw(t), np.zeros(len(t)))
+    late = from_yaw_pitch(yaw(t - lag_s) + np.radians(off_deg), np.zeros(len(t)))
+    return Trajectory(t, place, wanted), Trajectory(t, place, late)
+
+
+@pytest.mark.parametrize("off_deg", [0.0, 2.0, -1.5])
+@pytest.mark.parametrize("lag_s", [0.0, 0.1, 0.25])
+def test_a_camera_that_is_late_is_not_taken_for_one_that_is_off(lag_s, off_deg):
+    (found, error), (pitch, _) = camera_offset(*round_a_tower(lag_s, off_deg))
+    assert np.degrees(found) == pytest.approx(-off_deg, abs=0.1)
+    assert pitch == pytest.approx(0, abs=1e-6) and np.degrees(error) < 0.5
+
+
+def test_a_camera_that_turns_evenly_does_not_tell_which_it_is():
+    t = np.arange(0.0, 120.0, 0.1)
+    yaw = 0.15 * t
+    even = [Trajectory(t, np.zeros((len(t), 3)), from_yaw_pitch(yaw + off, 0 * t)) for off in (0.0, -0.02)]
+    (_, error), _ = camera_offset(*even)
+    assert error > 0.02  # so nothing is corrected: it may be a lag of 0.13 s
+    short = [each.take(each.t_s < 30) for each in even]
+    assert camera_offset(*short)[0] == (0.0, np.inf)
 
 
 def test_a_log_of_elsewhere_is_refused(plan, flown):

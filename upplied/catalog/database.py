@@ -12,6 +12,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from upplied.catalog.reading import OWNER, Reading
+from upplied.catalog.store.labels import labelled
 from upplied.catalog.verbs import adding, belonging, decisions, looks, required
 from upplied.catalog.verbs.adding import Planned
 from upplied.catalog.verbs.frames import frame
@@ -208,13 +209,21 @@ class Catalog(Reading):
         name : str
             Of the set.
         zones : sequence of mapping
-            Each with `zone` (its name), `where` (landmarks, part_0, "box X Y Z X Y Z", m) and what is
-            asked: `gsd_mm`, `incidence_deg`, `max_age_days`. None takes the set back.
+            Each with `zone` (its name), `where` (landmarks, part_0, "box X Y Z X Y Z", "ball X Y Z R", m,
+            "labels HASH LABEL" of `add_labels`), `on`, and what is asked: `looks`, `gsd_mm`,
+            `incidence_deg`, `max_age_days`. None takes the set back.
         by : str
             Who asks.
         note : str
         """
         return required.require(self, scope, owner, name, zones, by, note)
+
+    def add_labels(self, structure_id: str, labels: Sequence[str]) -> str:
+        """Keep the label of each face of a structure's mesh, in their order; returns the hash.
+
+        A zone is then ``labels HASH LABEL``: the faces that have it.
+        """
+        return self.labels.put(labelled(self.structure(structure_id), labels))
 
     def requirements(self, every: bool = False) -> pd.DataFrame:
         """Sets of requirements, the newest version of each; with `every`, older and taken back ones too."""

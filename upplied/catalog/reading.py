@@ -18,6 +18,7 @@ from upplied.catalog.store.contents import ContentStore
 from upplied.catalog.store.current import Current
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.identity import Identity
+from upplied.catalog.store.labels import FaceLabels
 from upplied.catalog.store.looks import StoredLooks
 from upplied.catalog.store.meshes import MeshStore
 from upplied.catalog.store.places import cache_folder, checked
@@ -49,6 +50,7 @@ class Reading:
         self.meshes = MeshStore(self.location)
         self.surfaces = SurfaceStore(self.location)
         self.flown_paths = ContentStore(self.location, "flown", Trajectory, "fly the plan again")
+        self.labels = ContentStore(self.location, "labels", FaceLabels, "require the zones again")
         self.looks = ContentStore(self.location, "looks", StoredLooks, "add the flight again")
         self._current = {name: Current(self.tables[name]) for name in ("structures", "demonstrations")}
         self.cache = Cache(cache if cache is not None else cache_folder(self.location))
@@ -175,6 +177,10 @@ class Reading:
         if sha256:
             return self.surfaces.get(sha256)
         return self.cache.get("surface", SurfaceStates, transfer_id, nameless=True)  # of version 0.1.0
+
+    def faces_labelled(self, structure: Structure, sha256: str, label: str) -> Bools:
+        """Which faces (T,) of a structure have a label of those that are kept under a hash."""
+        return self.labels.get(sha256).faces(structure, label)
 
     def inspected(self, transfer_id: str) -> SurfaceStates | None:
         """What of its source structure the demonstration of a plan was about; None where it was not kept."""

@@ -8,7 +8,11 @@ from upplied.errors import RefusedError
 
 def reproduce(catalog: str, transfer_id: str) -> int:
     """Plan again what a transfer was planned from; 0 when the same bytes come of it, else 1."""
+    from dataclasses import replace
+
     from upplied.catalog import recipe
+    from upplied.fleet.required import required_surface
+    from upplied.planning.correspondence.pair import no_memo
     from upplied.planning.plan import METHOD_VERSION, plan_transfer
     from upplied.provenance import causes
 
@@ -19,7 +23,11 @@ def reproduce(catalog: str, transfer_id: str) -> int:
         remedy = f"plan it again: upplied flights gap {purpose.removeprefix('gap ')}"
         raise RefusedError(f"plan {transfer_id}", "was made from a flight", "", remedy)
     with errors.status("planning again"):
-        plan = plan_transfer(made_from.demonstration, made_from.source, made_from.target, made_from.settings)
+        settings = made_from.settings
+        zones, untold = required_surface(store, store.cache, made_from.target, settings.required.zones)
+        inputs = (made_from.demonstration, made_from.source, made_from.target)
+        plan = plan_transfer(*inputs, settings, no_memo, zones)
+        plan = replace(plan, warnings=(*plan.warnings, *untold))
     different = made_from.differences(plan)
     row = made_from.row
     for doubt in made_from.doubts:

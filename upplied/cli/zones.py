@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
 from upplied.cli.review import ByOption, NoteOption
 from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, show
+
+if TYPE_CHECKING:
+    from upplied.catalog import Catalog
 
 requiring = App(name="require", help="Say which zones of a structure, or of a kind, must be seen, and how.")
 showing = App(name="zones", help="Say of every required zone whether it is met, as planned and as flown.")
@@ -32,8 +35,9 @@ def require(
     owner : str
         A structure, or with --kind a kind.
     file : Path
-        TOML: `name`, and a `[[zone]]` each with `zone`, `where`, and what is asked: `gsd_mm`,
-        `incidence_deg`, `max_age_days`. Without a zone the set is taken back.
+        TOML: `name`, and a `[[zone]]` each with `zone`, `where`, and what is asked: `looks`, `gsd_mm`,
+        `incidence_deg`, `max_age_days`. Instead of `where` it may have a `label` of the faces that the
+        file `labels` beside the name labels. Without a zone the set is taken back.
     """
     import tomllib
 
@@ -47,27 +51,73 @@ def require(
         raise InputError(str(file), f"is not TOML: {str(error)[:200]}", rule) from None
     zones = said.get("zone", [])
     if (
-        set(said) - {"name", "zone"}
+        set(said) - {"name", "zone", "labels"}
         or not isinstance(zones, list)
         or not all(isinstance(z, dict) for z in zones)
     ):
         raise InputError(str(file), "has other keys", rule)
-    name = str(said.get("name", file.stem))
-    opened(catalog).require("kind" if kind else "structure", owner, name, zones, by, note)
+    name, store = str(said.get("name", file.stem)), opened(catalog)
+    zones = _with_labels(store, zones, said.get("labels"), file, "" if kind else owner)
+    store.require("kind" if kind else "structure", owner, name, zones, by, note)
     console.print(f"{owner}: {name} asks for {len(zones)} zone(s)", markup=False)
     next_step(f"zones {'STRUCTURE' if kind else owner}", "what becomes of each", catalog)
     return 0
 
 
+def _with_labels(
+    store: Catalog, zones: list[dict[str, Any]], labels: object, file: Path, owner: str
+) -> list[dict[str, Any]]:
+    """The zones with the place of those that name a label of faces."""
+    from upplied.errors import InputError
+    from upplied.inputs.face_labels import read_face_labels
+
+    kept: dict[str, str] = {}
+    made = []
+    for zone in zones:
+        if "label" not in zone:
+            made.append(zone)
+            continue
+        what = f"{file}, zone {str(zone.get('zone', '(unnamed)'))[:60]}"
+        on = str(zone.get("on") or owner)
+        if not isinstance(labels, str) or "where" in zone:
+            found = (
+                "has a label and a place"
+                if "where" in zone
+                else "has a label, and no file of labels is named"
+            )
+            raise InputError(what, found, 'labels = "FILE" beside the name, and label instead of where')
+        if not on:
+            raise InputError(
+                what, "has a label, and no structure", 'on = "ID": the structure that is labelled'
+            )
+        if on not in kept:
+            faces = len(store.structure(on).triangles)
+            kept[on] = store.add_labels(on, read_face_labels(file.parent / labels, faces, on))
+        rest = {name: value for name, value in zone.items() if name != "label"}
+        made.append(rest | {"where": f"labels {kept[on]} {zone['label']}"})
+    return made
+
+
 @showing.default
-def zones(structure: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def zones(
+    structure: str,
+    /,
+    *,
+    mesh: Path | None = None,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
     """List the zones that are required of a structure; exit code 1 where one is not met as planned.
 
     Parameters
     ----------
     structure : str
         Its id.
+    mesh : Path
+        Write its mesh there as it is kept (PLY), whose faces a file of labels labels.
     """
+    if mesh is not None:
+        return _mesh(opened(catalog), structure, mesh)
     from upplied.outputs.zones import zones as judged
 
     with errors.status("judging"):
@@ -75,3 +125,13 @@ def zones(structure: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
     plain = [{name: None if value != value else value for name, value in row.items()} for row in rows]
     show(f"zones of {structure}", plain, json, ("asked_by", "version", "set", "probability", "on"))
     return int(any(row["planned"] != "met" for row in rows))
+
+
+def _mesh(store: Catalog, structure_id: str, path: Path) -> int:
+    from upplied.outputs.files import replace_file
+    from upplied.outputs.ply import ply_bytes
+
+    kept = store.structure(structure_id)
+    replace_file(path, ply_bytes(kept.vertices, kept.triangles, kept.normals))
+    console.print(f"{path}: {len(kept.triangles)} faces", markup=False)
+    return 0

@@ -65,6 +65,7 @@ RANGES = {
     "optimise.spacing": (0.05, 10),
     "optimise.rounds": (1, 20),
     "optimise.iterations": (1, 1000),
+    "optimise.required": (0, 1000),
     "optimise.samples": (50, 100_000),
     "route.clearance_m": (0, 1000),
     "route.ground_clearance_m": (0, 1000),

@@ -17,6 +17,7 @@ from upplied.config.stages import (
     OptimiseSettings,
     RefineSettings,
     RegistrationSettings,
+    RequiredSettings,
     RetimeSettings,
     RouteSettings,
     TransferSettings,
@@ -47,6 +48,7 @@ class Settings:
     retime: RetimeSettings = field(default_factory=RetimeSettings)
     inspection: InspectionSettings = field(default_factory=InspectionSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
+    required: RequiredSettings = field(default_factory=RequiredSettings)
 
     @cached_property
     def sha256(self) -> str:

@@ -159,6 +159,13 @@ class VerdictSettings:
 
 
 @dataclass(frozen=True)
+class RequiredSettings:
+    """Zones that must be seen (`upplied require`), which a plan shows first where its flight comes by."""
+
+    zones: str = ""  # hash of what is asked for, so that it is part of what names a plan; empty: nothing
+
+
+@dataclass(frozen=True)
 class Fidelity:
     """How like the demonstrated shape a path is to be."""
 
@@ -191,6 +198,8 @@ class OptimiseSettings:
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
     rounds: int = 3  # of casting rays
     iterations: int = 12  # of the solver in each round
+    # Times what was inspected counts surface that must be seen, by area: so much of that may go for it.
+    required: float = 10.0
     samples: int = 1600  # of the surface that stand for all, two thirds of them inspected ones
 
 

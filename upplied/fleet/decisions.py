@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import transfer_id
-from upplied.catalog.verbs import belonging
+from upplied.catalog.verbs import belonging, required
 from upplied.checks import check_id, suggested
 from upplied.config import Settings, digest, settings_for
 from upplied.errors import InputError
@@ -53,14 +53,18 @@ class SettingsOf:
 
     def __init__(self, catalog: Catalog, plan_request: PlanRequest) -> None:
         self._said = belonging.said(catalog)
+        self._zones = required.Zones(catalog)
         self._changes = plan_request.changes
         self._made: dict[tuple[str, str, str], Settings] = {}
 
     def __call__(self, preset: str, kind: str, structure_id: str) -> Settings:
         """For one structure; many share one record, since its hash is asked for again and again."""
-        own = structure_id if ("structure", structure_id) in self._said else ""
+        alone = ("structure", structure_id) in self._said or self._zones.owned(structure_id)
+        own = structure_id if alone else ""
         if (preset, kind, own) not in self._made:
             changes = belonging.changes_for(self._said, preset, kind, structure_id, self._changes)
+            if preset == belonging.FLOWN and (zones := self._zones.named(kind, structure_id)):
+                changes["required"] = {"zones": zones}
             self._made[preset, kind, own] = settings_for(preset, **changes)
         return self._made[preset, kind, own]
 

@@ -13,6 +13,7 @@ from upplied.config import digest
 from upplied.errors import RefusedError
 from upplied.fleet.recent import Recent
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
+from upplied.fleet.required import required_surface
 from upplied.outputs.reports import plan_of
 from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace
@@ -66,7 +67,7 @@ class Editing:
     """
 
     def __init__(self, catalog: Catalog, transfer_id: str) -> None:
-        self.recipe = recipe(catalog, transfer_id)
+        self._catalog, self.recipe = catalog, recipe(catalog, transfer_id)
         self.transfer_id = transfer_id
         self.kept = Base(plan_of(catalog, self.recipe.row))
         flown_path(self.kept.plan)
@@ -135,7 +136,9 @@ class Editing:
         if self.clearance_m(asked) > self.usual_m:
             route = replace(settings.route, clearance_m=self.clearance_m(asked))
             settings = replace(settings, route=route)
-        made = plan_transfer(self.recipe.demonstration, self.recipe.source, target, settings, self._memo)
+        zones, _ = required_surface(self._catalog, self._memo, self.target, settings.required.zones)
+        inputs = (self.recipe.demonstration, self.recipe.source, target)
+        made = plan_transfer(*inputs, settings, self._memo, zones)
         if made.trajectory is None:
             raise RefusedError(f"a plan of {target.structure_id} in that airspace", made.reason)
         flags, edit = put_back(fixed, *flown_path(made))

@@ -101,9 +101,8 @@ def keep(catalog: Catalog, judged: Judged) -> Row:
     same = catalog.flights(row["transfer_id"])
     if row["flight_id"] in set(same["flight_id"]):
         return {str(k): v for k, v in same[same["flight_id"] == row["flight_id"]].iloc[-1].items()}
-    values = {name: getattr(looks, name) for name in ("distance_m", "incidence_deg", "speed_mps", "t_s")}
     stored = put_looks(
-        catalog, judged.surface.points, judged.surface.normals, looks.seen, values, looks.pictures
+        catalog, judged.surface.points, judged.surface.normals, looks.seen, looks.values, looks.pictures
     )
     row = {**row, "looks_sha256": stored}
     catalog.add_flight(row, judged.path)

@@ -95,7 +95,6 @@ def _row(catalog: Catalog, flight_id: str, row: Row, flown: Flown) -> Row:
     found = as_simulated(plan.trajectory, path)
     said = as_flown(plan.trajectory, moments, found, path, surface, camera, scene_of(target))
     looks = said.looks
-    values = {name: getattr(looks, name) for name in ("distance_m", "incidence_deg", "speed_mps", "t_s")}
     return {
         **flight_columns(row, found, said, required),
         "findings": "",
@@ -103,7 +102,7 @@ def _row(catalog: Catalog, flight_id: str, row: Row, flown: Flown) -> Row:
         "kind": "simulated",
         "flown_at": catalog.clock.now(),
         "looks_sha256": put_looks(
-            catalog, surface.points, surface.normals, looks.seen, values, looks.pictures
+            catalog, surface.points, surface.normals, looks.seen, looks.values, looks.pictures
         ),
     }
 

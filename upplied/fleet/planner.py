@@ -6,16 +6,18 @@ import os
 import socket
 import time
 import traceback
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.decisions import Job
 from upplied.fleet.recent import Recent
+from upplied.fleet.required import required_surface
 from upplied.planning.correspondence.pair import Memo, no_memo
 from upplied.planning.plan import plan_transfer
 from upplied.records import Demonstration, Plan, Structure
+from upplied.records.required import RequiredSurface
 from upplied.scene import open3d
 
 
@@ -54,6 +56,12 @@ def _demonstration(demonstration_id: str) -> Demonstration:
     return _catalog.demonstration(demonstration_id)
 
 
+@lru_cache(maxsize=4)
+def _required(target_id: str, sha256: str, name: str) -> tuple[RequiredSurface | None, tuple[str, ...]]:
+    assert _catalog is not None
+    return required_surface(_catalog, _memo, _structure(target_id), name)
+
+
 def plan_job(job: Job) -> Outcome:
     """Plan one job in this process, which was prepared; errors become plans with a reason."""
     assert _catalog is not None
@@ -66,8 +74,9 @@ def plan_job(job: Job) -> Outcome:
             reason = "its inputs changed after the run began; the next run plans it"
             plan = without_path(job, "superseded", reason)
         else:
-            plan = plan_transfer(demonstration, source, target, job.settings, _memo)
-            plan = _catalog.keep_surface(plan)
+            zones, untold = _required(job.target_id, job.sha256[2], job.settings.required.zones)
+            plan = plan_transfer(demonstration, source, target, job.settings, _memo, zones)
+            plan = _catalog.keep_surface(replace(plan, warnings=(*plan.warnings, *untold)))
     except MemoryError:
         raise  # the worker says so, and is replaced
     except RefusedError as refusal:

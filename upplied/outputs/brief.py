@@ -41,6 +41,7 @@ def brief_html(
     structure: Structure,
     options: MissionOptions,
     warnings: Sequence[str],
+    zones: Sequence[str] = (),
 ) -> str:
     """One page, A4 when printed, that needs nothing from elsewhere.
 
@@ -55,6 +56,8 @@ def brief_html(
         What the missions were made with.
     warnings : sequence of str
         What the plan says that a pilot should know.
+    zones : sequence of str
+        What becomes of each zone that must be seen.
     """
     lines = [_line(mission) for mission in missions]
     notes = list(missions[0].notes)
@@ -72,6 +75,7 @@ def brief_html(
         _measures(row),
         "</div></div>",
         _sorties(missions),
+        _listed("Zones that must be seen", zones),
         _listed("Warnings of the plan", warnings),
         _listed("Assumed and checked", [note for note in notes if note not in overruled]),
     ]

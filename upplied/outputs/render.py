@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from upplied.outputs.brief import brief_html
 from upplied.outputs.colours import DEMONSTRATED
 from upplied.outputs.draw.views import View
 from upplied.outputs.files import replace_file
+from upplied.outputs.mission_zones import MissionZones
 from upplied.outputs.missions import Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import Breach
 from upplied.outputs.reports import Source, plan_of
@@ -63,13 +65,23 @@ def render_comparison(
 def export_transfer(
     source: Source, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
 ) -> Exported:
-    """One transfer as mission files, through the gate; see `upplied.outputs.missions.export`."""
+    """One transfer as mission files, through the gate; see `upplied.outputs.missions.export`.
+
+    Where zones must be seen of the structure, what becomes of each stands beside them: ``FILE.zones.json``.
+    """
     row = _row(source, transfer_id)
     camera = source.demonstration(str(row["demonstration_id"])).camera
     structure = source.structure(str(row["target_id"]))
     keep = partial(keep_overruled, source, row, "export", format)
-    found = undecided(source, row)
-    return export(plan_of(source, row), structure, format, path, options, camera, found, keep)
+    found, plan = undecided(source, row), plan_of(source, row)
+    zones = MissionZones(source, plan, structure, camera)
+    made = export(plan, structure, format, path, options, camera, found, keep, zones.told)
+    if not zones.asked:
+        return made
+    rows = [{name: None if value != value else value for name, value in one.items()}
+            for one in zones.judged(made.missions)]  # fmt: skip
+    beside = replace_file(Path(f"{path}.zones.json"), json.dumps(rows, indent=1).encode())
+    return replace(made, paths=(*made.paths, beside))
 
 
 def brief_transfer(
@@ -80,10 +92,12 @@ def brief_transfer(
     row = _row(source, transfer_id)
     camera = source.demonstration(str(row["demonstration_id"])).camera
     structure = source.structure(str(row["target_id"]))
-    missions = missions_for(format, plan_of(source, row), structure, options, camera, undecided(source, row))
+    plan = plan_of(source, row)
+    missions = missions_for(format, plan, structure, options, camera, undecided(source, row))
+    told = MissionZones(source, plan, structure, camera).told(missions)
     keep_overruled(source, row, "brief", format, missions[0].overruled)
     warnings = json.loads(row.get("warnings") or "[]")
-    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings))
+    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, told))
 
 
 def keep_overruled(source: Any, row: Any, way: str, format: str, overruled: Sequence[Breach]) -> None:

@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 from upplied.catalog import Catalog
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs import required
-from upplied.proof.asking import Asking, planned_looks
+from upplied.proof.asking import Asking
 from upplied.proof.zones import Looked
-from upplied.records import Camera, Cloud
+from upplied.records import Camera, Cloud, Floats, Ints
 from upplied.scene import scene_of
 
 _DAY_S = 86_400.0
@@ -22,12 +22,8 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     """Every zone that is asked of a structure with what became of it.
 
     Planned is what the plans in force show together (the newest of `recommended` that is ok, where none
-    is in force); flown is what all flights showed, by the looks that are kept of them.
-
-    Raises
-    ------
-    SettingsError
-        If a zone names no surface of the structure.
+    is in force); flown is what all flights showed, by the looks that are kept of them. A zone that names no
+    surface of the structure is ``not judged``.
     """
     target = catalog.structure(structure_id)
     asked = required.zones_of(catalog, target.kind, structure_id)
@@ -36,10 +32,11 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     rows = _plans(catalog, structure_id)
     cameras = [catalog.demonstration(str(row["demonstration_id"])).camera for row in rows]
     first = cameras[0] if cameras else Camera()
-    asking = Asking(catalog.structure, catalog.cache, target, scene_of(target), first, asked)
+    known = first, asked, catalog.faces_labelled
+    asking = Asking(catalog.structure, catalog.cache, target, scene_of(target), *known)
     plans = [catalog.plan(str(row["transfer_id"])) for row in rows]
     shown = [
-        planned_looks(plan, asking.surface, camera, asking.scene)
+        asking.planned(plan, camera)
         for plan, camera in zip(plans, cameras, strict=True)
         if plan.trajectory is not None
     ]
@@ -81,11 +78,21 @@ def _flown(catalog: Catalog, structure_id: str, surface: Cloud) -> list[Looked]:
             points = catalog.surfaces.points(looks.samples_sha256)
             index[looks.samples_sha256] = cKDTree(points).query(surface.points)[1], len(points)
         nearest, count = index[looks.samples_sha256]
-        distance, incidence = np.full(count, np.nan), np.full(count, np.nan)
-        distance[looks.patch], incidence[looks.patch] = looks.distance_m, looks.incidence_deg
+        values = [looks.distance_m, looks.incidence_deg]
+        if looks.frontal_distance_m is not None and looks.frontal_incidence_deg is not None:
+            values += [looks.frontal_distance_m, looks.frontal_incidence_deg]
+        near, level, *frontal = (_whole(value, looks.patch, count)[nearest] for value in values)
         pictures = np.zeros(count, np.int64)
         pictures[looks.patch] = 1 if looks.pictures is None else looks.pictures
         camera = catalog.demonstration(str(row["demonstration_id"])).camera
         age = (now - row["flown_at"]).total_seconds() / _DAY_S
-        found.append(Looked(distance[nearest], incidence[nearest], age, camera, pictures[nearest]))
+        more = ((frontal[0], frontal[1]),) if frontal else ()
+        found.append(Looked(near, level, age, camera, pictures[nearest], more))
     return found
+
+
+def _whole(value: Floats, patch: Ints, count: int) -> Floats:
+    """The values of all patches (count,), of those of some; NaN for the others."""
+    every = np.full(count, np.nan)
+    every[patch] = value
+    return every

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from upplied.config import Settings, digest
-from upplied.errors import RefusedError
+from upplied.errors import RefusedError, SettingsError
 from upplied.planning.carry.counterparts import (
     counterparts_of,
     doubts,
@@ -23,6 +23,7 @@ from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,
     registration_from,
+    required_in,
     structure_in,
     surface_from,
     trajectory_from,
@@ -31,6 +32,7 @@ from upplied.planning.surface.sizes import odd_size, wrong_size
 from upplied.planning.trajectory.propose import propose
 from upplied.provenance import method
 from upplied.records import Demonstration, Measures, Plan, Structure
+from upplied.records.required import RequiredSurface
 from upplied.threads import one_thread
 
 
@@ -40,6 +42,7 @@ def plan_transfer(
     target: Structure,
     settings: Settings,
     memo: Memo = no_memo,
+    required: RequiredSurface | None = None,
 ) -> Plan:
     """Plan the demonstrated inspection of one structure on another.
 
@@ -52,12 +55,23 @@ def plan_transfer(
         From `upplied.config.settings_for`: preset `paper`, `recommended` or `baseline`.
     memo : callable, optional
         Remembers what is found out about structures and pairs; see `correspondence.pair.Memo`.
+    required : RequiredSurface, optional
+        Of the target, that is to be shown before all else; `settings.required.zones` names it.
 
     Returns
     -------
     Plan
         With status ``ok``, or ``refused`` and a reason in words.
+
+    Raises
+    ------
+    SettingsError
+        If the settings name zones that are not given, or none and some are given.
     """
+    if bool(settings.required.zones) != (required is not None):
+        given = "no surface is" if required is None else "a surface is"
+        found = f"is {settings.required.zones[:12]!r}, and {given} given"
+        raise SettingsError("setting required.zones", found, "zones are asked for by `upplied require`")
     # A frame that turns and moves with the structures: the plan does not depend on the axes it is given in.
     here, there = frames_for(source, target, settings)
     with one_thread():
@@ -67,6 +81,7 @@ def plan_transfer(
             structure_in(there, target),
             settings,
             memo,
+            None if required is None else required_in(there, required),
         )
     return replace(
         plan,
@@ -133,11 +148,17 @@ def decided(
 
 
 def _planned(
-    demonstration: Demonstration, source: Structure, target: Structure, settings: Settings, memo: Memo
+    demonstration: Demonstration,
+    source: Structure,
+    target: Structure,
+    settings: Settings,
+    memo: Memo,
+    required: RequiredSurface | None,
 ) -> Plan:
     plan, takes = decided(demonstration, source, target, settings, memo)
     if plan.status != "ok":
         return replace(plan, warnings=(), not_flyable="")
+    takes = [replace(take, required=required) for take in takes]
     # From where does the target show the same? (lines 14 to 18)
     try:
         trajectory, is_viewpoint, answers_s = propose(takes, settings)

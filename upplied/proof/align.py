@@ -15,6 +15,7 @@ import numpy as np
 
 from upplied.errors import RefusedError
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
+from upplied.proof.camera import LEAST_TURN_DEG, camera_offset
 from upplied.proof.matching import Matched, clock_offset, matched_in_order, share_near
 from upplied.records import Bools, Floats, Record, Trajectory
 
@@ -28,7 +29,6 @@ _LARGEST_CAMERA_DEG = 5.0  # what a compass or a mount may be off; more is a cam
 _LEAST_SHARE = 0.3  # of the poses near the plan, after all of it
 _ROUNDS = 12
 _FEWEST = 10  # poses that a turn of the camera is told from
-_LEAST_TURN_DEG = 0.1  # one sigma of a turn is never told as less: a gimbal is no better
 _HUBER_M = 0.3  # residuals beyond count less: gusts, and the ways there and back
 
 
@@ -158,9 +158,8 @@ def _with_heading(
     near = (moment >= plan.t_s[0]) & (moment <= plan.t_s[-1]) & (gap < _NEAR_M)
     if near.sum() <= _FEWEST or not np.isfinite(error[4]):
         return params, float(error[4])
-    wanted = yaw_pitch(interpolate(plan, moment[near]).quat_xyzw)[0]
-    seen, sigma = _offset(wanted - yaw_pitch(log.quat_xyzw)[0][near], log.t_s[near])
-    own = max(float(error[4]), np.radians(_LEAST_TURN_DEG))
+    seen, sigma = camera_offset(plan, replace(log.take(near), t_s=moment[near]))[0]
+    own = max(float(error[4]), np.radians(LEAST_TURN_DEG))
     told = abs(params[4]) > _SIGMAS * own and abs(seen) > _SIGMAS * sigma
     if not told or abs(seen - params[4]) > _SIGMAS * np.hypot(own, sigma):
         return params, float(error[4])
@@ -244,9 +243,8 @@ def _applied(
     yaw = yaw + params[4]
     bias = [0.0, 0.0]
     if found.near.sum() > _FEWEST:
-        asked = yaw_pitch(interpolate(plan, np.clip(found.moment, plan.t_s[0], plan.t_s[-1])).quat_xyzw)
-        both = zip(asked, (yaw, pitch), strict=True)
-        bias = [_bias(wanted - is_so, found.near, log.t_s) for wanted, is_so in both]
+        turned = replace(log, t_s=found.moment, quat_xyzw=from_yaw_pitch(yaw, pitch)).take(found.near)
+        bias = [_bias(*each) for each in camera_offset(plan, turned)]
     quats = from_yaw_pitch(yaw + bias[0], np.clip(pitch + bias[1], -np.pi / 2, np.pi / 2))
     gap = np.linalg.norm(positions - _planned(plan, found.moment), axis=1)
     return Alignment(
@@ -264,21 +262,8 @@ def _applied(
     )
 
 
-def _bias(off_rad: Floats, near: Bools, t_s: Floats) -> float:
-    """A constant turn, rad: the median over stretches where small and beyond three errors; else 0."""
-    middle, error = _offset(off_rad[near], t_s[near])
-    if not abs(middle) <= np.radians(_LARGEST_CAMERA_DEG):
+def _bias(offset: float, error: float) -> float:
+    """A constant turn, rad: where it is small and beyond three errors; else 0."""
+    if not abs(offset) <= np.radians(_LARGEST_CAMERA_DEG):
         return 0.0  # taken as it was logged: what it did not look at was not seen
-    return middle if abs(middle) > _SIGMAS * error else 0.0
-
-
-def _offset(off_rad: Floats, t_s: Floats) -> tuple[float, float]:
-    """A constant turn, rad, as the median over stretches, and one sigma of it; infinite for too few."""
-    off = np.angle(np.exp(1j * off_rad))
-    block = (t_s // _BLOCK_S).astype(int)
-    middles = np.array([np.median(off[block == name]) for name in np.unique(block)])
-    if len(middles) < 3:
-        return 0.0, float("inf")
-    middle = float(np.median(middles))
-    error = 1.4826 * float(np.median(np.abs(middles - middle))) / np.sqrt(len(middles))
-    return middle, max(error, float(np.radians(_LEAST_TURN_DEG)))
+    return offset if abs(offset) > _SIGMAS * error else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,9 +33,19 @@ class Looks(Record):
     speed_mps: Floats  # (N,) of the camera then
     t_s: Floats  # (N,) of the flight
     pictures: Ints  # (N,) that show it: photos, or viewpoints that were passed where no photos are known
+    # Distance and incidence (N,) of the most frontal look: of all, then within each distance asked for.
+    frontal: tuple[tuple[Floats, Floats], ...] = ()
 
     def __len__(self) -> int:
         return len(self.seen)
+
+    @property
+    def values(self) -> dict[str, Floats]:
+        """What the catalog keeps of them, by name, (N,) each."""
+        names = ("distance_m", "incidence_deg", "speed_mps", "t_s")
+        distance, incidence = self.frontal[0]
+        kept = {name: getattr(self, name) for name in names}
+        return kept | {"frontal_distance_m": distance, "frontal_incidence_deg": incidence}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -109,11 +120,14 @@ def looks_of(
     scene: Scene,
     photo_s: Floats | None = None,
     picture_s: Floats | None = None,
+    within_m: Sequence[float] = (),
 ) -> Looks:
     """How a flight sees each sample of a surface: in view and range, nothing in between, not too obliquely.
 
     Nothing is seen while the log is silent: a path is not made up there. Where no photos are known, a sample
     counts as shown in a picture at each moment of `picture_s`, and in one picture at least where it is seen.
+    The nearest look is not always the most frontal: that one is told too, of all looks and of those within
+    each distance of `within_m`.
     """
     poses = _asked(flown, photo_s)
     seen = _seen(poses, surface, camera, scene)
@@ -122,17 +136,26 @@ def looks_of(
         shown = _seen(interpolate(flown, picture_s), surface, camera, scene)
         pictures = np.asarray(np.maximum(pictures, shown.sum(axis=0)), np.int64)
     assert surface.normals is not None
-    nearest = _nearest(np.ascontiguousarray(poses.positions), np.ascontiguousarray(surface.points), seen)
-    there = nearest >= 0
-    at = np.maximum(nearest, 0)
+    where = [np.ascontiguousarray(each) for each in (poses.positions, surface.points, surface.normals)]
+    nearest = _best(*where, seen, np.inf, False)
+    frontal = [_look(poses, surface, _best(*where, seen, far, True)) for far in (np.inf, *within_m)]
+    there, at = nearest >= 0, np.maximum(nearest, 0)
+    near, level = _look(poses, surface, nearest)
+    speed = _speeds(flown)
+    values = (np.interp(poses.t_s[at], flown.t_s, speed), poses.t_s[at])
+    pace, when = (np.where(there, value, np.nan) for value in values)
+    return Looks(there, near, level, pace, when, pictures, tuple(frontal))
+
+
+def _look(poses: Trajectory, surface: Cloud, pose: Ints) -> tuple[Floats, Floats]:
+    """Distance, m, and incidence, deg, (N,) of each sample from its pose; NaN where it has none."""
+    assert surface.normals is not None
+    there, at = pose >= 0, np.maximum(pose, 0)
     ray = poses.positions[at] - surface.points if len(poses) else np.full((len(surface), 3), np.nan)
     distance = np.linalg.norm(ray, axis=1)
     cosine = (ray * surface.normals).sum(axis=1) / np.maximum(distance, 1e-12)
     incidence = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    speed = _speeds(flown)
-    values = (distance, incidence, np.interp(poses.t_s[at], flown.t_s, speed), poses.t_s[at])
-    near, level, pace, when = (np.where(there, value, np.nan) for value in values)
-    return Looks(there, near, level, pace, when, pictures)
+    return np.where(there, distance, np.nan), np.where(there, incidence, np.nan)
 
 
 def _passed(viewpoint_s: Floats, found: Alignment) -> Floats:
@@ -172,17 +195,24 @@ def _recorded(flown: Trajectory, moments: Floats) -> Floats:
 
 
 @njit(cache=True)
-def _nearest(positions: Floats, points: Floats, seen: Bools) -> Ints:
-    """For each point the nearest pose that sees it; -1 for none."""
+def _best(
+    positions: Floats, points: Floats, normals: Floats, seen: Bools, farthest_m: float, frontal: bool
+) -> Ints:
+    """For each point the pose that sees it from nearest, or most frontally, within a distance; or -1."""
     best, found = np.full(len(points), np.inf), np.full(len(points), -1, np.int64)
     for pose in range(len(positions)):
         for index in range(len(points)):
             if seen[pose, index]:
-                gap = 0.0
+                gap, along = 0.0, 0.0
                 for axis in range(3):
-                    gap += (positions[pose, axis] - points[index, axis]) ** 2
-                if gap < best[index]:
-                    best[index], found[index] = gap, pose
+                    ray = positions[pose, axis] - points[index, axis]
+                    gap += ray * ray
+                    along += ray * normals[index, axis]
+                if gap > farthest_m * farthest_m:
+                    continue
+                cost = -along / np.sqrt(max(gap, 1e-24)) if frontal else gap
+                if cost < best[index]:
+                    best[index], found[index] = cost, pose
     return found
 
 

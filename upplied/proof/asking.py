@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from upplied.config import CloudSettings, settings_for
-from upplied.errors import SettingsError
+from upplied.config import CloudSettings, focal_px, settings_for
+from upplied.errors import SettingsError, UppliedError
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.correspondence.pair import Memo
-from upplied.planning.demonstration.about import zone_of
+from upplied.planning.demonstration.about import Faces, zone_of
 from upplied.planning.demonstration.carried_zone import carried_zone
 from upplied.planning.measures.attainable import attainable
 from upplied.planning.surface.samples import surface_samples
@@ -21,7 +21,8 @@ from upplied.planning.surface.skin import skin_parts
 from upplied.planning.visibility.path_views import TRULY
 from upplied.proof.as_flown import looks_of
 from upplied.proof.zones import Demand, Looked, judged
-from upplied.records import Bools, Camera, Cloud, Ints, Plan, Record, Structure
+from upplied.records import Bools, Camera, Floats, Ints, Plan, Record, Structure, Trajectory
+from upplied.records.required import RequiredSurface
 from upplied.scene import Scene
 
 
@@ -48,6 +49,8 @@ class Asking:
         That is asked what a safe one could see.
     asked : list of dict
         Of each zone its name, set and version, who asks, and its demand.
+    faces : callable, optional
+        Of labels; see `planning.demonstration.about.zone_of`.
     """
 
     def __init__(
@@ -58,15 +61,11 @@ class Asking:
         scene: Scene,
         camera: Camera,
         asked: list[dict[str, Any]],
+        faces: Faces | None = None,
     ) -> None:
-        self._structure, self._memo = structure, memo
+        self._structure, self._memo, self._faces = structure, memo, faces
         self.target, self.scene, self.camera, self._asked = target, scene, camera, asked
         self.surface = surface_samples(target, scene, CloudSettings())
-
-    @property
-    def seen_by(self) -> tuple[Cloud, Camera, Scene]:
-        """What `planned_looks` asks for besides a plan."""
-        return self.surface, self.camera, self.scene
 
     def patches(self, where: str) -> Bools:
         """The samples (N,) that a place names.
@@ -76,27 +75,79 @@ class Asking:
         SettingsError
             If it names none.
         """
-        found = zone_of(where, self.target, self.surface, self._skin)
+        found = zone_of(where, self.target, self.surface, self._skin, self._faces)
         if found is None:
             raise SettingsError("the zone", "names no place", "landmarks, parts, boxes or balls")
         return found
 
+    def planned(self, plan: Plan, camera: Camera) -> Looked:
+        """How a plan that has a path sees the samples; a picture is taken at each viewpoint."""
+        path = plan.trajectory
+        assert path is not None
+        flags = np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint
+        return self.along(path, camera, path.t_s[flags])
+
+    def along(self, path: Trajectory, camera: Camera, picture_s: Floats) -> Looked:
+        """How a path sees the samples: the nearest look, and the most frontal from as near as zones ask."""
+        asked = {demand.gsd_mm for demand, _ in self._demands if demand.gsd_mm is not None}
+        focal = focal_px(camera.width_px, camera.hfov_deg) if camera.width_px else 0.0
+        within_m = [1e-3 * gsd_mm * focal for gsd_mm in sorted(asked)] if focal else []
+        found = looks_of(path, self.surface, camera, self.scene, None, picture_s, within_m)
+        return Looked(found.distance_m, found.incidence_deg, 0.0, camera, found.pictures, found.frontal)
+
     def judged(self, *looks: Looked) -> list[dict[str, Any]]:
-        """Of each zone its name and set, its status, the share that is shown and why it is not met."""
+        """Of each zone its name and set, its status, the share that is shown and why it is not met.
+
+        One that names nothing here is ``not judged``.
+        """
         found = []
         for row, (demand, zone) in zip(self._asked, self._demands, strict=True):
-            verdict = judged(demand, zone.patches, self._attainable, looks)
             said = {name: row[name] for name in ("set", "version", "asked_by", "zone")}
+            if isinstance(zone, str):
+                unknown = dict.fromkeys(("probability", "pct"), float("nan"))
+                found.append(said | unknown | {"on": demand.on, "status": "not judged", "why": zone})
+                continue
+            verdict = judged(demand, zone.patches, self._attainable, looks)
             said |= {"on": demand.on if zone.carried else "", "probability": zone.probability}
             why = "; ".join(filter(None, (verdict.why, zone.said)))
             found.append(said | {"status": verdict.status, "pct": verdict.shown_pct, "why": why})
         return found
 
+    def required(self) -> tuple[RequiredSurface, tuple[str, ...]]:
+        """All zones as one surface, each sample with the most that is asked of it.
+
+        Returns
+        -------
+        tuple
+            The surface, and the zones that name none here, in words.
+        """
+        surface, untold = self.surface, []
+        zone = np.zeros(len(surface), bool)
+        gsd_m, incidence = np.full(len(surface), np.inf), np.full(len(surface), 90.0)
+        for demand, named in self._demands:
+            if isinstance(named, str):
+                untold.append(f"zone {demand.zone} is not planned for: {named}")
+                continue
+            patches = named.patches
+            zone |= patches
+            if demand.gsd_mm is not None:
+                gsd_m[patches] = np.minimum(gsd_m[patches], 1e-3 * demand.gsd_mm)
+            if demand.incidence_deg is not None:
+                incidence[patches] = np.minimum(incidence[patches], demand.incidence_deg)
+        assert surface.normals is not None
+        return RequiredSurface(surface.points, surface.normals, zone, gsd_m, incidence), tuple(untold)
+
     @cached_property
-    def _demands(self) -> list[tuple[Demand, _Zone]]:
-        known = Demand.__dataclass_fields__
-        demands = [Demand(**{name: row[name] for name in known if name in row}) for row in self._asked]
-        return [(demand, self._zone(demand)) for demand in demands]
+    def _demands(self) -> list[tuple[Demand, _Zone | str]]:
+        """What is asked, each with its zone, or why it names none here, such as an unknown landmark."""
+        known, found = Demand.__dataclass_fields__, list[tuple[Demand, _Zone | str]]()
+        for row in self._asked:
+            demand = Demand(**{name: row[name] for name in known if name in row})
+            try:
+                found.append((demand, self._zone(demand)))
+            except UppliedError as error:
+                found.append((demand, str(error)))
+        return found
 
     def _zone(self, demand: Demand) -> _Zone:
         """The samples of a zone, carried from the structure that it is on where that is another one."""
@@ -104,7 +155,8 @@ class Asking:
             return _Zone(self.patches(demand.where))
         source = self._structure(demand.on)
         settings = settings_for("recommended")
-        found = carried_zone(demand.where, source, self.target, self.surface, settings, self._memo)
+        known = settings, self._memo, self._faces
+        found = carried_zone(demand.where, source, self.target, self.surface, *known)
         said = f"carried from {demand.on}"
         said += f" with probability {found.probability:.2f}" if np.isfinite(found.probability) else ""
         said += f", {found.lost_pct:.0f} % of it has no counterpart" if found.lost_pct >= 1 else ""
@@ -120,12 +172,3 @@ class Asking:
         around = self.target.surroundings
         airspace = Airspace(self.scene, route.clearance_m, around, route.ground_clearance_m)
         return attainable(self.surface, airspace, self.camera, TRULY)
-
-
-def planned_looks(plan: Plan, surface: Cloud, camera: Camera, scene: Scene) -> Looked:
-    """How a plan that has a path sees the samples of its target; a picture is taken at each viewpoint."""
-    path = plan.trajectory
-    assert path is not None
-    flags = np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint
-    looks = looks_of(path, surface, camera, scene, None, path.t_s[flags])
-    return Looked(looks.distance_m, looks.incidence_deg, 0.0, camera, looks.pictures)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.config import focal_px
 from upplied.records import Bools, Camera, Floats, Ints, Record
 
 
@@ -32,6 +33,12 @@ class Looked(Record):
     age_days: float  # of the looks; 0 for what is planned
     camera: Camera
     pictures: Ints | None = None  # (N,) that show it; None: one where it was seen, more are not known
+    more: tuple[tuple[Floats, Floats], ...] = ()  # distance and incidence (N,) of other looks then
+
+    @property
+    def each(self) -> list[tuple[Floats, Floats]]:
+        """Distance and incidence of every look that is known."""
+        return [(self.distance_m, self.incidence_deg), *self.more]
 
 
 @dataclass(frozen=True)
@@ -67,8 +74,11 @@ def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looke
     pictures = np.zeros(len(zone), np.int64)
     for look in looks:
         there = np.isfinite(look.distance_m)
-        fine = there & _fine(demand, look)
-        level = fine & (demand.incidence_deg is None or look.incidence_deg <= demand.incidence_deg)
+        fine, level = np.zeros(len(zone), bool), np.zeros(len(zone), bool)
+        for distance, incidence in look.each:
+            near = np.isfinite(distance) & _fine(demand, look.camera, distance)
+            fine |= near
+            level |= near & (demand.incidence_deg is None or incidence <= demand.incidence_deg)
         young = demand.max_age_days is None or look.age_days <= demand.max_age_days
         seen, sharp, frontal = seen | there, sharp | fine, frontal | level
         all_kept |= level & young
@@ -91,15 +101,13 @@ def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looke
     return ZoneVerdict("missed", share, ", ".join(parts) + rest)
 
 
-def _fine(demand: Demand, look: Looked) -> Bools:
+def _fine(demand: Demand, camera: Camera, distance_m: Floats) -> Bools:
     """Patches (N,) of which a pixel covers little enough; none where the camera's pixels are not known."""
     if demand.gsd_mm is None:
-        return np.ones(len(look.distance_m), bool)
-    camera = look.camera
+        return np.ones(len(distance_m), bool)
     if not camera.width_px:
-        return np.zeros(len(look.distance_m), bool)
-    pixel = 2 * np.tan(np.radians(min(camera.hfov_deg, 179.0) / 2)) / camera.width_px
-    return np.asarray(1e3 * pixel * look.distance_m <= demand.gsd_mm, bool)
+        return np.zeros(len(distance_m), bool)
+    return np.asarray(distance_m <= 1e-3 * demand.gsd_mm * focal_px(camera.width_px, camera.hfov_deg), bool)
 
 
 def _coarse(demand: Demand, looks: Sequence[Looked]) -> str:

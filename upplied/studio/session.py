@@ -25,7 +25,7 @@ from upplied.outputs.pair_page import path_data
 from upplied.outputs.pairs import number, said_of
 from upplied.outputs.reports import trajectory_of
 from upplied.poses import from_yaw_pitch, optical_axis
-from upplied.proof.asking import Asking, planned_looks
+from upplied.proof.asking import Asking
 from upplied.proof.carried_edit import kept_edit
 from upplied.proof.edit import Asked, Edit
 from upplied.records import Ints, Trajectory
@@ -208,7 +208,7 @@ class Session:
             "measures": {name: number(vars(judged.plan.measures), name) for name in _NUMBERS},
             "verdict": self._verdict(judged, self.editing.clearance_m(asked)),
             "differences": self._differences(judged),
-            "zones": self._asking.judged(planned_looks(judged.plan, *self._asking.seen_by)),
+            "zones": self._asking.judged(self._asking.planned(judged.plan, self._asking.camera)),
             "words": ", ".join(filter(None, (edit.words, asked.words, "planned anew" if base.asked else ""))),
         }
         took = {"judged_s": time.perf_counter() - began, "cpu_s": time.process_time() - cpu}
@@ -270,4 +270,5 @@ class Session:
         camera = self.editing.recipe.demonstration.camera
         target, scene = self.editing.target, self.editing.scene
         asked = required.zones_of(self.catalog, target.kind, target.structure_id)
-        return Asking(self.catalog.structure, self.catalog.cache, target, scene, camera, asked)
+        known = scene, camera, asked, self.catalog.faces_labelled
+        return Asking(self.catalog.structure, self.catalog.cache, target, *known)

@@ -25,7 +25,10 @@ from upplied.records import Camera, Cloud, Surroundings
 from upplied.scene import Scene
 
 STATIONS = 14
-NAMES = ("clearance", "coverage", "round", "place", "shape", "smoothness", "standoff", "time", "turning")
+NAMES = (
+    "clearance", "coverage", "frontal", "round", "place", "shape", "smoothness", "standoff", "time",
+    "turning",
+)  # fmt: skip
 
 
 def flown(seed: int = 0) -> Flown:
@@ -67,10 +70,13 @@ def term(name: str, view: View) -> Term:
     standoff = Standoff(np.arange(0, STATIONS, 3), seen, np.linspace(3, 9, 5))
     airspace = Airspace(view.scene, 4.5, Surroundings(ground_z_m=3.5, ceiling_z_m=4.8), 0.5)
     turned = np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]])
+    cosines = np.where(view.cloud.points[:, 0] > 0, np.cos(np.radians(40)), 0.0)
+    frontal = replace(view, least_cosine=cosines)
     around = replace(view, camera=replace(view.camera, hfov_deg=220))
     return {
         "clearance": lambda: Clearance.of(airspace, path),
         "coverage": lambda: coverage(view, path, 0.15),
+        "frontal": lambda: coverage(frontal, path, 0.15),
         "round": lambda: coverage(around, path, 0.15),
         "place": lambda: Place(other.positions, 3.0),
         "shape": lambda: Shape.of(other.positions, turned),

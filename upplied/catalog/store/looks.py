@@ -5,7 +5,7 @@ A patch is a sample of the structure's surface, as plans are judged on; only tho
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from upplied.records import Floats, Ints, Record
 
@@ -21,3 +21,6 @@ class StoredLooks(Record):
     speed_mps: Floats  # (K,)
     t_s: Floats  # (K,) from the first pose
     pictures: Ints | None = None  # (K,) that show it; None: not counted then
+    # Of the most frontal look; None: not told then.
+    frontal_distance_m: Floats | None = field(default=None, metadata={"later": True})  # (K,)
+    frontal_incidence_deg: Floats | None = field(default=None, metadata={"later": True})  # (K,)

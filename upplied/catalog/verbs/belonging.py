@@ -16,7 +16,7 @@ import pandas as pd
 
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import json_text
-from upplied.catalog.verbs import adding
+from upplied.catalog.verbs import adding, required
 from upplied.config import settings_for
 from upplied.errors import CatalogError, SettingsError
 
@@ -27,6 +27,7 @@ Changes = dict[str, dict[str, Any]]  # stage -> setting -> value
 Owner = tuple[str, str]  # scope and owner
 
 FLOWN = "recommended"  # the preset that they are for
+ZONES = "required.zones"  # follows from what is required, and is not said
 
 
 def said(catalog: Reading) -> dict[Owner, Changes]:
@@ -69,6 +70,8 @@ def say(catalog: Reading, scope: str, owner: str, values: Mapping[str, Any], by:
         stage, dot, name = setting.partition(".")
         if not dot:
             raise SettingsError(f"setting {setting!r}", "cannot be read", "STAGE.NAME")
+        if setting == ZONES:
+            raise SettingsError(f"setting {ZONES}", "follows from requirements", "", "say: upplied require")
         if value is None:
             value_json = ""
             if not hasattr(getattr(settings_for(FLOWN), stage, None), name):
@@ -103,6 +106,11 @@ def settings_of(catalog: Reading, structure_id: str) -> pd.DataFrame:
                 if name in known.get((scope, owner), {}).get(stage, {}):
                     source = f"{scope} {owner}"
             found.append({"setting": f"{stage}.{name}", "value": value, "from": source})
+    zones = required.Zones(catalog).of(kind, structure_id)
+    if zones:
+        row = next(row for row in found if row["setting"] == ZONES)
+        row["value"] = ", ".join(f"{zone['zone']} ({zone['set']} {zone['version']})" for zone in zones)
+        row["from"] = ", ".join(dict.fromkeys(zone["asked_by"] for zone in zones))
     return pd.DataFrame(found, columns=["setting", "value", "from"])
 
 

@@ -36,7 +36,8 @@ def put_looks(
     points, normals : array, shape (N, 3)
     seen : array of bool, shape (N,)
     values : dict
-        `distance_m`, `incidence_deg`, `speed_mps` and `t_s`, each (N,).
+        `distance_m`, `incidence_deg`, `speed_mps` and `t_s`, each (N,), and of the most frontal look
+        `frontal_distance_m` and `frontal_incidence_deg`.
     pictures : array of int, shape (N,), optional
         That show each sample.
     """

@@ -12,6 +12,7 @@ from upplied.catalog.schema.rows import Row, json_text
 from upplied.catalog.verbs import adding
 from upplied.catalog.verbs.frames import frame
 from upplied.checks import check_id
+from upplied.config import digest
 from upplied.errors import CatalogError, SettingsError
 
 if TYPE_CHECKING:
@@ -87,10 +88,78 @@ def _zone(name: str, zone: Mapping[str, Any]) -> Row:
     return {key: value for key, value in zone.items() if value is not None}
 
 
+class Zones:
+    """The zones that are asked of structures, by their kind and by themselves, and what names them.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    version : int, optional
+        Of the catalog's commits, until which requirements count; all where not given.
+    """
+
+    def __init__(self, catalog: Reading, version: int | None = None) -> None:
+        self._by_owner: dict[tuple[str, str], list[Row]] = {}
+        for row in _newest(catalog, version).to_dict("records"):
+            said = {
+                "set": row["name"],
+                "version": row["version"],
+                "asked_by": f"{row['scope']} {row['owner']}",
+            }
+            zones = [{**said, **zone} for zone in json.loads(row["zones_json"])]
+            self._by_owner.setdefault((row["scope"], row["owner"]), []).extend(zones)
+        table = catalog.structures()[["structure_id", "sha256"]] if self._by_owner else pd.DataFrame()
+        self._sha256 = dict(table.itertuples(index=False)) if len(table) else {}
+
+    def of(self, kind: str, structure_id: str) -> list[Row]:
+        """Those of a structure, each with its set and version."""
+        return [*self._by_owner.get(("kind", kind), []), *self._by_owner.get(("structure", structure_id), [])]
+
+    def owned(self, structure_id: str) -> bool:
+        """Whether the structure itself asks for any."""
+        return ("structure", structure_id) in self._by_owner
+
+    def named(self, kind: str, structure_id: str) -> str:
+        """Hash of what a plan of the structure depends on by them; empty where nothing is asked."""
+        asked = [
+            [zone["where"], self._sha256.get(zone.get("on", ""), ""), *map(zone.get, PLANNED)]
+            for zone in self.of(kind, structure_id)
+        ]
+        return digest(sorted(asked, key=json_text)) if asked else ""
+
+
+#: What a zone asks for that a plan is made by.
+PLANNED = ("on", "gsd_mm", "incidence_deg")
+
+
+def zones_named(catalog: Reading, kind: str, structure_id: str, name: str) -> list[Row]:
+    """The zones of a structure of that name, as they are asked for now or were before.
+
+    Raises
+    ------
+    CatalogError
+        If there are none, since a structure that one was carried from changed.
+    """
+    table = catalog.tables["requirements"].read(None, ["commit_version"])
+    versions = sorted(set(table["commit_version"].to_pylist()), reverse=True)
+    for version in versions:
+        zones = Zones(catalog, version)
+        if zones.named(kind, structure_id) == name:
+            return zones.of(kind, structure_id)
+    found = f"that plans were made by ({name[:12]}) are not asked for any more"
+    raise CatalogError(f"zones of {structure_id}", found, "", "plan it again: upplied transfer")
+
+
 def requirements(catalog: Reading, every: bool = False) -> pd.DataFrame:
     """See `Catalog.requirements`."""
+    return _newest(catalog, None, every)
+
+
+def _newest(catalog: Reading, version: int | None = None, every: bool = False) -> pd.DataFrame:
     found = frame(catalog.tables["requirements"].read()).sort_values("commit_version", kind="stable")
     owners = ["scope", "owner", "name"]
+    if version is not None:
+        found = found[found["commit_version"] <= version].copy()
     found["version"] = found.groupby(owners).cumcount() + 1
     if not every:
         found = found.drop_duplicates(owners, keep="last")
@@ -100,13 +169,4 @@ def requirements(catalog: Reading, every: bool = False) -> pd.DataFrame:
 
 def zones_of(catalog: Reading, kind: str, structure_id: str) -> list[Row]:
     """The zones that are asked of a structure, by its kind and by itself, each with its set and version."""
-    found = []
-    for row in requirements(catalog).to_dict("records"):
-        if (row["scope"], row["owner"]) in (("kind", kind), ("structure", structure_id)):
-            said = {
-                "set": row["name"],
-                "version": row["version"],
-                "asked_by": f"{row['scope']} {row['owner']}",
-            }
-            found += [{**said, **zone} for zone in json.loads(row["zones_json"])]
-    return found
+    return Zones(catalog).of(kind, structure_id)

@@ -56,6 +56,7 @@ def export(
     camera: Camera | None = None,
     found: Sequence[gate.Breach] = (),
     keep: Callable[[Sequence[gate.Breach]], object] = lambda _: None,
+    zones: Callable[[Sequence[Mission]], Sequence[str]] = lambda _: (),
 ) -> Exported:
     """Write a plan as a mission file, or as one for each sortie.
 
@@ -75,6 +76,8 @@ def export(
         Rules that the plan is known to break already, for instance that it is superseded.
     keep : callable, optional
         Told which rules were overruled, before the first file is written.
+    zones : callable, optional
+        What becomes of zones that must be seen, as notes; of the plan itself where there are no sorties.
 
     Raises
     ------
@@ -92,11 +95,12 @@ def export(
         content = mcap_bytes(plan, structure, camera)
         named += gate.breaches(read_mcap(content), structure, limits)
         overruled = gate.pass_or_refuse(structure.structure_id, named, options.overruled)
-        if overruled:
-            content = mcap_bytes(plan, structure, camera, tuple(gate.told(overruled)))
+        said = (*gate.told(overruled), *zones(()))
+        if said:
+            content = mcap_bytes(plan, structure, camera, said)
         keep(overruled)
         written = replace_file(goal, content)
-        return Exported((written,), (), ("in the structure frame, metres", *gate.told(overruled)), overruled)
+        return Exported((written,), (), ("in the structure frame, metres", *said), overruled)
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
     write = _WRITERS[format][2]
@@ -109,7 +113,7 @@ def export(
         )
         found_written |= {str(breach): breach for breach in passed}
     more = tuple(breach for breach in found_written.values() if breach not in missions[0].overruled)
-    said = tuple(gate.told(more))
+    said = (*gate.told(more), *zones(missions))
     missions = [
         replace(one, notes=(*said, *one.notes), overruled=(*one.overruled, *more)) for one in missions
     ]

@@ -15,7 +15,7 @@ import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
 from upplied.outputs.missions.flying import Flying
-from upplied.outputs.missions.gate import drafted
+from upplied.outputs.missions.gate import written
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import Mission
 
@@ -123,7 +123,7 @@ def _template(mission: Mission) -> str:
     )
     zooms = mission.zooms_at
     marks = "".join(_placemark(mission, at, zooms, template=True) for at in range(len(mission.stops)))
-    said = "".join(f"<!-- {note.replace('--', '- -')} -->\n" for note in drafted(mission.notes))
+    said = "".join(f"<!-- {note.replace('--', '- -')} -->\n" for note in written(mission.notes))
     return f"{said}<Folder>\n{head}{marks}{payload}</Folder>\n"
 
 

@@ -22,6 +22,7 @@ from upplied.records import Floats, Plan, Structure, Surroundings, Trajectory
 from upplied.scene import scene_of
 
 DRAFT = "DRAFT, NOT RELEASED:"  # what a mission says of itself that nobody released
+ZONE = "zone"  # how a note begins that says what becomes of a zone that must be seen
 _EXACT_M = 0.02  # within which a clearance is known, and a file states a place
 _ROUNDING = 1.02  # of speeds: files round them
 
@@ -193,9 +194,12 @@ def told(overruled: Iterable[Breach]) -> list[str]:
     ]
 
 
-def drafted(notes: Iterable[str]) -> list[str]:
-    """Of the notes of a mission, those that say that nobody released it."""
-    return [note for note in notes if note.startswith(DRAFT)]
+def written(notes: Iterable[str]) -> list[str]:
+    """Of the notes of a mission, those that its file says where its format has little room for words.
+
+    That nobody released it, and what becomes of the zones that must be seen.
+    """
+    return [note for note in notes if note.startswith((DRAFT, ZONE))]
 
 
 def _around(reading: Reading, structure: Structure, limits: Limits) -> Iterator[Breach]:

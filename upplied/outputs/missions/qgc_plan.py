@@ -6,7 +6,7 @@ import json
 import math
 from typing import Any
 
-from upplied.outputs.missions.gate import drafted
+from upplied.outputs.missions.gate import written
 from upplied.outputs.missions.mavlink import TAKEOFF, WAYPOINT, Item, items
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import Mission
@@ -23,7 +23,7 @@ def qgc_plan_text(mission: Mission, options: MissionOptions) -> str:
     plan = {
         "fileType": "Plan",
         "version": 1,
-        "groundStation": "; ".join(["upplied", *drafted(mission.notes)]),
+        "groundStation": "; ".join(["upplied", *written(mission.notes)]),
         "mission": {
             "version": 2,
             "firmwareType": _FIRMWARE[options.firmware],

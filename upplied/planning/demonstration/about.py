@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.errors import SettingsError
 from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
+from upplied.scene import scene_of
 
 _VOTES = 25  # samples nearest to a landmark, that say which part of the skin it lies in
 _RULE = (
-    "landmarks, part_0, part_1, ..., 'box X Y Z X Y Z' (two corners, m) or 'ball X Y Z R' (m), "
-    "separated by commas"
+    "landmarks, part_0, part_1, ..., 'box X Y Z X Y Z' (two corners, m), 'ball X Y Z R' (m) or labels of "
+    "faces, separated by commas"
 )
 
 
-def zone_of(about: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools | None:
+#: Which faces (T,) of a structure have a label, by the hash of the labels and the label.
+Faces = Callable[[Structure, str, str], Bools]
+
+
+def zone_of(
+    about: str, structure: Structure, cloud: Cloud, skin: Ints, faces: Faces | None = None
+) -> Bools | None:
     """Which surface samples (N,) a text names; None where it names none.
 
     Parameters
@@ -31,6 +40,8 @@ def zone_of(about: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools
         Its N surface samples.
     skin : array of int, shape (N,)
         The part of the skin that each lies on.
+    faces : callable, optional
+        What ``labels HASH LABEL`` asks for the faces of a label.
 
     Raises
     ------
@@ -42,13 +53,13 @@ def zone_of(about: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools
         return None
     zone = np.zeros(len(cloud), bool)
     for word in wanted:
-        zone |= _zone(word, structure, cloud, skin)
+        zone |= _zone(word, structure, cloud, skin, faces)
     if not zone.any():
         raise SettingsError(f"about {about[:80]!r}", "names no surface of the structure", _RULE)
     return zone
 
 
-def _zone(word: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools:
+def _zone(word: str, structure: Structure, cloud: Cloud, skin: Ints, faces: Faces | None) -> Bools:
     if word.lower().startswith("box "):
         corners = _numbers(word, 6, "a box").reshape(2, 3)
         low, high = corners.min(axis=0), corners.max(axis=0)
@@ -62,6 +73,12 @@ def _zone(word: str, structure: Structure, cloud: Cloud, skin: Ints) -> Bools:
         if cloud.normals is not None:  # of a thin plate one side is meant
             same_side = cloud.normals @ cloud.normals[int(off.argmin())] > 0
         return np.asarray((off <= radius) & same_side, bool)
+    if word.startswith("labels ") and faces is not None and len(structure.triangles):
+        named = word.split()
+        if len(named) != 3:
+            raise SettingsError(f"about {word[:60]!r}", "cannot be read as labels", _RULE)
+        nearest = scene_of(structure).closest(cloud.points)[1]
+        return np.asarray(faces(structure, *named[1:])[nearest], bool)
     if word in structure.landmarks:
         count = min(_VOTES, len(cloud))
         near = cKDTree(cloud.points).query(np.array(structure.landmarks[word]), k=count)[1]

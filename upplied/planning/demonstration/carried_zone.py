@@ -10,12 +10,12 @@ from scipy.spatial import cKDTree
 from upplied.config import Settings
 from upplied.planning.correspondence.certainty import ANSWERS, evidence_of_answer, probability
 from upplied.planning.correspondence.pair import Fit, Memo, no_memo, study_pair
-from upplied.planning.demonstration.about import zone_of
-from upplied.planning.geometry.boxes import in_source_frame, spacing
+from upplied.planning.demonstration.about import Faces, zone_of
+from upplied.planning.geometry.boxes import in_source_frame, sided, spacing
 from upplied.planning.surface.frames import frames_for, structure_in
 from upplied.planning.surface.parts import labels_of
 from upplied.planning.surface.skin import skin_parts
-from upplied.records import Bools, Cloud, Floats, Record, Structure
+from upplied.records import Bools, Cloud, Record, Structure
 from upplied.threads import one_thread
 
 _VOTERS = 5  # carried samples nearest to one of the target: most of them say whether it is of the zone
@@ -33,7 +33,13 @@ class CarriedZone(Record):
 
 
 def carried_zone(
-    where: str, source: Structure, target: Structure, surface: Cloud, settings: Settings, memo: Memo = no_memo
+    where: str,
+    source: Structure,
+    target: Structure,
+    surface: Cloud,
+    settings: Settings,
+    memo: Memo = no_memo,
+    faces: Faces | None = None,
 ) -> CarriedZone:
     """Find the samples of a target that correspond to a zone of a source.
 
@@ -47,6 +53,8 @@ def carried_zone(
         N samples of the target with normals, declared frame.
     settings : Settings
     memo : callable, optional
+    faces : callable, optional
+        Of labels; see `about.zone_of`.
 
     Raises
     ------
@@ -58,14 +66,14 @@ def carried_zone(
         pair = study_pair(structure_in(here, source), structure_in(there, target), settings, memo)
     fit = pair.surface
     skin = skin_parts(pair.source, pair.source_scene, fit.source).label
-    zone = zone_of(where, pair.source, fit.source, skin)
+    zone = zone_of(where, pair.source, fit.source, skin, faces)
     assert zone is not None and fit.target.normals is not None and surface.normals is not None
     kept = fit.correspondences.target_index >= 0
     mine = _carried(fit, zone)
     apart_m = spacing(fit.target)
     turned = there.from_declared(surface.points), surface.normals @ there.turn
-    known = cKDTree(_sided(fit.target.points, fit.target.normals, apart_m))
-    nearest = known.query(_sided(*turned, apart_m))[1]
+    known = cKDTree(sided(fit.target.points, fit.target.normals, apart_m))
+    nearest = known.query(sided(*turned, apart_m))[1]
     lost = 100 * float((zone & ~kept).sum() / zone.sum())
     return CarriedZone(np.asarray(mine[nearest], bool), _probability(fit, zone), lost)
 
@@ -100,8 +108,3 @@ def _probability(fit: Fit, zone: Bools) -> float:
         evidence = evidence_of_answer(fit.source, int(part), registered, answers, *known, fit.carried)
         found.append(probability(evidence, ANSWERS))
     return min(found)
-
-
-def _sided(points: Floats, normals: Floats, apart_m: float) -> Floats:
-    """Points with their normals, so that the two sides of a thin plate lie apart."""
-    return np.concatenate([points, 2 * apart_m * normals], axis=1)

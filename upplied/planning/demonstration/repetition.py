@@ -30,6 +30,7 @@ from upplied.records import (
     SurfaceStates,
     Trajectory,
 )
+from upplied.records.required import RequiredSurface
 
 _INSPECTED = 0.1  # least share of what was inspected, for a part to be asked about
 _TRANSIT_S = 10.0  # of the demonstration's time between two takes; the way itself is timed anew
@@ -43,6 +44,7 @@ class Take(Record):
     pair: Pair
     part: int = -1  # of the source, that is repeated; -1 where nothing is
     choice: int = -1  # of the target, that it is repeated on
+    required: RequiredSurface | None = None  # of the target, that is to be shown before all else
 
 
 def takes_of(

@@ -25,6 +25,7 @@ from upplied.records import (
     SurfaceStates,
     Trajectory,
 )
+from upplied.records.required import RequiredSurface
 
 _ROUND = 0.02  # below it walls face all ways alike, and no heading follows from them
 _SQUARE = 4.0  # weight of walls that mostly face one way and its opposite beside those of four ways
@@ -174,6 +175,12 @@ def trajectory_from(frame: Frame, trajectory: Trajectory | None) -> Trajectory |
         return trajectory
     quats = _turned_quats(trajectory.quat_xyzw, frame.heading_rad)
     return replace(trajectory, positions=frame.to_declared(trajectory.positions), quat_xyzw=quats)
+
+
+def required_in(frame: Frame, required: RequiredSurface) -> RequiredSurface:
+    """Surface that must be seen in another frame of its structure."""
+    points, normals = frame.from_declared(required.points), required.normals @ frame.turn
+    return replace(required, points=points, normals=normals)
 
 
 def surface_from(frame: Frame, states: SurfaceStates | None) -> SurfaceStates | None:

@@ -25,6 +25,7 @@ from upplied.planning.carry.to_counterparts import Followed, follow_counterparts
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.optimise import Problem, optimise
+from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import demonstrated_speed
 from upplied.planning.trajectory.state import Flown, State
 from upplied.planning.trajectory.terms.shape import Shape
@@ -86,13 +87,17 @@ def completed(take: Take, settings: Settings) -> Waypoints:
     axis = optical_axis(flight.quat_xyzw)
     turned = float(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)).sum())
     stands = standing(pair)
-    shape = Shape.of(flown, stands)
+    shape, standoff = Shape.of(flown, stands), _standoff(take, followed)
+    carried, view = Flown(safe(path.positions), np.unwrap(yaw), pitch), _view(take, wanted, settings)
+    if take.required is not None:
+        times = settings.optimise.required
+        view = required_first(view, take.required, carried, ways.planning, standoff.usual_m, times)
     problem = Problem(
         flown=flown,
-        carried=Flown(safe(path.positions), np.unwrap(yaw), pitch),
+        carried=carried,
         demonstrated=shape,
-        view=_view(take, wanted, settings),
-        standoff=_standoff(take, followed),
+        view=view,
+        standoff=standoff,
         airspace=ways.planning,
         speed_mps=_finite(demonstrated_speed(flight.t_s, flight, inspection.breaks)),
         turned_rad=max(turned, _LEAST_TURN_RAD),

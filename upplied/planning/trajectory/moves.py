@@ -59,7 +59,7 @@ def moves_aside(path: Flown, view: View, airspace: Airspace, aside: Aside) -> Fl
         return path
     few = missed[np.unique(np.linspace(0, len(missed) - 1, min(_MISSED, len(missed))).astype(np.int64))]
     left = view.need[few] * (view.need[missed].sum() / view.need[few].sum())
-    at, off = _places(path, aside.usual_m)
+    at, off = places_beside(path, aside.usual_m)
     kept = airspace.allowed(path.positions[at] + off)
     at, off = at[kept], off[kept]
     reach = view.reach(path.positions[at] + off, few, station=at)
@@ -81,7 +81,7 @@ class _Places(Record):
     shows: Bools  # (C, m) of what is missed
 
 
-def _places(path: Flown, usual_m: float) -> tuple[Ints, Floats]:
+def places_beside(path: Flown, usual_m: float) -> tuple[Ints, Floats]:
     """The station of each place (C,), and how far it is aside (C, 3), m: all round, as the camera looks."""
     stations = np.unique(np.linspace(0, len(path) - 1, min(_STATIONS, len(path))).astype(np.int64))
     ahead = optical_axis(from_yaw_pitch(path.yaw[stations], np.zeros(len(stations))))

@@ -26,11 +26,13 @@ class View(Record):
     limits: RetimeSettings
     scene: Scene
     fov_deg: Floats | None = None  # (M, 2) of each station of the path, where the camera zooms
+    least_cosine: Floats | None = None  # (N,) of the incidence, where single samples ask for more
 
     def sees(self, positions: Floats, quat_xyzw: Floats, asked: Ints) -> Bools:
         """(M, m) which of these samples each station's pose truly sees from near enough."""
         seen = self._visible(positions, quat_xyzw, asked, self.camera, self.settings, self.fov_deg)
-        return self._near(seen, positions, asked, coarseness(self.camera, self.fov_deg))
+        near = self._near(seen, positions, asked, coarseness(self.camera, self.fov_deg))
+        return self._frontal(near, positions, asked)
 
     def reach(
         self,
@@ -47,7 +49,8 @@ class View(Record):
         level = np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
         seen = self._visible(positions, level, asked, camera, settings or self.settings)
         fov_deg = self.fov_deg if self.fov_deg is None or station is None else self.fov_deg[station]
-        return self._near(seen, positions, asked, coarseness(self.camera, fov_deg))
+        near = self._near(seen, positions, asked, coarseness(self.camera, fov_deg))
+        return near if settings else self._frontal(near, positions, asked)
 
     def missed(self, positions: Floats, quat_xyzw: Floats) -> Ints:
         """The needed samples that none of these poses truly sees from near enough."""
@@ -78,4 +81,15 @@ class View(Record):
         ray = self.cloud.points[asked][sample] - positions[pose]
         squared = np.einsum("ij,ij->i", ray, ray) * (1.0 if coarse is None else coarse[pose] ** 2)
         seen[pose, sample] = squared <= self.farthest_m[asked][sample] ** 2
+        return seen
+
+    def _frontal(self, seen: Bools, positions: Floats, asked: Ints) -> Bools:
+        if self.least_cosine is None or self.cloud.normals is None:
+            return seen
+        strict = self.least_cosine[asked] > np.cos(np.radians(self.settings.max_incidence_deg))
+        pose, sample = np.nonzero(seen & strict)
+        ray = positions[pose] - self.cloud.points[asked][sample]
+        along = np.einsum("ij,ij->i", ray, self.cloud.normals[asked][sample])
+        least = self.least_cosine[asked][sample] * np.linalg.norm(ray, axis=1)
+        seen[pose, sample] = along >= least
         return seen

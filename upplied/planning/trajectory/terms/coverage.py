@@ -32,7 +32,7 @@ class Coverage(Record):
     sample: Ints  # (P,) to which a station has a free line of sight
     half_rad: Floats  # (M, 2) half the field of view, across and up
     coarse: Floats  # (M,) what each station's distances are taken times
-    least_cosine: float  # of the incidence
+    least_cosine: Floats  # (N,) of the incidence
     width: float  # over which a share falls: of the cosine, of the border's angle in rad, of the distance
 
     @classmethod
@@ -48,6 +48,8 @@ class Coverage(Record):
         halves = view.halves_rad(stride * len(free) if view.fov_deg is None else len(view.fov_deg))
         coarse = coarseness(view.camera, view.fov_deg)
         assert view.cloud.normals is not None
+        usual = float(np.cos(np.radians(view.settings.max_incidence_deg)))
+        own = view.least_cosine
         return cls(
             points=view.cloud.points[asked],
             normals=view.cloud.normals[asked],
@@ -57,7 +59,7 @@ class Coverage(Record):
             sample=sample,
             half_rad=halves,
             coarse=np.ones(len(halves)) if coarse is None else coarse,
-            least_cosine=float(np.cos(np.radians(view.settings.max_incidence_deg))),
+            least_cosine=np.full(len(asked), usual) if own is None else np.maximum(own[asked], usual),
             width=width,
         )
 
@@ -105,7 +107,7 @@ def _missed(
     sample: Ints,
     half_rad: Floats,
     coarse: Floats,
-    least_cosine: float,
+    least_cosine: Floats,
     width: float,
 ) -> tuple[float, Floats]:
     """Missed share, and its slope (M, 5) with respect to x, y, z, yaw and pitch of each station."""
@@ -128,7 +130,7 @@ def _missed(
             d = max(np.sqrt(ux * ux + uy * uy + uz * uz), 1e-9)
             ux, uy, uz = ux / d, uy / d, uz / d
             facing = -(ux * normals[i, 0] + uy * normals[i, 1] + uz * normals[i, 2])
-            a, da = _step(facing - least_cosine, width)
+            a, da = _step(facing - least_cosine[i], width)
             if a == 0.0:
                 continue
             b, db = _step(1.0 - d * coarse[m] / farthest_m[i], width)
