@@ -235,6 +235,10 @@ def px4(flown: Flight, **extra: Any) -> list[tuple[int, dict[str, Any]]]:
 
 PX4_STAMPS = "uint32 MESSAGE_VERSION = 0\nuint64 timestamp # us\nuint64 timestamp_sample\n"
 ROS2 |= {
+    "px4_msgs/msg/Wind": PX4_STAMPS + "float32 windspeed_north\nfloat32 windspeed_east\n",
+    "geometry_msgs/msg/TwistWithCovarianceStamped": (
+        _STAMPED + "geometry_msgs/TwistWithCovariance twist\n" + _HEADER + _TWIST
+    ),
     "px4_msgs/msg/VehicleOdometry": PX4_STAMPS
     + "uint8 POSE_FRAME_NED = 1\nuint8 pose_frame\nfloat32[3] position\nfloat32[4] q\nuint8 reset_counter\n",
     "px4_msgs/msg/VehicleLocalPosition": PX4_STAMPS

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,12 +14,16 @@ import trimesh
 import upplied.planning.plan as planning
 from upplied import provenance
 from upplied.catalog import open_catalog
+from upplied.catalog.schema.plan_rows import settings_text
 from upplied.cli import main
 from upplied.cli.choices import Choices
 from upplied.cli.export import Flags
 from upplied.config import settings_for
+from upplied.config.stages import Drone
 from upplied.errors import RefusedError
 from upplied.outputs.missions import FORMATS, MissionOptions
+from upplied.outputs.missions.dji_wpml import DRONES
+from upplied.outputs.render import as_settled
 from upplied.records import Placement
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
@@ -120,6 +125,19 @@ def test_choices_become_settings():
 
 def test_flags_of_missions_are_the_options_of_missions():
     assert asdict(Flags()) == asdict(MissionOptions())
+
+
+def test_missions_are_written_for_the_vehicle_and_clearance_that_the_plan_was_made_for():
+    assert {*DRONES, ""} == {*get_args(Drone)}
+    said = {"drone": "m30t", "endurance_s": 1200.0, "firmware": "ardupilot"}
+    for made_m, asked_m, kept_m in ((5.0, 2.0, 5.0), (1.5, 2.0, 2.0), (5.0, 3.0, 3.0)):
+        settings = settings_for("recommended", vehicle=said, route={"clearance_m": made_m})
+        row = {"settings_json": settings_text(settings)}
+        made = as_settled(row, MissionOptions(clearance_m=asked_m, endurance_s=900.0))
+        assert (made.drone, made.endurance_s, made.firmware) == ("m30t", 900.0, "ardupilot")
+        assert made.clearance_m == kept_m
+    assert as_settled({"settings_json": settings_text(settings)}, MissionOptions(drone="m3e")).drone == "m3e"
+    assert as_settled({}, MissionOptions()) == as_settled({"settings_json": "{"}, MissionOptions())
 
 
 def test_choices_reach_the_plan_and_the_plan_that_was_asked_for_is_shown(planned, capsys):

@@ -84,8 +84,11 @@ def place(tmp_path_factory) -> Iterator[Path]:
         for name in ("structures.toml", "tank-1.ply", "tank-2.stl"):
             shutil.copy(name, Path("fleet") / name)
         write_log(Path("flight.mcap"), [own_flight()])
-        (_, zones) = blocks("how-to/zones.md")
+        _, zones, _, welds = blocks("how-to/zones.md")
         Path("monthly.toml").write_text(zones[1], encoding="utf-8")
+        Path("welds.toml").write_text(welds[1], encoding="utf-8")
+        faces = len(open_catalog("catalog").structure("tank-2").triangles)
+        np.save("tank-2.npy", np.arange(faces) // 50)
         Path("flown").mkdir()
         flown_log(Path("flown/tank-2.mcap"))
         yield folder

@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_logs import Flight, Topic, poses
+from made_logs import write_log as made_log
 
 from upplied.catalog import open_catalog, verify
 from upplied.catalog.database import Catalog
@@ -97,6 +99,7 @@ def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path
     publish_pages(catalog, tmp_path / "reports", pictures=0)
     (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
     assert "Flown 2026-02-02" in page.read_text() and "broken off" in page.read_text()
+    assert "wind not logged" in page.read_text() and stored["wind_mps"] != stored["wind_mps"]
     # the gap becomes a plan like any other, a draft beside the one that was flown
     gap = plan_gap(catalog, row["flight_id"][:10])
     plan, gap_row = catalog.plan(gap), catalog.transfer(gap)
@@ -299,3 +302,24 @@ def test_a_file_that_is_no_edit_of_the_plan_is_told(catalog, tmp_path, text):
     path.write_text(text)
     with pytest.raises(InputError, match=r"plan\.json"):
         edit_plan(catalog, ID, path, "Ada")
+
+
+def test_the_wind_of_a_log_is_kept_and_told(catalog, made, tmp_path, capsys):
+    flown = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
+    t_ns = START_NS + np.round(flown.t_s * 1e9).astype(np.int64)
+    body = poses("/pose", "geometry_msgs/msg/PoseStamped", Flight(t_ns, flown.positions, flown.quat_xyzw))
+    told = [{"timestamp": int(t) // 1000, "windspeed_north": 4.0, "windspeed_east": 3.0} for t in t_ns[::50]]
+    wind = Topic("/fmu/out/wind", "px4_msgs/msg/Wind", list(zip(t_ns[::50].tolist(), told, strict=True)))
+    facts = {"structure_id": "cube-v1", "body_frame": "camera"}
+    row = keep(catalog, judged(catalog, made_log(tmp_path / "a.mcap", [body, wind], facts)))
+    assert row["wind_mps"] == pytest.approx(5.0) == row["wind_most_mps"]
+    assert CUBE.placement is not None
+    towards = (CUBE.placement.heading_deg - np.degrees(np.arctan2(3.0, 4.0))) % 360
+    assert row["towards_deg"] == pytest.approx(towards)
+    assert main(["flights", "show", row["flight_id"], "--catalog", catalog.location]) == 0
+    assert f"wind of 5.0 m/s, up to 5.0 m/s, towards {towards:.0f}" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    publish_pages(catalog, tmp_path / "reports", pictures=0)
+    (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
+    assert "wind of 5.0 m/s" in page.read_text()

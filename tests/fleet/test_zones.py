@@ -314,11 +314,11 @@ def test_labels_of_one_structure_are_carried_to_its_kind(catalog, tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("a.txt", b"roof " * 11, "has 11 labels, cube-v1 has 12 faces"),
+        ("a.txt", b"roof " * 11, "has 11 labels, cube-v1 has 1728 faces"),
         ("a.txt", b"\xff\xfe\x00", "cannot be read"),
         ("a.csv", b"face,name\n0,roof\n", "has no column 'label'"),
-        ("a.csv", b"face,label\n" + b"0,roof\n" * 12, "does not name each of 0 to 11 once"),
-        ("a.csv", b"label\n" + b'"a b"\n' * 12, "without spaces or commas"),
+        ("a.csv", b"face,label\n" + b"0,roof\n" * 1728, "does not name each of 0 to 1727 once"),
+        ("a.csv", b"label\n" + b'"a b"\n' * 1728, "without spaces or commas"),
         ("a.npy", b"no array", "cannot be read"),
         ("a.npy", b"pickle", "cannot be read"),
         ("a.parquet", b"no table", "cannot be read"),
@@ -328,7 +328,7 @@ def test_labels_of_one_structure_are_carried_to_its_kind(catalog, tmp_path):
 )
 def test_labels_that_do_not_fit_are_told(catalog, tmp_path, capsys, name, content, said):
     if content == b"pickle":
-        np.save(tmp_path / name, np.array([{"a": 1}] * 12, dtype=object), allow_pickle=True)
+        np.save(tmp_path / name, np.array([{"a": 1}] * 1728, dtype=object), allow_pickle=True)
     else:
         (tmp_path / name).write_bytes(content)
     asked = tmp_path / "monthly.toml"
@@ -341,4 +341,4 @@ def test_labels_that_do_not_fit_are_told(catalog, tmp_path, capsys, name, conten
     assert main(["require", "cube-v1", str(asked), *where]) == 2
     assert "no file of labels is named" in " ".join(capsys.readouterr().err.split())
     assert main(["zones", "cube-v1", "--mesh", str(tmp_path / "m.ply"), "--catalog", catalog.location]) == 0
-    assert "12 faces" in capsys.readouterr().out and (tmp_path / "m.ply").read_bytes()[:3] == b"ply"
+    assert "1728 faces" in capsys.readouterr().out and (tmp_path / "m.ply").read_bytes()[:3] == b"ply"

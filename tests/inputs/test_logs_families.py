@@ -153,6 +153,54 @@ def test_px4_odometry(tmp_path: Path, suffix: str) -> None:
     assert "1 estimator reset" in found.notes
 
 
+def px4_wind(t_ns: int, east: float, north: float) -> dict:
+    return {"timestamp": t_ns // 1000, "windspeed_north": north, "windspeed_east": east}
+
+
+def mavros_wind(t_ns: int, east: float, north: float) -> dict:
+    linear = {"linear": xyz((east, north, 0.0)), "angular": xyz((0.0, 0.0, 0.0))}
+    return {"header": header(t_ns), "twist": {"twist": linear, "covariance": [0.0] * 36}}
+
+
+TWIST = "geometry_msgs/msg/TwistWithCovarianceStamped"
+
+
+@pytest.mark.parametrize(
+    ("topic", "schema", "told"),
+    [
+        ("/fmu/out/wind", "px4_msgs/msg/Wind", px4_wind),
+        ("/mavros/wind_estimation", TWIST, mavros_wind),
+    ],
+)
+def test_the_wind_is_read_where_it_is_logged(tmp_path: Path, topic: str, schema: str, told) -> None:
+    flown = flight()
+    times = [int(t) for t in flown.t_ns[::10]]
+    blown = [told(t, 3.0 * (1 + (at == 4)), 4.0 * (1 + (at == 4))) for at, t in enumerate(times)]
+    # before the flight, a diverged estimate, and none
+    more = [(times[0] - 10**9, told(times[0] - 10**9, 50.0, 0.0)), (times[3] + 1, told(times[3], 1e4, 0.0))]
+    more.append((times[5] + 1, told(times[5], np.nan, 0.0)))
+    wind = Topic(topic, schema, sorted([*zip(times, blown, strict=True), *more], key=lambda each: each[0]))
+    body = poses("/pose", "geometry_msgs/msg/PoseStamped", flown)
+    found = read_demonstration(write_log(tmp_path / "a.mcap", [body, wind], FACTS | PLACE)).wind
+    assert found is not None and found.topic == topic
+    assert found.mean_mps == pytest.approx(5.0 * 31 / 30) and found.most_mps == pytest.approx(10.0)
+    # towards 36.87 deg from north; +X of the structure is at 30: clockwise of it
+    assert found.towards_deg == pytest.approx(360 + 30 - np.degrees(np.arctan2(3.0, 4.0)))
+    unplaced = read_demonstration(write_log(tmp_path / "b.mcap", [body, wind], FACTS)).wind
+    assert unplaced is not None and unplaced.towards_deg is None
+
+
+def test_a_log_without_wind_says_so(tmp_path: Path) -> None:
+    flown = flight()
+    times = [int(t) for t in flown.t_ns[::10]]
+    body = poses("/pose", "geometry_msgs/msg/PoseStamped", flown)
+    # the vehicle's own velocity is no wind, nor is an estimate that never began
+    own = Topic("/mavros/velocity", TWIST, [(t, mavros_wind(t, 3.0, 4.0)) for t in times])
+    zero = Topic("/fmu/out/wind", "px4_msgs/msg/Wind", [(t, px4_wind(t, 0.0, 0.0)) for t in times])
+    for topics in ([body], [body, own], [body, zero]):
+        assert read_demonstration(write_log(tmp_path / "a.mcap", topics, FACTS)).wind is None
+
+
 def test_px4_odometry_of_arbitrary_heading_is_turned_to_z_up(tmp_path: Path) -> None:
     flown = flight()
     turn = Rotation.from_euler("z", -90, degrees=True)  # x y of FRD are x, -y of a frame with z up

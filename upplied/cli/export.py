@@ -109,6 +109,9 @@ def export(
 ) -> int:
     """Write a plan as a mission file, or one for each sortie, and say what was assumed.
 
+    What the settings of the plan say of its vehicle and clearance (`upplied settings`) holds where no
+    option says otherwise.
+
     Parameters
     ----------
     transfer : str

@@ -43,6 +43,7 @@ SHOWN = {
     "turn_deg": "and turned by, deg",
     "place_error_m": "error of that, one sigma, m",
     "camera_yaw_deg": "its camera was turned by, deg",
+    "wind": "wind",
     "findings": "findings",
 }
 _DIGITS = 12  # of an id, in a list
@@ -200,9 +201,12 @@ def promote(
 
 
 def _tell(row: dict[str, Any], json: bool) -> None:
+    from upplied.outputs.flown import wind_words
+
     plain = {name: None if value != value else value for name, value in row.items()}
     if json:
         show("", [plain], json)
         return
+    plain["wind"] = wind_words(row)
     told = [{"what": title, "value": plain.get(name)} for name, title in SHOWN.items()]
     show(f"flight {row['flight_id'][:_DIGITS]}", [each for each in told if each["value"] not in (None, "")])

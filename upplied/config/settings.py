@@ -21,6 +21,7 @@ from upplied.config.stages import (
     RetimeSettings,
     RouteSettings,
     TransferSettings,
+    VehicleSettings,
     VerdictSettings,
     ViewpointSettings,
     VisibilitySettings,
@@ -49,6 +50,7 @@ class Settings:
     inspection: InspectionSettings = field(default_factory=InspectionSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
     required: RequiredSettings = field(default_factory=RequiredSettings)
+    vehicle: VehicleSettings = field(default_factory=VehicleSettings)
 
     @cached_property
     def sha256(self) -> str:

@@ -6,6 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+Drone = Literal[
+    "", "m300", "m350", "m30", "m30t", "m3e", "m3t", "m3m", "m3d", "m3td", "m4e", "m4t", "m4d", "m4td", "m400"
+]
+
 
 @dataclass(frozen=True)
 class CloudSettings:
@@ -163,6 +167,17 @@ class RequiredSettings:
     """Zones that must be seen (`upplied require`), which a plan shows first where its flight comes by."""
 
     zones: str = ""  # hash of what is asked for, so that it is part of what names a plan; empty: nothing
+
+
+@dataclass(frozen=True)
+class VehicleSettings:
+    """What flies the plans, and is written into missions; its limits of motion are in stage `retime`."""
+
+    drone: Drone = ""  # DJI's model; empty: another
+    payload: int | None = None  # DJI's payload number where the model has none of its own
+    firmware: Literal["px4", "ardupilot"] = "px4"  # of others
+    endurance_s: float | None = None  # of one battery: longer missions are split into sorties
+    reserve_pct: float = 20.0  # of the endurance that is not planned with
 
 
 @dataclass(frozen=True)

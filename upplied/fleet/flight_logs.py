@@ -143,9 +143,18 @@ def _judged(
         "log_sha256": flown.sha256,
         "operator": flown.operator,
         "photos": None if photo_s is None else len(photo_s),
+        **_wind(flown),
         **flight_columns(row, found, said, required),
     }
     return Judged(made, found.flown, surface, said)
+
+
+def _wind(flown: Demonstration) -> Row:
+    """What the log says of the wind; nothing where it says nothing."""
+    if flown.wind is None:
+        return {}
+    said = flown.wind
+    return {"wind_mps": said.mean_mps, "wind_most_mps": said.most_mps, "towards_deg": said.towards_deg}
 
 
 def flight_columns(row: Row, found: Alignment, said: AsFlown, required: Bools) -> Row:

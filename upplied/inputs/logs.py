@@ -33,7 +33,7 @@ from upplied.inputs.passport.passport import passport_of
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.passport.settings import SHAPING, PassportSettings
 from upplied.inputs.rules import Verdict, broken
-from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, inertial, px4, ros, tf
+from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, inertial, px4, ros, tf, wind
 from upplied.inputs.sidecar import LogOptions, inspection, placed
 from upplied.inputs.tables import Table
 from upplied.poses import normalised
@@ -46,7 +46,7 @@ _UNSAID, _LATER = ("demonstration_id", "allow", "strict", "passport"), ("publish
 
 FIELDS = {
     schema: paths
-    for family in (ros, foxglove, px4, geodetic, tf, gimbal, cameras, window)
+    for family in (ros, foxglove, px4, geodetic, tf, gimbal, cameras, window, wind)
     for schema, paths in family.FIELDS.items()
 }
 
@@ -213,6 +213,7 @@ def _demonstration(
         topic=topic,
         notes="; ".join([*filter(None, [facts.notes]), *notes, *recording.losses]),
         passport=passport,
+        wind=wind.wind_of(tables, track, facts.structure_heading_deg),
     )
     return found, facts
 

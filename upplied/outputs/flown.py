@@ -30,6 +30,7 @@ class Flown(Record):
     findings: str = ""  # what was found of it, in words
     required_pct: float = float("nan")  # of what the plan shows, the share that was truly seen
     looks_sha256: str = ""  # of what it saw of each patch; empty where that was not kept
+    wind: str = ""  # of a flight that was flown: what its log says of it, in words
 
 
 def flight_row(flight_id: str, flown: Flown) -> dict[str, Any]:
@@ -59,7 +60,17 @@ def flown_of(row: Mapping[str, Any], path: Trajectory) -> Flown:
         str(row.get("findings") or ""),
         _known(number(row, "required_pct")),
         str(row.get("looks_sha256") or ""),
+        wind_words(row),
     )
+
+
+def wind_words(row: Mapping[str, Any]) -> str:
+    """The wind of a row of `flights`, in words."""
+    speed, most, towards = (number(row, name) for name in ("wind_mps", "wind_most_mps", "towards_deg"))
+    if speed is None:
+        return "wind not logged"
+    upto = "" if most is None else f", up to {most:.1f} m/s"
+    return f"wind of {speed:.1f} m/s{upto}" + ("" if towards is None else f", towards {towards:.0f}°")
 
 
 def _known(value: float | None) -> float:
@@ -118,6 +129,8 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
         parts.append(f"of what the plan shows {flown.required_pct:.1f} % was seen")
     if np.isfinite(coverage):
         parts.append(f"really seen {coverage:.1f} %{_of(row, 'coverage_seen_pct', 1, ' %')}")
+    if flown.kind == "flown":
+        parts.append(flown.wind)
     measured = f"{parts[0]}: {', '.join(parts[1:]) or 'nothing could be measured'}."
     return f"{measured} Found: {flown.findings}." if flown.findings else measured
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from upplied.errors import CatalogError
+from upplied.catalog.verbs.recipes import settings_of
+from upplied.errors import CatalogError, UppliedError
 from upplied.outputs import figures
 from upplied.outputs.brief import brief_html
 from upplied.outputs.colours import DEMONSTRATED
@@ -70,6 +71,7 @@ def export_transfer(
     Where zones must be seen of the structure, what becomes of each stands beside them: ``FILE.zones.json``.
     """
     row = _row(source, transfer_id)
+    options = as_settled(row, options or MissionOptions())
     camera = source.demonstration(str(row["demonstration_id"])).camera
     structure = source.structure(str(row["target_id"]))
     keep = partial(keep_overruled, source, row, "export", format)
@@ -84,12 +86,28 @@ def export_transfer(
     return replace(made, paths=(*made.paths, beside))
 
 
+def as_settled(row: Any, options: MissionOptions) -> MissionOptions:
+    """The options with what the settings of the plan say of its vehicle, where nothing else is asked for.
+
+    A mission keeps no less than the clearance that the plan was made with, unless less is asked for.
+    """
+    try:
+        said = settings_of(str(row.get("settings_json") or "{}"))
+    except (ValueError, KeyError, UppliedError):  # of a program that knew other settings
+        return options
+    usual, vehicle = MissionOptions(), asdict(said.vehicle)
+    more = {name: value for name, value in vehicle.items() if getattr(options, name) == getattr(usual, name)}
+    if said.route.enforce and options.clearance_m == usual.clearance_m:
+        more["clearance_m"] = max(usual.clearance_m, said.route.clearance_m)
+    return replace(options, **more)
+
+
 def brief_transfer(
     source: Source, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
 ) -> Path:
     """The page for the pilot of one transfer, HTML, as it is flown in a format."""
-    options = options or MissionOptions()
     row = _row(source, transfer_id)
+    options = as_settled(row, options or MissionOptions())
     camera = source.demonstration(str(row["demonstration_id"])).camera
     structure = source.structure(str(row["target_id"]))
     plan = plan_of(source, row)

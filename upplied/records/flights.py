@@ -45,6 +45,16 @@ class Trajectory(Record):
         return Trajectory(self.t_s[index], self.positions[index], self.quat_xyzw[index], fov_deg)
 
 
+@dataclass(frozen=True)
+class LoggedWind:
+    """The wind while a flight was logged, as its autopilot estimated it."""
+
+    topic: str
+    mean_mps: float
+    most_mps: float
+    towards_deg: float | None  # where it blows to, counter-clockwise from +X; None: the heading is not known
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Demonstration(Record):
     """What an expert flew around one structure, as logged."""
@@ -68,6 +78,7 @@ class Demonstration(Record):
     passport: Mapping[str, object] = field(default_factory=dict)  # figures and findings, plain values
     # (N, 2) of each pose, where the camera zooms; `camera` then says the narrowest
     fov_deg: Floats | None = field(default=None, metadata={"later": True})
+    wind: LoggedWind | None = field(default=None, metadata={"later": True})  # None: not logged
 
     def __len__(self) -> int:
         return len(self.t_ns)
