@@ -1,7 +1,8 @@
 """Which lines of planning and catalog each test runs, and what it costs, for `mutate`.
 
 A line that is run when a module is loaded, or in a compiled function, counts as run by every test that runs
-any line of its module. Times are those of the processor, so that a busy machine judges as a quiet one does.
+any line of its module, and after these by every test that loads it. Times are those of the processor, so that
+a busy machine judges as a quiet one does.
 """
 
 from __future__ import annotations
@@ -157,6 +158,7 @@ def tests_for(mutant: Mutant, files: dict[str, Any], root: Path) -> list[tuple[s
     room = f"{tests_of(root, mutant.path.parent).relative_to(root)}/"
     module = f"{room}test_{mutant.path.stem}.py"
     asked: dict[str, float] = {}
+    loading: set[str] = set()  # asked last: they load the module, and run none of its lines in sight
     for file, of in files.items():
         run, seconds = of["lines"].get(str(mutant.path), {}), of["seconds"]
         who = set()
@@ -164,8 +166,12 @@ def tests_for(mutant: Mutant, files: dict[str, Any], root: Path) -> list[tuple[s
             if not mutant.traced or int(line) in mutant.lines:
                 who.update(names)
         asked |= seconds if file in who else {name: seconds[name] for name in who & seconds.keys()}
+        if not mutant.traced and str(mutant.path) in of["loaded"]:
+            loading |= seconds.keys() - asked.keys()
+            asked |= seconds
 
-    def order(each: tuple[str, float]) -> tuple[bool, bool, float]:
-        return not each[0].startswith(module), not each[0].startswith(room), each[1]
+    def order(each: tuple[str, float]) -> tuple[bool, bool, bool, float]:
+        name, lasts = each
+        return name in loading, not name.startswith(module), not name.startswith(room), lasts
 
     return sorted(asked.items(), key=order)
