@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from upplied.config import CloudSettings, settings_for
 from upplied.errors import SettingsError
+from upplied.planning.correspondence.pair import Fit
+from upplied.planning.demonstration import carried_zone as carrying
 from upplied.planning.demonstration.about import zone_of
-from upplied.planning.demonstration.carried_zone import carried_zone
+from upplied.planning.demonstration.carried_zone import _carried, _probability, _sided, carried_zone
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
-from upplied.records import Bools, Cloud, Structure
+from upplied.records import Bools, Cloud, Correspondences, Registration, Structure
 from upplied.samples.fleet import member
 from upplied.scene import scene_of
 
@@ -79,3 +83,70 @@ def test_a_ball_keeps_to_one_side_of_a_thin_plate():
     for bad in ("ball 0 0 0", "ball 0 0 0 x", "ball 0 0 0 nan", "ball 90 0 0 1"):
         with pytest.raises(SettingsError, match=r"cannot be read as a ball|names no surface"):
             zone_of(bad, thin, cloud, skin)
+
+
+def fit(source: Cloud, target: Cloud, index: np.ndarray, points: np.ndarray, carried: bool = True) -> Fit:
+    same = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True, acceptance=0.4)
+    classes = np.arange(4), np.arange(4)
+    match = Correspondences(index, np.zeros(len(index)), points, "", *classes)
+    return Fit(source, target, same, match, 1, np.zeros(len(target), np.int64) if carried else None)
+
+
+LINE = np.column_stack([np.arange(20.0), np.zeros((20, 2))])
+ROW = Cloud(LINE, np.tile([0.0, 0, 1], (20, 1)), np.ones(20), np.repeat([0, 1, 2, 3], 5))
+
+
+def test_most_of_the_five_nearest_carried_samples_decide_within_three_spacings():
+    zone = np.isin(np.arange(20), [5, 6, 7, 9, 17])
+    index, points = np.arange(20), LINE.copy()
+    index[8], points[10] = -1, np.nan
+    target = Cloud(np.vstack([LINE, [[7, 0, 2.99], [7, 0, 3.01]]]), None, np.ones(22))
+    found = _carried(fit(ROW, target, index, points), zone)
+    known = [at for at in range(20) if at not in (8, 10)]
+    for at, place in enumerate(target.points):
+        near = sorted(known, key=lambda of: np.linalg.norm(points[of] - place))
+        said = sum(zone[of] for of in near[:5]) >= 3
+        assert found[at] == (said and np.linalg.norm(points[near[0]] - place) <= 3.0), at
+    assert found[[6, 7, 20]].all() and not found[[17, 21]].any()
+    assert not _carried(fit(ROW, target, np.full(20, -1), points), zone).any()
+    assert not _carried(fit(ROW, target, index, points), np.arange(20) == 8).any()
+    few = np.where(np.arange(20) < 2, np.arange(20), -1)
+    assert _carried(fit(ROW, target, few, points), np.arange(20) < 2)[0]  # of two, two are asked
+
+
+def test_the_least_certain_part_of_a_zone_speaks_for_it(monkeypatch):
+    asked = []
+
+    def evidence(source, part, registered, answers, acceptance, told, carried):
+        asked.append((part, answers, acceptance, told))
+        return part
+
+    monkeypatch.setattr(carrying, "evidence_of_answer", evidence)
+    monkeypatch.setattr(carrying, "probability", lambda part, _: {0: 0.9, 1: 0.5, 2: 0.1, 3: 0.7}[part])
+    here = fit(ROW, ROW, np.arange(20), LINE)
+    assert _probability(here, np.arange(20) < 10) == 0.5
+    assert asked == [(0, [0], 0.4, True), (1, [1], 0.4, True)]
+    assert np.isnan(_probability(fit(ROW, ROW, np.arange(20), LINE, carried=False), np.arange(20) < 10))
+    many = Cloud(np.tile(LINE, (2, 1)), None, None, np.concatenate([np.zeros(19, int), [2], np.full(20, 3)]))
+    assert _probability(fit(many, ROW, np.arange(40), many.points), np.arange(40) < 40) == 0.7  # 2 is a crumb
+
+
+def test_of_a_zone_over_many_parts_the_largest_is_asked_about(monkeypatch):
+    monkeypatch.setattr(carrying, "evidence_of_answer", lambda source, part, *_: part)
+    monkeypatch.setattr(carrying, "probability", lambda part, _: 0.3 if part == 18 else 0.0)
+    each = Cloud(LINE, None, None, np.concatenate([np.arange(18), [18, 18]]))
+    there = fit(each, ROW, np.arange(20), LINE)
+    match = replace(there.correspondences, source_class=np.arange(19), target_class=np.arange(19))
+    monkeypatch.setattr(carrying, "_PART", 0.11)
+    assert _probability(replace(there, correspondences=match), np.ones(20, bool)) == 0.3
+
+
+def test_a_part_that_nothing_answers_has_no_certainty():
+    without = fit(ROW, ROW, np.arange(20), LINE)
+    match = replace(without.correspondences, target_class=np.full(4, -1))
+    assert _probability(replace(without, correspondences=match), np.arange(20) < 5) == 0.0
+
+
+def test_the_sides_of_a_thin_plate_lie_apart():
+    sided = _sided(np.array([[1.0, 2, 3]]), np.array([[0.0, 0, -1]]), 0.5)
+    assert sided.tolist() == [[1, 2, 3, 0, 0, -1]]

@@ -20,7 +20,7 @@ from upplied.threads import one_thread
 
 _VOTERS = 5  # carried samples nearest to one of the target: most of them say whether it is of the zone
 _REACH = 3.0  # times the spacing of the target's samples, that the nearest of them may be off
-_PART = 0.1  # share of the zone from which a part of the source is asked for
+_PART = 0.1  # share of the zone from which a part of the source is asked for; the largest always is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,11 +96,9 @@ def _probability(fit: Fit, zone: Bools) -> float:
     if fit.carried is None:
         return float("nan")
     registered = in_source_frame(fit.target, fit.registration)
-    label = labels_of(fit.source)
+    share = np.bincount(labels_of(fit.source)[zone]) / zone.sum()
     found = []
-    for part in np.unique(label[zone]):
-        if (label[zone] == part).mean() < _PART:
-            continue
+    for part in np.flatnonzero(share >= min(_PART, share.max())):
         answers = [int(answer) for answer in fit.correspondences.parts_answering(int(part))]
         if not answers:
             return 0.0
