@@ -332,3 +332,16 @@ def test_a_camera_pans_no_faster_than_it_is_sharp_unless_the_expert_swung_it() -
 def yaw_of(planned: Trajectory) -> Floats:
     axes = matrices(planned.quat_xyzw)
     return np.unwrap(np.arctan2(axes[:, 1, 0], axes[:, 0, 0]))
+
+
+def test_beside_a_place_that_is_to_be_sharp_the_whole_legs_are_flown_slowly() -> None:
+    """The legs to it and from it: what lies between two waypoints is as sharp as the slower one asks."""
+    at = np.column_stack([np.arange(5) * 10.0, np.zeros((5, 2))])
+    flight = Trajectory(np.arange(5) * 4.0, at, np.tile([0.0, 0, 0, 1], (5, 1)))  # 2.5 m/s
+    sharp = Sharp(np.array([np.inf, np.inf, 0.5, np.inf, np.inf]), np.full(5, np.inf))
+    planned, _, _ = retime(path_of(flight), flight, LIMITS, None, sharp)
+    speed = np.linalg.norm(np.diff(planned.positions, axis=0), axis=1) / np.diff(planned.t_s)
+    middle = (planned.positions[1:, 0] + planned.positions[:-1, 0]) / 2
+    beside = (middle > 10.5) & (middle < 29.5)
+    assert speed[beside] == pytest.approx(np.full(beside.sum(), 0.5), rel=0.01)
+    assert speed[(middle > 3) & (middle < 7)].min() > 1.5 and speed[(middle > 33) & (middle < 37)].min() > 1.5

@@ -1,0 +1,228 @@
+"""What is said of each inspected part, and why: on boxes whose counterparts are given."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from made_clouds import boxes
+
+from upplied.config import settings_for
+from upplied.planning.carry import counterparts
+from upplied.planning.carry.counterparts import (
+    _answers,
+    _both,
+    _counterpart,
+    _doubt,
+    _not_repeated,
+    _others_within,
+    _probability,
+    _Side,
+    _without_flown,
+    counterparts_of,
+)
+from upplied.planning.demonstration.repetition import Take
+from upplied.planning.surface.parts import parts_of
+from upplied.records import Cloud, Correspondences, Counterpart, Floats, Frame, Ints, Registration
+
+HULL, POD = ([0, -4, 0], [60, 8, 6]), [6, 2, 2]
+LEFT, RIGHT = ([20, 9, 0], POD), ([20, -11, 0], POD)
+SOURCE = boxes(HULL, LEFT, RIGHT, number=60)
+SETTINGS = settings_for("recommended")
+
+
+def side(cloud: Cloud, label: Ints | None = None, pieces: bool = True) -> _Side:
+    mine = cloud.part if label is None else label
+    assert mine is not None
+    return _Side(parts_of(replace(cloud, part=mine)), mine, pieces)
+
+
+def take(
+    target: Cloud = SOURCE,
+    answers: Ints | None = None,
+    weight: Floats | None = None,
+    skin: Ints | None = None,
+    source: Cloud = SOURCE,
+    part: int = -1,
+    choice: int = -1,
+    carried: bool = True,
+    told: int = -1,
+) -> Take:
+    """A take whose source parts 0, 1 ... were matched with these of the target, -1 with none."""
+    number = len(parts_of(target))
+    answers = np.arange(len(parts_of(source))) if answers is None else answers
+    classes = np.full(number, -1)
+    classes[answers[answers >= 0]] = np.flatnonzero(answers >= 0)
+    index = np.zeros(len(source), np.int64)
+    match = Correspondences(index, np.zeros(len(source)), source.points, "", np.arange(len(answers)), classes)
+    fit = SimpleNamespace(
+        source=source, target=target, correspondences=match, told=told,
+        registration=Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True, acceptance=0.4),
+        carried=np.zeros(len(target), np.int64) if carried else None,
+    )  # fmt: skip
+    attention = SimpleNamespace(
+        weight=np.ones(len(source)) if weight is None else weight, part=source.part if skin is None else skin
+    )
+    pair = SimpleNamespace(
+        surface=fit, source=SimpleNamespace(frame=Frame()), target=SimpleNamespace(structure_id="there")
+    )
+    made = SimpleNamespace(
+        pair=pair, inspection=SimpleNamespace(attention=attention), part=part, choice=choice
+    )
+    return cast(Take, made)
+
+
+ONE = Counterpart("part_1 (left)", 60.0, twins=1, found=2, flown=("a",), left_out=("b", "c"), probability=0.9)
+
+
+def test_two_takes_of_one_part_are_told_together() -> None:
+    other = replace(ONE, flown=("b", "a"), left_out=("c", "d"), probability=0.7, doubt="doubted")
+    both = _both(ONE, other)
+    assert both.flown == ("a", "b") and both.left_out == ("b", "c", "d")
+    assert both.probability == 0.7 and both.doubt == "doubted" and both.inspected_pct == 60.0
+    assert _both(replace(ONE, doubt="first"), other).doubt == "first"
+    for unknown in (replace(other, probability=None), replace(other, probability=None, doubt="")):
+        assert _both(ONE, unknown).probability is None and _both(unknown, ONE).probability is None
+
+
+def test_what_another_take_flies_is_not_left_out() -> None:
+    other = replace(ONE, flown=("b",), left_out=("a", "d"))
+    found = _without_flown([ONE, other], SETTINGS)
+    assert [one.left_out for one in found] == [
+        ("c: not asked for (--repeat each)",), ("d: not asked for (--repeat each)",)
+    ]  # fmt: skip
+    each = settings_for("recommended", correspondence={"repeat": "mirror"})
+    (said,) = _without_flown([ONE], each)[0].left_out[1:]
+    assert said == "c: --repeat mirror flies what lies as the demonstrated part"
+
+
+def test_why_it_is_not_certain() -> None:
+    least = settings_for("recommended", correspondence={"least_probability": 0.6})
+    assert _doubt(take(), "wing", 0.5, side(SOURCE), 0.6, least) == ""
+    assert _doubt(take(), "wing", 0.523, side(SOURCE), 0.594, least) == (
+        "wing, 52 % of what was inspected, has its counterpart on there with probability 0.59, 0.6 is "
+        "asked for (correspondence.least_probability)"
+    )
+    for pieces, why in ((True, "no part of it was matched"), (False, "its surface is one piece")):
+        assert _doubt(take(), "wing", 0.5, side(SOURCE, pieces=pieces), None, least) == (
+            f"wing, 50 % of what was inspected, is not told apart on there: {why}, and what lies nearest "
+            "may be another part"
+        )
+
+
+def test_answers_are_the_matched_parts_and_of_one_piece_only_those_of_the_whole() -> None:
+    known = take(answers=np.array([0, 2, -1]))
+    assert [_answers(known, part, side(SOURCE)) for part in range(3)] == [[0], [2], []]
+    stretches = side(SOURCE, pieces=False)
+    assert stretches.parts.area[0] > 0.5
+    assert [_answers(known, part, stretches) for part in range(3)] == [[0], [], []]
+
+
+def test_a_counterpart_is_told_with_its_like() -> None:
+    target = boxes(HULL, LEFT, RIGHT, ([40, 9, 0], POD), number=60)
+    known = take(target, np.array([0, 3, 2]), carried=False)
+    one = _counterpart(known, 1, 0.4321, side(SOURCE), side(target), SETTINGS)
+    assert one.part.startswith("part_1 (") and one.inspected_pct == 43.21 and one.twins == 1
+    assert one.found == 3 and [name[:6] for name in one.flown] == ["part_3"]
+    assert sorted(name[:6] for name in one.left_out) == ["part_1", "part_2"]
+    assert one.probability is None and one.doubt == ""
+
+
+def test_a_chosen_part_is_flown_where_its_own_part_is_repeated() -> None:
+    target = boxes(HULL, LEFT, RIGHT, ([40, 9, 0], POD), number=60)
+    for repeated, flown in ((1, "part_2"), (2, "part_3")):
+        own = take(target, np.array([0, 3, 2]), part=repeated, choice=2, carried=False)
+        one = _counterpart(own, 1, 0.4, side(SOURCE), side(target), SETTINGS)
+        assert [name[:6] for name in one.flown] == [flown]
+
+
+def test_a_part_without_a_partner_or_on_one_piece_is_told() -> None:
+    target = boxes(HULL, LEFT, RIGHT, ([40, 9, 0], POD), number=60)
+    none = _counterpart(
+        take(target, np.array([0, -1, 2]), carried=False), 1, 0.4, side(SOURCE), side(target), SETTINGS
+    )
+    assert none.flown == () and "no part of it was matched" in none.doubt
+    piece = _counterpart(
+        take(target, np.array([0, 3, 2])), 1, 0.4, side(SOURCE), side(target, pieces=False), SETTINGS
+    )
+    assert piece.found == 1 and piece.left_out == ()
+
+
+def certain(of: dict[int, float], others: float, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Probabilities by the target's part, and of another of its kind beside a chosen one; who is asked."""
+    asked: list[Any] = []
+    monkeypatch.setattr(
+        counterparts, "evidence_of_answer", lambda *given: asked.append(given[3:6]) or ("answer", given[3])
+    )
+    monkeypatch.setattr(counterparts, "evidence_of_other", lambda *given: ("other", given[1:3]))
+    monkeypatch.setattr(
+        counterparts, "probability", lambda found, _: of[found[1][0]] if found[0] == "answer" else others
+    )
+    return asked
+
+
+def test_the_probability_of_a_chosen_part_is_that_of_any_of_its_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = certain({1: 0.3, 2: 0.8, 3: 0.9}, 0.5, monkeypatch)
+    pinned = settings_for("recommended", correspondence={"counterparts": (("a", "b"),)})
+    assert _probability(take(), 1, [1], [1, 2, 3], SETTINGS) == 0.3
+    assert _probability(take(), 1, [1], [1, 2, 3], pinned) == 0.45
+    assert _probability(take(choice=1), 1, [1], [1, 2], SETTINGS) == 0.4
+    assert _probability(take(choice=0), 1, [1], [1, 2], SETTINGS) == 0.4
+    assert _probability(take(choice=1), 1, [2], [1, 2], SETTINGS) == 0.8  # its own is more
+    assert _probability(take(choice=1), 1, [1, 2], [1, 2, 3], SETTINGS) == 0.3
+    assert _probability(take(carried=False), 1, [1], [1], SETTINGS) is None
+    asked.clear()
+    for told, known in ((-1, False), (0, True), (1, True)):
+        _probability(take(told=told), 1, [1], [1], SETTINGS)
+        assert asked.pop() == ([1], 0.4, known)
+
+
+def within(inspected: list[int], weight: float = 1.0, places: list[Any] | None = None, part: int = 0) -> int:
+    """How many like stretches a part of hull and pods has, where some of them were inspected."""
+    cloud = boxes(HULL, *(places or [LEFT, RIGHT, ([40, 9, 0], POD)]), number=60)
+    skin = cloud.part
+    assert skin is not None
+    whole = replace(cloud, part=np.zeros(len(cloud), np.int64))
+    own = take(source=whole, target=whole, weight=weight * np.isin(skin, inspected), skin=skin)
+    return _others_within(own, part, side(whole))
+
+
+def test_other_stretches_like_the_inspected_piece_of_a_part_are_counted() -> None:
+    assert within([1]) == 2 and within([1, 2]) == 1 and within([1, 2, 3]) == 0
+    assert within([1], weight=0.39) == 3  # nothing was inspected from two fifths on: the like of all is open
+    assert within([0]) == 0  # most of the part
+    assert (
+        within([1], places=[([20, 9, 0], [17, 2, 2]), ([20, -11, 0], [17, 2, 2])]) == 0
+    )  # as long as a hull
+    assert within([1], places=[([20, 9, 0], [14, 2, 2]), ([20, -11, 0], [14, 2, 2])]) == 1
+    pieces = take(weight=np.zeros(180), skin=SOURCE.part)
+    assert _others_within(pieces, 0, side(SOURCE, pieces=False)) == 0
+
+
+def test_parts_on_a_side_for_which_nothing_is_flown_are_told() -> None:
+    left = take(part=1, choice=1)
+    (missing,) = _not_repeated([left])
+    assert missing.part.startswith("part_2 (") and missing.found == 0 and missing.twins == 1
+    assert missing.doubt == f"no part like {missing.part} is found on its side of there"
+    assert missing.inspected_pct == 100.0 and missing.flown == ()
+    assert _not_repeated([left, take(part=2, choice=2)]) == [] and _not_repeated([take()]) == []
+
+
+def test_the_most_inspected_part_comes_first() -> None:
+    weight = np.repeat([0.0, 0.4, 1.0], 60)
+    own = take(weight=weight, skin=SOURCE.part, carried=False)
+    found = counterparts_of([own], SETTINGS)
+    assert [one.part[:6] for one in found] == ["part_2", "part_1"]
+    assert [one.inspected_pct for one in found] == pytest.approx([100 / 1.4, 40 / 1.4], abs=0.01)
+    only = take(weight=weight, skin=SOURCE.part, carried=False, part=1, choice=1)
+    assert [one.part[:6] for one in counterparts_of([only], SETTINGS)] == ["part_1"]
+    assert counterparts_of([own], settings_for("paper")) == ()
+    each = settings_for("recommended", correspondence={"repeat": "each"})
+    told = counterparts_of([only], each)
+    assert [one.part[:6] for one in told] == ["part_2", "part_1"] and told[0].doubt
+    second = take(weight=weight, skin=SOURCE.part, part=1, choice=2, carried=False)
+    twice = counterparts_of([only, second], SETTINGS)
+    assert len(twice) == 1 and len(twice[0].flown) == 2 and twice[0].left_out == ()
