@@ -30,9 +30,8 @@ from tracing import digest, of_tests, run_tests, tests_for, traced
 SLACK_S = 30  # beyond three times what the tests take on sound code: then a mutant hangs, which is noticed
 COMPILED_S = 120  # as much again, for what is compiled anew of a mutant
 WAITS = 12  # times that, by the clock: then it waits for something that does not come
-BUDGET_S = (
-    40  # of tests for one mutant, as they take traced on sound code; what survives them counts as survived
-)
+LOADED_S = 1.0  # for each file of tests
+BUDGET_S = 12  # of tests for one mutant, as they take traced on sound code; then it counts as survived
 VERDICTS = ROOT / ".cache" / "mutate" / "verdicts.json"
 #: Loaded once, and not anew for each mutant; not pyarrow, which starts threads that do not survive a fork.
 LIBRARIES = (
