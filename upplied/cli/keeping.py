@@ -30,10 +30,10 @@ def vacuum(
     from upplied.catalog import vacuum as clean
 
     done = clean(opened(catalog), keep_days)
-    _counted("files merged", done.files_merged)
     _counted("files removed", done.files_removed)
     _counted("rows of stopped writers removed", done.orphan_commits)
-    console.print(f"{done.drafts_removed} drafts removed, {done.cache_bytes_freed} bytes of cache freed")
+    console.print(f"{done.surfaces_removed} surfaces that no plan names and {done.drafts_removed} drafts removed")
+    console.print(f"{done.cache_bytes_freed} bytes of cache freed")
     return 0
 
 

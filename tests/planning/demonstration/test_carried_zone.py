@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.carried_zone import _carried, _probability, _sided, carried_zone
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
-from upplied.records import Bools, Cloud, Correspondences, Registration, Structure
+from upplied.records import Bools, Cloud, Correspondences, Frame, Registration, Structure
 from upplied.samples.fleet import member
 from upplied.scene import scene_of
 
@@ -150,3 +151,20 @@ def test_a_part_that_nothing_answers_has_no_certainty():
 def test_the_sides_of_a_thin_plate_lie_apart():
     sided = _sided(np.array([[1.0, 2, 3]]), np.array([[0.0, 0, -1]]), 0.5)
     assert sided.tolist() == [[1, 2, 3, 0, 0, -1]]
+
+
+def test_what_of_a_zone_is_lost_is_told_and_patches_are_asked_by_place_and_side(monkeypatch):
+    index = np.where(np.arange(20) == 3, -1, np.arange(20))
+    own = replace(fit(ROW, ROW, index, LINE), carried=None)
+    pair = SimpleNamespace(surface=own, source="source", source_scene="scene")
+    turned = Frame(np.radians(90.0), np.array([2.0, 0, 0]))
+    monkeypatch.setattr(carrying, "frames_for", lambda *_: (Frame(), turned))
+    monkeypatch.setattr(carrying, "structure_in", lambda frame, structure: structure)
+    monkeypatch.setattr(carrying, "study_pair", lambda *_: pair)
+    monkeypatch.setattr(carrying, "skin_parts", lambda *_: SimpleNamespace(label="skin"))
+    monkeypatch.setattr(carrying, "zone_of", lambda where, *_: np.arange(20) < 4 if where == "here" else None)
+    asked = np.array([[0.1, 0, 0], [2, 0, 0], [15, 0, 0]])
+    surface = Cloud(turned.to_declared(asked), np.tile([0.0, 0, 1], (3, 1)))
+    found = carried_zone("here", "source", "target", surface, SETTINGS)
+    assert found.lost_pct == 25.0 and np.isnan(found.probability)
+    assert found.patches.tolist() == [True, True, False]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,16 +26,15 @@ CACHE_BYTES = 20 << 30
 _OWNERS = {"waypoints": "transfers", "poses": "demonstrations"}
 
 
-@dataclass
+@dataclass(frozen=True)
 class Kept:
     """What maintenance did."""
 
-    files_merged: dict[str, int] = field(default_factory=dict)  # by table
-    orphan_commits: dict[str, int] = field(default_factory=dict)  # of writers that were stopped, by table
-    files_removed: dict[str, int] = field(default_factory=dict)  # by table
-    surfaces_removed: int = 0  # that no plan names
-    drafts_removed: int = 0
-    cache_bytes_freed: int = 0
+    orphan_commits: dict[str, int]  # of writers that were stopped, by table
+    surfaces_removed: int  # that no plan names
+    files_removed: dict[str, int]  # by table
+    drafts_removed: int
+    cache_bytes_freed: int
 
 
 def compact(catalog: Catalog) -> dict[str, int]:
@@ -66,26 +65,22 @@ def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
         raise SettingsError(
             "keep_days", f"is {keep_days:g}", f"at least {SHORTEST_KEEP_HOURS / 24:.3f} (an hour)"
         )
-    kept = Kept()
     catalog.identity.required()  # before the clock, whose file would stand in a folder that is no catalog
     before = catalog.clock.now() - timedelta(hours=hours)
-    for steps, owner in _OWNERS.items():
-        kept.orphan_commits[steps] = _drop_orphans(catalog.tables[steps], catalog.tables[owner], before)
-    kept.surfaces_removed = _drop_surfaces(catalog, before)
-    for name, table in catalog.tables.items():
 
-        def remove(delta: DeltaTable) -> int:
-            # Not an enforced week: the caller states the history, and an hour protects writers.
-            removed = delta.vacuum(
-                max(1, int(hours)), dry_run=False, enforce_retention_duration=False, full=True
-            )
-            return len(removed)
+    def remove(delta: DeltaTable) -> int:
+        # Not an enforced week: the caller states the history, and an hour protects writers.
+        removed = delta.vacuum(max(1, int(hours)), dry_run=False, enforce_retention_duration=False, full=True)
+        return len(removed)
 
-        kept.files_removed[name] = table.change(remove) or 0
-    if "://" not in catalog.location:
-        kept.drafts_removed = _remove_drafts(Path(catalog.location), before)
-    kept.cache_bytes_freed = catalog.cache.prune(cache_bytes)
-    return kept
+    tables = catalog.tables
+    return Kept(
+        {steps: _drop_orphans(tables[steps], tables[owner], before) for steps, owner in _OWNERS.items()},
+        _drop_surfaces(catalog, before),
+        {name: table.change(remove) or 0 for name, table in tables.items()},
+        0 if "://" in catalog.location else _remove_drafts(Path(catalog.location), before),
+        catalog.cache.prune(cache_bytes),
+    )
 
 
 def orphans(steps: StoredTable, owners: StoredTable, before: datetime) -> list[str]:
