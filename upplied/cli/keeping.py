@@ -32,7 +32,9 @@ def vacuum(
     done = clean(opened(catalog), keep_days)
     _counted("files removed", done.files_removed)
     _counted("rows of stopped writers removed", done.orphan_commits)
-    console.print(f"{done.surfaces_removed} surfaces that no plan names and {done.drafts_removed} drafts removed")
+    console.print(
+        f"{done.surfaces_removed} surfaces that no plan names removed, {done.drafts_removed} drafts"
+    )
     console.print(f"{done.cache_bytes_freed} bytes of cache freed")
     return 0
 
