@@ -96,8 +96,13 @@ def traced(root: Path, rooms: tuple[str, ...], context: BaseContext) -> dict[str
     """Who runs which line, of every test file; kept until the file or a module that it loads changes."""
     found = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
     folders = {tests_of(root, Path(room)) for room in rooms}
+    places = {path for folder in folders for path in folder.rglob("test_*.py")}
+    modules = {path.stem for room in rooms for path in root.glob(f"{room.removesuffix('.py')}*/**/*.py")}
+    for path in (root / "tests").rglob("test_*.py"):  # those of a module may lie with what asks it
+        if path.stem.removeprefix("test_") in modules:
+            places.add(path)
     asked: dict[str, Any] = {}
-    for path in sorted(path for folder in folders for path in folder.rglob("test_*.py")):
+    for path in sorted(places):
         file = str(path.relative_to(root))
         before = found.get(file, {"loaded": [], "digest": ""})
         if before["digest"] == _of_run(root, path, before["loaded"]):

@@ -11,11 +11,11 @@ import pytest
 from upplied.config import CloudSettings, InspectionSettings
 from upplied.errors import SettingsError
 from upplied.planning.demonstration.about import zone_of
-from upplied.planning.demonstration.attention import Attention, attention
+from upplied.planning.demonstration.attention import Attention, _subject, attention
 from upplied.planning.surface.frames import structure_in
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
-from upplied.planning.visibility.moments import moments
+from upplied.planning.visibility.moments import Moments, moments
 from upplied.planning.visibility.path_views import TRULY, Views, views
 from upplied.poses import look_at, matrices
 from upplied.records import Camera, Cloud, Demonstration, Floats, Frame, Ints, Structure, Trajectory
@@ -208,3 +208,23 @@ def test_what_was_seen_from_behind_alone_was_no_subject() -> None:
     )
     assert np.isnan(found.subject_m) and not found.weight.any() and found.completeness.tolist() == [0.0]
     assert found.motion_radps == 0 and found.incidence_deg == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_subject_stands_where_half_of_the_way_flown_was_nearer(seed: int) -> None:
+    """In pictures' widths: a metre flown at twice the depth is a quarter of the evidence."""
+    rng = np.random.default_rng(seed)
+    number = 9
+    step, velocity = rng.uniform(0.2, 3, number), rng.normal(0, 2, (number, 3))
+    depth, known = rng.uniform(2, 40, number), rng.random(number) < 0.8
+    known[:2] = True
+    flight = Trajectory(np.arange(float(number)), np.zeros((number, 3)), np.tile([0.0, 0, 0, 1], (number, 1)))
+    found = _subject(Moments(flight, step, velocity, np.zeros((number, 3))), depth, known)
+    weight = {at: (np.linalg.norm(velocity[at]) + 0.1) * step[at] / depth[at] ** 2
+              for at in range(number) if known[at]}  # fmt: skip
+    whole, passed = sum(weight.values()), 0.0
+    for at in sorted(weight, key=lambda each: depth[each]):
+        passed += weight[at]
+        if passed >= whole / 2:
+            break
+    assert found == pytest.approx(depth[at])

@@ -8,7 +8,7 @@ import pytest
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.trajectory.moves import Aside, moves_aside
+from upplied.planning.trajectory.moves import Aside, _Places, _places, _taken, moves_aside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch
@@ -91,3 +91,66 @@ def test_a_path_that_misses_nothing_stays(roof: View) -> None:
     path = below_the_roof()
     assert shown(view, path) == pytest.approx(1)
     assert moves_aside(path, view, Airspace(roof.scene, 2.0, Surroundings()), price(0.0)) is path
+
+
+def bent_line() -> Flown:
+    """Stations at 0, 10, 30 and 60 m along a line, the camera level."""
+    x = np.array([0.0, 10, 30, 60])
+    return Flown(np.column_stack([x, 0 * x, 0 * x]), np.zeros(4), np.zeros(4))
+
+
+def places(*given: tuple[int, list[float], float, float, list[bool]]) -> _Places:
+    at, off, yaw, pitch, shows = zip(*given, strict=True)
+    return _Places(np.array(at), np.array(off), np.array(yaw), np.array(pitch), np.array(shows))
+
+
+DEAR = Aside(6.0, lambda off: (np.atleast_2d(off) ** 2).sum(axis=1), 0.25)
+
+
+@pytest.mark.parametrize("share", [0.98, 1.02])
+def test_a_place_is_taken_where_it_shows_more_than_it_costs(share: float) -> None:
+    """Five metres aside of sixty, there and back on twice as much path each, and 0.2 rad turned."""
+    price = 2 / 3 * (2 * 5) / 60 * 5**2 + 2 * 0.25 * 0.2 + 1e-3
+    found = _taken(bent_line(), places((2, [0, 4, 3], 0.2, 0, [True])), np.array([share * price]), DEAR)
+    tent = np.clip(1 - np.abs(np.array([0.0, 10, 30, 60]) - 30) / 10, 0, 1)
+    taken = share > 1
+    np.testing.assert_allclose(found.positions - bent_line().positions, taken * np.outer(tent, [0, 4, 3]))
+    np.testing.assert_allclose(found.yaw, taken * 0.2 * tent)
+
+
+def test_a_level_camera_turns_by_its_heading_and_a_steep_one_by_less() -> None:
+    steep = Flown(bent_line().positions, np.zeros(4), np.full(4, np.arccos(0.5)))
+    turned = 2 * 0.25 * np.hypot(0.5 * 0.6, 0.1) + 2 / 3 * 2 / 60 + 1e-3
+    for share in (0.99, 1.01):
+        one = places((1, [1, 0, 0], 0.6, np.arccos(0.5) - 0.1, [True]))
+        found = _taken(steep, one, np.array([share * turned]), DEAR)
+        assert found.pitch[1] == pytest.approx(np.arccos(0.5) - 0.1 * (share > 1))
+
+
+def test_the_dearest_sight_is_taken_first_and_nothing_is_shown_twice() -> None:
+    """The first of two places shows what the other one does, too; the third shows something else."""
+    free = Aside(6.0, lambda off: 0 * np.atleast_2d(off)[:, 0], 0.0)
+    given = places(
+        (1, [0, 1, 0], 0, 0, [True, False, False]), (2, [0, 2, 0], 0, 0, [True, True, False]),
+        (3, [0, 0, 3], 0, 0, [False, False, True]),
+    )  # fmt: skip
+    found = _taken(bent_line(), given, np.array([0.4, 0.1, 0.2]), free)
+    moved = found.positions - bent_line().positions
+    np.testing.assert_allclose(moved, [[0, 0, 0], [0, 0, 0], [0, 2, 0], [0, 0, 3]])
+
+
+def test_places_are_tried_all_round_as_the_camera_looks() -> None:
+    path = Flown(np.zeros((3, 3)), np.array([0.0, np.pi / 2, np.pi]), np.array([0.0, 1.0, -1.0]))
+    at, off = _places(path, 10.0)
+    assert at.tolist() == [0] * 52 + [1] * 52 + [2] * 52
+    length = np.linalg.norm(off, axis=1).reshape(3, 2, 26)
+    np.testing.assert_allclose(length, np.broadcast_to(np.array([4.0, 8.0])[:, None], (3, 2, 26)))
+    ways = {tuple(np.round(way, 6)) for way in off[:26] / 4.0}
+    every = [np.array(way) for way in itertools.product((-1, 0, 1), repeat=3) if any(way)]
+    assert ways == {tuple(np.round(way / np.linalg.norm(way), 6)) for way in every}
+    ahead = off.reshape(3, 2, 26, 3)[:, 0, -1]  # ahead, to the left and up, whatever the camera's elevation
+    np.testing.assert_allclose(ahead[0], 4 / np.sqrt(3) * np.array([1, 1, 1]))
+    np.testing.assert_allclose(ahead[1], 4 / np.sqrt(3) * np.array([-1, 1, 1]), atol=1e-9)
+    many = Flown(np.zeros((500, 3)), np.zeros(500), np.zeros(500))
+    stations = np.unique(_places(many, 1.0)[0])
+    assert len(stations) == 48 and stations[[0, -1]].tolist() == [0, 499]

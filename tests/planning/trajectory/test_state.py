@@ -81,3 +81,15 @@ def test_a_hover_stays_where_it_is_and_short_paths_are_straight():
     short = Flown(np.array([[0.0, 0, 0], [3, 0, 0], [3, 3, 0]]), np.zeros(3), np.zeros(3))
     _, curve = State.of(short, np.ones(3), 4, 4).curve(np.zeros(20), 0.5)
     assert np.linalg.norm(np.diff(curve.positions, axis=0), axis=1).sum() == pytest.approx(6)
+
+
+def test_between_two_stations_the_curve_is_straight_and_turns_evenly():
+    two = Flown(np.array([[0.0, 0, 0], [4, 0, 3]]), np.array([0.0, 1.0]), np.array([0.2, -0.2]))
+    at, curve = State.of(two, np.ones(3), 4, 4).curve(np.zeros(20), 0.5)
+    np.testing.assert_allclose(at, np.linspace(0, 1, 11))
+    np.testing.assert_allclose(curve.positions, np.outer(np.linspace(0, 1, 11), [4.0, 0, 3]), atol=1e-9)
+    np.testing.assert_allclose(curve.yaw, np.linspace(0, 1, 11), atol=1e-9)
+    np.testing.assert_allclose(curve.pitch, np.linspace(0.2, -0.2, 11), atol=1e-9)
+    one = Flown(np.array([[1.0, 2, 3]]), np.array([0.5]), np.array([0.1]))
+    at, curve = State.of(one, np.ones(3), 4, 4).curve(np.zeros(20), 0.5)
+    assert at.tolist() == [0] and curve.positions.tolist() == [[1, 2, 3]] and curve.yaw.tolist() == [0.5]
