@@ -235,3 +235,29 @@ def test_a_place_without_a_table_is_none(tmp_path: Path) -> None:
     (tmp_path / "odd" / "_delta_log" / f"{0:020}.json").write_text("no json")
     with pytest.raises(DeltaError):
         opened(str(tmp_path / "odd"))
+
+
+def test_an_object_store_answers_as_a_disk_does(tmp_path: Path) -> None:
+    """By the way of pyarrow's file systems, with a folder under its URI."""
+    store = FileStore(f"file://{tmp_path}/")
+    assert not store.local and store.root == f"file://{tmp_path}" and store.names() == []
+    store.write("x", b"one")
+    store.write("y", b"two", lasting=False)
+    store.create("x", b"other")
+    store.create("z", b"three")
+    assert store.names() == ["x", "y", "z"] and store.read("x") == b"one" and store.read("z") == b"three"
+    assert store.has("x") and not store.has("w") and store.touched("x") and not store.touched("w")
+    store.remove("y")
+    store.remove("y")
+    assert store.names() == ["x", "z"]
+    long_ago = time.time() - 1000
+    os.utime(tmp_path / "x", (long_ago, long_ago))
+    assert store.older(datetime.now(UTC) - timedelta(seconds=500)) == ["x"]
+    assert store.older(datetime.now(UTC) + timedelta(seconds=500)) == ["x", "z"]
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "file").write_text("")
+    assert store.has_folder("inner") and not store.has_folder("x") and not store.has("inner")
+    store.remove_folder("inner")
+    assert not (tmp_path / "inner").exists()
+    assert FileStore(f"file://{tmp_path}/nowhere").names() == []
+    assert FileStore(f"file://{tmp_path}/nowhere").older(datetime.now(UTC)) == []
