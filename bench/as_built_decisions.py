@@ -29,7 +29,7 @@ from scans import VARIANTS, made, scan
 from upplied.config import settings_for
 from upplied.planning.plan import decided
 
-_FOR_STRANGERS = ("model", "shell", "cloud", "cut20")
+_FOR_STRANGERS = ("shell", "cloud")
 _WHOLE = 0.9  # share of a part that was scanned, from which it is there
 _SURE = (0.0, 0.5, 0.8, 0.9, 0.97, 1.01)  # bins of what was said
 

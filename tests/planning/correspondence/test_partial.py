@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from upplied.config import settings_for
+from upplied.planning.correspondence.misfit import misfit_of
 from upplied.planning.correspondence.partial import laid_partly
 from upplied.planning.correspondence.registration import box_on_box, fitted
 from upplied.planning.geometry.boxes import diagonal_of
@@ -74,3 +75,37 @@ def test_units_and_place_of_the_target_do_not_matter(clouds: dict[str, Cloud]) -
     other = laid_partly(here, moved, box_on_box(here, moved))
     assert one is not None and other is not None
     np.testing.assert_allclose(one.to_demo(cut.points), other.to_demo(moved.points), atol=1e-6)
+
+
+def test_what_was_never_scanned_counts_for_the_wholes_and_not_for_what_was(clouds: dict[str, Cloud]) -> None:
+    here, whole = clouds["a320-v1"], clouds["b777-v1"]
+    lay = box_on_box(here, whole)
+    cut = without(whole, whole.points[:, 1] > 8)
+    full, part = misfit_of(here, whole, lay), misfit_of(here, cut, lay)
+    assert part.value > full.value + 0.1 and part.common < full.common - 0.05
+    assert part.scanned < full.scanned + 0.03
+    astray = replace(lay, translation=lay.translation + 0.1 * diagonal_of(here.points) * np.eye(3)[0])
+    assert misfit_of(here, cut, astray).scanned > part.scanned + 0.3
+
+
+@pytest.mark.parametrize("share", [0.35, 0.4, 0.45])
+def test_what_the_box_would_refuse_is_laid_where_what_was_scanned_fits(
+    clouds: dict[str, Cloud], share: float
+) -> None:
+    here, whole = clouds["a320-v1"], clouds["b777-v1"]
+    cut = without(whole, whole.points[:, 0] < whole.points[:, 0].min() + share * np.ptp(whole.points[:, 0]))
+    assert misfit_of(here, cut, box_on_box(here, cut)).value > 1
+    found = fitted(here, cut, 1.0)
+    assert found.accepted and found.scanned < 0.2 and "what is on both" in found.evidence
+    assert off(found, box_on_box(here, whole), cut, here) < 0.05
+
+
+@pytest.mark.parametrize("name", ["a320-v1", "b777-v1"])
+@pytest.mark.parametrize("end", [-1, 1])
+def test_another_kind_is_not_laid_by_what_would_be_on_both(
+    clouds: dict[str, Cloud], name: str, end: int
+) -> None:
+    far = end * clouds[name].points[:, 0]
+    stranger = without(clouds[name], far > far.max() - 0.3 * np.ptp(far))
+    other = fitted(clouds["bridge-1-v1"], stranger, 1.0)
+    assert not other.accepted and "what is on both" not in other.evidence
