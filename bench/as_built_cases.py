@@ -57,7 +57,9 @@ class Case:
     place: str = ""  # what the name of a right part says, where any name does
 
     def right(self, kind: str, target: str) -> list[str]:
-        """The names of the target's parts that are meant."""
+        """The names of the target's parts that are meant; of a real mesh, those that `learn` was told."""
+        if "/" in target:
+            return _LEARNED.get((target, self.inspection, self.said), ([], 1.0))[0]
         names = [
             name
             for name in made(kind, target).part_names
@@ -86,6 +88,27 @@ CASES = {
     ),
     "ship": (Case("hull", "hull"),),
 }
+
+
+#: By real mesh, inspection and what is asked: the parts that are right, and how much of them is reached.
+_LEARNED: dict[tuple[str, str, str], tuple[list[str], float]] = {}
+_ANSWERS = 0.2  # share of what corresponds, from which a part of a real mesh is one that is meant
+
+
+def learn(kind: str, case: Case, target: str, takes: Sequence[Take]) -> None:
+    """Take the parts of a real mesh that correspond on the mesh as modelled for the right ones."""
+    names, areas = np.empty(0, str), np.empty(0)
+    for take in takes:
+        main, area = _meant(kind, case, take)
+        points = take.pair.surface.correspondences.target_points[main]
+        known = np.isfinite(points[:, 0])
+        names = np.append(names, true_parts(kind, target, points[known]))
+        areas = np.append(areas, area[main][known])
+    each = np.unique(names)
+    right = [str(name) for name in each if areas[names == name].sum() * len(takes) >= _ANSWERS * areas.sum()]
+    key = target, case.inspection, case.said
+    _LEARNED[key] = right, 1.0
+    _LEARNED[key] = right, max(truth(kind, case, target, "model", takes)["reach"], 1e-9)
 
 
 @cache
@@ -138,11 +161,10 @@ def _scanned(kind: str, target: str, variant: str) -> Bools:
 def truth(kind: str, case: Case, target: str, variant: str, takes: Sequence[Take]) -> dict[str, Any]:
     """Share of what corresponds that is on a right part, and how much of each right part that reaches."""
     on_right, counted, reached, shown = 0.0, 0.0, np.empty((0, 3)), 1.0
+    usual = _LEARNED.get((target, case.inspection, case.said), ([], 1.0))[1]
     for take in takes:
-        cloud, fit = take.pair.surface.source, take.pair.surface
-        area, name = area_of(cloud), true_parts(kind, SOURCE[kind], cloud.points)
-        looked = take.inspection.attention.weight > _LOOKED_AT
-        main = looked & np.array([sort(str(each)) == case.sort for each in name])
+        fit, (main, area) = take.pair.surface, _meant(kind, case, take)
+        name = true_parts(kind, SOURCE[kind], fit.source.points)
         whole = area[np.isin(name, np.unique(name[main]))].sum()
         shown = min(shown, float(area[main].sum() / max(whole, 1e-9)))
         points = fit.correspondences.target_points[main]
@@ -154,8 +176,15 @@ def truth(kind: str, case: Case, target: str, variant: str, takes: Sequence[Take
     return {
         "right": on_right / max(counted, 1e-9),
         "counted": counted > 0,
-        "reach": _reach(kind, case, target, variant, reached) / max(shown, 1e-9),
+        "reach": _reach(kind, case, target, variant, reached) / max(shown, 1e-9) / usual,
     }
+
+
+def _meant(kind: str, case: Case, take: Take) -> tuple[Bools, Floats]:
+    """Which samples of the source are inspected and of the sort that is meant, and the area of all."""
+    cloud = take.pair.surface.source
+    of_sort = [sort(str(each)) == case.sort for each in true_parts(kind, SOURCE[kind], cloud.points)]
+    return (take.inspection.attention.weight > _LOOKED_AT) & np.array(of_sort), area_of(cloud)
 
 
 def _reach(kind: str, case: Case, target: str, variant: str, reached: Floats) -> float:

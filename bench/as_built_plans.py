@@ -2,11 +2,15 @@
 
     python bench/as_built_plans.py write FILE [--kinds airliner,ship] [--seeds 31-36] [--variants shell]
     python bench/as_built_plans.py judge FILE...
+    python bench/as_built_plans.py clouds [--kinds airliner] [--seeds 31-36]
 
 Each case is planned on the structure as modelled and as scanned. A plan is silently wrong where its status
 is ok, no warning names a part, and less than 80 % of what the plan for the model shows of the right part is
 seen.
 The clearance that is promised (`min_clearance_m`) must be kept on the clean mesh.
+
+`clouds` asks the same of places rather than of paths: thousands round each cloud, from 1 to 4 m away, whether
+the clean mesh is as far as the cloud promises.
 """
 
 from __future__ import annotations
@@ -27,9 +31,10 @@ from upplied.config import settings_for
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.plan import plan_transfer
 from upplied.planning.visibility.path_views import TRULY, views
-from upplied.records import Camera, Plan, Trajectory
+from upplied.records import Camera, Floats, Plan, Trajectory
 from upplied.scene import scene_of
 
+_CLOUDS = ("cloud", "sparse", "rough")
 _TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)
 
 
@@ -84,6 +89,34 @@ def _judged(plan: Plan, path: Trajectory, kind: str, case: Case, target: str) ->
         "error_m": plan.measures.surface_error_m,
         "kept_m": path_clearance(scene, path.positions).distance_m,
     }
+
+
+def clouds(options: argparse.Namespace) -> None:
+    """How far places round clouds are from the clean mesh, beside what the clouds promise of them."""
+    print(f"{'structure':22}{'scan':8}{'points':>8}{'error, m':>10}{'places':>8}", end="")
+    print(f"{'nearer':>8}{'if no error':>13}{'worst, m':>10}{'farther, median m':>19}")
+    kept = asked = nearer = places = 0
+    for kind, target, variant in targets_of(options):
+        if variant not in _CLOUDS:
+            continue
+        there, clean = scan(kind, target, variant), scene_of(made(kind, target).structure, 1)
+        scene, at = scene_of(there, 1), _places(kind, target)
+        spare = clean.distance(at) - scene.distance(at)
+        few, else_ = (int((spare < bound - _TOLERANCE_M).sum()) for bound in (0, scene.error_m))
+        said = f"{kind + ' ' + target:22}{variant:8}{len(there.vertices):8}{scene.error_m:10.3f}{len(at):8}"
+        print(f"{said}{few:8}{else_:13}{spare.min():10.3f}{np.median(spare):19.3f}", flush=True)
+        kept, asked = kept + (few == 0), asked + 1
+        nearer, places = nearer + few, places + len(at)
+    print(f"{kept} of {asked} clouds keep what they promise; {nearer} of {places} places are nearer")
+
+
+def _places(kind: str, target: str) -> Floats:
+    """Places before the clean surface, 1 to 4 m off it, that see the sky."""
+    cloud, rng = clean_cloud(kind, target), np.random.default_rng(0)
+    scene, reach = scene_of(made(kind, target).structure, 1), 2 * made(kind, target).structure.diagonal_m
+    assert cloud.normals is not None
+    at = cloud.points + rng.uniform(1, 4, (len(cloud), 1)) * cloud.normals
+    return at[~scene.occluded(at, at + reach * cloud.normals, slack=0.0)]
 
 
 def judge(options: argparse.Namespace) -> None:
@@ -153,14 +186,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run one of the commands."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     commands = parser.add_subparsers(required=True)
-    for name, run in (("write", plans), ("judge", judge)):
+    for name, run in (("write", plans), ("judge", judge), ("clouds", clouds)):
         command = commands.add_parser(name)
-        command.add_argument("file", nargs="+" if run is judge else 1)
         command.set_defaults(run=run)
-        if run is plans:
+        if run is not clouds:
+            command.add_argument("file", nargs="+" if run is judge else 1)
+        if run is not judge:
             command.add_argument("--kinds", default="")
             command.add_argument("--seeds", default="31-33")
-            command.add_argument("--variants", default="")
+            command.add_argument("--variants", default=",".join(_CLOUDS) if run is clouds else "")
+        if run is plans:
             command.add_argument("--cases", default="", help="numbers of cases of each kind")
     options = parser.parse_args(arguments)
     options.run(options)

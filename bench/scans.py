@@ -14,13 +14,16 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from real_data import real_folder, real_structure
 from scipy.spatial import cKDTree
 
+from upplied.config import settings_for
+from upplied.planning.surface.samples import surface_samples
 from upplied.records import Floats, Ints, Structure, Surroundings
 from upplied.samples import bridge
 from upplied.samples.fleet import member, random_member
 from upplied.samples.surfaces import Member, assemble, stamped
-from upplied.scene import Scene, open3d
+from upplied.scene import Scene, open3d, scene_of
 
 FOLDER = Path(os.environ.get("UPPLIED_SCANS", Path(tempfile.gettempdir()) / "upplied-scans"))
 VARIANTS = ("model", "shell", "cloud", "cut20", "sparse", "noise", "clutter", "cut40", "cut10")
@@ -28,11 +31,19 @@ _VISIBLE = 160_000  # samples that a shell is made from
 _OFF = 2e-3  # m, above the surface, whence it is asked what is inside another part
 _TRIANGLES = 40_000
 _NOISE_M, _CLOUD_NOISE_M = 0.03, 0.01
+_REAL_SAMPLES = 40_000
+_FOLDERS = {"airliner": "airplane", "wind_turbine": "wind_turbine", "bridge": "bridge", "ship": "ship"}
+_POINTS = {"cloud": 100_000, "sparse": 10_000, "rough": 60_000}  # of clouds; a rough one has no normals
 _CLUTTER = 25  # boxes in the air
 
 
 def made(kind: str, name: str) -> Member:
-    """A sample by its id, ``r11`` for one that nobody built, ``p5`` for a bridge of five piers."""
+    """A sample by its id, ``r11`` for one that nobody built, ``p5`` for a bridge of five piers.
+
+    ``airplane/b738_fr24`` is a real mesh (bench/real_data.py); its parts are those that its pieces tell.
+    """
+    if "/" in name:
+        return _real(kind, name)
     if name[0] == "p" and name[1:].isdecimal():
         return _many_piers(int(name[1:]))
     return random_member(kind, int(name[1:])) if name[1:].isdecimal() else member(name)
@@ -40,16 +51,17 @@ def made(kind: str, name: str) -> Member:
 
 def scan(kind: str, name: str, variant: str, seed: int = 0) -> Structure:
     """A structure as modelled or as scanned; the same for the same seed."""
-    rng = np.random.default_rng([seed, VARIANTS.index(variant)])
+    rng = np.random.default_rng([seed, (*VARIANTS, "rough").index(variant)])
     whole = made(kind, name).structure
     known = _visible(kind, name)
     if variant == "model":
         return whole
-    if variant in ("cloud", "sparse"):
-        count = min(100_000 if variant == "cloud" else 10_000, len(known["op"]))
-        chosen = rng.choice(len(known["op"]), count, replace=False)
-        points = known["op"][chosen] + rng.normal(0, _CLOUD_NOISE_M, (len(chosen), 3))
-        return _structure(whole, variant, points, np.empty((0, 3), np.int64), known["on"][chosen])
+    if variant in _POINTS:
+        chosen = rng.choice(len(known["op"]), min(_POINTS[variant], len(known["op"])), replace=False)
+        noise = _NOISE_M if variant == "rough" else _CLOUD_NOISE_M
+        points = known["op"][chosen] + rng.normal(0, noise, (len(chosen), 3))
+        normals = None if variant == "rough" else known["on"][chosen]
+        return _structure(whole, variant, points, np.empty((0, 3), np.int64), normals)
     vertices, triangles = np.asarray(known["v"], float), np.asarray(known["f"], np.int64)
     if variant.startswith("cut"):
         triangles = _cut(vertices, triangles, int(variant[3:]) / 100, rng)
@@ -58,6 +70,22 @@ def scan(kind: str, name: str, variant: str, seed: int = 0) -> Structure:
     if variant == "clutter":
         vertices, triangles = _cluttered(vertices, triangles, rng)
     return _structure(whole, variant, vertices, triangles)
+
+
+def real_names(kind: str) -> list[str]:
+    """The names of the real meshes of a kind, none where the folder of real data is not there."""
+    folder = real_folder()
+    places = [] if folder is None else sorted((folder / "meshes" / _FOLDERS[kind]).glob("*.ply"))
+    return [f"{_FOLDERS[kind]}/{place.stem}" for place in places]
+
+
+@cache
+def _real(kind: str, name: str) -> Member:
+    folder = real_folder()
+    if folder is None:
+        raise SystemExit("no folder of real data: set UPPLIED_REAL_DATA")
+    structure = stamped(replace(real_structure(folder, name), kind=kind))
+    return Member(structure, np.zeros(len(structure.triangles), np.int64), ())
 
 
 @cache
@@ -76,13 +104,40 @@ def _visible(kind: str, name: str) -> dict[str, np.ndarray]:
     """The shell of a member (v, f), and what of its parts is visible: points, normals, part (op, on, ol)."""
     path = FOLDER / f"{kind}_{name}.npz"
     if not path.exists():
-        FOLDER.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         np.savez_compressed(path, **_reconstructed(made(kind, name)))
     with np.load(path) as kept:
         return {key: kept[key].astype(float) if key in ("op", "on") else kept[key] for key in kept.files}
 
 
 def _reconstructed(of: Member) -> dict[str, np.ndarray]:
+    points, normals, part_of = _outside(of) if of.part_names else _outside_of_real(of.structure)
+    names = of.part_names or [f"piece_{part}" for part in range(int(part_of.max()) + 1)]
+    geometry = open3d().geometry
+    cloud = geometry.PointCloud(open3d().utility.Vector3dVector(points))
+    cloud.normals = open3d().utility.Vector3dVector(normals)
+    depth = 8 if of.structure.kind == "bridge" else 9
+    shell, _ = geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
+    piece, count, _ = shell.cluster_connected_triangles()
+    shell.remove_triangles_by_mask(np.asarray(piece) != np.argmax(count))
+    shell.remove_unreferenced_vertices()
+    shell = shell.simplify_quadric_decimation(_TRIANGLES)
+    return {
+        "v": np.asarray(shell.vertices), "f": np.asarray(shell.triangles), "names": np.array(names),
+        "op": points.astype(np.float32), "on": normals.astype(np.float32), "ol": part_of,
+    }  # fmt: skip
+
+
+def _outside_of_real(structure: Structure) -> tuple[Floats, Floats, Ints]:
+    """Points on what rays from outside meet, normals, and the part of each that pieces tell."""
+    clouds = replace(settings_for("recommended").clouds, surface_samples=_REAL_SAMPLES)
+    found = surface_samples(structure, scene_of(structure, 1), clouds)
+    assert found.normals is not None and found.part is not None
+    return found.points, found.normals, found.part
+
+
+def _outside(of: Member) -> tuple[Floats, Floats, Ints]:
+    """Points on what is visible of each part, normals and parts."""
     structure = of.structure
     points, normals, triangle = _samples(structure, _VISIBLE, np.random.default_rng(0))
     keep = np.ones(len(points), bool)
@@ -90,20 +145,7 @@ def _reconstructed(of: Member) -> dict[str, np.ndarray]:
     for part in range(len(of.part_names)):  # part by part: over all of them, what lies inside two is outside
         scene = Scene(structure.vertices, structure.triangles[of.part_of_triangle == part], 1)
         keep &= scene.hits(points + _OFF * normals, ray) % 2 == 0
-    points, normals, part_of = points[keep], normals[keep], of.part_of_triangle[triangle][keep]
-    geometry = open3d().geometry
-    cloud = geometry.PointCloud(open3d().utility.Vector3dVector(points))
-    cloud.normals = open3d().utility.Vector3dVector(normals)
-    depth = 8 if structure.kind == "bridge" else 9
-    shell, _ = geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
-    piece, count, _ = shell.cluster_connected_triangles()
-    shell.remove_triangles_by_mask(np.asarray(piece) != np.argmax(count))
-    shell.remove_unreferenced_vertices()
-    shell = shell.simplify_quadric_decimation(_TRIANGLES)
-    return {
-        "v": np.asarray(shell.vertices), "f": np.asarray(shell.triangles), "names": np.array(of.part_names),
-        "op": points.astype(np.float32), "on": normals.astype(np.float32), "ol": part_of,
-    }  # fmt: skip
+    return points[keep], normals[keep], of.part_of_triangle[triangle][keep]
 
 
 def _samples(of: Structure, number: int, rng: np.random.Generator) -> tuple[Floats, Floats, Ints]:
