@@ -8,6 +8,10 @@ sticks): what was seen is really less. The others are of the log alone (a jump o
 camera, a part that is cut, another clock): the flight is as planned, and the log says otherwise. The gap that
 is found from the log is compared with that of the true flight by a ray test that shares no code with the one
 that is tested: its own frustum, its own intersection of rays and triangles, in double precision.
+
+No log tells a shift of its frame from how the wind moved the vehicle, nor an offset of its clock from the
+vehicle's lag behind its plan. So beside each error stands what a log without any fault has of it (`own`), and
+what of the clock's error is beyond it.
 """
 
 from __future__ import annotations
@@ -17,14 +21,15 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
+from proof_faults import ASKED, FAULTS, PHOTO_EVERY_S, Case
+from proof_truth import truly_seen
 
 from upplied.config import CloudSettings, RetimeSettings, settings_for
 from upplied.errors import RefusedError
 from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
+from upplied.poses import interpolate
 from upplied.proof.align import Alignment, align
 from upplied.proof.as_flown import looks_of
 from upplied.proof.gap import GapFlight, gap_flight
@@ -34,114 +39,7 @@ from upplied.scene import scene_of
 from upplied.simulate import Wind, fly_trajectory
 
 _SAMPLES = 1200
-_PHOTO_EVERY_S = 1.0
 _LONGEST_S = 240.0  # of a path that is taken as a plan
-_INCIDENCE_DEG = 75.0
-_SLACK = 1e-3  # of a ray, at the sample, which lies on the surface itself
-
-
-@dataclass(frozen=True)
-class Case:
-    """What was flown, and what the log says of it; the clocks of both begin with the plan."""
-
-    truth: Trajectory
-    photo_s: Floats
-    log: Trajectory
-    log_photo_s: Floats
-    clock_s: float = 0.0  # the log's time at which the plan begins
-
-
-def plain(truth: Trajectory) -> Case:
-    """A flight without any fault."""
-    photos = np.arange(truth.t_s[0], truth.t_s[-1], _PHOTO_EVERY_S)
-    return Case(truth, photos, truth, photos)
-
-
-def part(path: Trajectory, first_s: float, last_s: float) -> Trajectory:
-    """A stretch of a path, with its times."""
-    kept = (path.t_s >= first_s) & (path.t_s <= last_s)
-    return Trajectory(path.t_s[kept], path.positions[kept], path.quat_xyzw[kept])
-
-
-def aborted(truth: Trajectory) -> Case:
-    """Broken off at 60 % of its time."""
-    return plain(part(truth, 0.0, 0.6 * truth.t_s[-1]))
-
-
-def photos_lost(truth: Trajectory) -> Case:
-    """Every tenth photo lost."""
-    case = plain(truth)
-    kept = np.arange(len(case.photo_s)) % 10 != 9
-    return replace(case, photo_s=case.photo_s[kept], log_photo_s=case.log_photo_s[kept])
-
-
-def gimbal_stuck(truth: Trajectory) -> Case:
-    """The camera stands for 20 s, which the log tells."""
-    start = 0.4 * truth.t_s[-1]
-    stuck = (truth.t_s >= start) & (truth.t_s < start + 20.0)
-    quats = truth.quat_xyzw.copy()
-    quats[stuck] = quats[stuck.argmax()]
-    return plain(Trajectory(truth.t_s, truth.positions, quats))
-
-
-def gnss_jump(truth: Trajectory) -> Case:
-    """The logged position is 1 m off after half of the flight."""
-    off = np.where(truth.t_s > truth.t_s[-1] / 2, 1.0, 0.0)[:, None] * np.array([0.6, -0.8, 0.0])
-    case = plain(truth)
-    return replace(case, log=Trajectory(truth.t_s, truth.positions + off, truth.quat_xyzw))
-
-
-def heading_off(truth: Trajectory) -> Case:
-    """The logged heading of the camera is 2 degrees off."""
-    yaw, pitch = yaw_pitch(truth.quat_xyzw)
-    case = plain(truth)
-    return replace(
-        case, log=Trajectory(truth.t_s, truth.positions, from_yaw_pitch(yaw + np.radians(2), pitch))
-    )
-
-
-def frame_off(truth: Trajectory) -> Case:
-    """The log's frame is moved by half a metre and turned by 1 degree about its middle."""
-    cos, sin, middle = np.cos(np.radians(1)), np.sin(np.radians(1)), truth.positions.mean(axis=0)
-    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    positions = (truth.positions - middle) @ turn.T + middle + np.array([0.4, 0.3, 0.0])
-    yaw, pitch = yaw_pitch(truth.quat_xyzw)
-    case = plain(truth)
-    return replace(case, log=Trajectory(truth.t_s, positions, from_yaw_pitch(yaw + np.radians(1), pitch)))
-
-
-def log_cut(truth: Trajectory) -> Case:
-    """The log lacks the last fifth: what was seen then nobody can know, so it is no gap of the truth's."""
-    end = 0.8 * truth.t_s[-1]
-    case = plain(part(truth, 0.0, end))
-    return replace(case, log_photo_s=case.log_photo_s[case.log_photo_s <= end])
-
-
-def clock_shifted(truth: Trajectory) -> Case:
-    """The log's clock is 3 s late."""
-    case = plain(truth)
-    log = Trajectory(truth.t_s + 3.0, truth.positions, truth.quat_xyzw)
-    return replace(case, log=log, log_photo_s=case.log_photo_s + 3.0, clock_s=3.0)
-
-
-FAULTS = {
-    "none": plain,
-    "aborted at 60 %": aborted,
-    "every tenth photo lost": photos_lost,
-    "gimbal stuck for 20 s": gimbal_stuck,
-    "position off by 1 m after half": gnss_jump,
-    "heading off by 2 deg": heading_off,
-    "frame off by 0.5 m and 1 deg": frame_off,
-    "log cut at 80 %": log_cut,
-    "clock shifted by 3 s": clock_shifted,
-}
-
-
-#: Those of a list that the program is held to; the others are told beside them.
-ASKED = (
-    "aborted at 60 %", "every tenth photo lost", "gimbal stuck for 20 s", "position off by 1 m after half",
-    "heading off by 2 deg", "log cut at 80 %", "clock shifted by 3 s",
-)  # fmt: skip
 
 
 def main() -> None:
@@ -169,7 +67,8 @@ def main() -> None:
                 if options.worst:
                     print(f"{demonstration.demonstration_id:24}{name:32}{one}", flush=True)
     print(f"{'fault':32}{'flights':>8}{'gap %':>8}{'F1 area':>9}{'mean':>9}{'least':>8}{'closed %':>10}"
-          f"{'length':>8}{'place cm':>10}{'most':>7}{'clock s':>9}{'most':>7}")  # fmt: skip
+          f"{'length':>8}{'place cm':>10}{'most':>7}{'own':>6}{'clock s':>9}{'most':>7}"
+          f"{'beyond':>8}")  # fmt: skip
     for name, rows in found.items():
         print(f"{name:32}{_summary(rows)}")
     every = [row for rows in found.values() for row in rows]
@@ -193,6 +92,8 @@ class Found:
     length: float  # of that flight over the bound; NaN where there is no bound
     place_cm: float  # error of the alignment, root of the mean square along the flight
     clock_s: float
+    own_cm: float  # of that, what a log without any fault is off by: the vehicle's own stray from its plan
+    beyond_s: float  # of the clock's error, what a log without any fault has not: the rest is lag
     patches: tuple[int, int, int]  # of the gap: found and true, found, true
 
     def __str__(self) -> str:
@@ -217,7 +118,7 @@ class Ground:
         scene = scene_of(structure)
         surface = surface_samples(structure, scene, CloudSettings(surface_samples=_SAMPLES))
         camera = replace(camera, max_range_m=min(camera.max_range_m, 30.0))
-        photos = np.arange(0.0, path.t_s[-1], _PHOTO_EVERY_S)
+        photos = np.arange(0.0, path.t_s[-1], PHOTO_EVERY_S)
         required = truly_seen(structure, interpolate(path, photos), surface, camera)
         return cls(path, structure, surface, camera, required)
 
@@ -244,8 +145,20 @@ class Ground:
             closed,
             length,
             *_alignment_error(found, case),
+            *self.own(case, found),
             (int((gap & true_gap).sum()), int(gap.sum()), int(true_gap.sum())),
         )
+
+    def own(self, case: Case, found: Alignment) -> tuple[float, float]:
+        """How far the true flight strays from its plan as a whole, cm, and what its log adds to its lag, s.
+
+        A shift of the log by as much, and a clock that is late by as much, look the same in it.
+        """
+        flown = align(self.plan, case.truth)
+        moments = np.clip(case.truth.t_s - flown.clock_s, self.plan.t_s[0], self.plan.t_s[-1])
+        off = (case.truth.positions - interpolate(self.plan, moments).positions).mean(axis=0)
+        late = found.clock_s + case.log.t_s[0] - case.clock_s
+        return 100 * float(np.linalg.norm(off)), abs(late - flown.clock_s)
 
     def closing(self, gap: Bools) -> GapFlight | None:
         """The flight that shows the gap; None where there is none."""
@@ -256,62 +169,6 @@ class Ground:
             return gap_flight(self.plan, self.surface, gap, self.camera, graph, limits)
         except RefusedError:
             return None
-
-
-def truly_seen(structure: Structure, poses: Trajectory, surface: Cloud, camera: Camera) -> Bools:
-    """Which samples (N,) some pose sees: angles in the camera, range, incidence, and a ray to the sample.
-
-    Rays are intersected with every triangle (Moeller and Trumbore 1997), in double precision; independent of
-    `upplied.planning.visibility` and of Open3D.
-    """
-    assert surface.normals is not None
-    corners = structure.vertices[structure.triangles]
-    seen = np.zeros(len(surface), bool)
-    yaw, pitch = yaw_pitch(poses.quat_xyzw)
-    ahead = np.column_stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
-    left = np.column_stack([-np.sin(yaw), np.cos(yaw), np.zeros(len(yaw))])
-    up = np.cross(ahead, left)
-    for at in range(len(poses)):
-        ray = surface.points - poses.positions[at]
-        reach = np.linalg.norm(ray, axis=1)
-        forward, across, above = ray @ ahead[at], ray @ left[at], ray @ up[at]
-        inside = (forward > 0) & (reach >= camera.min_range_m) & (reach <= camera.max_range_m)
-        inside &= np.abs(np.arctan2(across, forward)) <= np.radians(camera.hfov_deg / 2)
-        inside &= np.abs(np.arctan2(above, forward)) <= np.radians(camera.vfov_deg / 2)
-        inside &= -(ray * surface.normals).sum(axis=1) >= np.cos(np.radians(_INCIDENCE_DEG)) * reach
-        some = np.flatnonzero(inside & ~seen)
-        if len(some):
-            seen[some] = ~_hidden(poses.positions[at], ray[some], corners, _SLACK)
-    return seen
-
-
-@njit(cache=True)
-def _hidden(origin: Floats, rays: Floats, corners: Floats, slack: float) -> Bools:
-    """Which rays (K, 3) from one origin meet a triangle (T, 3, 3) before their end."""
-    hidden = np.zeros(len(rays), np.bool_)
-    for k in range(len(rays)):
-        d0, d1, d2 = rays[k]
-        for t in range(len(corners)):
-            a0, a1, a2 = corners[t, 0]
-            e0, e1, e2 = corners[t, 1, 0] - a0, corners[t, 1, 1] - a1, corners[t, 1, 2] - a2
-            f0, f1, f2 = corners[t, 2, 0] - a0, corners[t, 2, 1] - a1, corners[t, 2, 2] - a2
-            p0, p1, p2 = d1 * f2 - d2 * f1, d2 * f0 - d0 * f2, d0 * f1 - d1 * f0
-            scale = e0 * p0 + e1 * p1 + e2 * p2
-            if scale == 0.0:
-                continue
-            s0, s1, s2 = origin[0] - a0, origin[1] - a1, origin[2] - a2
-            u = (s0 * p0 + s1 * p1 + s2 * p2) / scale
-            if u < 0.0 or u > 1.0:
-                continue
-            q0, q1, q2 = s1 * e2 - s2 * e1, s2 * e0 - s0 * e2, s0 * e1 - s1 * e0
-            v = (d0 * q0 + d1 * q1 + d2 * q2) / scale
-            if v < 0.0 or u + v > 1.0:
-                continue
-            along = (f0 * q0 + f1 * q1 + f2 * q2) / scale
-            if 1e-9 < along < 1.0 - slack:
-                hidden[k] = True
-                break
-    return hidden
 
 
 def _as_plan(path: Trajectory) -> Trajectory:
@@ -346,7 +203,8 @@ def _summary(rows: list[Found]) -> str:
         return (
             f"{len(rows):8d}{np.mean(column['gap_pct']):8.2f}{_pooled(rows):9.4f}{_mean(column['f1']):9.4f}{_least(column['f1']):8.4f}"
             f"{_mean(column['closed_pct']):10.2f}{_mean(column['length']):8.2f}{_mean(column['place_cm']):10.1f}"
-            f"{column['place_cm'].max():7.1f}{_mean(column['clock_s']):9.3f}{np.nanmax(column['clock_s']):7.3f}"
+            f"{column['place_cm'].max():7.1f}{column['own_cm'].max():6.1f}{_mean(column['clock_s']):9.3f}"
+            f"{np.nanmax(column['clock_s']):7.3f}{np.nanmax(column['beyond_s']):8.3f}"
         )
 
 

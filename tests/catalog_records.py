@@ -90,7 +90,7 @@ def plan(
         preset,
         status,
         registration=Registration(
-            rng.random(3), np.eye(3), rng.normal(size=3), 0.25, status == "ok", "", 0.1, 0.4, "tried 3"
+            rng.random(3), np.eye(3), rng.normal(size=3), 0.25, status == "ok", "", 0.1, 0.2, 0.4, "tried 3"
         ),
         measures=Measures(**numbers),
         counterpart_summary="2 parts of 2",

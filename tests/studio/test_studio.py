@@ -167,6 +167,13 @@ def test_a_change_is_judged_as_every_plan_is_in_less_than_a_second_of_cpu(sessio
     assert "viewpoint 4" in refused and "2 m are to be kept" in refused
 
 
+def test_the_headline_tells_the_clearance_that_the_change_asks_for(session):
+    plan = session.answer("plan", {})
+    for asked_m, told in ((3.0, "3 m asked for"), (2.5, "2.5 m asked for"), (1.0, "2 m asked for")):
+        found = session.answer("judge", wanted(plan, clearance_m=asked_m))
+        assert told in found["verdict"]["headline"]  # never less than the plan's own
+
+
 @pytest.mark.slow
 def test_the_rest_is_planned_anew_round_what_is_fixed(session, catalog):
     plan = session.answer("plan", {})
