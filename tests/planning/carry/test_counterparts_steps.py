@@ -60,7 +60,7 @@ def take(
     match = Correspondences(index, np.zeros(len(source)), source.points, "", np.arange(len(answers)), classes)
     fit = SimpleNamespace(
         source=source, target=target, correspondences=match, told=told,
-        registration=Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True, acceptance=0.4),
+        registration=Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True, acceptance=0.5, scanned=0.4),
         carried=np.zeros(len(target), np.int64) if carried else None,
     )  # fmt: skip
     attention = SimpleNamespace(

@@ -13,7 +13,7 @@ from upplied.errors import SettingsError
 from upplied.planning.correspondence.pair import Fit
 from upplied.planning.demonstration import carried_zone as carrying
 from upplied.planning.demonstration.about import zone_of
-from upplied.planning.demonstration.carried_zone import _carried, _probability, _sided, carried_zone
+from upplied.planning.demonstration.carried_zone import _carried, _probability, carried_zone
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.records import Bools, Cloud, Correspondences, Frame, Registration, Structure
@@ -87,7 +87,7 @@ def test_a_ball_keeps_to_one_side_of_a_thin_plate():
 
 
 def fit(source: Cloud, target: Cloud, index: np.ndarray, points: np.ndarray, carried: bool = True) -> Fit:
-    same = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True, acceptance=0.4)
+    same = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True, acceptance=0.5, scanned=0.4)
     classes = np.arange(4), np.arange(4)
     match = Correspondences(index, np.zeros(len(index)), points, "", *classes)
     return Fit(source, target, same, match, 1, np.zeros(len(target), np.int64) if carried else None)
@@ -146,11 +146,6 @@ def test_a_part_that_nothing_answers_has_no_certainty():
     without = fit(ROW, ROW, np.arange(20), LINE)
     match = replace(without.correspondences, target_class=np.full(4, -1))
     assert _probability(replace(without, correspondences=match), np.arange(20) < 5) == 0.0
-
-
-def test_the_sides_of_a_thin_plate_lie_apart():
-    sided = _sided(np.array([[1.0, 2, 3]]), np.array([[0.0, 0, -1]]), 0.5)
-    assert sided.tolist() == [[1, 2, 3, 0, 0, -1]]
 
 
 def test_what_of_a_zone_is_lost_is_told_and_patches_are_asked_by_place_and_side(monkeypatch):

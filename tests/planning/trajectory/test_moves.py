@@ -8,7 +8,7 @@ import pytest
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.trajectory.moves import Aside, _Places, _places, _taken, moves_aside
+from upplied.planning.trajectory.moves import Aside, _Places, _taken, moves_aside, places_beside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch
@@ -141,7 +141,7 @@ def test_the_dearest_sight_is_taken_first_and_nothing_is_shown_twice() -> None:
 
 def test_places_are_tried_all_round_as_the_camera_looks() -> None:
     path = Flown(np.zeros((3, 3)), np.array([0.0, np.pi / 2, np.pi]), np.array([0.0, 1.0, -1.0]))
-    at, off = _places(path, 10.0)
+    at, off = places_beside(path, 10.0)
     assert at.tolist() == [0] * 52 + [1] * 52 + [2] * 52
     length = np.linalg.norm(off, axis=1).reshape(3, 2, 26)
     np.testing.assert_allclose(length, np.broadcast_to(np.array([4.0, 8.0])[:, None], (3, 2, 26)))
@@ -152,5 +152,5 @@ def test_places_are_tried_all_round_as_the_camera_looks() -> None:
     np.testing.assert_allclose(ahead[0], 4 / np.sqrt(3) * np.array([1, 1, 1]))
     np.testing.assert_allclose(ahead[1], 4 / np.sqrt(3) * np.array([-1, 1, 1]), atol=1e-9)
     many = Flown(np.zeros((500, 3)), np.zeros(500), np.zeros(500))
-    stations = np.unique(_places(many, 1.0)[0])
+    stations = np.unique(places_beside(many, 1.0)[0])
     assert len(stations) == 48 and stations[[0, -1]].tolist() == [0, 499]
