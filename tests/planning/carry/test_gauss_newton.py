@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from upplied.config import RefineSettings
-from upplied.planning.carry.gauss_newton import gauss_newton
+from upplied.planning.carry.gauss_newton import _solve, gauss_newton
 from upplied.records import Cloud, Correspondences, Viewpoints
 
 
@@ -131,3 +131,15 @@ def test_points_in_a_plane_run_nobody_off():
     found = gauss_newton(start, view, *flat, pairs, RefineSettings(iterations=8))
     np.testing.assert_allclose(found, by_hand(start, view, *flat, pairs, 8), rtol=1e-5, atol=1e-5)
     assert np.abs(found).max() < 100
+
+
+@pytest.mark.parametrize(("ratio", "determined"), [(1.5e-6, True), (0.7e-6, False)])
+def test_directions_that_the_points_hardly_determine_are_left_as_they_are(ratio, determined):
+    """Eight points round a camera, a little above and below it in turn: its height changes little."""
+    turn, off = np.arange(8) * np.pi / 4, ratio / np.sqrt(2)
+    height = off * (-1.0) ** np.arange(8)
+    points = np.column_stack([np.cos(turn), np.sin(turn), height])
+    wanted = np.linalg.norm(points, axis=1) + 1e-7 * height
+    found = _solve(np.zeros(3), points, wanted, 1)
+    assert found[2] == pytest.approx(-1e-7 if determined else 0.0, rel=0.02, abs=1e-12)
+    assert np.abs(found[:2]).max() < 1e-10

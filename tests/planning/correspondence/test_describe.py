@@ -68,3 +68,12 @@ def test_of_many_without_counterpart_six_are_named() -> None:
     assert said.count("part_") == 6 and said.endswith(" and 3 more")
     six = summary_of(source, matching, label, np.arange(9) < 6, parts_at([(0, 0, 0)], [1.0]))
     assert six.count("part_") == 6 and "more" not in six
+
+
+def test_a_twelfth_itself_is_the_middle() -> None:
+    whole = replace(
+        parts_at([(0, 0, 0)] * 2, [1.0] * 2), low=np.full((2, 3), -50.0), high=np.full((2, 3), 50.0)
+    )
+    low, high = whole.low.copy(), whole.high.copy()
+    low[1], high[1] = np.array([8.0, 8.5, -8.0]) - 1, np.array([8.0, 8.5, -8.0]) + 1
+    assert place_of(replace(whole, low=low, high=high), 1) == "left"

@@ -81,7 +81,7 @@ def visible(
         sorted_cloud.start,
         sorted_cloud.bounds,
     )
-    limits = np.tile(limits, (len(positions), 1)) if limits.ndim == 1 else limits
+    limits = np.repeat(limits[None], len(positions), axis=0) if limits.ndim == 1 else limits
     cameras = np.ascontiguousarray(positions, float) - origin
     axes = np.ascontiguousarray(matrices(quat_xyzw))
     seen = np.zeros((len(cameras), len(cloud)), bool)
