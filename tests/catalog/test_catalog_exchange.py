@@ -246,3 +246,11 @@ def test_an_imported_failure_makes_way(catalog, folder, tmp_path):
     other.add_plans([(key_of(1), replace(plan("t1", status="failed")), {})])
     assert import_dataset(other, folder)["transfers"] == 4
     assert other.transfer(key_of(1)[:20])["status"] == "ok"
+
+
+def test_lerobot_is_written_from_one_frame_a_second_on(catalog, tmp_path):
+    counts = export_lerobot(catalog, tmp_path / "slow", catalog.transfers(), fps=1)
+    usual = export_lerobot(catalog, tmp_path / "usual", catalog.transfers(), fps=20)
+    assert counts["episodes"] == usual["episodes"] and 0 < counts["frames"] < usual["frames"] / 10
+    with pytest.raises(InputError, match="0 frames a second"):
+        export_lerobot(catalog, tmp_path / "none", catalog.transfers(), fps=0)

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from upplied.planning.carry.evidence import Evidence, evidence_of
+from upplied.planning.carry.evidence import _AROUND, Evidence, _nearby, evidence_of
 from upplied.planning.carry.forecast import (
     CAPS,
     OFFSET,
@@ -197,3 +197,13 @@ def test_the_evidence_in_words() -> None:
     )
     refused = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, False, reason="no fit")
     assert unlikely(Forecast(0.333, "it is bad"), 0.6, refused) == f"{said}; no fit"
+
+
+def test_around_is_what_lies_beside_what_was_inspected_by_more_than_half() -> None:
+    points = np.column_stack([np.arange(8.0), np.zeros((8, 2))])
+    own = np.array([1.0, 0.51, 0.5, 0.2, 0, 0, 0, 0])
+    off = np.array([0, 0, 1, 2, 3, 4, 5, 6])
+    wanted = np.clip(1 - off / (_AROUND * 15), 0, 1) * (1 - own)
+    assert _nearby(points, own, 15.0) == pytest.approx(wanted)
+    for alike in (np.full(8, 0.5), np.full(8, 0.51)):  # nothing, or all of it
+        assert _nearby(points, alike, 15.0) is alike
