@@ -214,6 +214,7 @@ def test_a_clock_that_runs_behind_does_not_change_what_is_in_force(catalog, monk
     for table in late.tables.values():
         monkeypatch.setattr(table._clock, "now", lambda: now - timedelta(days=400))
     late.release(second, "Ada")
+    assert catalog.decisions()["added_at"].is_monotonic_increasing  # nor what is told of a moment
     assert list(catalog.in_force()["transfer_id"]) == [second]
 
 

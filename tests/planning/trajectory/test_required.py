@@ -53,8 +53,8 @@ def path(y: float = -4.0) -> Flown:
     return Flown(np.column_stack([x, np.full(14, y), np.full(14, 4.0)]), np.full(14, np.pi / 2), np.zeros(14))
 
 
-def first(view: View, asked: RequiredSurface, flown: Flown, times: float = 10.0) -> View:
-    return required_first(view, asked, flown, Airspace(view.scene, 1.0, Surroundings()), 4.0, times)
+def first(view: View, asked: RequiredSurface, flown: Flown, usual_m: float = 4.0) -> View:
+    return required_first(view, asked, flown, Airspace(view.scene, 1.0, Surroundings()), usual_m, 10.0)
 
 
 def test_a_zone_counts_so_many_times_what_was_inspected():
@@ -93,6 +93,7 @@ def test_what_the_flight_does_not_come_by_is_left_to_another():
     behind = path(y=4.0)  # on the other side of the wall
     assert first(view, required(view, zone), behind) is view
     assert first(view, required(view, np.zeros(len(zone), bool)), path()) is view
+    assert first(view, required(view, zone), path(), usual_m=1.0) is view  # four stand-offs off
 
 
 @pytest.fixture(scope="module")
@@ -130,8 +131,9 @@ def test_a_plan_shows_more_of_a_zone_that_it_is_asked_for_and_no_less_of_what_wa
     assert asked.measures.min_clearance_m >= 2.0 and asked.flyable
     # what faces the other side is beyond this flight: the plan is as if nobody had asked
     beyond = (surface.normals[:, 1] < -0.8) & (share[:, 1] < 0.45)
-    far = planned(engines, beyond)
-    assert np.array_equal(far.trajectory.positions, usual.trajectory.positions)
+    tail = (share[:, 0] < 0.2) & (share[:, 2] > 0.55)  # in sight, but far
+    for away in (beyond, tail):
+        assert np.array_equal(planned(engines, away).trajectory.positions, usual.trajectory.positions)
 
 
 def test_zones_that_are_named_and_not_given_are_no_plan(engines):

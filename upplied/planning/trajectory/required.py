@@ -1,8 +1,8 @@
 """Surface that must be seen comes before what the demonstration was about, where its flight comes by.
 
-A flight is asked for those samples of a zone that it can show: from the path that is carried to the target
-with its camera turned anywhere, or from a place beside it. What lies elsewhere is for another flight, and
-does not make this one worse.
+A flight is asked for those samples of a zone that it can show from within two of its stand-offs: from the
+path that is carried to the target with its camera turned anywhere, or from a place beside it. What lies
+elsewhere is for another flight, and does not make this one worse.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from upplied.records import Bools, Floats, Ints
 from upplied.records.required import RequiredSurface
 
 _STATIONS = 160  # of the path, that are asked what they could show
+_BY = 2.0  # stand-offs, within which a flight comes by a patch: from further off another one shows it better
 
 
 def required_first(
@@ -86,6 +87,7 @@ def _nearest(view: View, required: RequiredSurface) -> Ints:
 
 def _in_reach(view: View, zone: Ints, path: Flown, airspace: Airspace, usual_m: float) -> Bools:
     """Which samples of the zone (Z,) the path, or a place beside it, would show with its camera turned."""
+    view = replace(view, farthest_m=np.minimum(view.farthest_m, _BY * usual_m))
     station = np.unique(np.linspace(0, len(path) - 1, min(_STATIONS, len(path))).astype(np.int64))
     found: Bools = np.asarray(view.reach(path.positions[station], zone, station=station).any(axis=0))
     if (left := np.flatnonzero(~found)).size:
