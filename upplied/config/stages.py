@@ -208,6 +208,7 @@ class OptimiseSettings:
     standoff_tolerance: float = 0.08  # of the wanted stand-off
     smoothness: float = 0.003  # of curving otherwise by a circle whose radius is the stand-off, mean square
     clearance: float = 5.0  # of lacking a metre of the safety distance, mean square
+    nearness: float = 2.0  # of coming a metre nearer than the carried path does anywhere, mean square
     turning: float = 0.005  # of turning the camera by as much again as the demonstration
     time: float = 0.002  # of flying for as long again
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned

@@ -95,6 +95,31 @@ def test_a_path_that_shows_all_stays_where_it_is(wall: View):
     assert np.abs(done.yaw - path.yaw).max() < np.radians(1)
 
 
+def test_what_the_camera_alone_can_show_is_shown_from_the_carried_path(wall: View):
+    """The camera looks a little too high for the lowest row: it is turned, and the path stays."""
+    low = np.abs(wall.cloud.points[:, 2] - 1.5) < 2
+    few = replace(wall, need=np.where(low, 1 / low.sum(), 0.0))
+    path = replace(along(), pitch=np.full(COUNT, np.radians(9)))
+    assert shown(few, path) < 0.9
+    done = result(few, problem(few, path))
+    assert shown(few, done) == pytest.approx(1)
+    assert np.linalg.norm(done.positions - path.positions, axis=1).max() < 0.02
+    assert done.pitch.mean() < path.pitch.mean() - np.radians(2)
+
+
+def test_it_comes_no_nearer_to_the_structure_than_the_carried_path(wall: View):
+    """To show what lies too far to be resolved the path would come nearer than it is flown anywhere."""
+    path = along()
+    far = np.abs(wall.cloud.points[:, 0]) < 3
+    strict = replace(wall, need=np.where(far, 1 / far.sum(), 0.0), farthest_m=np.full(len(far), 5.7))
+    least = [
+        np.abs(result(strict, problem(strict, path), shape=0.0, place=0.0, standoff=0.0, nearness=of)
+               .positions[:, 1]).min()
+        for of in (5.0, 0.0)
+    ]  # fmt: skip
+    assert least[0] > 5.85 and least[1] < least[0] - 0.2
+
+
 def test_where_nothing_is_needed_the_path_is_the_carried_one(wall: View):
     path = along()
     done = result(wall, problem(replace(wall, need=np.zeros(len(wall.need))), path))

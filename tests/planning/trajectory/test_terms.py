@@ -144,6 +144,15 @@ def test_clearance_asks_nothing_of_a_path_that_keeps_it(wall: View):
     assert Clearance.of(free, path).value(path)[0] == 0
 
 
+def test_clearance_asks_to_come_no_nearer_than_a_distance(wall: View):
+    """Half a metre is lacking everywhere; the ground and the ceiling ask nothing."""
+    low = Airspace(wall.scene, 1.0, Surroundings(ground_z_m=4.0), 1.0)
+    near = replace(flown(), positions=flown().positions * [1, 0, 1] - [0, 2.5, 0])
+    assert Clearance.of(low, near).value(near)[0] > 0
+    assert Clearance.of(low, near).no_nearer(3.0).value(near)[0] == pytest.approx(0.25)
+    assert Clearance.of(low, near).no_nearer(2.5).value(near)[0] == pytest.approx(0, abs=1e-12)
+
+
 def test_a_camera_turned_aside_once_and_for_all_costs_no_turning():
     path = flown()
     one = Turning(path.yaw, path.pitch, 2.0)

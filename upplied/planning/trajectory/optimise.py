@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize
@@ -36,8 +37,9 @@ _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond th
 _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _SHARES = (0.0, 0.25, 0.5, 0.75)  # of the way from the carried path, that may already be enough
-_LITTLE = 3e-3  # share of the need that all of the way must show more to be worth going
-_HARDLY = 5e-4  # share of the need that is not worth turning the camera otherwise either, and counts as none
+_HARDLY = np.array([5e-4, 1e-3])  # of what was inspected, and of what lay behind it, as shares of the need:
+# not worth leaving the path for, one sample of some 2000 and two
+_AMPLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _FIRST = 10.0  # how many times what was inspected counts what lay behind it, before any of it is given up
 _CORRECTIONS = 12  # that L-BFGS keeps
 
@@ -83,7 +85,25 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     lasting = _lasting_terms(problem, state.flown(variables), shape_weight, weights)
     judged = _Judged(state, problem.view, asked, need, lasting)
     start, urgent = variables, np.ones(len(need))
+    nearest_m = min(
+        float(problem.airspace.scene.distance(problem.carried.positions).min()),
+        _AMPLE * problem.airspace.clearance_m,
+    )
     stride = max(1, round(_APART * len(problem.carried) / _progress(problem)))
+
+    def terms(path: Flown, width: float) -> list[tuple[float, Term]]:
+        """The terms, with what stands in the way and what is near from this path."""
+        oblique = replace(problem.view.settings, max_incidence_deg=_OBLIQUE_DEG)
+        anywhere = replace(problem.view, farthest_m=np.full(len(problem.view.need), np.inf))
+        free = anywhere.reach(path.positions[::stride], asked, oblique, np.arange(0, len(path), stride))
+        clearance = Clearance.of(problem.airspace, path)
+        return [
+            (1.0, Coverage.of(problem.view, asked, need * urgent, free, width, stride)),
+            (weights.clearance, clearance),
+            (weights.nearness, clearance.no_nearer(nearest_m)),
+            *lasting,
+        ]
+
     found = []
     for number, width in enumerate(np.geomspace(_WIDEST, _NARROWEST, weights.rounds)):
         path = state.flown(variables)
@@ -93,20 +113,20 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
             aside = Aside(_standoff_m(problem), _departure(problem, shape_weight, weights), price)
             path = moves_aside(path, problem.view, problem.airspace, aside)
             variables = state.nearest(path)
-        # What stands in the way, and what is near, from here.
-        oblique = replace(problem.view.settings, max_incidence_deg=_OBLIQUE_DEG)
-        anywhere = replace(problem.view, farthest_m=np.full(len(problem.view.need), np.inf))
-        free = anywhere.reach(path.positions[::stride], asked, oblique, np.arange(0, len(path), stride))
-        terms: list[tuple[float, Term]] = [
-            (1.0, Coverage.of(problem.view, asked, need * urgent, free, float(width), stride)),
-            (weights.clearance, Clearance.of(problem.airspace, path)),
-            *lasting,
-        ]
-        variables = _solved(state, variables, terms, weights.iterations)
+        variables = _solved(state, variables, terms(path, float(width)), weights.iterations)
         if number >= weights.rounds // 2:
             found.append(variables)
         urgent[judged.given_up(start, variables)] *= _FIRST
-    return state, _no_further(state, start, max(found, key=judged.worth), judged)
+    every = np.flatnonzero(problem.view.need > 0)
+    wholly = replace(judged, asked=every, need=problem.view.need[every])
+    best = max(found, key=judged.worth)
+
+    def turned() -> Floats:
+        """The camera alone, from the carried path."""
+        at = np.where(state.moves, start, best)
+        return _solved(state, at, terms(state.flown(at), _NARROWEST), weights.iterations, ~state.moves)
+
+    return state, _no_further(start, best, turned, wholly)
 
 
 def _departure(
@@ -141,42 +161,48 @@ class _Judged(Record):
         path = self.state.flown(variables)
         return self.view.sees(path.positions, from_yaw_pitch(path.yaw, path.pitch), self.asked)
 
-    def shown(self, variables: Floats) -> tuple[float, float]:
-        """Share of the need, and of it what was inspected."""
+    def shown(self, variables: Floats) -> Floats:
+        """(2,) share of the need that was inspected, and of what lay behind it."""
         got = self.need * self.sees(variables).any(axis=0)
-        return float(got.sum()), float(got[self.view.inspected[self.asked]].sum())
+        return np.bincount(~self.view.inspected[self.asked], got, 2)
 
     def given_up(self, start: Floats, end: Floats) -> Bools:
         """(m,) inspected samples that the start shows and the end does not; none where it shows as many."""
         inspected = self.view.inspected[self.asked]
         before, after = self.sees(start).any(axis=0), self.sees(end).any(axis=0)
-        more = self.need @ (inspected * (after.astype(float) - before)) >= -_HARDLY
+        more = self.need @ (inspected * (after.astype(float) - before)) >= -_HARDLY[0]
         return np.zeros_like(before) if more else inspected & before & ~after
 
     def worth(self, variables: Floats) -> float:
         """Share of the need, less what the terms cost."""
         path = self.state.flown(variables)
-        return self.shown(variables)[0] - sum(weight * term.value(path)[0] for weight, term in self.lasting)
+        return self.shown(variables).sum() - sum(
+            weight * term.value(path)[0] for weight, term in self.lasting
+        )
 
 
-def _no_further(state: State, start: Floats, end: Floats, judged: _Judged) -> Floats:
+def _no_further(start: Floats, end: Floats, turned: Callable[[], Floats], judged: _Judged) -> Floats:
     """The variables nearest to the start, on the way to the end, that truly show as much as the end.
 
     The soft borders of the coverage would move a path that shows all already: on its own structure a
     flight is to come back as it was flown. To turn the camera comes before to leave the path.
     """
-    (all_first, own_first), (most, own) = judged.shown(start), judged.shown(end)
-    # What was inspected is given up for so much more of what lay behind it, and for no less.
-    least = max(own, own_first) - max(_HARDLY, (most - all_first) / _FIRST)
-    if own < least or (all_first >= most - _HARDLY and own_first >= least):
+    first, last = judged.shown(start), judged.shown(end)
+    if (first - last)[0] > max(_HARDLY[0], (last - first)[1] / _FIRST):
+        return start  # what was inspected is given up for so much more of what lay behind it, and for no less
+    least = last - _HARDLY
+    if (first >= least).all():
         return start
-    moving = np.arange(len(end)) < 3 * state.moving.shape[1]
-    for share in _SHARES:
-        part = np.where(moving, start + share * (end - start), end)
-        shown, own = judged.shown(part)
-        if shown >= most - (1 - share) * _LITTLE and own >= least:
-            return part
+    moves = judged.state.moves
+    for nearer in (turned, *(partial(_between, start, end, share, moves) for share in _SHARES)):
+        if (judged.shown(at := nearer()) >= least).all():
+            return at
     return end
+
+
+def _between(start: Floats, end: Floats, share: float, moves: Bools) -> Floats:
+    """So much of the way from one to the other, with the camera wholly turned."""
+    return np.where(moves, start + share * (end - start), end)
 
 
 def _lasting_terms(
@@ -231,7 +257,13 @@ def _asked(view: View, most: int) -> tuple[Ints, Floats]:
     return np.concatenate(chosen), np.concatenate(needs)
 
 
-def _solved(state: State, variables: Floats, terms: Sequence[tuple[float, Term]], iterations: int) -> Floats:
+def _solved(
+    state: State,
+    variables: Floats,
+    terms: Sequence[tuple[float, Term]],
+    iterations: int,
+    free: Bools | None = None,
+) -> Floats:
     """The variables at which the weighted sum of the terms is least, from where they are."""
 
     def objective(at: Floats) -> tuple[float, Floats]:
@@ -243,7 +275,8 @@ def _solved(state: State, variables: Floats, terms: Sequence[tuple[float, Term]]
             positions += weight * slope.positions
             yaw += weight * slope.yaw
             pitch += weight * slope.pitch
-        return total, state.pulled_back(Flown(positions, yaw, pitch))
+        slopes = state.pulled_back(Flown(positions, yaw, pitch))
+        return total, slopes if free is None else np.where(free, slopes, 0.0)
 
     options = {"maxiter": iterations, "maxcor": _CORRECTIONS}
     return np.asarray(minimize(objective, variables, jac=True, method="L-BFGS-B", options=options).x)

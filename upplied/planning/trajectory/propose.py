@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -21,7 +22,7 @@ from upplied.planning.trajectory.complete import completed
 from upplied.planning.trajectory.retime import Sharp, retime
 from upplied.planning.trajectory.sharpness import MARGIN, sharp_limits, time_above
 from upplied.poses import fov_at
-from upplied.records import Bools, Floats, Trajectory, Waypoints
+from upplied.records import Bools, Floats, Ints, Trajectory, Waypoints
 
 
 def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bools, Floats]:
@@ -52,12 +53,27 @@ def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bool
         return _zooming(flight, *retime(path, flight, settings.retime, breaks_of(takes)))
     sharp = sharp_limits(path, flight, takes, settings)
     steady = steady_radps(takes, settings.inspection)
-    found = retime(path, flight, settings.retime, breaks_of(takes), sharp)
-    if time_above(found[0], steady) > 1 - USUAL_PCT / 100:
-        # A swing takes as long on a small structure, the rest does not: it is not the exception any more.
-        steadily = Sharp(sharp.speed_mps, np.minimum(sharp.pan_degps, MARGIN * np.degrees(steady)))
-        found = retime(path, flight, settings.retime, breaks_of(takes), steadily)
-    return _zooming(flight, *found)
+    fast = _swings(sharp.pan_degps, np.degrees(steady))
+
+    def timed(steadily: int) -> tuple[Trajectory, Bools, Floats]:
+        pan = sharp.pan_degps.copy()
+        pan[fast[:steadily]] = MARGIN * np.degrees(steady)
+        return retime(path, flight, settings.retime, breaks_of(takes), Sharp(sharp.speed_mps, pan))
+
+    def exceptional(steadily: int) -> bool:
+        return time_above(timed(steadily)[0], steady) <= 1 - USUAL_PCT / 100
+
+    # A swing takes as long on a small structure, the rest does not: it is not the exception any more. Then
+    # as much of the swings as it takes is flown steadily, the slowest swing first.
+    enough = 0 if exceptional(0) else bisect_left(range(len(fast)), True, key=exceptional)
+    return _zooming(flight, *timed(enough))
+
+
+def _swings(pan_degps: Floats, steady_degps: float) -> Ints:
+    """The waypoints where the camera may turn faster than steady, swing by swing, the slowest first."""
+    fast = np.flatnonzero(pan_degps > steady_degps)
+    swings = np.split(fast, np.flatnonzero(np.diff(fast) > 1) + 1)
+    return np.concatenate(sorted(swings, key=lambda swing: float(pan_degps[swing].max(initial=0.0))))
 
 
 def _zooming(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,10 @@ class Clearance(Record):
         """The term near a path."""
         closest, _ = airspace.scene.closest(path.positions)
         return cls(closest, airspace.clearance_m + _BEYOND_M, airspace.floor_m, airspace.ceiling_m)
+
+    def no_nearer(self, least_m: float) -> Clearance:
+        """The same, for a distance that is wished for and not demanded, without ground and ceiling."""
+        return replace(self, least_m=least_m, floor_m=-np.inf, ceiling_m=np.inf)
 
     def value(self, flown: Flown) -> tuple[float, Flown]:
         """Mean squared lack, and its slope."""
