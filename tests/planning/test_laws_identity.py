@@ -100,7 +100,7 @@ def test_identity(structure: str, inspection: str, seed: int) -> None:
     assert ours.measures.coverage_inspected_pct >= box.measures.coverage_inspected_pct - 0.05
     # Of all that is ever in a picture, what stands at its rim for four frames or fewer may go with the
     # trembling of the camera: a fifth of a degree, up to 5 of 1500 samples (round the wings).
-    assert ours.measures.coverage_seen_pct >= box.measures.coverage_seen_pct - 0.8
+    assert ours.measures.coverage_seen_pct >= box.measures.coverage_seen_pct - 0.5
     assert ours.measures.standoff_ratio_p50 == pytest.approx(1, abs=0.02)
     assert ours.measures.duration_s == pytest.approx(demonstration.trajectory.t_s[-1], rel=0.07)
 

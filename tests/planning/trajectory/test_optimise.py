@@ -108,16 +108,18 @@ def test_what_the_camera_alone_can_show_is_shown_from_the_carried_path(wall: Vie
 
 
 def test_it_comes_no_nearer_to_the_structure_than_the_carried_path(wall: View):
-    """To show what lies too far to be resolved the path would come nearer than it is flown anywhere."""
-    path = along()
-    far = np.abs(wall.cloud.points[:, 0]) < 3
-    strict = replace(wall, need=np.where(far, 1 / far.sum(), 0.0), farthest_m=np.full(len(far), 5.7))
-    least = [
-        np.abs(result(strict, problem(strict, path), shape=0.0, place=0.0, standoff=0.0, nearness=of)
-               .positions[:, 1]).min()
-        for of in (5.0, 0.0)
-    ]  # fmt: skip
-    assert least[0] > 5.85 and least[1] < least[0] - 0.2
+    """What is resolved from 4.2 m only draws the path nearer than it is flown anywhere, 4.8 m."""
+    path = replace(along(), positions=along().positions * [1, 0.8, 1])
+    middle = np.abs(wall.cloud.points[:, 0]) < 3
+    strict = replace(
+        wall, need=np.where(middle, 1 / middle.sum(), 0.0), farthest_m=np.full(len(middle), 4.2)
+    )
+    kept, nearer = (
+        result(strict, problem(strict, path), shape=0.0, place=0.0, standoff=0.0, nearness=weight)
+        for weight in (50.0, 0.0)
+    )
+    assert np.abs(kept.positions[:, 1]).min() > 4.7
+    assert np.abs(nearer.positions[:, 1]).min() < 4.4
 
 
 def test_where_nothing_is_needed_the_path_is_the_carried_one(wall: View):

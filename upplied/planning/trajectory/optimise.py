@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize
@@ -37,7 +36,7 @@ _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond th
 _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _SHARES = (0.0, 0.25, 0.5, 0.75)  # of the way from the carried path, that may already be enough
-_HARDLY = np.array([5e-4, 1e-3])  # of what was inspected, and of what lay behind it, as shares of the need:
+_HARDLY = (5e-4, 1e-3)  # of what was inspected, and of what lay behind it, as shares of the need:
 # not worth leaving the path for, one sample of some 2000 and two
 _AMPLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _FIRST = 10.0  # how many times what was inspected counts what lay behind it, before any of it is given up
@@ -163,8 +162,8 @@ class _Judged(Record):
 
     def shown(self, variables: Floats) -> Floats:
         """(2,) share of the need that was inspected, and of what lay behind it."""
-        got = self.need * self.sees(variables).any(axis=0)
-        return np.bincount(~self.view.inspected[self.asked], got, 2)
+        got, inspected = self.need * self.sees(variables).any(axis=0), self.view.inspected[self.asked]
+        return np.array([got[inspected].sum(), got[~inspected].sum()])
 
     def given_up(self, start: Floats, end: Floats) -> Bools:
         """(m,) inspected samples that the start shows and the end does not; none where it shows as many."""
@@ -193,16 +192,14 @@ def _no_further(start: Floats, end: Floats, turned: Callable[[], Floats], judged
     least = last - _HARDLY
     if (first >= least).all():
         return start
-    moves = judged.state.moves
-    for nearer in (turned, *(partial(_between, start, end, share, moves) for share in _SHARES)):
-        if (judged.shown(at := nearer()) >= least).all():
+    for share in (
+        None,
+        *_SHARES,
+    ):  # first the camera alone, then so much of the way with the camera wholly turned
+        at = turned() if share is None else np.where(judged.state.moves, start + share * (end - start), end)
+        if (judged.shown(at) >= least).all():
             return at
     return end
-
-
-def _between(start: Floats, end: Floats, share: float, moves: Bools) -> Floats:
-    """So much of the way from one to the other, with the camera wholly turned."""
-    return np.where(moves, start + share * (end - start), end)
 
 
 def _lasting_terms(
