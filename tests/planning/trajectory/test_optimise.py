@@ -111,9 +111,7 @@ def test_it_comes_no_nearer_to_the_structure_than_the_carried_path(wall: View):
     """What is resolved from 4.2 m only draws the path nearer than it is flown anywhere, 4.8 m."""
     path = replace(along(), positions=along().positions * [1, 0.8, 1])
     middle = np.abs(wall.cloud.points[:, 0]) < 3
-    strict = replace(
-        wall, need=np.where(middle, 1 / middle.sum(), 0.0), farthest_m=np.full(len(middle), 4.2)
-    )
+    strict = replace(wall, need=np.where(middle, 1 / middle.sum(), 0.0), farthest_m=np.full(len(middle), 4.2))
     kept, nearer = (
         result(strict, problem(strict, path), shape=0.0, place=0.0, standoff=0.0, nearness=weight)
         for weight in (50.0, 0.0)
