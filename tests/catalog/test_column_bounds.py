@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import pandas as pd
+import pyarrow as pa
 import pytest
 
 from upplied.catalog.schema.columns import Column, Table
 from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.verbs.verification import _broken
 
 COLUMNS = [(table, column) for table in TABLES.values() for column in table.columns]
 #: Lengths and times that are places on an axis, and not sizes.
@@ -75,3 +78,18 @@ def test_a_constraint_in_words() -> None:
     assert said(required=True, allowed=("a", "b")) == "required, one of a, b"
     assert said(low=0, high=360) == "0 to 360" and said(low=0.5) == "at least 0.5" and said(high=3) == ""
     assert said(low=0, required=True) == "required, at least 0"
+
+
+def broken(values: list[object], kind: object, **how: object) -> list[bool]:
+    return _broken(Column("name", kind, "", "", **how), pd.Series(values)).tolist()  # type: ignore[arg-type]
+
+
+def test_values_beyond_what_a_column_allows_are_broken() -> None:
+    text, real = pa.string(), pa.float64()
+    assert broken(["a", "", None], text) == [False, False, False]
+    assert broken(["a", "", None], text, required=True) == [False, True, True]
+    assert broken(["a", "c", "", None], text, allowed=("a", "b")) == [False, True, False, False]
+    assert broken(["a", "c", "", None], text, allowed=("a", "b"), required=True) == [False, True, True, True]
+    assert broken([-1.0, 0, 5, 9, 9.1, None], real, low=0, high=9) == [True, False, False, False, True, False]
+    assert broken([1.0, None], real, required=True, low=2) == [True, True]
+    assert broken([1.0, 3.0], real, high=2) == [False, True]

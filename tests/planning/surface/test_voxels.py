@@ -53,3 +53,18 @@ def test_a_point_cloud_is_filtered_as_it_is():
     points = np.random.default_rng(0).random((5000, 3))
     cloud = voxel_cloud(Structure("c-v1", "box", points, np.empty((0, 3), np.int64)), CloudSettings(300))
     np.testing.assert_allclose(cloud.points, voxel_filter(points, cloud.leaf_m))
+
+
+def test_points_on_a_mesh_are_as_many_in_each_triangle_as_its_area_asks() -> None:
+    """Two triangles of 1 and 3 m^2 far apart: no place counts but the area that was cumulated before it."""
+    vertices = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0], [50, 0, 0], [50, 3, 0], [50, 0, 2]])
+    points = area_uniform(vertices, np.array([[0, 1, 2], [3, 4, 5]]), 400, 0)
+    first = points[:, 0] < 10
+    assert np.flatnonzero(first).tolist() == list(range(100))  # stratified along the cumulated area
+    x, y = points[:100, 0] / 2, points[:100, 1]
+    assert (x >= 0).all() and (y >= 0).all() and (x + y <= 1).all()
+    assert points[:100].mean(axis=0) == pytest.approx(np.array([2 / 3, 1 / 3, 0]), abs=0.06)
+    y, z = points[100:, 1] / 3, points[100:, 2] / 2
+    assert (y >= 0).all() and (z >= 0).all() and (y + z <= 1).all()
+    np.testing.assert_allclose(points[100:, 0], 50)
+    assert points[100:].mean(axis=0) == pytest.approx(np.array([50, 1, 2 / 3]), abs=0.08)
