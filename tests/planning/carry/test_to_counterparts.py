@@ -7,7 +7,7 @@ import pytest
 
 from upplied.config import TransferSettings
 from upplied.planning.carry.affine import AxisMap
-from upplied.planning.carry.to_counterparts import _smoothing, follow_counterparts
+from upplied.planning.carry.to_counterparts import _smoothing, _stretched, follow_counterparts
 from upplied.poses import angle_between, from_yaw_pitch, look_at, optical_axis, yaw_pitch
 from upplied.records import Camera, Cloud, Correspondences, Trajectory, Visibility
 
@@ -202,3 +202,16 @@ def test_a_shift_is_smoothed_over_half_a_stand_off(spacing, standoff, count, pos
     aim[0] = np.nan
     assert _smoothing(at, aim) == pytest.approx(poses)
     assert _smoothing(at[1:2], aim[1:2]) == 1.0
+
+
+def test_a_flight_that_hovered_amid_its_way_is_stretched_all_the_same():
+    """Its vertices are spread less than its curve; what is level is left as it is."""
+    x = np.concatenate([np.linspace(-10, 0, 6), np.zeros(30), np.linspace(2, 10, 5)])
+    carried = np.column_stack([x, 0.6 * np.abs(x), np.tile([0.0, 0.01], 21)[:41]])
+    found = _stretched(carried, 1.5 * carried + [3.0, 4, 5])
+    middle = carried.mean(axis=0)
+    np.testing.assert_allclose(found, middle + [1.5, 1.5, 1] * (carried - middle), atol=1e-9)
+    far = _stretched(carried, 9.0 * carried)
+    np.testing.assert_allclose(far, middle + [2.5, 2.5, 1] * (carried - middle), atol=1e-9)
+    near = _stretched(carried, 0.1 * carried)
+    np.testing.assert_allclose(near, middle + [0.4, 0.4, 1] * (carried - middle), atol=1e-9)

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from upplied.config import RetimeSettings, VisibilitySettings
-from upplied.planning.trajectory.looks import looks_aside
+from upplied.planning.trajectory.looks import _in_picture, looks_aside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch
@@ -128,3 +129,18 @@ def test_a_look_goes_from_where_the_camera_points_to_its_sample() -> None:
     tent = np.clip(1 - np.abs(path.positions[:, 0] - path.positions[station, 0]) / (WAY * turn), 0, 1)
     assert found.yaw - 0.2 == pytest.approx((found.yaw[station] - 0.2) * tent)
     assert found.pitch + 0.4 == pytest.approx(0.4 * tent)
+
+
+def test_in_the_picture_is_what_both_angles_say() -> None:
+    rng = np.random.default_rng(0)
+    places, points = rng.normal(0, 4, (3, 3)), rng.normal(0, 4, (60, 3))
+    row, turns = rng.integers(0, 3, 12), Rotation.random(12, random_state=1)
+    reach, round_ = rng.random((3, 60)) < 0.8, np.arange(12) % 2 == 0
+    half = np.column_stack([np.where(round_, 2.0, 0.6), np.full(12, 0.5)])
+    found = _in_picture(places, row, turns.as_matrix(), points, reach, half, round_)
+    for at in range(12):
+        x, y, z = turns[at].inv().apply(points - places[row[at]]).T
+        ahead = np.hypot(x, y) if round_[at] else x
+        within = (np.abs(np.arctan2(y, x)) <= half[at, 0]) & (np.abs(np.arctan2(z, ahead)) <= half[at, 1])
+        assert np.array_equal(found[at], within & reach[row[at]])
+    assert 0.02 < found.mean() < 0.5

@@ -148,13 +148,12 @@ def _without_spikes(values: Floats, tick: float) -> Floats:
     One sample out of place by s makes second differences of s, -2 s and s, whose sum is nothing; the
     tip of a sharp turn does not.
     """
-    bend = np.zeros_like(values)
+    bend = np.zeros_like(values)  # none at the ends, which are never wild
     bend[1:-1] = np.diff(values, 2, axis=0)
     total = bend + np.roll(bend, 1, axis=0) + np.roll(bend, -1, axis=0)
     size = np.linalg.norm(bend, axis=1)
     wild = size / 2 > max(_SPIKE * noise_of(values), _WILD_MPS2 * tick**2)
     spike = np.flatnonzero(wild & (np.linalg.norm(total, axis=1) < 0.3 * size))
-    spike = spike[(spike > 0) & (spike < len(values) - 1)]
     calm = np.array(values)
     calm[spike] = (values[spike - 1] + values[spike + 1]) / 2
     return calm
