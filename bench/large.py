@@ -7,8 +7,9 @@ files are merged, it is decided when nothing changed and when everything has to 
 written and read, and it is published, first all of it, then where nothing changed, then where one structure
 did. Then three machines plan it with other settings, with the stand-in for planning of `scale.py`: processes
 that share the catalog and the shards alone, each with two workers and a cache of its own, as those of a work
-pool. Each takes one of its eight shards, as large as they are (`--shards 8`: all, which takes hours); and it
-is published again. Then smaller fleets of which nothing was planned, planned whole.
+pool. Each reads one of its eight shards, whole, asks the catalog what is kept of it and plans the first so
+many of its pairs (`--pairs 0 --shards 8` plans all, which takes hours); and it is published again. Then
+smaller fleets of which nothing was planned, planned whole.
 
 Each step runs in a process of its own, whose largest resident memory is told, and that of its children.
 """
@@ -62,6 +63,7 @@ def main() -> None:
     parser.add_argument("--demonstrations", type=int, default=10)
     parser.add_argument("--pages", type=int, default=1000)
     parser.add_argument("--shards", type=int, default=1, help="of each machine, of the fleets of --kept")
+    parser.add_argument("--pairs", type=int, default=3000, help="of each of these shards; 0: all")
     parser.add_argument("--step", nargs="+", default=[], help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.step:
@@ -85,7 +87,7 @@ def main() -> None:
                 ("published", str(options.pages)),
             ):
                 show(what, name, folder, given)
-            for machine in planned(folder, ANOTHER, options.shards):
+            for machine in planned(folder, ANOTHER, options.shards, options.pairs):
                 line(what, *machine)
             show(what, "count", folder, [ANOTHER.presets[0]])
             show(what, "published", folder, [str(options.pages)])
@@ -93,7 +95,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             many = str(options.demonstrations)
             show(f"{targets} x {many}, planned", "stage", folder, [str(targets), many])
-            for machine in planned(folder, scale.REQUEST, SHARDS):
+            for machine in planned(folder, scale.REQUEST, SHARDS, 0):
                 line(f"{targets} x {many}, planned", *machine)
             show(f"{targets} x {many}, planned", "count", folder, [scale.REQUEST.presets[0]])
             show(f"{targets} x {many}, planned", "published", folder, [str(options.pages)])
@@ -259,11 +261,12 @@ def change(catalog: Catalog) -> str:
     return str(fleet.transfer(catalog, jobs, "changed", fleet.Resources(1)))
 
 
-def planned(folder: str, request: fleet.PlanRequest, shards: int) -> Iterator[list[str]]:
+def planned(folder: str, request: fleet.PlanRequest, shards: int, pairs: int) -> Iterator[list[str]]:
     """Let three machines plan what there is to plan, so many shards each; what each process took."""
     (preset,) = request.presets
     yield told("hand_out", read(started("hand_out", folder, preset)))
-    machines = [started("machine", folder, str(number), str(shards)) for number in range(MACHINES)]
+    asked = (str(shards), str(pairs))
+    machines = [started("machine", folder, str(number), *asked) for number in range(MACHINES)]
     for number, process in enumerate(machines):
         yield told(f"machine {number + 1}", read(process))
     manifest.remove_shards(open_catalog(Path(folder) / "catalog"), "large")
@@ -277,7 +280,7 @@ def hand_out(catalog: Catalog, preset: str) -> str:
     return f"{len(cut)} shards of {len(cut[0])} pairs"
 
 
-def machine(catalog: Catalog, number: str, most: str) -> str:
+def machine(catalog: Catalog, number: str, most: str, pairs: str) -> str:
     """What a machine of the pool does with its shards, one after the other."""
     scale.clock()
     total, location = fleet.Result(), str(catalog.location)
@@ -285,7 +288,8 @@ def machine(catalog: Catalog, number: str, most: str) -> str:
     for name in names[int(number) :: MACHINES][: int(most)]:
         jobs = manifest.read_shard(location, f"large/{name}")
         _, missing = fleet.kept(catalog, jobs, "large")
-        total.include(fleet.transfer(catalog, missing, "large", fleet.Resources(scale.WORKERS, Limits())))
+        asked = missing[: int(pairs) or None]
+        total.include(fleet.transfer(catalog, asked, "large", fleet.Resources(scale.WORKERS, Limits())))
     return str(total)
 
 

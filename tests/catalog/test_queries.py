@@ -10,6 +10,8 @@ import pytest
 from catalog_records import demonstration, key_of, plan, structure
 
 from upplied.catalog import open_catalog
+from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.verbs import ordering
 from upplied.errors import CatalogError, SettingsError
 
 START = datetime(2026, 3, 1, tzinfo=UTC)
@@ -158,3 +160,39 @@ def test_reading_one_column_of_one_plan_does_not_read_the_others(catalog):
     files = list(dataset.get_fragments(filter=pc.field("commit_id") == row["commit_id"]))
     assert len(files) == 1
     assert len(list(dataset.get_fragments())) > 6
+
+
+def test_of_a_few_plans_no_others_are_read_whole(catalog, every, monkeypatch):
+    """However many there are of which their names choose."""
+    read: set[str] = set()
+    batches = StoredTable.batches
+
+    def noted(table: StoredTable, columns: list[str], *asked: object):
+        for rows in batches(table, columns, *asked):
+            if "settings_json" in columns:
+                read.update(rows["transfer_id"].to_pylist())
+            yield rows
+
+    monkeypatch.setattr(StoredTable, "batches", noted)
+    chosen = sorted(every["transfer_id"].head(2))
+    found = catalog.transfers(every=True, ids=chosen)
+    assert sorted(found["transfer_id"]) == chosen
+    assert read == set(chosen)
+
+
+def test_named_columns_say_what_the_whole_rows_say(catalog):
+    whole = catalog.transfers(every=True)
+    for names in (["reason", "n_waypoints", "state"], list(whole)[::-1]):
+        pd.testing.assert_frame_equal(catalog.transfers(every=True, columns=names), whole[names])
+
+
+def test_retired_is_what_the_newest_version_says(tmp_path):
+    made = open_catalog(tmp_path)
+    made.add_structures([structure("a"), structure("b", 1), structure("c", 2)])
+    made.retire_structures(["a", "b"])
+    made.add_structures([structure("a")])
+    table = made.tables["structures"]
+    assert ordering.retired(table) == ["b"]
+    assert ordering.retired(table) == [
+        row["structure_id"] for row in ordering.newest_rows(table) if row["retired"]
+    ]

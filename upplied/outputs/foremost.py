@@ -35,15 +35,20 @@ def first_pairs(
         Only pairs of these.
     """
     asked = partial(source.transfers, demonstration=demonstration, structure=target)
-    newest, every = _plain(asked(columns=_TOLD)), _plain(asked(every=True, columns=_TOLD))
-    main = _main_rows(newest, every)
+    every = _plain(asked(every=True, columns=_TOLD))
+    decided = every[(every["purpose"] == "") & every["state"].isin(["released", RECALLED])]
+    plans = every[["transfer_id", *_PAIR]]
+    del every  # of a million plans it is hundreds of megabytes
+    main = _main_rows(_plain(asked(columns=_TOLD)), decided)
     known = len(main)
     if not known:
         return [], 0
     if known <= most:
         return pairs_of(asked(), asked(every=True)), known
-    chosen = pd.MultiIndex.from_frame(_in_order(main).head(most)[_PAIR])
-    ids = every["transfer_id"][pd.MultiIndex.from_frame(every[_PAIR]).isin(chosen)].tolist()
+    chosen = _in_order(main).head(most)
+    plans = plans[np.logical_and.reduce([plans[name].isin(chosen[name]) for name in _PAIR])]
+    shown = pd.MultiIndex.from_frame(plans[_PAIR]).isin(pd.MultiIndex.from_frame(chosen))
+    ids = plans["transfer_id"][shown].tolist()
     return pairs_of(source.transfers(ids=ids), source.transfers(every=True, ids=ids)), known
 
 
@@ -52,9 +57,8 @@ def _plain(told: pd.DataFrame) -> pd.DataFrame:
     return told.reindex(columns=list(_TOLD))
 
 
-def _main_rows(newest: pd.DataFrame, every: pd.DataFrame) -> pd.DataFrame:
+def _main_rows(newest: pd.DataFrame, decided: pd.DataFrame) -> pd.DataFrame:
     """The row of the plan that stands for each pair: in force, recalled, or the newest of the best preset."""
-    decided = every[(every["purpose"] == "") & every["state"].isin(["released", RECALLED])]
     decided = decided.sort_values("state_at", kind="stable")
     decided = decided.assign(at=np.where(decided["state"] == "released", -2, -1)).iloc[::-1]
     ranks = {preset: rank for rank, preset in enumerate(PRESETS)}
@@ -65,7 +69,7 @@ def _main_rows(newest: pd.DataFrame, every: pd.DataFrame) -> pd.DataFrame:
 
 
 def _in_order(main: pd.DataFrame) -> pd.DataFrame:
-    """Rows as `attention` sorts their pairs."""
+    """The pairs of rows as `attention` sorts them."""
     told = main[["state", "status", "flyable"]].assign(not_flyable=main["not_flyable"].fillna("") != "")
     alike = told.groupby(list(told), dropna=False).ngroup()  # few, of a million rows
     first = told.loc[~alike.duplicated().to_numpy()].to_dict("records")
@@ -73,9 +77,11 @@ def _in_order(main: pd.DataFrame) -> pd.DataFrame:
     seen = pd.Series(np.nan, main.index)
     for name in COVERAGES:
         seen = seen.fillna(main[name].astype(float))
-    return main.assign(
-        rank=alike.map(dict(zip(alike.drop_duplicates(), ranks, strict=True))),
-        seen=seen.fillna(-1.0),
-        clearance=main["min_clearance_m"].astype(float).fillna(-1.0),
-        name=[pair_name(*names) for names in zip(*(main[name] for name in _PAIR), strict=True)],
-    ).sort_values(["rank", "seen", "clearance", "name"], kind="stable")
+    names = zip(*(main[name] for name in _PAIR), strict=True)
+    order = {
+        "rank": alike.map(dict(zip(alike.drop_duplicates(), ranks, strict=True))),
+        "seen": seen.fillna(-1.0),
+        "clearance": main["min_clearance_m"].astype(float).fillna(-1.0),
+        "name": [pair_name(*pair) for pair in names],
+    }
+    return main[_PAIR].assign(**order).sort_values(list(order), kind="stable")[_PAIR]

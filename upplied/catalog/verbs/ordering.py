@@ -31,6 +31,16 @@ def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> list[
     return [newest_of(versions[key]) for key in sorted(versions)]
 
 
+def retired(table: StoredTable, where: ds.Expression | None = None) -> list[str]:
+    """The ids whose current version is retired."""
+    name = table.declared.names[0]
+    order = ["commit_version", "added_at", "commit_id"]
+    found = table.read(where, [name, "retired", *order]).to_pandas()
+    newest = found.sort_values(order, kind="stable").drop_duplicates(name, keep="last")
+    gone: list[str] = newest.loc[newest["retired"].astype(bool), name].tolist()
+    return gone
+
+
 def newest_of(versions: Sequence[Row]) -> Row:
     """The current one of the versions of an id; of those that came at once, the last."""
     newest = versions[0]

@@ -22,7 +22,7 @@ from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.frames import When, decoded, frame, moment, until
-from upplied.catalog.verbs.ordering import NEWEST, SLOT, in_order, newest_rows
+from upplied.catalog.verbs.ordering import NEWEST, SLOT, in_order, retired
 from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_states
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Floats, Trajectory
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 _NAMED = ["transfer_id", "commit_id", *NEWEST]  # what tells a row of `transfers` from all others
 _FEW = 0.25  # share of the rows up to which they are looked for by name
+_FEW_ROWS = 10_000  # and so many at least: the rows to choose from may themselves be few of the table's
 
 
 class PlannedTrajectory(Trajectory):
@@ -71,7 +72,8 @@ class Which:
 def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
     """Rows of `transfers`, ordered by demonstration, target, preset and time.
 
-    Which rows those are is told from a few columns; the others are read of these rows alone.
+    Which rows those are is told from a few columns, with which those that are named are read; of all that a
+    table has, the others are read of these rows alone.
     """
     import pandas as pd
 
@@ -80,6 +82,7 @@ def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
     derived = which.in_force or bool({*DERIVED} & {*wanted})
     now = standing_of(decided(tables["decisions"], _as_of(tables, which))) if derived else Standing()
     asked = [*_NAMED, *SLOT, *NEWEST, "status", "added_at"]
+    asked += [] if which.columns is None else [name for name in wanted if name not in DERIVED]
     columns = [name for name in declared.names if name in asked]
     where = _pair_filter(tables, which, now)
     table = tables["transfers"].narrow(columns, where, which.version)
@@ -126,7 +129,7 @@ def completed(
     """
     import pandas as pd
 
-    few = len(found) < _FEW * of
+    few = len(found) < max(_FEW * of, _FEW_ROWS)
     where = (
         pc.field("transfer_id").isin(pa.array(found["transfer_id"].tolist(), pa.string())) if few else None
     )
@@ -242,9 +245,7 @@ def _in_use(tables: Mapping[str, StoredTable], found: pd.DataFrame, which: Which
     as_of = _as_of(tables, which)
     used = [("structures", "target_id"), ("demonstrations", "demonstration_id")]
     for name, column in used[:1] if which.in_force else used:  # a released plan outlives its demonstration
-        where = until("added_at", as_of)
-        gone = [row for row in newest_rows(tables[name], where) if row["retired"]]
-        found = found[~found[column].isin([row[TABLES[name].names[0]] for row in gone])]
+        found = found[~found[column].isin(retired(tables[name], until("added_at", as_of)))]
     return found
 
 

@@ -85,7 +85,8 @@ def with_states(plans: pd.DataFrame, now: Standing) -> pd.DataFrame:
 
     ids = plans["transfer_id"]
     state = ids.map(now.state).where(ids.isin(list(now.state)), "draft").astype(object)
-    why = [now.why.get(plan, {"by": "", "note": ""}) for plan in ids]
+    nobody: Row = {"by": "", "note": ""}
+    why = [now.why.get(plan, nobody) for plan in ids]
     values = {
         "state": state.where(plans["status"] == "ok", ""),
         "state_at": pd.to_datetime(ids.map({p: row["added_at"] for p, row in now.why.items()}), utc=True),
