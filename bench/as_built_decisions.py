@@ -221,7 +221,7 @@ def _curve(rows: Sequence[dict[str, Any]]) -> str:
             x, y = 40 + 300 * said, 320 - 300 * right
             dots.append(
                 f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{3 + len(some) ** 0.4:.1f}"/>'
-                f'<text x="{x - 12:.1f}" y="{y:.1f}" text-anchor="end">{len(some)}</text>'
+                f'<text x="{x:.1f}" y="{y + 20 + 13 * (len(dots) % 3):.1f}">{len(some)}</text>'
             )
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 360 360" font-size="11">'
