@@ -220,6 +220,17 @@ def test_a_camera_that_is_late_is_not_taken_for_one_that_is_off(lag_s, off_deg):
     assert pitch == pytest.approx(0, abs=1e-6) and np.degrees(error) < 0.5
 
 
+def test_a_vehicle_that_is_late_round_a_tower_is_not_taken_for_a_turned_frame():
+    t = np.arange(0.0, 240.0, 0.1)
+    yaw = 0.15 * t
+    place = np.column_stack([-9 * np.cos(yaw), -9 * np.sin(yaw), 2 + 0.3 * t])
+    plan = Trajectory(t, place, from_yaw_pitch(yaw, 0 * t))
+    across = interpolate(plan, np.clip(t - 0.15, 0, None)).positions[:, :2]  # late, and not upwards
+    late = np.column_stack([across, place[:, 2]])
+    found = align(plan, Trajectory(t, late, plan.quat_xyzw))
+    assert found.heading_deg == 0 and np.allclose(found.flown.positions, late)
+
+
 def test_a_camera_that_turns_evenly_does_not_tell_which_it_is():
     t = np.arange(0.0, 120.0, 0.1)
     yaw = 0.15 * t

@@ -27,6 +27,7 @@ _LEAST_M, _LEAST_DEG = 0.1, 0.3  # less than vehicles drift: nothing is correcte
 _LARGEST_M, _LARGEST_DEG = 5.0, 10.0  # of what is corrected: more is another flight, or another place
 _LARGEST_CAMERA_DEG = 5.0  # what a compass or a mount may be off; more is a camera that looked elsewhere
 _LEAST_SHARE = 0.3  # of the poses near the plan, after all of it
+_LAG_S = 0.1  # one sigma of how differently a vehicle may lag across and upwards
 _ROUNDS = 12
 _FEWEST = 10  # poses that a turn of the camera is told from
 _HUBER_M = 0.3  # residuals beyond count less: gusts, and the ways there and back
@@ -127,11 +128,19 @@ def _in_time(plan: Trajectory, log: Trajectory) -> Matched | None:
     middle = log.positions.mean(axis=0)
     params = _settled(plan, log, middle, params, np.ones(5))
     error = _solved(plan, log, middle, params, error=True)[1]
+    error[4] = np.hypot(error[4], _LAG_S * _turning_radps(plan, middle))
     params, error[4] = _with_heading(plan, log, middle, params, error)
     moment = log.t_s - params[0]
     gap = np.linalg.norm(_moved(log, middle, params) - _planned(plan, moment), axis=1)
     inside = (moment >= plan.t_s[0] - 1.0) & (moment <= plan.t_s[-1] + 1.0)
     return Matched(moment, inside & (gap < _NEAR_M), params, error, middle)
+
+
+def _turning_radps(plan: Trajectory, middle: Floats) -> float:
+    """How fast a plan goes round a place, on average: round a tower a turn of the frame looks like a lag."""
+    off = plan.positions[:, :2] - middle[:2]
+    step = np.diff(np.unwrap(np.arctan2(off[:, 1], off[:, 0])))
+    return float(abs(step.sum()) / max(plan.t_s[-1] - plan.t_s[0], 1e-9))
 
 
 def _settled(plan: Trajectory, log: Trajectory, middle: Floats, params: Floats, free: Floats) -> Floats:
