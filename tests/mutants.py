@@ -151,11 +151,12 @@ def _around(tree: ast.Module, node: ast.AST) -> tuple[range, bool]:
     for outer in ast.walk(tree):
         if isinstance(outer, ast.stmt) and any(inner is node for inner in ast.walk(outer)):
             within.append(outer)
+    innermost = max(within, key=lambda outer: (outer.lineno, -(outer.end_lineno or 0)))
     functions = [outer for outer in within if isinstance(outer, ast.FunctionDef)]
-    inside = bool(functions) and not any(
+    # The defaults of a function are read where it is defined, which for most is when its module is loaded.
+    inside = any(outer is not innermost for outer in functions) and not any(
         "njit" in ast.dump(item) for of in functions for item in of.decorator_list
     )
-    innermost = max(within, key=lambda outer: (outer.lineno, -(outer.end_lineno or 0)))
     last = innermost.end_lineno or innermost.lineno
     body = getattr(innermost, "body", None)
     if body:

@@ -19,7 +19,7 @@ from typing import Any
 from coverage import Coverage
 from mutants import ROOMS, ROOT, Mutant
 
-HANGS_S = 300  # after which a file of tests is given up that is being traced
+HANGS_S = 900  # after which a file of tests is given up that is being traced
 KEPT = ROOT / ".cache" / "mutate" / "traced.json"
 
 Lines = dict[str, dict[str, list[str]]]  # of a module, of a line: who runs it
