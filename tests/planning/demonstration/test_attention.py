@@ -210,12 +210,12 @@ def test_what_was_seen_from_behind_alone_was_no_subject() -> None:
     assert found.motion_radps == 0 and found.incidence_deg == 0
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(10))
 def test_the_subject_stands_where_half_of_the_way_flown_was_nearer(seed: int) -> None:
     """In pictures' widths: a metre flown at twice the depth is a quarter of the evidence."""
     rng = np.random.default_rng(seed)
     number = 9
-    step, velocity = rng.uniform(0.2, 3, number), rng.normal(0, 2, (number, 3))
+    step, velocity = rng.uniform(0.2, 3, number), (seed % 2) * rng.normal(0, 2, (number, 3))  # or hovering
     depth, known = rng.uniform(2, 40, number), rng.random(number) < 0.8
     known[:2] = True
     flight = Trajectory(np.arange(float(number)), np.zeros((number, 3)), np.tile([0.0, 0, 0, 1], (number, 1)))
