@@ -434,6 +434,24 @@ def test_the_inspection_is_cut_out(tmp_path: Path, kind: str) -> None:
     assert "181 of 300" in found.notes
 
 
+def test_a_log_of_one_pose_a_second_has_no_gaps_but_where_it_was_silent(tmp_path: Path) -> None:
+    flown = flight()
+    slowly = Flight(flown.t_ns[0] + np.arange(len(flown.t_ns)) * 10**9, flown.positions, flown.quat_xyzw)
+    found = read_demonstration(
+        write_log(tmp_path / "slow.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", slowly)], FACTS)
+    )
+    assert not len(found.breaks) and "gap" not in found.notes
+    silent = Flight(
+        slowly.t_ns + np.where(np.arange(len(flown.t_ns)) >= 9, 4 * 10**9, 0),
+        flown.positions,
+        flown.quat_xyzw,
+    )
+    found = read_demonstration(
+        write_log(tmp_path / "gap.mcap", [poses("/pose", "geometry_msgs/msg/PoseStamped", silent)], FACTS)
+    )
+    assert found.breaks.tolist() == [9] and "1 gap" in found.notes
+
+
 def test_gaps_jumps_and_resets_break_the_flight(tmp_path: Path) -> None:
     flown = flight(400)
     flown.positions[100:] += (4.0, 0, 0)

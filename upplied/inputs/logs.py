@@ -19,7 +19,7 @@ from upplied.config import digest
 from upplied.errors import InputError
 from upplied.inputs.flight import window
 from upplied.inputs.flight.choice import NOTHING, READERS, choose, nothing
-from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, timed
+from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, silence_s, timed
 from upplied.inputs.flight.clock import steady
 from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame
 from upplied.inputs.flight.pace import paced
@@ -166,8 +166,9 @@ def _demonstration(
     flown = to_camera(track)
     check_dropped(flown, facts, f"{what}, {topic}")
     _check_length(flown, facts, what)
-    kept, pace = paced(flown, facts.gap_s, facts.passport)
-    broken, how = breaks(kept, facts.gap_s)
+    gap_s = silence_s(flown, facts.gap_s)
+    kept, pace = paced(flown, gap_s, facts.passport)
+    broken, how = breaks(kept, gap_s)
     notes += [*more, *chosen, *cut, *kept.notes, *how, *pace.words]
     passport: Mapping[str, Any] = {}
     if structure is not None:
@@ -187,7 +188,7 @@ def _demonstration(
             pace,
             camera,
             to_camera,
-            facts.gap_s,
+            gap_s,
             tuple(notes),
             overruled,
             None if facts.convention else ros.velocity(_named(tables, topic)),

@@ -19,6 +19,7 @@ MAX_SPAN_NS = 24 * 3600 * 10**9
 MAX_POSITION_M = 1e7
 MAX_SPEED_MPS = 15.0  # a faster step that does not fit its surroundings is a jump, no flight
 MIN_JUMP_M = 0.2
+_USUAL = 3.0  # steps: a message that was lost, and one that came late
 REPEATED = "repeated"  # the same sample again: nothing is lost by dropping it
 
 
@@ -75,6 +76,12 @@ def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
 def reasons(track: Track) -> str:
     """What was dropped, in words."""
     return ", ".join(f"{number} {reason}" for reason, number in sorted(track.dropped.items()))
+
+
+def silence_s(track: Track, least_s: float) -> float:
+    """From how long on nothing was recorded, s: three of the usual steps, where these are long."""
+    usual_s = float(np.median(np.diff(track.t_ns))) * 1e-9 if len(track) > 1 else 0.0
+    return max(least_s, _USUAL * usual_s)
 
 
 def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
