@@ -39,8 +39,8 @@ def check_moved(fleet, kind, preset, seed):
     away = plan_transfer(flight, source, moved_structure(target, shift=FAR), options)
     assert away.status == plan.status == "ok" and away.flyable == plan.flyable
     assert strays_m(away, plan, shift=FAR) < (1e-6 if preset == "recommended" else 1e-3)
-    # The published registration ends up to a millimetre beside: that is one sample of 1228, seen or not.
-    seen = 0.05 if preset == "recommended" else 0.1
+    # The published registration ends up to a millimetre beside: that is one sample of some 800, seen or not.
+    seen = 0.05 if preset == "recommended" else 0.13
     assert away.measures.coverage_seen_pct == pytest.approx(plan.measures.coverage_seen_pct, abs=seen)
     assert away.measures.min_clearance_m == pytest.approx(plan.measures.min_clearance_m, abs=1e-3)
     moved = moved_flight(flight, shift=FAR), moved_structure(source, shift=FAR), target
