@@ -46,6 +46,7 @@ def flight_row(flight_id: str, flown: Flown) -> dict[str, Any]:
 def flown_of(row: Mapping[str, Any], path: Trajectory) -> Flown:
     """The flight of a row of `flights` and its path."""
     measures = {item.name: number(row, item.name) for item in fields(Measures)}
+    kind = str(row.get("kind") or "simulated")
     return Flown(
         str(row["transfer_id"]),
         str(row["waypoints_sha256"] or ""),
@@ -55,12 +56,12 @@ def flown_of(row: Mapping[str, Any], path: Trajectory) -> Flown:
         int(number(row, "seed") or 0),
         path,
         Measures(**{name: value for name, value in measures.items() if value is not None}),
-        str(row.get("kind") or "simulated"),
+        kind,
         _told(row),
         str(row.get("findings") or ""),
         _known(number(row, "required_pct")),
         str(row.get("looks_sha256") or ""),
-        wind_words(row),
+        wind_words(row) if kind == "flown" else "",
     )
 
 
