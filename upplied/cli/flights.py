@@ -67,12 +67,13 @@ def add(
         MCAP, of any family that demonstrations are read from; with its side-car.
     """
     from upplied.fleet.flight_logs import add_flight_log
+    from upplied.fleet.zone_gaps import zones_left_out
 
     store = opened(catalog)
     with errors.status("reading the log"):
         row = add_flight_log(store, log, plan, photos)
     _tell(row, json)
-    if (row["required_pct"] or 0.0) < 100.0 and not json:
+    if not json and ((row["required_pct"] or 0.0) < 100.0 or zones_left_out(store, row)):
         name = row["flight_id"][:_DIGITS]
         next_step(f"flights gap {name}", "the flight that shows what is missing", catalog)
     return 0
@@ -127,7 +128,10 @@ def gap(flight: str, /, *, catalog: CatalogOption = "catalog") -> int:
     with errors.status("planning"):
         plan = plan_gap(store, flight)
     row = store.transfer(plan)
-    say(f"{plan}: {store.plan(plan).warnings[0]}")
+    said, *more = store.plan(plan).warnings
+    say(f"{plan}: {said}")
+    for words in more:
+        say(words)
     console.print(f"{row['duration_s']:.0f} s, clearance {row['min_clearance_m']:.2f} m")
     next_step(f"release {plan} --by NAME", "put it in force", catalog)
     return 0

@@ -18,6 +18,7 @@ from upplied.errors import InputError, UppliedError
 from upplied.fleet.ingest import find_logs
 from upplied.fleet.plan_of_flight import plan_of_flight
 from upplied.fleet.workers import JobKilled, Limits, Workers
+from upplied.fleet.zone_gaps import zones_left_out
 from upplied.inputs.photos import photo_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.planning.surface.samples import surface_samples
@@ -216,7 +217,8 @@ def add_flight_logs(
     -------
     list of dict
         Of each log its name, status (added, unchanged, failed), reason and findings; `flight` is its id,
-        `left_out` says in words how much of what its plan shows it did not, and is empty where it showed all.
+        `left_out` says in words how much of what its plan shows it did not, and which zones no flight showed
+        as they ask; it is empty where it showed all.
     """
     known = set(catalog.flights(kind="flown")["flight_id"])
     done = []
@@ -236,6 +238,8 @@ def add_flight_logs(
             continue
         status = "unchanged" if row["flight_id"] in known else "added"
         left = 100 - (row["required_pct"] or 0.0)
+        parts = [f"{left:.1f} % of what its plan shows"] * (left > 0)
+        parts += [zones_left_out(catalog, row)] * (status == "added")
         said |= {"status": status, "flight": row["flight_id"], "findings": row["findings"]}
-        done.append({**said, "left_out": f"{left:.1f} % of what its plan shows" if left > 0 else ""})
+        done.append({**said, "left_out": ", ".join(filter(None, parts))})
     return done

@@ -13,6 +13,7 @@ from upplied.config import digest
 from upplied.errors import CatalogError, RefusedError, UppliedError
 from upplied.fleet.flight_logs import required_of
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
+from upplied.fleet.zone_gaps import Zone, key_of, missed_zones, nearest
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
@@ -44,7 +45,7 @@ def flight_row(catalog: Catalog, start: str) -> Row:
 
 
 def plan_gap(catalog: Catalog, start: str) -> str:
-    """Plan the flight that shows what a flight left out of what its plan shows; the id of the plan.
+    """Plan the flight that shows what a flight left out of what its plan shows and zones ask for; its id.
 
     Raises
     ------
@@ -66,18 +67,21 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     route = made_from.settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
     airspace = Airspace(scene_of(target), clearance, target.surroundings, route.ground_clearance_m)
+    zones, untold = missed_zones(catalog, row, target, camera)
     assert flown.trajectory is not None
     every = max(1, len(flown.trajectory) // _PLACES)
     graph = roadmap(airspace, surface, flown.trajectory.positions[::every])
     missing = np.asarray(required & ~seen, bool)
-    found = gap_flight(flown.trajectory, surface, missing, camera, graph, made_from.settings.retime)
+    asked = [zone.gap for zone in zones]
+    limits = made_from.settings.retime
+    found = gap_flight(flown.trajectory, surface, missing, camera, graph, limits, asked)
     broken = place_breaches(found.trajectory.positions, found.trajectory.t_s, target, clearance)
     if broken:
         raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it anew")
-    plan = _plan(
-        flown, found, surface, missing, path_clearance(airspace.scene, found.trajectory.positions).distance_m
-    )
-    key = digest(["gap", flight_id, method(), target.sha256, made_from.settings.sha256])
+    nearest_m = path_clearance(airspace.scene, found.trajectory.positions).distance_m
+    plan = _plan(flown, found, surface, missing, nearest_m, zones, untold)
+    named = ["gap", flight_id, method(), target.sha256, made_from.settings.sha256]
+    key = digest([*named, *key_of(zones)])
     hashes = {name: made_from.row[name] for name in ("demonstration_sha256", "source_sha256")}
     provenance = {
         **hashes,
@@ -102,16 +106,29 @@ def plan_gaps(catalog: Catalog, flights: Sequence[str]) -> list[str]:
     return problems
 
 
-def _plan(flown: Plan, found: GapFlight, surface: Cloud, missing: Bools, clearance_m: float) -> Plan:
+def _plan(
+    flown: Plan,
+    found: GapFlight,
+    surface: Cloud,
+    missing: Bools,
+    clearance_m: float,
+    zones: Sequence[Zone],
+    untold: tuple[str, ...],
+) -> Plan:
     """The record of a gap flight: measures of the path, and what of the gap it shows."""
     state = np.full(len(surface), _OTHER, np.int64)
     state[missing] = _MISSED
     state[found.unattainable] = _UNATTAINABLE
     state[found.shows] = _SHOWN
+    for zone, (done, none) in zip(zones, found.zones, strict=True):
+        patch = nearest(surface, zone.gap.cloud)
+        state[patch[~done]] = np.where(none[~done], _UNATTAINABLE, _MISSED)
+        state[patch[done & (state[patch] == _OTHER)]] = _SHOWN
     path = found.trajectory
     shown, all_of_it = int(found.shows.sum()), int(missing.sum())
-    said = f"shows {100 * shown / all_of_it:.1f} % of the gap; the shortest way there may be is "
-    said += f"{found.bound_m:.0f} m, this one is {found.length_m:.0f} m"
+    said = f"shows {100 * shown / all_of_it:.1f} % of the gap" if all_of_it else "shows what zones miss"
+    said += f"; the shortest way there may be is {found.bound_m:.0f} m, this one is {found.length_m:.0f} m"
+    told = [zone.told(*both) for zone, both in zip(zones, found.zones, strict=True)]
     return Plan(
         demonstration_id=flown.demonstration_id,
         source_id=flown.source_id,
@@ -128,7 +145,7 @@ def _plan(flown: Plan, found: GapFlight, surface: Cloud, missing: Bools, clearan
             duration_s=float(path.t_s[-1]),
             peak_speed_mps=_peak_speed(path),
         ),
-        warnings=(said,),
+        warnings=(said, *told, *untold),
         surface=SurfaceStates(surface.points, state, surface.normals),
         flyable=True,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,7 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
         for plan, camera in zip(plans, cameras, strict=True)
         if plan.trajectory is not None
     ]
-    flights = _flown(catalog, structure_id, asking.surface)
+    flights = looked(catalog, flown_rows(catalog, structure_id), asking.surface)
     both = zip(asking.judged(*shown), asking.judged(*flights), strict=True)
     return [
         {name: planned[name] for name in _NAMED}
@@ -66,11 +67,17 @@ def _plans(catalog: Catalog, structure_id: str) -> list[Row]:
     return [{str(name): value for name, value in row.items()} for row in rows]
 
 
-def _flown(catalog: Catalog, structure_id: str, surface: Cloud) -> list[Looked]:
+def flown_rows(catalog: Catalog, structure_id: str) -> list[Row]:
+    """The flights that were really flown of a structure."""
+    found = catalog.flights(structure=structure_id, kind="flown").to_dict("records")
+    return [{str(name): value for name, value in row.items()} for row in found]
+
+
+def looked(catalog: Catalog, flights: Sequence[Row], surface: Cloud) -> list[Looked]:
     """How each flight saw the samples: by the kept looks at the nearest patch that faces the same way."""
     now = catalog.clock.now()
     found, index = [], {}
-    for row in catalog.flights(structure=structure_id, kind="flown").to_dict("records"):
+    for row in flights:
         if not row["looks_sha256"]:
             continue
         looks = catalog.looks.get(row["looks_sha256"])

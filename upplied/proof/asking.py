@@ -20,7 +20,7 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.planning.visibility.path_views import TRULY
 from upplied.proof.as_flown import looks_of
-from upplied.proof.zones import Demand, Looked, judged
+from upplied.proof.zones import Demand, Looked, as_asked, judged
 from upplied.records import Bools, Camera, Floats, Ints, Plan, Record, Structure, Trajectory
 from upplied.records.required import RequiredSurface
 from upplied.scene import Scene
@@ -136,6 +136,14 @@ class Asking:
                 incidence[patches] = np.minimum(incidence[patches], demand.incidence_deg)
         assert surface.normals is not None
         return RequiredSurface(surface.points, surface.normals, zone, gsd_m, incidence), tuple(untold)
+
+    def missed(self, *looks: Looked) -> list[tuple[dict[str, Any], Demand, Bools]]:
+        """Of each zone that is known here what names it, its demand, and the samples (N,) not shown so."""
+        return [
+            (row, demand, zone.patches & ~as_asked(demand, len(self.surface), looks))
+            for row, (demand, zone) in zip(self._asked, self._demands, strict=True)
+            if not isinstance(zone, str)
+        ]
 
     @cached_property
     def _demands(self) -> list[tuple[Demand, _Zone | str]]:

@@ -1,12 +1,14 @@
 """The shortest safe flight that shows what a flight left out, from viewpoints of its own plan.
 
 Viewpoints are chosen among the poses of the plan, so that the gap is shown from as near and in the manner
-that was planned, and put in the order of a short way (`tour`). Safe legs join them.
+that was planned, and put in the order of a short way (`tour`). Safe legs join them. Zone surface that those
+poses do not show as it is asked for has poses of its own (`zone_gap`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -16,10 +18,10 @@ from upplied.config import RetimeSettings
 from upplied.errors import RefusedError
 from upplied.planning.airspace.roadmap import Roadmap, way
 from upplied.planning.trajectory.retime import retime
-from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.path_views import TRULY, stations
+from upplied.planning.visibility.path_views import stations
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.proof.tour import short_tour
+from upplied.proof.zone_gap import Part, ZoneGap, joined, poses_for
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory, Waypoints
 
 _STATIONS = 500  # poses of the plan, at most, that viewpoints are chosen from
@@ -28,7 +30,6 @@ _BOUND_CHOICES = 12  # that are tried: 25 times as many raised it by 4 % at most
 _SHUFFLED = 0.6  # how far their order departs from fewest first
 _PRICED, _COOLED = 150, 0.97  # rounds of prices, and how each is smaller than the one before
 _SLOWEST_MPS, _STANDING_M = 0.3, 1e-6
-_MARGIN_DEG = 4.0  # of the picture, at each rim, that a flight in wind may lose
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,7 +41,8 @@ class GapFlight(Record):
     shows: Bools  # (S,) of the samples, those that are missing and that it shows
     unattainable: Bools  # (S,) of the samples, those that are missing and that no pose of the plan shows
     length_m: float
-    bound_m: float  # no way by poses of the plan that shows the same is shorter
+    bound_m: float  # no way by the poses it was chosen from that shows the same is shorter
+    zones: tuple[tuple[Bools, Bools], ...] = ()  # (M,) of each zone's samples: shown, and unattainable
 
 
 def gap_flight(
@@ -50,8 +52,9 @@ def gap_flight(
     camera: Camera,
     graph: Roadmap,
     limits: RetimeSettings,
+    zones: Sequence[ZoneGap] = (),
 ) -> GapFlight:
-    """The flight that shows the missing samples.
+    """The flight that shows the missing samples, and what is missing of zones.
 
     Parameters
     ----------
@@ -65,54 +68,62 @@ def gap_flight(
         Of the structure, with the plan's clearance.
     limits : RetimeSettings
         Of the vehicle.
+    zones : sequence of ZoneGap
+        What no flight shows of zones as they ask for it, whether the plan shows it or not.
 
     Raises
     ------
     RefusedError
-        If nothing is missing, no pose of the plan shows any of it, or no safe way joins the poses.
+        If nothing is missing, no safe pose shows any of it, or no safe way joins the poses.
     """
-    if not missing.any():
+    if not missing.any() and not zones:
         raise RefusedError("the gap", "is empty: the flight showed all that was required")
     poses = stations(plan, _STATIONS)
     free = graph.airspace.allowed(poses.positions)
     poses = poses.take(free)
     part = np.flatnonzero(missing)
     assert surface.normals is not None
-    cloud = Cloud(surface.points[part], surface.normals[part])
-    seen = _shown(poses, cloud, camera, graph)
+    parts = [Part(Cloud(surface.points[part], surface.normals[part]), camera)]
+    parts += [zone.part(camera) for zone in zones]
+    usual_m = float(np.median(graph.airspace.scene.distance(poses.positions))) if zones and len(poses) else 0
+    shown = parts[0].well(poses, graph)
+    for one in parts[1:]:
+        poses = joined(poses, poses_for(one, poses, graph, limits, usual_m))
+    others = np.zeros((len(poses) - len(shown), len(part)), bool)  # what was planned is shown as planned
+    seen = np.concatenate(
+        [np.vstack([shown, others]), *(one.well(poses, graph) for one in parts[1:])], axis=1
+    )
     can = seen.any(axis=0)
     if not can.any():
         raise RefusedError(
-            "the gap", "can be seen from no pose of the plan that is safe now", "", "plan the structure again"
+            "the gap",
+            "can be seen from no pose that is safe now" + "".join(f"; {_none_of(zone)}" for zone in zones),
+            "",
+            "plan the structure again, or ask less of the zone" if zones else "plan the structure again",
         )
     seen = seen[:, can]
     chosen = short_tour(poses.positions, seen)
     line, at = _way(poses, chosen, graph)
     trajectory, is_viewpoint = _timed(poses, chosen, line, at, plan, limits)
     shows, unattainable = np.zeros(len(missing), bool), np.zeros(len(missing), bool)
-    flown = visible(*_along(trajectory), cloud, camera, TRULY, graph.airspace.scene).seen.any(axis=0)
-    shows[part], unattainable[part] = flown, ~can & ~flown
+    along = stations(trajectory)
+    flown = [np.asarray(one.seen(along, graph).any(axis=0), bool) for one in parts]
+    cannot = np.split(~can, np.cumsum([len(one.cloud) for one in parts])[:-1])
+    both = [(done, none & ~done) for done, none in zip(flown, cannot, strict=True)]
+    shows[part], unattainable[part] = both[0]
     length = float(np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1).sum())
-    return GapFlight(trajectory, is_viewpoint, shows, unattainable, length, bound_m(poses.positions, seen))
+    shortest = bound_m(poses.positions, seen)
+    return GapFlight(trajectory, is_viewpoint, shows, unattainable, length, shortest, tuple(both[1:]))
 
 
-def _shown(poses: Trajectory, cloud: Cloud, camera: Camera, graph: Roadmap) -> Bools:
-    """Which poses (P, M) show each sample well inside the picture; at its rim what is nowhere else."""
-    narrow = replace(
-        camera,
-        hfov_deg=max(camera.hfov_deg - 2 * _MARGIN_DEG, camera.hfov_deg / 2),
-        vfov_deg=max(camera.vfov_deg - 2 * _MARGIN_DEG, camera.vfov_deg / 2),
-    )
-    where = (poses.positions, poses.quat_xyzw, cloud)
-    well = visible(*where, narrow, TRULY, graph.airspace.scene).seen
-    if not (rim := ~well.any(axis=0)).any():
-        return well
-    return well | (visible(*where, camera, TRULY, graph.airspace.scene).seen & rim)
+def _none_of(zone: ZoneGap) -> str:
+    return f"{square_metres(zone.cloud, np.ones(len(zone.cloud), bool)):.1f} m2 of zone {zone.zone}"
 
 
-def _along(trajectory: Trajectory) -> tuple[Floats, Floats]:
-    asked = stations(trajectory)
-    return asked.positions, asked.quat_xyzw
+def square_metres(cloud: Cloud, part: Bools) -> float:
+    """Area of some samples of a cloud, m2."""
+    assert cloud.area_m2 is not None
+    return float(cloud.area_m2[part].sum())
 
 
 def _way(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, Ints]:

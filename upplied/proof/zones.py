@@ -70,22 +70,8 @@ def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looke
     beyond = 100 * float((zone & ~attainable).sum() / zone.sum())
     if not asked.any():
         return ZoneVerdict("unattainable", float("nan"), "no safe camera can see any of it")
-    seen, sharp, frontal, all_kept = (np.zeros(len(zone), bool) for _ in range(4))
-    pictures = np.zeros(len(zone), np.int64)
-    for look in looks:
-        there = np.isfinite(look.distance_m)
-        fine, level = np.zeros(len(zone), bool), np.zeros(len(zone), bool)
-        for distance, incidence in look.each:
-            near = np.isfinite(distance) & _fine(demand, look.camera, distance)
-            fine |= near
-            level |= near & (demand.incidence_deg is None or incidence <= demand.incidence_deg)
-        young = demand.max_age_days is None or look.age_days <= demand.max_age_days
-        seen, sharp, frontal = seen | there, sharp | fine, frontal | level
-        all_kept |= level & young
-        if young:
-            pictures += there if look.pictures is None else np.where(there, np.maximum(look.pictures, 1), 0)
-    often = pictures >= demand.looks
-    kept, all_kept = all_kept, all_kept & often
+    seen, sharp, frontal, kept, often = _steps(demand, len(zone), looks)
+    all_kept = kept & often
     share = 100 * float(all_kept[asked].mean())
     rest = f"; {beyond:.1f} % of it no safe camera can see" if beyond else ""
     if all_kept[asked].all():
@@ -99,6 +85,31 @@ def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looke
     )
     parts = [f"{100 * part.sum() / asked.sum():.1f} % {words}" for words, part in steps if part.any()]
     return ZoneVerdict("missed", share, ", ".join(parts) + rest)
+
+
+def as_asked(demand: Demand, count: int, looks: Sequence[Looked]) -> Bools:
+    """Which of a surface's patches (N,), of which there are `count`, looks showed as a zone asks."""
+    *_, kept, often = _steps(demand, count, looks)
+    return np.asarray(kept & often, bool)
+
+
+def _steps(demand: Demand, count: int, looks: Sequence[Looked]) -> tuple[Bools, ...]:
+    """Patches (N,) seen; near enough; frontal as well; so by a young look; in pictures enough."""
+    seen, sharp, frontal, kept = (np.zeros(count, bool) for _ in range(4))
+    pictures = np.zeros(count, np.int64)
+    for look in looks:
+        there = np.isfinite(look.distance_m)
+        fine, level = np.zeros(count, bool), np.zeros(count, bool)
+        for distance, incidence in look.each:
+            near = np.isfinite(distance) & _fine(demand, look.camera, distance)
+            fine |= near
+            level |= near & (demand.incidence_deg is None or incidence <= demand.incidence_deg)
+        young = demand.max_age_days is None or look.age_days <= demand.max_age_days
+        seen, sharp, frontal = seen | there, sharp | fine, frontal | level
+        kept |= level & young
+        if young:
+            pictures += there if look.pictures is None else np.where(there, np.maximum(look.pictures, 1), 0)
+    return seen, sharp, frontal, kept, pictures >= demand.looks
 
 
 def _fine(demand: Demand, camera: Camera, distance_m: Floats) -> Bools:

@@ -49,6 +49,31 @@ def attainable(
     -------
     array of bool, shape (N,)
     """
+    return np.isfinite(seen_from(cloud, airspace, camera, settings, farthest_m)[:, 0])
+
+
+def seen_from(
+    cloud: Cloud,
+    airspace: Airspace,
+    camera: Camera,
+    settings: VisibilitySettings,
+    farthest_m: Floats | None = None,
+    pitch_deg: tuple[float, float] | None = None,
+) -> Floats:
+    """From where each sample is seen by a camera that looks straight at it.
+
+    Parameters
+    ----------
+    cloud, airspace, camera, settings, farthest_m
+        As above.
+    pitch_deg : tuple, optional
+        Least and largest pitch of the look, deg; up is positive.
+
+    Returns
+    -------
+    array, shape (N, 3), m
+        The most likely of the positions that were tried, which is the most frontal one; NaN where none is.
+    """
     tilt, turn, share = _candidates(settings.max_incidence_deg)
     nearest = max(max(camera.min_range_m, airspace.clearance_m) * 1.001, 1e-3)
     farthest = np.full(len(cloud), camera.max_range_m * 0.999)
@@ -65,16 +90,25 @@ def attainable(
         positions = cloud.points[left][:, None] + _from_sample(
             frames[left], tilt[batch], turn[batch], _distances(share[batch], nearest, farthest[left])
         )
-        _serve(served, positions, left, cloud, airspace)
+        _serve(served, positions, left, cloud, airspace, pitch_deg)
         tried = batch.stop
-    _ask_neighbours(served, cloud, airspace, camera.min_range_m, farthest, settings.max_incidence_deg)
-    return np.isfinite(served[:, 0])
+    limits = camera.min_range_m, farthest, settings.max_incidence_deg
+    _ask_neighbours(served, cloud, airspace, *limits, pitch_deg)
+    return served
 
 
-def _serve(served: Floats, positions: Floats, left: Ints, cloud: Cloud, airspace: Airspace) -> None:
+def _serve(
+    served: Floats,
+    positions: Floats,
+    left: Ints,
+    cloud: Cloud,
+    airspace: Airspace,
+    pitch_deg: tuple[float, float] | None = None,
+) -> None:
     """Note for each sample of `left` the first of its positions (left, tried, 3) that sees it."""
     sample = np.repeat(left, positions.shape[1])
-    seen = _seen(positions.reshape(-1, 3), sample, cloud, airspace).reshape(positions.shape[:2])
+    asked = positions.reshape(-1, 3), sample, cloud, airspace, pitch_deg
+    seen = _seen(*asked).reshape(positions.shape[:2])
     success = seen.any(axis=1)
     served[left[success]] = positions[success, seen[success].argmax(axis=1)]
 
@@ -86,6 +120,7 @@ def _ask_neighbours(
     nearest: float,
     farthest: Floats,
     max_incidence_deg: float,
+    pitch_deg: tuple[float, float] | None = None,
 ) -> None:
     """Try for each sample left the positions that served its nearest neighbours, again where one helped."""
     assert cloud.normals is not None
@@ -104,7 +139,7 @@ def _ask_neighbours(
         facing = np.einsum("nki,ni->nk", ray, cloud.normals[left[open_]])
         fits = (facing >= limit * length) & (length >= nearest) & (length <= farthest[left[open_], None])
         positions[~fits] = np.inf  # in no airspace
-        _serve(served, positions, left[open_], cloud, airspace)
+        _serve(served, positions, left[open_], cloud, airspace, pitch_deg)
         if np.isnan(served[left, 0]).sum() == before:
             return
 
@@ -147,10 +182,20 @@ def _from_sample(frames: Floats, tilt: Floats, turn: Floats, distance: Floats) -
     return distance[:, :, None] * direction
 
 
-def _seen(positions: Floats, sample: Ints, cloud: Cloud, airspace: Airspace) -> Bools:
+def _seen(
+    positions: Floats,
+    sample: Ints,
+    cloud: Cloud,
+    airspace: Airspace,
+    pitch_deg: tuple[float, float] | None = None,
+) -> Bools:
     """Which positions are allowed and have a free line of sight to their sample; cheap questions first."""
     scene, points = airspace.scene, cloud.points[sample]
     seen = np.isfinite(positions[:, 0])
+    if pitch_deg is not None:
+        rise, (low, high) = points[seen] - positions[seen], np.sin(np.radians(pitch_deg))
+        sine = rise[:, 2] / np.linalg.norm(rise, axis=1)
+        seen[seen] = (sine >= low) & (sine <= high)
     seen[seen] = airspace.in_bounds(positions[seen])
     if scene.grain_m:
         ray = points[seen] - positions[seen]

@@ -1,0 +1,154 @@
+"""The gap of a flight holds the zones that neither it nor its plan showed as they ask."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from upplied.catalog import open_catalog, verify
+from upplied.catalog.database import Catalog
+from upplied.catalog.verbs.looks import put_looks
+from upplied.cli import main
+from upplied.config import CloudSettings
+from upplied.errors import RefusedError
+from upplied.fleet.gaps import plan_gap
+from upplied.fleet.zone_gaps import zones_left_out
+from upplied.outputs.zones import zones
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.surface.samples import surface_samples
+from upplied.planning.visibility.path_views import stations
+from upplied.poses import interpolate, matrices, yaw_pitch
+from upplied.proof.as_flown import looks_of
+from upplied.records import Camera, Plan, SurfaceStates, Surroundings, Trajectory
+from upplied.samples.fleet import member
+from upplied.samples.pilot import fly
+from upplied.scene import scene_of
+
+CUBE = replace(member("cube-v1").structure, surroundings=Surroundings(ground_z_m=0.0))
+LOW, HIGH = CUBE.vertices.min(axis=0), CUBE.vertices.max(axis=0)
+CAMERA = Camera(70.0, 55.0, 1.0, 25.0, 4000, 3000)  # 2 mm a pixel from 5.7 m
+FLOWN = replace(fly(CUBE, "sides", seed=1), camera=CAMERA)
+SURFACE = surface_samples(CUBE, scene_of(CUBE), CloudSettings())
+STRIP = SURFACE.points[:, 0] <= LOW[0] + 3.0
+TOP, UNDER = STRIP & (SURFACE.normals[:, 2] > 0.9), STRIP & (SURFACE.normals[:, 2] < -0.9)
+ROOF_M2, FLOOR_M2 = (float(SURFACE.area_m2[side].sum()) for side in (TOP, UNDER))
+
+
+def box(low_z: float, high_z: float) -> str:
+    corners = [*LOW[:2], low_z, LOW[0] + 3.0, HIGH[1], high_z]
+    return "box " + " ".join(map(str, corners))
+
+
+ROOF = {"zone": "roof", "where": box(HIGH[2] - 1e-6, HIGH[2] + 1e-6), "gsd_mm": 2.0, "incidence_deg": 20.0}
+FLOOR = {"zone": "floor", "where": box(LOW[2] - 1e-6, LOW[2] + 1e-6)}
+
+
+@pytest.fixture(scope="module")
+def made() -> Plan:
+    path = interpolate(FLOWN.trajectory, np.arange(0.0, 120.0, 0.5))
+    shown = looks_of(path, SURFACE, CAMERA, scene_of(CUBE)).seen
+    return Plan(
+        FLOWN.demonstration_id, "cube-v1", "cube-v1", CUBE.kind, "recommended", "ok", trajectory=path,
+        is_viewpoint=np.arange(len(path)) % 4 == 0, flyable=True,
+        surface=SurfaceStates(SURFACE.points, shown.astype(np.int64), SURFACE.normals),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def catalog(tmp_path, made) -> Catalog:
+    kept = open_catalog(tmp_path / "catalog")
+    kept.add_structures([CUBE])
+    kept.add_demonstrations([FLOWN])
+    kept.add_plans([(hashlib.sha256(b"plan").hexdigest(), made, {})])
+    return kept
+
+
+def flown(catalog: Catalog, plan: str, path: Trajectory, name: str) -> dict[str, object]:
+    """A path that was flown as it was planned."""
+    looks = looks_of(path, SURFACE, CAMERA, scene_of(CUBE))
+    row = {
+        "flight_id": name * 64, "transfer_id": plan, "kind": "flown", "target_id": "cube-v1",
+        "demonstration_id": FLOWN.demonstration_id, "flown_at": catalog.clock.now(), "required_pct": 100.0,
+        "looks_sha256": put_looks(catalog, SURFACE.points, SURFACE.normals, looks.seen, looks.values),
+    }  # fmt: skip
+    catalog.add_flight(row, path)
+    return row
+
+
+def shown_as_asked(path: Trajectory, points: np.ndarray, farthest_m: float, incidence_deg: float):
+    """Which points of the roof some pose shows; a cube hides none of it from whoever is above it."""
+    poses = stations(path)
+    ray = points[None] - poses.positions[:, None]
+    ahead, left, up = np.moveaxis(np.einsum("pij,pni->pnj", matrices(poses.quat_xyzw), ray), 2, 0)
+    away = np.linalg.norm(ray, axis=2)
+    inside = (ahead > 0) & (abs(left) <= ahead * np.tan(np.radians(CAMERA.hfov_deg / 2)))
+    inside &= abs(up) <= ahead * np.tan(np.radians(CAMERA.vfov_deg / 2))
+    frontal = -ray[..., 2] / away >= np.cos(np.radians(incidence_deg))
+    return (inside & frontal & (away <= farthest_m) & (away >= CAMERA.min_range_m)).any(axis=0)
+
+
+@pytest.mark.ci
+def test_a_zone_that_the_plan_does_not_show_is_flown_as_it_asks(catalog, made, capsys):
+    (plan,) = catalog.transfers()["transfer_id"]
+    row = flown(catalog, plan, made.trajectory, "a")
+    with pytest.raises(RefusedError, match="is empty"):  # all that is planned was seen
+        plan_gap(catalog, "aaa")
+    catalog.require("structure", "cube-v1", "monthly", [ROOF, FLOOR], "Ada")
+    assert zones_left_out(catalog, row) == "zone roof"  # of the floor nothing can be seen
+    assert main(["flights", "gap", "aaa", "--catalog", catalog.location]) == 0
+    said = capsys.readouterr().out
+    (gap,) = catalog.transfers(every=True).query("purpose != ''")["transfer_id"]
+    found = catalog.plan(gap)
+    assert pytest.approx(36.0, rel=0.05) == ROOF_M2 and pytest.approx(36.0, rel=0.05) == FLOOR_M2
+    roof, floor = (
+        next(w for w in found.warnings if f"zone {name} (monthly 1)" in w) for name in ("roof", "floor")
+    )
+    assert roof in said and floor in said
+    assert roof.endswith(f"shows {ROOF_M2:.1f} of {ROOF_M2:.1f} m2 that was not seen as it asks")
+    assert f"shows 0.0 of {FLOOR_M2:.1f} m2" in floor and f"{FLOOR_M2:.1f} m2 of it no safe pose" in floor
+    # by an own test of every look, from near and frontally enough; safe, and for a gimbal
+    top = SURFACE.points[TOP]
+    farthest = 2e-3 * 2000 / np.tan(np.radians(35.0))
+    path = found.trajectory
+    assert not shown_as_asked(made.trajectory, top, farthest, 20.0).any()
+    assert shown_as_asked(path, top, farthest + 1e-6, 20.001).all()
+    assert path_clearance(scene_of(CUBE), path.positions).distance_m >= 1.99
+    assert np.degrees(yaw_pitch(path.quat_xyzw)[1]).max() <= 30.001 and path.positions[:, 2].min() >= 0
+    # the same again, and once it was flown, the zone is met and nothing is left that can be seen
+    assert plan_gap(catalog, "aaa") == gap and verify(catalog) == []
+    after = flown(catalog, gap, path, "b")
+    verdict = {each["zone"]: each["flown"] for each in zones(catalog, "cube-v1")}
+    assert verdict == {"roof": "met", "floor": "unattainable"} and zones_left_out(catalog, after) == ""
+    with pytest.raises(RefusedError, match=rf"no pose that is safe now; {FLOOR_M2:.1f} m2 of zone floor"):
+        plan_gap(catalog, "aaa")
+
+
+def test_what_a_zone_asks_beyond_the_plan_is_added_to_what_the_flight_missed(catalog, made):
+    (plan,) = catalog.transfers()["transfer_id"]
+    half = made.trajectory.take(made.trajectory.t_s <= 70.0)
+    flown(catalog, plan, half, "a")
+    before = plan_gap(catalog, "aaa")
+    catalog.require("structure", "cube-v1", "monthly", [ROOF], "Ada")
+    both = plan_gap(catalog, "aaa")
+    one, two = catalog.plan(before), catalog.plan(both)
+    states = [catalog.surface(name).state for name in (before, both)]
+    assert (states[1][TOP] == 1).all() and not (states[0][TOP] == 1).all()
+    assert ((states[1] == 1) >= (states[0] == 1)).all()
+    assert one.warnings == (one.warnings[0],) and one.warnings[0].startswith("shows 100.0 % of the gap; ")
+    assert two.warnings[0].startswith("shows 100.0 % of the gap; ") and len(two.warnings) == 2
+    # nothing is asked any more: the very plan of before
+    catalog.require("structure", "cube-v1", "monthly", [], "Ada")
+    assert plan_gap(catalog, "aaa") == before
+
+
+def test_more_than_a_camera_tells_is_said_to_be_unattainable(catalog, made):
+    (plan,) = catalog.transfers()["transfer_id"]
+    half = made.trajectory.take(made.trajectory.t_s <= 70.0)
+    flown(catalog, plan, half, "a")
+    catalog.require("structure", "cube-v1", "fine", [{**ROOF, "gsd_mm": 0.2, "looks": 2}], "Ada")
+    found = catalog.plan(plan_gap(catalog, "aaa"))  # from 0.6 m alone: nearer than is safe
+    assert f"shows 0.0 of {ROOF_M2:.1f} m2" in found.warnings[1]
+    assert f"{ROOF_M2:.1f} m2 of it no safe pose shows so; it asks for 2 pictures" in found.warnings[1]
