@@ -60,6 +60,38 @@ def test_every_value_is_told_with_where_it_comes_from(catalog, capsys):
     assert list(catalog.said_settings()["value_json"]) == ["3", "0.002", ""]
 
 
+def test_the_preset_that_is_flown_belongs_to_things_and_those_for_comparison_are_refused(catalog, capsys):
+    usual = keys(catalog)
+    where = ["--catalog", catalog.location]
+
+    def told(name: str) -> tuple[str, str]:
+        rows = catalog.settings_of(name).set_index("setting")
+        return rows.loc["preset", "value"], rows.loc["preset", "from"]
+
+    assert told("t1") == ("recommended", "preset recommended")
+    assert main(["set", "box", "--kind", "preset=recommended", "--by", "Ada", *where]) == 0
+    assert told("t1") == told("t2") == ("recommended", "kind box")
+    assert main(["set", "t1", "preset=recommended", "route.clearance_m=4", "--by", "Ada", *where]) == 0
+    assert (told("t1")[1], told("t2")[1]) == ("structure t1", "kind box")
+    now = keys(catalog)
+    assert {name for name in usual if now[name] != usual[name]} == {("t1", "recommended")}  # the clearance
+    assert main(["set", "t1", "preset=", "route.clearance_m=", "--by", "Ada", *where]) == 0
+    assert told("t1")[1] == "kind box" and keys(catalog) == usual
+    said = len(catalog.said_settings())
+    for preset in ("paper", "baseline"):
+        capsys.readouterr()
+        assert main(["set", "t1", f"preset={preset}", "--by", "Ada", *where]) != 0
+        words = " ".join(capsys.readouterr().err.split())
+        assert (
+            f"preset {preset}: is for comparison" in words and f"--preset {preset} --experiment NAME" in words
+        )
+    with pytest.raises(SettingsError, match="is unknown"):
+        catalog.set("kind", "box", {"preset": "best"}, "Ada")
+    with pytest.raises(SettingsError, match="is unknown"):
+        catalog.set("kind", "box", {"preset": 3}, "Ada")
+    assert len(catalog.said_settings()) == said
+
+
 def keys(catalog: Catalog) -> dict[tuple[str, str], str]:
     return {(job.target_id, job.settings.preset): job.key for job in fleet.decide(catalog, BOTH).jobs}
 

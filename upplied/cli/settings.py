@@ -31,7 +31,7 @@ def say(
         A structure, or with --kind a kind.
     values : str
         As STAGE.NAME=VALUE: route.clearance_m=3, transfer.standoff=kept, transfer.gsd_m=0.002; without a
-        value it is taken back, and inherited again.
+        value it is taken back, and inherited again. preset=recommended is the one preset that is flown.
     """
     from upplied.cli.transfer import changes
     from upplied.errors import SettingsError
@@ -42,6 +42,9 @@ def say(
     for text in values:
         if text.endswith("="):
             made[text[:-1]] = None
+            continue
+        if text.startswith("preset="):
+            made["preset"] = text.removeprefix("preset=")
             continue
         for stage, names in changes((text,)).items():
             made |= {f"{stage}.{name}": value for name, value in names.items()}

@@ -17,7 +17,7 @@ import pandas as pd
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import json_text
 from upplied.catalog.verbs import adding, required
-from upplied.config import settings_for
+from upplied.config import PRESETS, settings_for
 from upplied.errors import CatalogError, SettingsError
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ Owner = tuple[str, str]  # scope and owner
 
 FLOWN = "recommended"  # the preset that they are for
 ZONES = "required.zones"  # follows from what is required, and is not said
+PRESET = "preset"  # which of them: it has no stage, and changes nothing within one
 
 
 def said(catalog: Reading) -> dict[Owner, Changes]:
@@ -35,7 +36,7 @@ def said(catalog: Reading) -> dict[Owner, Changes]:
     found: dict[Owner, Changes] = {}
     table = rows.rows_of(catalog.tables["settings"].read())
     for row in sorted(table, key=lambda row: row["commit_version"]):
-        stage, name = row["setting"].split(".")
+        stage, _, name = row["setting"].rpartition(".")
         values = found.setdefault((row["scope"], row["owner"]), {}).setdefault(stage, {})
         values.pop(name, None)
         if row["value_json"]:
@@ -51,6 +52,8 @@ def changes_for(
     made: Changes = {}
     for part in [*(parts if preset == FLOWN else []), asked]:
         for stage, values in part.items():
+            if not stage:  # the preset, which is the one that is flown
+                continue
             made[stage] = {**made.get(stage, {}), **values}
     return made
 
@@ -68,16 +71,19 @@ def say(catalog: Reading, scope: str, owner: str, values: Mapping[str, Any], by:
     made: list[rows.Row] = []
     for setting, value in values.items():
         stage, dot, name = setting.partition(".")
-        if not dot:
+        if setting == PRESET:
+            _check_preset(value)
+        elif not dot:
             raise SettingsError(f"setting {setting!r}", "cannot be read", "STAGE.NAME")
         if setting == ZONES:
             raise SettingsError(f"setting {ZONES}", "follows from requirements", "", "say: upplied require")
         if value is None:
             value_json = ""
-            if not hasattr(getattr(settings_for(FLOWN), stage, None), name):
+            if setting != PRESET and not hasattr(getattr(settings_for(FLOWN), stage, None), name):
                 settings_for(FLOWN, **{stage: {name: None}})  # which says what there is instead
         else:
-            settings_for(FLOWN, **{stage: {name: _tuples(value)}})
+            if setting != PRESET:
+                settings_for(FLOWN, **{stage: {name: _tuples(value)}})
             value_json = json_text(value)
         made.append(
             {
@@ -99,19 +105,33 @@ def settings_of(catalog: Reading, structure_id: str) -> pd.DataFrame:
     known = said(catalog)
     whole = settings_for(FLOWN, **changes_for(known, FLOWN, kind, structure_id, {}))
     found = []
-    for stage, values in asdict(whole).items():
+    for stage, values in {"": {PRESET: whole.preset}, **asdict(whole)}.items():
         for name, value in (values if isinstance(values, dict) else {}).items():
             source = f"preset {FLOWN}"
             for scope, owner in (("kind", kind), ("structure", structure_id)):
                 if name in known.get((scope, owner), {}).get(stage, {}):
                     source = f"{scope} {owner}"
-            found.append({"setting": f"{stage}.{name}", "value": value, "from": source})
+            found.append({"setting": f"{stage}.{name}".lstrip("."), "value": value, "from": source})
     zones = required.Zones(catalog).of(kind, structure_id)
     if zones:
         row = next(row for row in found if row["setting"] == ZONES)
         row["value"] = ", ".join(f"{zone['zone']} ({zone['set']} {zone['version']})" for zone in zones)
         row["from"] = ", ".join(dict.fromkeys(zone["asked_by"] for zone in zones))
     return pd.DataFrame(found, columns=["setting", "value", "from"])
+
+
+def _check_preset(value: object) -> None:
+    """Refuse a preset whose plans are not to be flown: gate, release and pages count on it."""
+    if value is None or value == FLOWN:
+        return
+    if value not in PRESETS:
+        raise SettingsError(f"preset {str(value)[:60]!r}", "is unknown", f"{FLOWN}: the one that is flown")
+    raise SettingsError(
+        f"preset {value}",
+        "is for comparison, not for flight",
+        f"what belongs to kinds and structures is of {FLOWN}, the one that is flown",
+        f"plan it beside: upplied transfer --preset {value} --experiment NAME",
+    )
 
 
 def _tuples(value: Any) -> Any:
