@@ -14,8 +14,10 @@ from upplied.catalog.verbs.looks import put_looks
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import RefusedError
+from upplied.fleet.flight_logs import add_flight_logs
 from upplied.fleet.gaps import plan_gap
 from upplied.fleet.zone_gaps import zones_left_out
+from upplied.outputs.logs import write_log
 from upplied.outputs.zones import zones
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.surface.samples import surface_samples
@@ -152,3 +154,16 @@ def test_more_than_a_camera_tells_is_said_to_be_unattainable(catalog, made):
     found = catalog.plan(plan_gap(catalog, "aaa"))  # from 0.6 m alone: nearer than is safe
     assert f"shows 0.0 of {ROOF_M2:.1f} m2" in found.warnings[1]
     assert f"{ROOF_M2:.1f} m2 of it no safe pose shows so; it asks for 2 pictures" in found.warnings[1]
+
+
+def test_a_log_that_comes_in_tells_once_which_zones_it_left_out(catalog, made, tmp_path):
+    catalog.require("structure", "cube-v1", "monthly", [ROOF], "Ada")
+    path = made.trajectory.take(made.trajectory.t_s <= 70.0)
+    t_ns = FLOWN.t_ns[0] + np.round(path.t_s * 1e9).astype(np.int64)
+    record = replace(
+        FLOWN, demonstration_id="back", t_ns=t_ns, positions=path.positions, quat_xyzw=path.quat_xyzw
+    )
+    log = write_log(tmp_path / "back.mcap", record, CUBE, heavy_topic=False)
+    (first,), (again,) = (add_flight_logs(catalog, [log]) for _ in range(2))
+    assert first["status"] == "added" and first["left_out"].endswith("% of what its plan shows, zone roof")
+    assert again["status"] == "unchanged" and again["left_out"].endswith("% of what its plan shows")

@@ -238,8 +238,8 @@ def add_flight_logs(
             continue
         status = "unchanged" if row["flight_id"] in known else "added"
         left = 100 - (row["required_pct"] or 0.0)
-        parts = [f"{left:.1f} % of what its plan shows"] * (left > 0)
-        parts += [zones_left_out(catalog, row)] * (status == "added")
+        parts = [f"{left:.1f} % of what its plan shows" if left > 0 else ""]
+        parts.append(zones_left_out(catalog, row) if status == "added" else "")
         said |= {"status": status, "flight": row["flight_id"], "findings": row["findings"]}
         done.append({**said, "left_out": ", ".join(filter(None, parts))})
     return done
