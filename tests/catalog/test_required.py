@@ -42,8 +42,8 @@ def test_each_set_of_an_owner_has_its_versions_and_the_last_one_holds(catalog: C
         (row["set"], row["version"], row["asked_by"], row["zone"]) for row in zones_of(catalog, kind, "boxy")
     ]
     assert mine == [
-        ("monthly", 1, "structure boxy", "roof"), ("monthly", 1, "structure boxy", "side"),
         ("monthly", 2, f"kind {kind}", "side"), ("yearly", 1, f"kind {kind}", "roof"),
+        ("monthly", 1, "structure boxy", "roof"), ("monthly", 1, "structure boxy", "side"),
     ]  # fmt: skip
     assert [row["zone"] for row in zones_of(catalog, kind, "other")] == ["side", "roof"]
     assert zones_of(catalog, "another", "unknown") == []

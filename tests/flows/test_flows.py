@@ -120,34 +120,6 @@ print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
     assert (place / "reports" / "index.html").is_file()
 
 
-def test_what_lands_while_a_run_plans_is_planned_by_it(server, tmp_path):
-    """A run that is started meanwhile is cancelled, and nothing starts another before the next night."""
-    catalog, cube = open_catalog(tmp_path / "catalog"), member("cube-v1").structure
-    catalog.add_structures([cube, random_member("box", 1).structure])
-    catalog.add_demonstrations([fly(cube, "sides")])
-    code = """
-import importlib
-from dataclasses import replace
-from upplied.catalog import open_catalog
-from upplied.samples.fleet import member
-from upplied.samples.pilot import fly
-night = importlib.import_module("upplied.flows.transfer_fleet")
-landing, flight, plan = ["first", "second"], fly(member("cube-v1").structure, "sides"), night.plan
-def while_planning(catalog, *given):
-    made = plan(catalog, *given)
-    for name in landing[:1]:
-        landing.remove(name)
-        open_catalog(catalog).add_demonstrations([replace(flight, demonstration_id=name, sha256="")])
-    return made
-night.plan = while_planning
-print(night.transfer_fleet(presets=["baseline"], reports="", return_state=True).message)
-"""
-    done = python(server, tmp_path, code)
-    assert done.stdout == "3 ok, 0 refused, 0 failed, 0 unchanged\n", done.stdout + done.stderr
-    assert fleet.decide(catalog, fleet.PlanRequest(("baseline",))).jobs == []
-    assert catalog.transfers(every=True)["run_id"].nunique() == 1
-
-
 def test_maintenance_checks_the_catalog_and_says_what_is_wrong_with_it(server, place):
     code = """
 from upplied.flows.maintain_catalog import maintain_catalog
@@ -682,3 +654,31 @@ print(every["purpose"].str.startswith("gap ").sum())
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == ["CompletedWithFailures", "Completed", "1", "1"]
+
+
+def test_what_lands_while_a_run_plans_is_planned_by_it(server, tmp_path):
+    """A run that is started meanwhile is cancelled, and nothing starts another before the next night."""
+    catalog, cube = open_catalog(tmp_path / "catalog"), member("cube-v1").structure
+    catalog.add_structures([cube, random_member("box", 1).structure])
+    catalog.add_demonstrations([fly(cube, "sides")])
+    code = """
+import importlib
+from dataclasses import replace
+from upplied.catalog import open_catalog
+from upplied.samples.fleet import member
+from upplied.samples.pilot import fly
+night = importlib.import_module("upplied.flows.transfer_fleet")
+landing, flight, plan = ["first", "second"], fly(member("cube-v1").structure, "sides"), night.plan
+def while_planning(catalog, *given):
+    made = plan(catalog, *given)
+    for name in landing[:1]:
+        landing.remove(name)
+        open_catalog(catalog).add_demonstrations([replace(flight, demonstration_id=name, sha256="")])
+    return made
+night.plan = while_planning
+print(night.transfer_fleet(presets=["baseline"], reports="", return_state=True).message)
+"""
+    done = python(server, tmp_path, code)
+    assert done.stdout == "3 ok, 0 refused, 0 failed, 0 unchanged\n", done.stdout + done.stderr
+    assert fleet.decide(catalog, fleet.PlanRequest(("baseline",))).jobs == []
+    assert catalog.transfers(every=True)["run_id"].nunique() == 1
