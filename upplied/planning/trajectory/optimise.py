@@ -192,11 +192,10 @@ def _no_further(start: Floats, end: Floats, turned: Callable[[], Floats], judged
     least = last - _HARDLY
     if (first >= least).all():
         return start
-    for share in (
-        None,
-        *_SHARES,
-    ):  # first the camera alone, then so much of the way with the camera wholly turned
-        at = turned() if share is None else np.where(judged.state.moves, start + share * (end - start), end)
+    if (judged.shown(at := turned()) >= least).all():
+        return at
+    for share in _SHARES:
+        at = np.where(judged.state.moves, start + share * (end - start), end)
         if (judged.shown(at) >= least).all():
             return at
     return end

@@ -60,13 +60,15 @@ def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bool
         pan[fast[:steadily]] = MARGIN * np.degrees(steady)
         return retime(path, flight, settings.retime, breaks_of(takes), Sharp(sharp.speed_mps, pan))
 
-    def exceptional(steadily: int) -> bool:
-        return time_above(timed(steadily)[0], steady) <= 1 - USUAL_PCT / 100
+    def exceptional(found: tuple[Trajectory, Bools, Floats]) -> bool:
+        return time_above(found[0], steady) <= 1 - USUAL_PCT / 100
 
     # A swing takes as long on a small structure, the rest does not: it is not the exception any more. Then
     # as much of the swings as it takes is flown steadily, the slowest swing first.
-    enough = 0 if exceptional(0) else bisect_left(range(len(fast)), True, key=exceptional)
-    return _zooming(flight, *timed(enough))
+    found = timed(0)
+    if not exceptional(found):
+        found = timed(bisect_left(range(len(fast)), True, key=lambda number: exceptional(timed(number))))
+    return _zooming(flight, *found)
 
 
 def _swings(pan_degps: Floats, steady_degps: float) -> Ints:
