@@ -134,11 +134,11 @@ class Reading:
 
     def waypoints(self, transfer_id: str) -> pd.DataFrame:
         """The steps of one planned trajectory, in order."""
-        return frame(self._waypoints(self.transfer(transfer_id, OWNER)))
+        return frame(queries.steps(self.tables["waypoints"], self.transfer(transfer_id, OWNER)))
 
     def poses(self, demonstration_id: str) -> pd.DataFrame:
         """The steps of the current version of one demonstration, in order."""
-        return frame(self._poses(self.newest("demonstrations", demonstration_id)))
+        return frame(queries.steps(self.tables["poses"], self.newest("demonstrations", demonstration_id)))
 
     def path_of(self, row: Row) -> PlannedTrajectory:
         """The trajectory of one row of `transfers`, whether it may be flown or not."""
@@ -147,7 +147,7 @@ class Reading:
             raise CatalogError(
                 f"transfer {transfer_id}", f"has no trajectory: it is {row['status']}: {row['reason']}"
             )
-        path = plan_rows.trajectory_of(self._waypoints(row))
+        path = plan_rows.trajectory_of(queries.steps(self.tables["waypoints"], row))
         return PlannedTrajectory(path.t_s, path.positions, path.quat_xyzw, path.fov_deg)
 
     def structure(self, structure_id: str) -> Structure:
@@ -164,12 +164,12 @@ class Reading:
 
     def demonstration_of(self, row: Row) -> Demonstration:
         """The demonstration of one row of `demonstrations`, of any version."""
-        return rows.demonstration_of(row, self._poses(row))
+        return rows.demonstration_of(row, queries.steps(self.tables["poses"], row))
 
     def plan(self, transfer_id: str) -> Plan:
         """One plan as it was made, but for what it sees of the surface; see `surface`."""
         row = self.transfer(transfer_id)
-        return plan_rows.plan_of(row, self._waypoints(row))
+        return plan_rows.plan_of(row, queries.steps(self.tables["waypoints"], row))
 
     def surface(self, transfer_id: str) -> SurfaceStates | None:
         """What one plan sees of its target; None where it was not kept."""
@@ -298,9 +298,3 @@ class Reading:
         """Make the catalog where there is none yet; adding does so as well."""
         self.identity.made()
         return self
-
-    def _waypoints(self, row: Row) -> pa.Table:
-        return queries.steps(self.tables["waypoints"], row)
-
-    def _poses(self, row: Row) -> pa.Table:
-        return queries.steps(self.tables["poses"], row)
