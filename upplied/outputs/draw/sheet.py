@@ -18,6 +18,7 @@ with extra("export"):
     from PIL import Image, ImageDraw, ImageFont
 
 _PAD = 18
+_ROW = 18  # height of a line of a label
 _HEAD = 46
 _LINE = 26
 _LABEL, _SMALL = 17, 14
@@ -70,6 +71,9 @@ def sheet_png(
 ) -> bytes:
     """PNG bytes of panels under a title, over a legend of (name, colour, "line" or "patch")."""
     width = max(panel.x + panel.image.shape[1] for panel in panels)
+    room = _ROW * max(0, *(len(_labelled(panel)) - 1 for panel in panels))  # above each row, for long labels
+    tops = sorted({panel.y for panel in panels})
+    panels = [replace(panel, y=panel.y + room * (tops.index(panel.y) + 1)) for panel in panels]
     bottom = max(panel.y + panel.image.shape[0] for panel in panels)
     notes = _wrapped(subtitle, width - 2 * _PAD, _SMALL) if subtitle else []
     head = _HEAD + _LINE * len(notes)
@@ -83,7 +87,7 @@ def sheet_png(
     for panel in panels:
         sheet.paste(Image.fromarray(panel.image), (panel.x, head + panel.y))
     for panel in panels:
-        _annotate(draw, panel, head)
+        _annotate(draw, panel, head, room)
     for name, colour, mark, x, row in entries:
         _legend_entry(draw, (x, head + bottom + row * _LINE + 4), name, colour, mark)
     buffer = io.BytesIO()
@@ -91,12 +95,17 @@ def sheet_png(
     return buffer.getvalue()
 
 
-def _annotate(draw: ImageDraw.ImageDraw, panel: Panel, head: int) -> None:
+def _labelled(panel: Panel) -> list[str]:
+    """The lines of the panel's label."""
+    return _wrapped(panel.label, panel.image.shape[1] - 2 * _PAD, _SMALL)[:3]
+
+
+def _annotate(draw: ImageDraw.ImageDraw, panel: Panel, head: int, room: int) -> None:
     """The label above, and below a bar of round length where the picture has one scale."""
     high, wide = panel.image.shape[:2]
-    lines = _wrapped(panel.label, wide - 2 * _PAD, _SMALL)[:3]
-    for row, text in enumerate(lines):
-        draw.text((panel.x + _PAD, head + panel.y + 4 + row * 18), text, fill=FAINT, font=font(_SMALL))
+    for row, text in enumerate(_labelled(panel)):
+        at = panel.x + _PAD, head + panel.y - room + 4 + row * _ROW
+        draw.text(at, text, fill=FAINT, font=font(_SMALL))
     if np.isfinite(panel.frame.eye_m):
         return
     metres = round_length(0.22 * wide / panel.frame.metre_px)
