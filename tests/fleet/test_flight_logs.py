@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from made_logs import Flight, Topic, poses
 from made_logs import write_log as made_log
+from made_plans import plan_as_demonstrated
 
 from upplied.catalog import open_catalog, verify
 from upplied.catalog.database import Catalog
@@ -24,9 +25,7 @@ from upplied.outputs import logs
 from upplied.outputs.logs import write_log
 from upplied.outputs.publish import publish_pages
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import interpolate
-from upplied.proof.as_flown import looks_of
-from upplied.records import Demonstration, Plan, SurfaceStates, Trajectory
+from upplied.records import Demonstration, Plan, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.scene import scene_of
@@ -41,15 +40,8 @@ START_NS = 1_770_000_000_000_000_000  # 2 February 2026
 
 @pytest.fixture(scope="module")
 def made() -> Plan:
-    path = interpolate(FLOWN.trajectory, np.arange(0.0, 120.0, 0.5))
-    scene = scene_of(CUBE)
-    surface = surface_samples(CUBE, scene, CloudSettings(surface_samples=500))
-    shown = looks_of(path, surface, FLOWN.camera, scene).seen
-    return Plan(
-        FLOWN.demonstration_id, "cube-v1", "cube-v1", CUBE.kind, "recommended", "ok", trajectory=path,
-        is_viewpoint=np.arange(len(path)) % 4 == 0, flyable=True,
-        surface=SurfaceStates(surface.points, shown.astype(np.int64), surface.normals),
-    )  # fmt: skip
+    surface = surface_samples(CUBE, scene_of(CUBE), CloudSettings(surface_samples=500))
+    return plan_as_demonstrated(CUBE, FLOWN, surface)
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_plans import plan_as_demonstrated
 
 from upplied.catalog import open_catalog, verify
 from upplied.catalog.database import Catalog
@@ -22,9 +23,9 @@ from upplied.outputs.zones import zones
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.path_views import stations
-from upplied.poses import interpolate, matrices, yaw_pitch
+from upplied.poses import matrices, yaw_pitch
 from upplied.proof.as_flown import looks_of
-from upplied.records import Camera, Plan, SurfaceStates, Surroundings, Trajectory
+from upplied.records import Camera, Plan, Surroundings, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.scene import scene_of
@@ -50,13 +51,7 @@ FLOOR = {"zone": "floor", "where": box(LOW[2] - 1e-6, LOW[2] + 1e-6)}
 
 @pytest.fixture(scope="module")
 def made() -> Plan:
-    path = interpolate(FLOWN.trajectory, np.arange(0.0, 120.0, 0.5))
-    shown = looks_of(path, SURFACE, CAMERA, scene_of(CUBE)).seen
-    return Plan(
-        FLOWN.demonstration_id, "cube-v1", "cube-v1", CUBE.kind, "recommended", "ok", trajectory=path,
-        is_viewpoint=np.arange(len(path)) % 4 == 0, flyable=True,
-        surface=SurfaceStates(SURFACE.points, shown.astype(np.int64), SURFACE.normals),
-    )  # fmt: skip
+    return plan_as_demonstrated(CUBE, FLOWN, SURFACE)
 
 
 @pytest.fixture
