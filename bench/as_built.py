@@ -28,8 +28,8 @@ from upplied.config import settings_for
 from upplied.errors import UppliedError
 from upplied.planning.correspondence.certainty import (
     CAPS,
-    evidence_of_answer,
-    evidence_of_other,
+    evidence_of_counterpart,
+    evidence_of_same_kind,
 )
 from upplied.planning.correspondence.landmarks import choices_for
 from upplied.planning.correspondence.pair import study_pair
@@ -85,7 +85,7 @@ def rows_of(
     here, registered = fit.source, in_source_frame(fit.target, fit.registration)
     true_here = true_parts(kind, names[0], here.points)
     true_there = true_parts(kind, names[1], fit.target.points)
-    told = fit.told >= 0
+    told = fit.inferred >= 0
     mine, theirs = parts_of(here), parts_of(registered)
     common = {"kind": kind, "source": names[0], "target": names[1], "variant": variant, "told": told}
     counts = [sorts(kind, name) for name in names]
@@ -94,19 +94,19 @@ def rows_of(
         return
     area = area_of(registered)
     for part in np.flatnonzero(mine.area > SMALL).tolist():
-        answers = fit.correspondences.parts_answering(part).tolist()
+        answers = fit.correspondences.target_parts(part).tolist()
         if not answers:
             continue
         meant = _most(true_here[labels_of(here) == part])
         strict = counts[0].get(sort(meant)) == counts[1].get(sort(meant)) and not free(meant)
         right = _right(np.isin(labels_of(registered), answers), true_there, area, meant, strict)
-        found = evidence_of_answer(here, part, registered, answers, wholes, told, carried)
+        found = evidence_of_counterpart(here, part, registered, answers, wholes, told, carried)
         yield {**common, "part": meant, "question": "answer", "right": right, "evidence": found.tolist()}
         alike = choices_for(mine, part, theirs, answers).tolist()
         for choice in dict.fromkeys([*alike, _BODY]):  # what is of no such size is no other one either
             if choice not in answers and len(answers) == 1:
                 right = _right(labels_of(registered) == choice, true_there, area, meant)
-                found = evidence_of_other(registered, answers[0], choice, wholes, told)
+                found = evidence_of_same_kind(registered, answers[0], choice, wholes, told)
                 yield {
                     **common,
                     "part": meant,

@@ -139,10 +139,12 @@ def decided(
     if least is not None and likely.probability < least:
         return replace(plan, status="refused", reason=unlikely(likely, least, found)), takes
     # Which part of the target is it, and can that be told?
-    answers = counterparts_of(takes, settings)
-    known = replace(plan.measures, counterpart_probability=least_probability(answers))
-    plan = replace(plan, counterparts=answers, measures=known, warnings=(*plan.warnings, *doubts(answers)))
-    if unsure := undecided(answers, settings):
+    counterparts = counterparts_of(takes, settings)
+    known = replace(plan.measures, counterpart_probability=least_probability(counterparts))
+    plan = replace(
+        plan, counterparts=counterparts, measures=known, warnings=(*plan.warnings, *doubts(counterparts))
+    )
+    if unsure := undecided(counterparts, settings):
         return replace(plan, status="refused", reason=unsure), takes
     return plan, takes
 
@@ -161,11 +163,11 @@ def _planned(
     takes = [replace(take, required=required) for take in takes]
     # From where does the target show the same? (lines 14 to 18)
     try:
-        trajectory, is_viewpoint, answers_s = propose(takes, settings)
+        trajectory, is_viewpoint, demonstrated_s = propose(takes, settings)
     except RefusedError as refusal:
         return replace(plan, status="refused", reason=str(refusal), warnings=(), not_flyable="")
     # How good is it? The same measures for every preset.
-    measures, surface, warnings = judge(trajectory, answers_s, takes, settings, memo)
+    measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings, memo)
     measures = replace(
         measures,
         acceptance_probability=plan.measures.acceptance_probability,

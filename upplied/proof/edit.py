@@ -137,8 +137,8 @@ def edited(
         parts.append(_cut(whole, int(index[last]) + 1, len(plan)))
     made = _joined(parts, graph)
     path = Waypoints(made.positions, from_yaw_pitch(made.yaw, made.pitch), made.t_s, made.is_viewpoint)
-    timed, flags, answers_s = retime(path, plan, limits)
-    return replace(timed, fov_deg=fov_at(plan, answers_s)), flags
+    timed, flags, demonstrated_s = retime(path, plan, limits)
+    return replace(timed, fov_deg=fov_at(plan, demonstrated_s)), flags
 
 
 def _piece(plan: Trajectory, rows: Ints, is_viewpoint: Bools) -> _Piece:

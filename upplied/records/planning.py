@@ -72,7 +72,7 @@ class Correspondences(Record):
     source_class: Ints | None = None  # (K,) of each part of the demonstration's cloud, -1: in none
     target_class: Ints | None = None  # (L,) of each part of the target's: parts of one class were matched
 
-    def parts_answering(self, part: int) -> Ints:
+    def target_parts(self, part: int) -> Ints:
         """The target's parts that were matched with a part of the source; none where it was not."""
         if self.source_class is None or self.target_class is None or self.source_class[part] < 0:
             return np.empty(0, np.int64)

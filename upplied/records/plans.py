@@ -77,7 +77,7 @@ class SurfaceStates(Record):
 
 @dataclass(frozen=True, repr=False)
 class Counterpart(Record):
-    """What answers on the target to one part that was inspected."""
+    """What on the target corresponds to one part that was inspected."""
 
     part: str  # of the source, with its place: ``part_3 (left low)``
     inspected_pct: float  # share of what was inspected that lies on it

@@ -13,10 +13,10 @@ from made_clouds import boxes
 from upplied.config import settings_for
 from upplied.planning.carry import counterparts
 from upplied.planning.carry.counterparts import (
-    _answers,
     _both,
     _counterpart,
     _doubt,
+    _matched_parts,
     _not_repeated,
     _others_within,
     _probability,
@@ -42,24 +42,24 @@ def side(cloud: Cloud, label: Ints | None = None, pieces: bool = True) -> _Side:
 
 def take(
     target: Cloud = SOURCE,
-    answers: Ints | None = None,
+    matched: Ints | None = None,
     weight: Floats | None = None,
     skin: Ints | None = None,
     source: Cloud = SOURCE,
     part: int = -1,
     choice: int = -1,
     carried: bool = True,
-    told: int = -1,
+    inferred: int = -1,
 ) -> Take:
     """A take whose source parts 0, 1 ... were matched with these of the target, -1 with none."""
     number = len(parts_of(target))
-    answers = np.arange(len(parts_of(source))) if answers is None else answers
+    matched = np.arange(len(parts_of(source))) if matched is None else matched
     classes = np.full(number, -1)
-    classes[answers[answers >= 0]] = np.flatnonzero(answers >= 0)
+    classes[matched[matched >= 0]] = np.flatnonzero(matched >= 0)
     index = np.zeros(len(source), np.int64)
-    match = Correspondences(index, np.zeros(len(source)), source.points, "", np.arange(len(answers)), classes)
+    match = Correspondences(index, np.zeros(len(source)), source.points, "", np.arange(len(matched)), classes)
     fit = SimpleNamespace(
-        source=source, target=target, correspondences=match, told=told,
+        source=source, target=target, correspondences=match, inferred=inferred,
         registration=Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True, acceptance=0.5, scanned=0.4),
         carried=np.zeros(len(target), np.int64) if carried else None,
     )  # fmt: skip
@@ -113,12 +113,12 @@ def test_why_it_is_not_certain() -> None:
         )
 
 
-def test_answers_are_the_matched_parts_and_of_one_piece_only_those_of_the_whole() -> None:
-    known = take(answers=np.array([0, 2, -1]))
-    assert [_answers(known, part, side(SOURCE)) for part in range(3)] == [[0], [2], []]
+def test_the_matched_parts_and_of_one_piece_only_those_of_the_whole() -> None:
+    known = take(matched=np.array([0, 2, -1]))
+    assert [_matched_parts(known, part, side(SOURCE)) for part in range(3)] == [[0], [2], []]
     stretches = side(SOURCE, pieces=False)
     assert stretches.parts.area[0] > 0.5
-    assert [_answers(known, part, stretches) for part in range(3)] == [[0], [], []]
+    assert [_matched_parts(known, part, stretches) for part in range(3)] == [[0], [], []]
 
 
 def test_a_counterpart_is_told_with_its_like() -> None:
@@ -155,9 +155,11 @@ def certain(of: dict[int, float], others: float, monkeypatch: pytest.MonkeyPatch
     """Probabilities by the target's part, and of another of its kind beside a chosen one; who is asked."""
     asked: list[Any] = []
     monkeypatch.setattr(
-        counterparts, "evidence_of_answer", lambda *given: asked.append(given[3:6]) or ("answer", given[3])
+        counterparts,
+        "evidence_of_counterpart",
+        lambda *given: asked.append(given[3:6]) or ("answer", given[3]),
     )
-    monkeypatch.setattr(counterparts, "evidence_of_other", lambda *given: ("other", given[1:3]))
+    monkeypatch.setattr(counterparts, "evidence_of_same_kind", lambda *given: ("other", given[1:3]))
     monkeypatch.setattr(
         counterparts, "probability", lambda found, _: of[found[1][0]] if found[0] == "answer" else others
     )
@@ -175,8 +177,8 @@ def test_the_probability_of_a_chosen_part_is_that_of_any_of_its_kind(monkeypatch
     assert _probability(take(choice=1), 1, [1, 2], [1, 2, 3], SETTINGS) == 0.3
     assert _probability(take(carried=False), 1, [1], [1], SETTINGS) is None
     asked.clear()
-    for told, known in ((-1, False), (0, True), (1, True)):
-        _probability(take(told=told), 1, [1], [1], SETTINGS)
+    for inferred, known in ((-1, False), (0, True), (1, True)):
+        _probability(take(inferred=inferred), 1, [1], [1], SETTINGS)
         assert asked.pop() == ([1], 0.4, known)
 
 

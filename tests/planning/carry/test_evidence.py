@@ -83,12 +83,12 @@ def test_nothing_known_has_all_against_it() -> None:
     assert evidence(fit=far).misfit == 10.0
 
 
-def test_counterparts_that_face_another_way_are_astray() -> None:
+def test_counterparts_that_face_another_way_face_away() -> None:
     normals = UP.copy()
     normals[GRID[:, 0] < 2] = [np.sin(1.1), 0, np.cos(1.1)]  # 63 deg
     normals[(GRID[:, 0] >= 2) & (GRID[:, 0] < 4)] = [np.sin(1.0), 0, np.cos(1.0)]  # 57 deg
     found = evidence(target=Cloud(GRID, normals, AREA))
-    assert found.astray == pytest.approx(0.25)
+    assert found.facing_away == pytest.approx(0.25)
     assert found.turned == pytest.approx((1.1 + 1.0) / 4)
 
 
@@ -165,7 +165,7 @@ def test_a_surface_that_faces_away_is_apart() -> None:
     size = np.linalg.norm(high - low)
     found = evidence(target=Cloud(GRID, -UP, AREA))
     assert found.gap == pytest.approx((2 * 0.1 * size - STEP) / size, rel=0.08)
-    assert found.astray == 1 and found.turned == pytest.approx(np.pi)
+    assert found.facing_away == 1 and found.turned == pytest.approx(np.pi)
 
 
 def test_the_probability_is_logistic_and_capped() -> None:

@@ -7,9 +7,9 @@ import pytest
 
 from upplied.planning.correspondence.by_parts import (
     _claimed,
-    _goes_on,
-    _next_door,
+    _continues,
     _off,
+    _on_adjacent_parts,
     _on_skin,
     _warped,
     _without,
@@ -68,7 +68,7 @@ def test_distance_from_a_skin_is_along_its_normal() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_face_next_door_is_taken_where_the_partner_has_none_like_it(seed: int) -> None:
+def test_a_face_of_an_adjacent_part_is_taken_where_the_partner_has_none_like_it(seed: int) -> None:
     warped, fixed = patch(150, 2 + seed, [-1, 0, 1, 2]), patch(200, 9 + seed, [-1, 0, 1, 2])
     part = np.where(fixed.label >= 0, fixed.label, np.random.default_rng(seed).integers(3, 5, 200))
     touching = np.zeros((5, 5), bool)
@@ -76,17 +76,17 @@ def test_a_face_next_door_is_taken_where_the_partner_has_none_like_it(seed: int)
     index = np.random.default_rng(seed).permuted(facing_nearest(warped, fixed, DIAGONAL))
     own = np.array([np.flatnonzero(fixed.label == label)[0] if label >= 0 else 0 for label in warped.label])
     index = np.where(fixed.label[index] == warped.label, index, own)
-    found = _next_door(warped, fixed, index, part, parts(touching), DIAGONAL)
-    doors = {-1: [], 0: [3, 1], 1: [0, 4], 2: []}
+    found = _on_adjacent_parts(warped, fixed, index, part, parts(touching), DIAGONAL)
+    adjacent = {-1: [], 0: [3, 1], 1: [0, 4], 2: []}
     moved = 0
     for here in range(150):
         label, before = int(warped.label[here]), int(index[here])
-        theirs = [at for at in range(200) if part[at] in doors[label] and fixed.label[at] != label]
+        theirs = [at for at in range(200) if part[at] in adjacent[label] and fixed.label[at] != label]
         best = min(theirs, key=lambda at: apart(warped, here, fixed, at), default=-1)
-        astray = cosines(warped, fixed, index)[here] < 0.7
+        faces_away = cosines(warped, fixed, index)[here] < 0.7
         nearer = best >= 0 and apart(warped, here, fixed, best) < 0.5 * apart(warped, here, fixed, before)
-        assert found[here] == (best if astray and nearer else before)
-        moved += bool(astray and nearer)
+        assert found[here] == (best if faces_away and nearer else before)
+        moved += bool(faces_away and nearer)
     assert 10 < moved < 120
 
 
@@ -106,9 +106,9 @@ def test_what_continues_a_skin_is_no_part_of_its_own() -> None:
     touching = np.zeros((4, 4), bool)
     touching[3, [0, 1]] = touching[[0, 1], 3] = touching[2, 0] = touching[0, 2] = touching[3, 2] = True
     known = parts(touching, np.array([True, True, True, False]))
-    found = _goes_on(known, Matching(np.array([1, 0, -1, -1]), np.array([0, 1])))
+    found = _continues(known, Matching(np.array([1, 0, -1, -1]), np.array([0, 1])))
     assert found.tolist() == [[False, False], [False, False], [False, False], [True, True]]
-    none = _goes_on(known, Matching(np.full(4, -1), np.full(2, -1)))
+    none = _continues(known, Matching(np.full(4, -1), np.full(2, -1)))
     assert none.shape == (4, 1) and not none.any()
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from upplied.planning.correspondence.certainty import (
-    ANSWERS,
     CAPS,
-    OTHERS,
-    evidence_of_answer,
-    evidence_of_other,
+    COUNTERPART,
+    SAME_KIND,
+    evidence_of_counterpart,
+    evidence_of_same_kind,
     probability,
 )
 from upplied.records import Cloud
@@ -38,7 +38,7 @@ def cloud(*boxes: tuple[Size, Size]) -> Cloud:
 ENGINES = cloud(((0, 0, 0), (60, 6, 6)), ((30, 12, 0), (5, 3, 3)), ((30, -9, 0), (5, 3, 3)))
 
 
-@pytest.mark.parametrize("model", [ANSWERS, OTHERS])
+@pytest.mark.parametrize("model", [COUNTERPART, SAME_KIND])
 def test_what_speaks_against_a_part_never_speaks_for_it(model):
     perfect = probability(np.zeros(len(CAPS)), model)
     assert perfect > 0.99
@@ -51,18 +51,18 @@ def test_what_speaks_against_a_part_never_speaks_for_it(model):
 
 def test_a_part_is_sure_of_itself_and_not_of_another():
     carried = ENGINES.part
-    own = evidence_of_answer(ENGINES, 1, ENGINES, [1], 0.0, False, carried)
-    across = evidence_of_answer(ENGINES, 1, ENGINES, [2], 0.0, False, carried)
-    whole = evidence_of_answer(ENGINES, 1, ENGINES, [0], 0.0, False, carried)
-    assert probability(own, ANSWERS) > 0.99
-    assert probability(across, ANSWERS) < probability(own, ANSWERS)
-    assert probability(whole, ANSWERS) < 0.8
+    own = evidence_of_counterpart(ENGINES, 1, ENGINES, [1], 0.0, False, carried)
+    across = evidence_of_counterpart(ENGINES, 1, ENGINES, [2], 0.0, False, carried)
+    whole = evidence_of_counterpart(ENGINES, 1, ENGINES, [0], 0.0, False, carried)
+    assert probability(own, COUNTERPART) > 0.99
+    assert probability(across, COUNTERPART) < probability(own, COUNTERPART)
+    assert probability(whole, COUNTERPART) < 0.8
 
 
 def test_another_of_a_kind_has_its_shape_and_size():
-    twin = evidence_of_other(ENGINES, 1, 2, 0.0, False)
-    body = evidence_of_other(ENGINES, 1, 0, 0.0, False)
-    assert probability(twin, OTHERS) > 0.8 > probability(body, OTHERS)
+    twin = evidence_of_same_kind(ENGINES, 1, 2, 0.0, False)
+    body = evidence_of_same_kind(ENGINES, 1, 0, 0.0, False)
+    assert probability(twin, SAME_KIND) > 0.8 > probability(body, SAME_KIND)
 
 
 def test_the_evidence_of_an_answer_is_counted_by_area() -> None:
@@ -71,39 +71,39 @@ def test_the_evidence_of_an_answer_is_counted_by_area() -> None:
     points = RNG.normal(size=(10, 3))
     one = Cloud(points, np.tile([0.0, 0, 1], (10, 1)), area, label)
     carried = np.array([1, 1, 0, 0, 1, 0, 1, 1, 2, 2])
-    found = evidence_of_answer(one, 1, one, [1, 2], 0.7, True, carried)
+    found = evidence_of_counterpart(one, 1, one, [1, 2], 0.7, True, carried)
     both = area[[4, 6, 7]].sum()
     assert found[1] == pytest.approx(1 - both / area[4:].sum())
     assert found[2] == pytest.approx(1 - both / area[carried == 1].sum())
     assert found[3:5].tolist() == [1.0, 0.7]
     assert found[5] == pytest.approx(np.log(area[4:].sum() / area[4:7].sum()))
-    assert evidence_of_answer(one, 1, one, [2], np.nan, False, carried)[3:5].tolist() == [0.0, 3.0]
-    nothing = evidence_of_answer(one, 1, one, [7], 0.7, False, carried)
+    assert evidence_of_counterpart(one, 1, one, [2], np.nan, False, carried)[3:5].tolist() == [0.0, 3.0]
+    nothing = evidence_of_counterpart(one, 1, one, [7], 0.7, False, carried)
     assert nothing[0] == CAPS[0] and nothing[1] == nothing[2] == 1
-    other = evidence_of_other(one, 1, 2, np.inf, True)
+    other = evidence_of_same_kind(one, 1, 2, np.inf, True)
     assert other[1:5].tolist() == [0.0, 0.0, 1.0, 3.0]
     assert other[5] == pytest.approx(np.log(area[7:].sum() / area[4:7].sum()))
     plain = Cloud(points, one.normals, None, label)
     assert (
-        evidence_of_other(plain, 1, 2, 0.0, False)[5] == 0
-        and evidence_of_other(plain, 0, 1, 0.0, False)[5] > 0.2
+        evidence_of_same_kind(plain, 1, 2, 0.0, False)[5] == 0
+        and evidence_of_same_kind(plain, 0, 1, 0.0, False)[5] > 0.2
     )
 
 
 def test_the_probability_is_logistic_up_to_the_caps() -> None:
     evidence = np.array([0.3, 0.2, 0.5, 1.0, 0.4, 0.1])
-    against = sum(weight * each for weight, each in zip(ANSWERS[1:], evidence, strict=True))
-    assert probability(evidence, ANSWERS) == pytest.approx(1 / (1 + np.exp(against - ANSWERS[0])))
+    against = sum(weight * each for weight, each in zip(COUNTERPART[1:], evidence, strict=True))
+    assert probability(evidence, COUNTERPART) == pytest.approx(1 / (1 + np.exp(against - COUNTERPART[0])))
     beyond = np.array([9.0, 0.2, 0.5, 1.0, 9.0, 9.0])
-    assert probability(beyond, ANSWERS) == probability(np.minimum(beyond, CAPS), ANSWERS)
+    assert probability(beyond, COUNTERPART) == probability(np.minimum(beyond, CAPS), COUNTERPART)
 
 
 @pytest.mark.parametrize("item", [1, 2])
 def test_what_the_displacement_lays_elsewhere_is_disputed(item: int) -> None:
     evidence = np.zeros(6)
     evidence[item] = 0.6
-    assert probability(evidence, ANSWERS) > 0.9
+    assert probability(evidence, COUNTERPART) > 0.9
     evidence[item] = 0.61
-    assert probability(evidence, ANSWERS) == 0.4
+    assert probability(evidence, COUNTERPART) == 0.4
     evidence[0] = 2.0
-    assert probability(evidence, ANSWERS) < 0.4 or ANSWERS[1] * 2 < ANSWERS[0]
+    assert probability(evidence, COUNTERPART) < 0.4 or COUNTERPART[1] * 2 < COUNTERPART[0]

@@ -1,4 +1,4 @@
-"""What of a pair depends on what: turns, settings, keys, and whose parts are told by whose."""
+"""What of a pair depends on what: turns, settings, keys, and whose parts are inferred from whose."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ FIT = Registration(np.array([2.0, 1, 1]), np.eye(3), np.array([1.0, 0, 0]), 0.0,
 
 
 def told_by(one: int, monkeypatch: pytest.MonkeyPatch, blades: bool = False) -> tuple[Fit, dict[str, Any]]:
-    """The fit where the parts of one are told by the other's, and what everybody was asked."""
+    """The fit where the parts of one are inferred from the other's, and what everybody was asked."""
     clouds = boxes(HULL, FIN, number=40), boxes(HULL, POD, number=50)
     asked: dict[str, Any] = {"matched": []}
     label = np.arange(len(clouds[one])) % 2
@@ -144,7 +144,7 @@ def told_by(one: int, monkeypatch: pytest.MonkeyPatch, blades: bool = False) -> 
     monkeypatch.setattr(pair, "_matched", matched)
     structures = structure("s"), structure("t")
     fit = Fit(*clouds, FIT, pair._NOTHING)
-    found = pair._fit_told(
+    found = pair._fit_inferred(
         fit,
         one,
         structures,
@@ -172,12 +172,12 @@ def test_the_parts_of_one_are_told_in_the_frame_of_the_source(
     assert same_points(asked["whole"], frames[one]) and same_points(asked["known"], frames[1 - one])
     assert same_points(asked["turned"][0], frames[1 - one]) and same_points(asked["turned"][1], frames[one])
     assert asked["skin"] == ("st"[one], clouds[one])
-    assert found.told == one and found.registration is FIT
+    assert found.inferred == one and found.registration is FIT
     both = found.source, found.target
     assert np.array_equal(both[one].part, asked["label"]) and both[1 - one] is clouds[1 - one]
     assert np.array_equal(both[one].points, clouds[one].points)
     ((given, fit, facts),) = asked["matched"]
-    assert given == both and fit is FIT and facts == ("parts told", "facts")
+    assert given == both and fit is FIT and facts == ("parts inferred", "facts")
 
 
 def test_where_a_rotor_stopped_otherwise_the_registration_is_made_anew(
@@ -185,7 +185,7 @@ def test_where_a_rotor_stopped_otherwise_the_registration_is_made_anew(
 ) -> None:
     found, asked = told_by(1, monkeypatch, blades=True)
     assert found.registration.acceptance == 0.5
-    assert asked["registered"] == ((found.source, found.target), ("parts told", "facts"))
+    assert asked["registered"] == ((found.source, found.target), ("parts inferred", "facts"))
     assert asked["matched"][0][1] is found.registration
 
 
@@ -206,8 +206,8 @@ def told_or_not(
     shares = iter(explained)
 
     def fit_told(fit: Fit, one: int, *rest: Any) -> Fit:
-        calls.append(("told", one, rest[2].correspondence.counterparts))
-        return replace(fit, told=one)
+        calls.append(("inferred", one, rest[2].correspondence.counterparts))
+        return replace(fit, inferred=one)
 
     def matched(both: Any, structures: Any, found: Registration, settings: Settings, *rest: Any) -> Any:
         calls.append(("matched", settings.correspondence.counterparts, rest[-1][0]))
@@ -215,7 +215,7 @@ def told_or_not(
 
     monkeypatch.setattr(pair, "_registered", lambda *_: FIT)
     monkeypatch.setattr(pair, "_matched", matched)
-    monkeypatch.setattr(pair, "_fit_told", fit_told)
+    monkeypatch.setattr(pair, "_fit_inferred", fit_told)
     monkeypatch.setattr(pair, "_explained", lambda _: next(shares))
     monkeypatch.setattr(pair, "_with_carried", lambda fit, *_: replace(fit, carried=np.zeros(1, np.int64)))
     settings = settings_for("recommended", correspondence=asked)
@@ -229,15 +229,15 @@ PLAIN = ("matched", (), "surface")
 
 def test_pieces_that_explain_half_are_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     fit, calls = told_or_not((True, True), [0.5], monkeypatch)
-    assert calls == [PLAIN] and fit.told == -1 and fit.carried is not None
+    assert calls == [PLAIN] and fit.inferred == -1 and fit.carried is not None
 
 
-@pytest.mark.parametrize(("told", "taken"), [(0.69, False), (0.71, True)])
+@pytest.mark.parametrize(("inferred", "taken"), [(0.69, False), (0.71, True)])
 def test_parts_told_by_geometry_must_explain_clearly_more(
-    told: float, taken: bool, monkeypatch: pytest.MonkeyPatch
+    inferred: float, taken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fit, calls = told_or_not((True, True), [0.49, told, 0.49], monkeypatch)
-    assert calls == [PLAIN, ("told", 1, ())] and fit.told == (1 if taken else -1)
+    fit, calls = told_or_not((True, True), [0.49, inferred, 0.49], monkeypatch)
+    assert calls == [PLAIN, ("inferred", 1, ())] and fit.inferred == (1 if taken else -1)
 
 
 @pytest.mark.parametrize(("known", "one"), [((True, False), 1), ((False, True), 0)])
@@ -245,13 +245,13 @@ def test_a_surface_of_one_piece_has_its_parts_told_by_the_other(
     known: tuple[bool, bool], one: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fit, calls = told_or_not(known, [0.0], monkeypatch, counterparts=(("a", "b"),))
-    assert calls == [("told", one, ()), ("matched", (("a", "b"),), "parts told")]
-    assert fit.told == one and fit.carried is None
+    assert calls == [("inferred", one, ()), ("matched", (("a", "b"),), "parts inferred")]
+    assert fit.inferred == one and fit.carried is None
 
 
 def test_two_surfaces_of_one_piece_have_no_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     fit, calls = told_or_not((False, False), [], monkeypatch)
-    assert calls == [PLAIN] and fit.told == -1 and fit.carried is None
+    assert calls == [PLAIN] and fit.inferred == -1 and fit.carried is None
 
 
 def test_what_is_published_stands_as_the_surfaces_do(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.planning.correspondence.by_parts import by_parts, facing_nearest
 from upplied.planning.correspondence.coherent_point_drift import Patch, farthest_points, spread_over
-from upplied.planning.correspondence.likeness import carried, has_parts, parts_like
+from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like
 from upplied.records import Cloud, Floats, Ints, Registration
 
 Box = tuple[list[float], list[float]]
@@ -110,7 +110,7 @@ def test_a_structure_answers_to_itself_sample_by_sample() -> None:
     off = np.linalg.norm(found.target_points - here.points, axis=1)
     assert (found.target_index == np.arange(len(here))).mean() > 0.97 and off.max() < 0.5
     assert found.distance_m == pytest.approx(off, abs=1e-9)
-    assert found.source_class is not None and [found.parts_answering(part).tolist() for part in range(3)] == [
+    assert found.source_class is not None and [found.target_parts(part).tolist() for part in range(3)] == [
         [0],
         [1],
         [2],

@@ -122,7 +122,7 @@ def test_the_least_certain_part_of_a_zone_speaks_for_it(monkeypatch):
         asked.append((part, answers, acceptance, told))
         return part
 
-    monkeypatch.setattr(carrying, "evidence_of_answer", evidence)
+    monkeypatch.setattr(carrying, "evidence_of_counterpart", evidence)
     monkeypatch.setattr(carrying, "probability", lambda part, _: {0: 0.9, 1: 0.5, 2: 0.1, 3: 0.7}[part])
     here = fit(ROW, ROW, np.arange(20), LINE)
     assert _probability(here, np.arange(20) < 10) == 0.5
@@ -133,7 +133,7 @@ def test_the_least_certain_part_of_a_zone_speaks_for_it(monkeypatch):
 
 
 def test_of_a_zone_over_many_parts_the_largest_is_asked_about(monkeypatch):
-    monkeypatch.setattr(carrying, "evidence_of_answer", lambda source, part, *_: part)
+    monkeypatch.setattr(carrying, "evidence_of_counterpart", lambda source, part, *_: part)
     monkeypatch.setattr(carrying, "probability", lambda part, _: 0.3 if part == 18 else 0.0)
     each = Cloud(LINE, None, None, np.concatenate([np.arange(18), [18, 18]]))
     there = fit(each, ROW, np.arange(20), LINE)

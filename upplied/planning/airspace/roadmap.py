@@ -101,8 +101,8 @@ def _outer(places: Floats, first: Ints, second: Ints, whole: Floats, airspace: A
     length = np.linalg.norm(places[first] - places[second], axis=1)
     component = connected_components(csr_matrix((length, (first, second)), shape=(count, count)))[1]
     outside = np.maximum(whole[0] - places, places - whole[1]).max(axis=1)
-    votes = np.bincount(component[outside > 0]) if (outside > 0).any() else np.zeros(1)
-    kept = np.flatnonzero(component == votes.argmax())
+    outer = np.bincount(component[outside > 0]) if (outside > 0).any() else np.zeros(1)
+    kept = np.flatnonzero(component == outer.argmax())
     number = np.full(count, -1)
     number[kept] = np.arange(len(kept))
     both = number[first] >= 0

@@ -14,10 +14,10 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.correspondence.certainty import (
-    ANSWERS,
-    OTHERS,
-    evidence_of_answer,
-    evidence_of_other,
+    COUNTERPART,
+    SAME_KIND,
+    evidence_of_counterpart,
+    evidence_of_same_kind,
     probability,
 )
 from upplied.planning.correspondence.describe import place_of
@@ -28,7 +28,7 @@ from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
 from upplied.records import Counterpart, Ints, Record
 
-_MOST = 0.25  # share of what was inspected from which a doubt about it refuses the plan
+_REFUSED = 0.25  # share of what was inspected from which a doubt about it refuses the plan
 _LOOKED_AT = 0.4  # mean weight from which a stretch of skin was inspected
 _COMPACT = (
     0.25  # of the diagonal: longest edge of a stretch of skin that may be a part of its own, not a hull
@@ -93,7 +93,7 @@ def undecided(found: Sequence[Counterpart], settings: Settings) -> str:
     """Why a plan is refused for what is not told apart or not as many as expected; empty where it is not."""
     asked = settings.correspondence
     for one in found:
-        if not one.doubt or one.inspected_pct < 100 * _MOST:
+        if not one.doubt or one.inspected_pct < 100 * _REFUSED:
             continue
         if asked.repeat:
             return f"--repeat {asked.repeat} was asked for and {one.doubt}"
@@ -128,12 +128,12 @@ def _counterpart(
     take: Take, part: int, share: float, source: _Side, target: _Side, settings: Settings
 ) -> Counterpart:
     name = _name(source.parts, part)
-    answers = [take.choice] if take.choice >= 0 and part == take.part else _answers(take, part, source)
-    alike = choices_for(source.parts, part, target.parts, answers).tolist() if target.pieces else []
+    matched = [take.choice] if take.choice >= 0 and part == take.part else _matched_parts(take, part, source)
+    alike = choices_for(source.parts, part, target.parts, matched).tolist() if target.pieces else []
     twins = choices_for(source.parts, part, source.parts, [part])
-    known = _probability(take, part, answers, alike, settings) if answers and source.pieces else None
+    known = _probability(take, part, matched, alike, settings) if matched and source.pieces else None
     others = _others_within(take, part, source)
-    doubt = _doubt(take, name, share, target, known, settings) if not answers or known is not None else ""
+    doubt = _doubt(take, name, share, target, known, settings) if not matched or known is not None else ""
     if others and not doubt:
         doubt = (
             f"what was inspected of {name} is a part of its own, of which the source has {others} more, and "
@@ -143,9 +143,9 @@ def _counterpart(
         part=name,
         inspected_pct=round(100 * share, 2),
         twins=len(twins) - 1 + others,
-        found=len({*alike, *answers[:1]}),
-        flown=tuple(_name(target.parts, other) for other in answers),
-        left_out=tuple(_name(target.parts, other) for other in alike if other not in answers),
+        found=len({*alike, *matched[:1]}),
+        flown=tuple(_name(target.parts, other) for other in matched),
+        left_out=tuple(_name(target.parts, other) for other in alike if other not in matched),
         probability=None if known is None else round(known, 4),
         doubt=doubt,
     )
@@ -173,26 +173,26 @@ def _others_within(take: Take, part: int, source: _Side) -> int:
 
 
 def _probability(
-    take: Take, part: int, answers: list[int], alike: list[int], settings: Settings
+    take: Take, part: int, matched: list[int], alike: list[int], settings: Settings
 ) -> float | None:
-    """That these parts of the target are the one that answers, or where one was chosen, one of its kind."""
+    """That these parts of the target are its counterpart, or where one was chosen, one of its kind."""
     fit = take.pair.surface
     carried = fit.carried
     if carried is None:
         return None
     registered = in_source_frame(fit.target, fit.registration)
-    known = fit.registration.scanned, fit.told >= 0
+    known = fit.registration.scanned, fit.inferred >= 0
 
-    def answer(parts: list[int]) -> float:
-        found = evidence_of_answer(fit.source, part, registered, parts, *known, carried)
-        return probability(found, ANSWERS)
+    def corresponds(parts: list[int]) -> float:
+        found = evidence_of_counterpart(fit.source, part, registered, parts, *known, carried)
+        return probability(found, COUNTERPART)
 
-    best = answer(answers)
-    if len(answers) == 1 and (take.choice >= 0 or settings.correspondence.counterparts):
+    best = corresponds(matched)
+    if len(matched) == 1 and (take.choice >= 0 or settings.correspondence.counterparts):
         for other in alike:
-            if other != answers[0]:
-                found = evidence_of_other(registered, other, answers[0], *known)
-                best = max(best, answer([other]) * probability(found, OTHERS))
+            if other != matched[0]:
+                found = evidence_of_same_kind(registered, other, matched[0], *known)
+                best = max(best, corresponds([other]) * probability(found, SAME_KIND))
     return best
 
 
@@ -238,13 +238,13 @@ def _doubt(
     return f"{what} is not told apart on {there}: {why}, and what lies nearest may be another part"
 
 
-def _answers(take: Take, part: int, source: _Side) -> list[int]:
+def _matched_parts(take: Take, part: int, source: _Side) -> list[int]:
     """The target's parts that were matched with a part of the source, none where it was not."""
     match = take.pair.surface.correspondences
     if source.pieces:
-        return match.parts_answering(part).tolist()
+        return match.target_parts(part).tolist()
     # The one piece is matched as a whole, which tells nothing of less than the whole.
-    return match.parts_answering(0).tolist() if source.parts.area[part] > _WHOLE else []
+    return match.target_parts(0).tolist() if source.parts.area[part] > _WHOLE else []
 
 
 def _source(take: Take) -> _Side:

@@ -16,7 +16,7 @@ from upplied.planning.geometry.boxes import in_source_frame, spacing
 from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.records import Cloud, Floats, Ints, Record
 
-_ASTRAY = 0.5  # cosine of normals below which a counterpart faces another way
+_FACES_AWAY = 0.5  # cosine of normals below which a counterpart faces another way
 _FACING = 0.1  # of the region's size: what turning a normal by a right angle counts beside distance
 _AROUND = 0.3  # of the region's size: how far its surroundings reach
 _NEIGHBOURS = 8  # neighbours of a patch by which its stretch is judged
@@ -28,7 +28,7 @@ class Evidence(Record):
     """How well the inspected region and what is around it correspond to the target; 0 is perfect."""
 
     without: float  # share of what was inspected that has no counterpart
-    astray: float  # share whose counterpart faces more than 60 deg another way
+    facing_away: float  # share whose counterpart faces more than 60 deg another way
     turned: float  # mean angle between the normals of a patch and of its counterpart, rad
     uneven: float  # how unevenly patches are stretched: spread of the logarithm of the local scale
     bent: float  # what no scaling along the axes explains, over the region's size
@@ -65,7 +65,7 @@ def evidence_of(take: Take) -> Evidence:
     own = share / np.maximum(area, 1e-12)
     return Evidence(
         without=without,
-        astray=float(mine[facing < _ASTRAY].sum() / mine.sum()),
+        facing_away=float(mine[facing < _FACES_AWAY].sum() / mine.sum()),
         turned=float(np.average(np.arccos(np.clip(facing, -1, 1)), weights=mine)),
         uneven=_uneven(source.points[known], match.target_points[known], mine),
         bent=_bent(source.points[known], match.target_points[known], mine),

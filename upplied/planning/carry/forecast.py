@@ -59,7 +59,7 @@ def in_words(found: Evidence) -> str:
         return "nothing of what was inspected has a counterpart" + _whole(found)
     return (
         f"{100 * (1 - found.without):.0f} % of what was inspected has a counterpart"
-        f", {100 * found.astray:.0f} % of that faces another way"
+        f", {100 * found.facing_away:.0f} % of that faces another way"
         f" and all by {np.degrees(found.turned):.0f} deg"
         f", patches are stretched unevenly by {100 * np.expm1(found.uneven):.0f} %"
         f", {100 * found.bent:.0f} % of the region's size is left by the best scaling"

@@ -20,7 +20,7 @@ from upplied.planning.carry.affine import AxisMap
 from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
-NEAR = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
+KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LEAST_M2 = 1e-6  # squared distance, so that nothing is divided by none
 _SEEN = 32  # counterparts that speak for what a viewpoint sees
 _MIDDLE = 0.1  # tangent, 6 deg: deviation of what counts as the middle of a picture
@@ -49,7 +49,7 @@ class Standoff(Record):
         """Share of the viewpoints that stand as far off as wanted, within a fifth; 1 where there are none."""
         if len(self.station) == 0:
             return 1.0
-        return float(np.mean(np.abs(self.ratio(positions) - 1) <= NEAR))
+        return float(np.mean(np.abs(self.ratio(positions) - 1) <= KEPT))
 
 
 def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bools) -> Floats:

@@ -25,7 +25,10 @@ _CONTROLS, _ANCHORS = 200, 450  # points of the source that move, points of the 
 _TRIED, _NEARER = 300, 0.7  # samples of a part, and how much nearer a drift must bring them
 _GONE = 0.05  # of the diagonal: a point that stays this far from the target has no counterpart there
 _SAME_FACE = 0.3  # least cosine between a normal and its counterpart's, for a part that has no partner
-_ASTRAY, _NEXT_DOOR = 0.7, 0.5  # cosine of normals; how much nearer, normals counted, a face next door is
+_FACES_AWAY, _ADJACENT = (
+    0.7,
+    0.5,
+)  # cosine of normals; how much nearer, normals counted, a face of an adjacent part is
 _CLAIM = 1.5  # spacings: how near a counterpart of a matched part makes a target sample taken
 _WHOLE = 0.6  # least share of a part without a partner that must find its like, or all of it has none
 
@@ -57,11 +60,11 @@ def by_parts(
     moving, fixed = patches(source, registered, matching)
     warped = _warped(placed(moving, fixed), fixed, diagonal)
     index = facing_nearest(warped, fixed, diagonal)
-    index = _next_door(warped, fixed, index, labels_of(registered), parts_of(registered), diagonal)
+    index = _on_adjacent_parts(warped, fixed, index, labels_of(registered), parts_of(registered), diagonal)
     on_skin = _on_skin(warped.points, fixed, index, spacing(source))
     claimed = _claimed(on_skin, moving.label, fixed, spacing(registered))
-    goes_on = _goes_on(parts_of(source), matching)[labels_of(source), fixed.label[index]]
-    taken = claimed[index] & ~goes_on
+    continues = _continues(parts_of(source), matching)[labels_of(source), fixed.label[index]]
+    taken = claimed[index] & ~continues
     gone = _without(warped, fixed, index, taken, labels_of(source), diagonal)
     carried = registration.to_target(on_skin)
     carried[gone] = np.nan
@@ -117,7 +120,9 @@ def facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
     return index
 
 
-def _next_door(warped: Patch, fixed: Patch, index: Ints, part: Ints, parts: Parts, diagonal_m: float) -> Ints:
+def _on_adjacent_parts(
+    warped: Patch, fixed: Patch, index: Ints, part: Ints, parts: Parts, diagonal_m: float
+) -> Ints:
     """The counterparts, but of a part that touches the partner where that alone has such a face.
 
     Modellers cut where it suits them: what is a strip of the fuselage's side in one wing's mesh is
@@ -125,17 +130,17 @@ def _next_door(warped: Patch, fixed: Patch, index: Ints, part: Ints, parts: Part
     """
     weight = FACING * diagonal_m
     here, there = (np.hstack([patch.points, weight * patch.normals]) for patch in (warped, fixed))
-    astray = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) < _ASTRAY
+    faces_away = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) < _FACES_AWAY
     index = index.copy()
-    for label in np.unique(warped.label[astray & (warped.label >= 0)]):
-        mine = np.flatnonzero(astray & (warped.label == label))
+    for label in np.unique(warped.label[faces_away & (warped.label >= 0)]):
+        mine = np.flatnonzero(faces_away & (warped.label == label))
         partners = np.unique(part[fixed.label == label])
-        doors = parts.touching[partners].any(axis=0)
-        theirs = np.flatnonzero(doors[part] & (fixed.label != label))
+        adjacent = parts.touching[partners].any(axis=0)
+        theirs = np.flatnonzero(adjacent[part] & (fixed.label != label))
         if len(theirs) == 0:
             continue
         distance, found = cKDTree(there[theirs]).query(here[mine])
-        nearer = distance < _NEXT_DOOR * np.linalg.norm(here[mine] - there[index[mine]], axis=1)
+        nearer = distance < _ADJACENT * np.linalg.norm(here[mine] - there[index[mine]], axis=1)
         index[mine[nearer]] = theirs[found[nearer]]
     return index
 
@@ -150,7 +155,7 @@ def _claimed(on_skin: Floats, label: Ints, fixed: Patch, step_m: float) -> Bools
     return claimed
 
 
-def _goes_on(parts: Parts, matching: Matching) -> Bools:
+def _continues(parts: Parts, matching: Matching) -> Bools:
     """Whether a part (row) continues the skin of one that corresponds to the class (column)."""
     found = np.zeros((len(parts), max(len(matching), 1)), bool)
     for part in np.flatnonzero(~parts.body):

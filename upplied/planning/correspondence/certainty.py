@@ -24,21 +24,21 @@ CAPS = (2.0, 1.0, 1.0, 1.0, 1.5, 1.0)
 # nobody built. With those judged by the samples and the other way round: of those said to be at least 97 %
 # certain 99.6 and 100 % were right, of 90 to 97 % 96.5 and 96.3, of 80 to 90 % 79 and 83 (of 24 each).
 # First the offset, then a weight for each piece of evidence.
-ANSWERS = (7.73, 1.91, 0.0, 3.71, 0.57, 1.8, 1.85)
-OTHERS = (7.22, 0.7, 0.0, 0.0, 1.85, 1.88, 10.5)
+COUNTERPART = (7.73, 1.91, 0.0, 3.71, 0.57, 1.8, 1.85)
+SAME_KIND = (7.22, 0.7, 0.0, 0.0, 1.85, 1.88, 10.5)
 
 # Where the smooth displacement lays most of either part elsewhere, 6 of 16 were right; a logistic
 # curve through all says more.
 _DISAGREES, _DISPUTED = 0.6, 0.4
 
 
-def evidence_of_answer(
+def evidence_of_counterpart(
     source: Cloud,
     part: int,
     registered: Cloud,
     counterparts: Sequence[int],
     wholes: float,
-    told: bool,
+    inferred: bool,
     carried: Ints,
 ) -> Floats:
     """What speaks against parts of the target corresponding to a part of the source, (6,); 0 is perfect.
@@ -52,8 +52,8 @@ def evidence_of_answer(
         Parts of the target.
     wholes : float
         `Registration.scanned`.
-    told : bool
-        Whether parts were found by geometry.
+    inferred : bool
+        Whether parts were inferred from those of the other structure.
     carried : array of int, shape (M,)
         The part of the source that a smooth displacement alone lays on each sample of the target.
     """
@@ -65,19 +65,23 @@ def evidence_of_answer(
             _shape(source, mine, registered, theirs),
             1 - area[both].sum() / max(area[theirs].sum(), 1e-12),
             1 - area[both].sum() / max(area[named].sum(), 1e-12),
-            float(told),
+            float(inferred),
             _whole(wholes),
             abs(np.log(max(area[theirs].sum(), 1e-12) / max(_area(source)[mine].sum(), 1e-12))),
         ]
     )
 
 
-def evidence_of_other(registered: Cloud, counterpart: int, other: int, wholes: float, told: bool) -> Floats:
+def evidence_of_same_kind(
+    registered: Cloud, counterpart: int, other: int, wholes: float, inferred: bool
+) -> Floats:
     """What speaks against a part of the target being of the kind of another, (6,); 0 is perfect."""
     one, two = (labels_of(registered) == part for part in (counterpart, other))
     area = _area(registered)
     ratio = abs(np.log(max(area[two].sum(), 1e-12) / max(area[one].sum(), 1e-12)))
-    return np.array([_shape(registered, one, registered, two), 0.0, 0.0, float(told), _whole(wholes), ratio])
+    return np.array(
+        [_shape(registered, one, registered, two), 0.0, 0.0, float(inferred), _whole(wholes), ratio]
+    )
 
 
 def probability(evidence: Floats, model: Sequence[float]) -> float:

@@ -75,14 +75,14 @@ def pinned_parts(
     return pinned
 
 
-def choices_for(source: Parts, part: int, target: Parts, answers: Sequence[int] = ()) -> Ints:
+def choices_for(source: Parts, part: int, target: Parts, known: Sequence[int] = ()) -> Ints:
     """Parts of the laid target of a source part's shape, those on its side first; boxes made equal.
 
     Where it is known which one corresponds to it, the others are of its size too: no abutment beside piers.
     """
     alike = _alike(source, part, target)
-    if len(answers) == 1:
-        size = target.area[answers[0]]
+    if len(known) == 1:
+        size = target.area[known[0]]
         alike = [other for other in alike if 1 / _SAME_SIZE < target.area[other] / size < _SAME_SIZE]
     return np.array(
         sorted(alike, key=lambda other: side_of(target, other) != side_of(source, part)), np.int64

@@ -22,7 +22,7 @@ from upplied.planning.geometry.icp import icp
 from upplied.records import Cloud, Floats, Ints, Record
 
 _STEP_DEG = 10.0  # between headings
-_FEW, _MORE = 250, 700  # samples by which all candidates and by which the best are judged
+_COARSE, _FINE = 250, 700  # samples by which all candidates and by which the best are judged
 _REFINED = 6  # candidates
 _ITERATIONS = 15
 _SAME_DEG = 25.0  # candidates this near are one orientation
@@ -66,10 +66,10 @@ def find_orientation(
         The turn that was declared; without it none.
     """
     declared = np.eye(3) if declared is None else declared
-    few, few_target = _few(source, _FEW), _few(target, _FEW)
+    few, few_target = _few(source, _COARSE), _few(target, _COARSE)
     turns = _headings() if search == "heading" else np.concatenate([_headings(), _axes(source, target)])
     rough = np.array([_cost(few, few_target, turn) for turn in turns])
-    more, more_target = _few(source, _MORE), _few(target, _MORE)
+    more, more_target = _few(source, _FINE), _few(target, _FINE)
     best = turns[np.argsort(rough, kind="stable")]
     refined = [_refined(more, more_target, turn, search) for turn in best[_distinct(best)[:_REFINED]]]
     ranked = sorted(refined, key=lambda found: found[1])
@@ -81,7 +81,7 @@ def find_orientation(
 def _noise(source: Cloud) -> float:
     """What two samplings of one surface cost: no orientation is better than another below it."""
     assert source.area_m2 is not None
-    return float(0.7 * np.sqrt(source.area_m2.sum() / _MORE) / diagonal_of(source.points))
+    return float(0.7 * np.sqrt(source.area_m2.sum() / _FINE) / diagonal_of(source.points))
 
 
 def _chosen(turns: Floats, costs: Floats, tried: int, declared: Floats) -> Orientation:

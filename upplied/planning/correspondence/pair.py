@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from upplied.config import CloudSettings, Settings, digest, settings_for
-from upplied.planning.correspondence.likeness import carried, has_parts, parts_like
+from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.registration import Declared, register
 from upplied.planning.correspondence.rotor import rotor_turned
@@ -26,7 +26,7 @@ from upplied.scene import Scene, scene_of
 _EXPLAINED = 0.5  # share of the surface on matched parts, from which the meshes' pieces are believed
 _BETTER = 0.2  # how much more of it must be matched with parts found by geometry
 _SOME = 0.01  # share of the surface from which a part tells how far a structure was taken apart
-_CIRCLE = 2**32  # headings that are told apart
+_CIRCLE = 2**32  # distinct headings
 METHOD_VERSION = "10"  # raised with every change that alters a result, for people; keys hold the sources too
 
 R = TypeVar("R")
@@ -60,7 +60,7 @@ class Fit(Record):
     target: Cloud
     registration: Registration
     correspondences: Correspondences  # from source to target
-    told: int = -1  # 0 or 1: the parts of the source or the target were told by those of the other one
+    inferred: int = -1  # 0 or 1: the parts of the source or the target were inferred from those of the other
     # (M,) the source's part that a smooth displacement alone lays on each of the target's samples
     carried: Ints | None = None
 
@@ -230,9 +230,9 @@ def _surface_fit(
         )
     if any(known) and _explained(fit) < _EXPLAINED:
         one = int(_number(clouds[1]) <= _number(clouds[0]))  # a scan falls into few pieces
-        told = _fit_told(fit, one, structures, scenes, unasked, declared, memo, facts)
-        if known[0] != known[1] or _explained(told) > _explained(fit) + _BETTER:
-            fit, facts = told, ("parts told", *facts)
+        inferred = _fit_inferred(fit, one, structures, scenes, unasked, declared, memo, facts)
+        if known[0] != known[1] or _explained(inferred) > _explained(fit) + _BETTER:
+            fit, facts = inferred, ("parts inferred", *facts)
     if settings.correspondence.counterparts:
         both = fit.source, fit.target
         asked = _matched(both, structures, fit.registration, settings, declared, memo, facts)
@@ -240,7 +240,7 @@ def _surface_fit(
     return _with_carried(fit, memo, facts) if has_parts(fit.source) and has_parts(fit.target) else fit
 
 
-def _fit_told(
+def _fit_inferred(
     fit: Fit,
     one: int,
     structures: tuple[Structure, Structure],
@@ -250,19 +250,19 @@ def _fit_told(
     memo: Memo,
     facts: tuple[Any, ...],
 ) -> Fit:
-    """The fit where the parts of the source (0) or of the target (1) are told by those of the other one."""
+    """The fit where the parts of the source (0) or of the target (1) are inferred from those of the other."""
     clouds, found = (fit.source, fit.target), fit.registration
     registered = clouds[0], in_source_frame(clouds[1], found)
 
-    def told() -> PartLabels:
+    def inferred() -> PartLabels:
         skin = skin_of(structures[one], scenes[one], clouds[one], settings.clouds, memo)
         return PartLabels(
             parts_like(registered[one], skin.label, rotor_turned(registered[1 - one], registered[one]))
         )
 
-    known = replace(clouds[one], part=memo("parts", PartLabels, content_key("parts", *facts), told).label)
+    known = replace(clouds[one], part=memo("parts", PartLabels, content_key("parts", *facts), inferred).label)
     clouds = (known, clouds[1]) if one == 0 else (clouds[0], known)
-    facts = ("parts told", *facts)
+    facts = ("parts inferred", *facts)
     if blades_of(known).any():  # a rotor that stopped otherwise is laid body on body
         found = _registered(clouds, settings, declared, memo, facts)
     return Fit(*clouds, found, _matched(clouds, structures, found, settings, declared, memo, facts), one)

@@ -22,7 +22,7 @@ _FACING = 0.05  # of the diagonal: what turning a normal by a right angle counts
 _FAR = 0.06  # of the diagonal: farther surfaces are not on both, and count no more
 _REFINED, _ROUNDS = 4, 12  # ways that are refined, and how often
 _NEAREST = 0.015  # of the diagonal: what counts as on both in the last round; the first takes `_FAR`
-_FEW = 50  # samples, at least, that are on both
+_LEAST_SAMPLES = 50  # samples, at least, that are on both
 _STEP = 1.25  # largest change of a scale in a round
 # How far, of the diagonal, the target must move from where its box lies for another way to be taken, or else
 # to what share the surfaces must come nearer. Of twelve structures that nobody built, scanned whole or but
@@ -111,7 +111,7 @@ class _Both:
             near = max(_NEAREST, _FAR * (1 - round_ / _ROUNDS)) * self.diagonal
             points = np.vstack([self.points[forth < near], self.points[here[back < near]]])
             goals = np.vstack([self.fixed[there[forth < near], :3], self.fixed[back < near, :3]])
-            if len(points) < _FEW:
+            if len(points) < _LEAST_SAMPLES:
                 break
             middle, goal = points.mean(axis=0), goals.mean(axis=0)
             spread = np.maximum(((points - middle) ** 2).sum(axis=0), 1e-12)

@@ -12,7 +12,7 @@ from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import scene_of
 
-_VOTES = 25  # samples nearest to a landmark, that say which part of the skin it lies in
+_NEIGHBOURS = 25  # samples nearest to a landmark, that say which part of the skin it lies in
 _RULE = (
     "landmarks, part_0, part_1, ..., 'box X Y Z X Y Z' (two corners, m), 'ball X Y Z R' (m) or labels of "
     "faces, separated by commas"
@@ -80,7 +80,7 @@ def _zone(word: str, structure: Structure, cloud: Cloud, skin: Ints, faces: Face
         nearest = scene_of(structure).closest(cloud.points)[1]
         return np.asarray(faces(structure, *named[1:])[nearest], bool)
     if word in structure.landmarks:
-        count = min(_VOTES, len(cloud))
+        count = min(_NEIGHBOURS, len(cloud))
         near = cKDTree(cloud.points).query(np.array(structure.landmarks[word]), k=count)[1]
         return np.asarray(skin == np.bincount(skin[np.atleast_1d(near)]).argmax(), bool)
     label = labels_of(cloud)

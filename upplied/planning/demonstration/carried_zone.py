@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import Settings
-from upplied.planning.correspondence.certainty import ANSWERS, evidence_of_answer, probability
+from upplied.planning.correspondence.certainty import COUNTERPART, evidence_of_counterpart, probability
 from upplied.planning.correspondence.pair import Fit, Memo, no_memo, study_pair
 from upplied.planning.demonstration.about import Faces, zone_of
 from upplied.planning.geometry.boxes import in_source_frame, sided, spacing
@@ -18,7 +18,7 @@ from upplied.planning.surface.skin import skin_parts
 from upplied.records import Bools, Cloud, Record, Structure
 from upplied.threads import one_thread
 
-_VOTERS = 5  # carried samples nearest to one of the target: most of them say whether it is of the zone
+_NEIGHBOURS = 5  # carried samples nearest to one of the target: most of them say whether it is of the zone
 _REACH = 3.0  # times the spacing of the target's samples, that the nearest of them may be off
 _PART = 0.1  # share of the zone from which a part of the source is asked for; the largest always is
 
@@ -84,25 +84,25 @@ def _carried(fit: Fit, zone: Bools) -> Bools:
     known = np.isfinite(places).all(axis=1) & (fit.correspondences.target_index >= 0)
     if not (known & zone).any():
         return np.zeros(len(fit.target), bool)
-    count = min(_VOTERS, int(known.sum()))
-    off, voters = cKDTree(places[known]).query(fit.target.points, k=count)
-    off, voters = off.reshape(-1, count), voters.reshape(-1, count)
-    said = zone[known][voters].mean(axis=1) > 0.5
+    count = min(_NEIGHBOURS, int(known.sum()))
+    off, nearest = cKDTree(places[known]).query(fit.target.points, k=count)
+    off, nearest = off.reshape(-1, count), nearest.reshape(-1, count)
+    said = zone[known][nearest].mean(axis=1) > 0.5
     return np.asarray(said & (off[:, 0] <= _REACH * spacing(fit.target)), bool)
 
 
 def _probability(fit: Fit, zone: Bools) -> float:
-    """That the target's parts are those that answer to the parts of the zone: of the least certain one."""
+    """That the target's parts correspond to the parts of the zone: of the least certain one."""
     if fit.carried is None:
         return float("nan")
     registered = in_source_frame(fit.target, fit.registration)
     share = np.bincount(labels_of(fit.source)[zone]) / zone.sum()
     found = []
     for part in np.flatnonzero(share >= min(_PART, share.max())):
-        answers = [int(answer) for answer in fit.correspondences.parts_answering(int(part))]
-        if not answers:
+        partners = [int(other) for other in fit.correspondences.target_parts(int(part))]
+        if not partners:
             return 0.0
-        known = fit.registration.scanned, fit.told >= 0
-        evidence = evidence_of_answer(fit.source, int(part), registered, answers, *known, fit.carried)
-        found.append(probability(evidence, ANSWERS))
+        known = fit.registration.scanned, fit.inferred >= 0
+        evidence = evidence_of_counterpart(fit.source, int(part), registered, partners, *known, fit.carried)
+        found.append(probability(evidence, COUNTERPART))
     return min(found)

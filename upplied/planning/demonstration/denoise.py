@@ -32,8 +32,8 @@ _WILD_MPS2 = 30.0  # no camera vehicle accelerates like that
 _NOISE = 1 / (
     np.sqrt(6) * 1.538
 )  # median norm of the second difference in 3D to its standard deviation per axis
-_TREMBLE_M, _TREMBLE = 0.02, 0.002  # m, and of the flight's extent: what no flight means, noise or not
-_TREMBLE_RAD = np.radians(0.5)
+_JITTER_M, _JITTER = 0.02, 0.002  # m, and of the flight's extent: what no flight means, noise or not
+_JITTER_RAD = np.radians(0.5)
 _HOVER_S = 2.0  # standing still for so long is a place of its own
 _HOVER_M = 0.06  # within which one stands
 
@@ -90,8 +90,8 @@ def _steady(flight: Trajectory, extent: float) -> Trajectory:
         return Trajectory(flight.t_s, flight.positions, looking(axes_of(flight)))
     times, values = _at_even_times(flight)
     tick = float(times[1] - times[0])
-    positions = _averaged(_without_spikes(values[:, :3], tick), tick, min(_TREMBLE_M, _TREMBLE * extent))
-    axes = np.hstack([_averaged(values[:, side], tick, _TREMBLE_RAD) for side in (slice(3, 6), slice(6, 9))])
+    positions = _averaged(_without_spikes(values[:, :3], tick), tick, min(_JITTER_M, _JITTER * extent))
+    axes = np.hstack([_averaged(values[:, side], tick, _JITTER_RAD) for side in (slice(3, 6), slice(6, 9))])
     for begin, end in pauses(flight, _HOVER_S):
         _stand(times, positions, max(int(np.searchsorted(times, begin, "right")) - 1, 0), end)
     return Trajectory(times, positions, looking(axes))

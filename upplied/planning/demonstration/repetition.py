@@ -84,13 +84,13 @@ def takes_of(
 def _shows_each(take: Take) -> bool:
     """Whether the flight as it was flown shows every part of the kind already: all piers of a bridge."""
     words, fit = named_axes(take.pair.source.frame), take.pair.surface
-    part, answering = demonstrated_part(take), fit.correspondences.parts_answering
+    part, counterparts = demonstrated_part(take), fit.correspondences.target_parts
     shown = [mine for mine, _ in inspected_parts(take, labels_of(fit.source))]
     source = parts_of(fit.source).in_axes(words)
     target = parts_of(in_source_frame(fit.target, fit.registration)).in_axes(words).on(source)
-    choices = choices_for(source, part, target, answering(part).tolist()).tolist()
-    answers = {other for mine in shown for other in answering(mine).tolist()}
-    return len(shown) > 1 and part in shown and len(choices) > 0 and set(choices) <= answers
+    choices = choices_for(source, part, target, counterparts(part).tolist()).tolist()
+    matched = {other for mine in shown for other in counterparts(mine).tolist()}
+    return len(shown) > 1 and part in shown and len(choices) > 0 and set(choices) <= matched
 
 
 def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
@@ -195,5 +195,5 @@ def _on_this_side(part: int, pair: Pair) -> list[int]:
     source = parts_of(fit.source).in_axes(words)
     target = parts_of(in_source_frame(fit.target, fit.registration)).in_axes(words).on(source)
     side = side_of(source, part)
-    choices = choices_for(source, part, target, fit.correspondences.parts_answering(part).tolist())
+    choices = choices_for(source, part, target, fit.correspondences.target_parts(part).tolist())
     return [int(choice) for choice in choices if side_of(target, int(choice)) in (0, side)]

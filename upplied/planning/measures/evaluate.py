@@ -14,7 +14,7 @@ from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface, together
 from upplied.planning.carry.reference import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import (
-    NEAR,
+    KEPT,
     carried_sight,
     counted,
     picture_share,
@@ -36,14 +36,14 @@ _ALMOST_DEG = 2.0  # beyond a limit, that jitter of the hand explains
 
 def judge(
     trajectory: Trajectory,
-    answers_s: Floats | None,
+    demonstrated_s: Floats | None,
     takes: Sequence[Take],
     settings: Settings,
     memo: Memo = no_memo,
 ) -> tuple[Measures, SurfaceStates | None, tuple[str, ...]]:
     """All measures of a planned trajectory, what becomes of the target's surface, and warnings in words.
 
-    What a repeated demonstration should see is what all its takes should see together. `answers_s` are
+    What a repeated demonstration should see is what all its takes should see together. `demonstrated_s` are
     the times of the joined flights that the poses correspond to; without them (of a flown path) it is
     not asked how many viewpoints keep their stand-off.
     """
@@ -72,14 +72,14 @@ def judge(
         **inspected_measures(shown, true[1], takes),
         **fidelity(trajectory, true[1], shown.inspected, takes, begins, settings),
     )
-    if answers_s is not None:
-        found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, answers_s, takes, settings))
+    if demonstrated_s is not None:
+        found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, demonstrated_s, takes, settings))
     said = _warnings(found, true[0], settings) + _beyond_the_gimbal(takes, settings)
     return found, surface_states(shown), said
 
 
 def _standoff_kept(
-    trajectory: Trajectory, answers_s: Floats, takes: Sequence[Take], settings: Settings
+    trajectory: Trajectory, demonstrated_s: Floats, takes: Sequence[Take], settings: Settings
 ) -> float:
     """Share, in percent, of the viewpoints from which the plan sees what they saw as far off as wanted."""
     begins = begins_of(takes, joined([take.inspection.flight for take in takes]))
@@ -89,11 +89,11 @@ def _standoff_kept(
         seen_at = take.inspection.viewpoints.t_s
         seen_at = seen_at[np.unique(np.linspace(0, len(seen_at) - 1, min(_ASKED, len(seen_at))).astype(int))]
         places = np.column_stack(
-            [np.interp(seen_at - first + begin, answers_s, axis) for axis in trajectory.positions.T]
+            [np.interp(seen_at - first + begin, demonstrated_s, axis) for axis in trajectory.positions.T]
         )
         ratios.append(_standoff_ratios(take, seen_at, places, settings))
     off = np.abs(np.concatenate(ratios) - 1)
-    return 100 * float(np.mean(off <= NEAR)) if len(off) else float("nan")
+    return 100 * float(np.mean(off <= KEPT)) if len(off) else float("nan")
 
 
 def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Settings) -> Floats:

@@ -27,7 +27,7 @@ from upplied.planning.visibility.view_quality import shown_well
 from upplied.records import Bools, Cloud, Floats, Ints, Record, SurfaceStates
 
 _NEIGHBOURS = 9  # of a missed sample, that are asked with it where they can be seen from
-_ANSWERS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
+_CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,7 +37,7 @@ class Shown(Record):
     inspected: InspectedSurface
     as_well: Bools  # (N,) of the target's samples: shown at least as well as is asked
     never: Bools  # (N,) asked for, and no allowed camera could
-    answers: Floats  # (N,) attention, 0 to 1, of what each target sample corresponds to, asked for or not
+    attention: Floats  # (N,) attention, 0 to 1, of what each target sample corresponds to, asked for or not
 
 
 def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown:
@@ -56,7 +56,7 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     pair, rule = takes[0].pair, settings.inspection
     inspected = together([inspected_by(take, settings) for take in takes])
     cloud = inspected.cloud
-    answers, like = _answering(takes, inspected)
+    attention, like = _target_attention(takes, inspected)
     asked_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
     farthest = asked_m / rule.least_resolution
     as_well = _shown_well(planned, cloud, farthest, *look_limits(takes, rule))
@@ -70,7 +70,7 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
         camera = takes[0].inspection.camera
         possible = attainable(part, airspace_of(pair, settings), camera, TRULY, farthest[asked])
         never[missed] = ~possible[np.searchsorted(asked, missed)]
-    return Shown(inspected, as_well, never, answers)
+    return Shown(inspected, as_well, never, attention)
 
 
 def _shown_well(
@@ -91,11 +91,11 @@ def _shown_well(
     )
 
 
-def _answering(takes: Sequence[Take], inspected: InspectedSurface) -> tuple[Floats, Ints]:
+def _target_attention(takes: Sequence[Take], inspected: InspectedSurface) -> tuple[Floats, Ints]:
     """Attention (N,) of what each target sample corresponds to, and the sample (N,) it is judged like."""
     cloud = inspected.cloud
-    answers, like = np.zeros(len(cloud)), np.zeros(len(cloud), np.int64)
-    nearest = np.full(len(cloud), _ANSWERS * spacing(cloud))
+    attention, like = np.zeros(len(cloud)), np.zeros(len(cloud), np.int64)
+    nearest = np.full(len(cloud), _CORRESPONDS * spacing(cloud))
     for take in takes:
         match, weight = take.pair.surface.correspondences, take.inspection.attention.weight
         known = np.flatnonzero((match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
@@ -104,17 +104,17 @@ def _answering(takes: Sequence[Take], inspected: InspectedSurface) -> tuple[Floa
         distance, place = cKDTree(match.target_points[known]).query(cloud.points)
         mine = distance < nearest
         nearest = np.where(mine, distance, nearest)
-        answers = np.where(mine, weight[known[place]], answers)
+        attention = np.where(mine, weight[known[place]], attention)
         like = np.where(mine, match.target_index[known[place]], like)
-    return answers, like
+    return attention, like
 
 
 def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:
     """The coverages of the inspected surface, there and back, and of what else was seen."""
     inspected, cloud = found.inspected, found.inspected.cloud
     area = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
-    answering = area * found.answers
-    whole = float(answering.sum())
+    attended = area * found.attention
+    whole = float(attended.sum())
     rest = [
         inspected_surface(
             take.pair.surface.source,
@@ -132,14 +132,14 @@ def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> d
         "inspected_unattainable_pct": (
             100 * float(inspected.need[found.never].sum()) / inspected.whole if inspected.whole > 0 else nan
         ),
-        "coverage_of_target_pct": (100 * float(answering[found.as_well].sum()) / whole if whole > 0 else nan),
+        "coverage_of_target_pct": (100 * float(attended[found.as_well].sum()) / whole if whole > 0 else nan),
         "coverage_context_pct": coverage(together(rest), planned.total),
     }
 
 
 def surface_states(found: Shown) -> SurfaceStates:
     """What became of each sample of the target: other, shown, missed or unattainable."""
-    wanted = (found.inspected.need > 0) | (found.answers > 0.5)
+    wanted = (found.inspected.need > 0) | (found.attention > 0.5)
     state = np.where(wanted, 2, 0)
     state[found.never] = 3
     state[wanted & found.as_well] = 1

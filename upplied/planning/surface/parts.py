@@ -21,14 +21,14 @@ from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 
 _SMALLEST = 0.003  # share of the surface below which a piece joins its neighbour
 _MANY = 40  # pieces; a mesh of fewer keeps small ones too, down to this many samples
-_SAMPLES = 6
+_LEAST_SAMPLES = 6
 _COMPACT = 0.2  # longest edge over the structure's diagonal: engines, not wings
 _CONTACT = 0.015  # of the diagonal: pieces this close touch
 _SLENDER, _BLADE, _EQUAL = 4.0, 0.02, 0.2  # length over width, share of the surface, |log| of lengths
 _TWIN, _MIRRORED = 0.02, 0.8  # of the diagonal: how near an image must lie, and for what share of the samples
 _MIDDLE = 0.05  # of the structure's half width: no side this near the middle
-_ALIKE_FACES, _GOING_ON = 0.7, 0.3  # cosine of normals; share of the near pairs by which a skin goes on
-_ALL_WAYS = 0.4  # length of the mean normal below which a part is no patch of a skin
+_ALIKE_FACES, _CONTINUED = 0.7, 0.3  # cosine of normals; share of the near pairs by which a skin is continued
+_CLOSED = 0.4  # length of the mean normal below which a part is no patch of a skin
 _TOUCHING = 0.15  # least share of the smaller piece that touches the other, to be one body with it
 
 
@@ -189,7 +189,7 @@ def _mirrored(cloud: Cloud, label: Ints, area: Floats) -> Bools:
 def _joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
     share = np.bincount(label, weights=area) / area.sum()
     count = np.bincount(label)
-    keep = share >= _SMALLEST if len(share) > _MANY else count >= _SAMPLES
+    keep = share >= _SMALLEST if len(share) > _MANY else count >= _LEAST_SAMPLES
     kept = keep[label]
     if kept.all() or not kept.any():
         return label
@@ -240,7 +240,7 @@ def _near_others(points: Floats, label: Ints) -> Ints:
 
 
 def _bodies(cloud: Cloud, label: Ints, pairs: Ints) -> Bools:
-    """Which parts (K,) face all ways, or another way than their neighbours where they come near them."""
+    """Which parts (K,) are closed, or face another way than their neighbours where they come near them."""
     number = int(label.max()) + 1
     if cloud.normals is None:
         return np.ones(number, bool)
@@ -248,5 +248,5 @@ def _bodies(cloud: Cloud, label: Ints, pairs: Ints) -> Bools:
     facing = np.column_stack([np.bincount(label, weights=axis) for axis in cloud.normals.T])
     one, other = cloud.normals[pairs[:, 0]], cloud.normals[pairs[:, 1]]
     alike = pairs[np.einsum("ij,ij->i", one, other) > _ALIKE_FACES]
-    near, going_on = (np.bincount(label[ends].reshape(-1), minlength=number) for ends in (pairs, alike))
-    return (np.linalg.norm(facing, axis=1) < _ALL_WAYS * count) | (going_on <= _GOING_ON * near)
+    near, continued = (np.bincount(label[ends].reshape(-1), minlength=number) for ends in (pairs, alike))
+    return (np.linalg.norm(facing, axis=1) < _CLOSED * count) | (continued <= _CONTINUED * near)

@@ -28,10 +28,10 @@ _REACH = 3.0  # sample spacings: samples this near are neighbours
 _RISE = 0.25  # sine of the angle at which a neighbour stands out of the tangent plane: 14.5 deg
 _FLUSH = 0.2  # sine by which a border of two pieces may leave the arc that joins them
 _NECK = 0.5  # of the narrower part's half width: what is joined by less is two parts
-_SMALL = 0.002  # share of the samples below which what is joined is a crumb
+_SMALLEST = 0.002  # share of the samples below which what is joined is a fragment
 _LEAST_SAMPLES = 6  # samples, at least, of a part
-_NORMAL = 2.0  # sample spacings that opposite normals count when crumbs look for their part
-_CRUMBS = 0.002  # share of the area below which a mesh piece says nothing about borders
+_NORMAL = 2.0  # sample spacings that opposite normals count when fragments join the nearest part
+_FRAGMENT = 0.002  # share of the area below which a mesh piece says nothing about borders
 _ALIKE = 0.5  # cosine between a candidate's normal and an outside sample's near it
 
 
@@ -118,12 +118,12 @@ def _fine_points(structure: Structure, cloud: Cloud, rng: np.random.Generator) -
 
 
 def _known_pieces(structure: Structure) -> Ints:
-    """The mesh piece of each triangle, -1 where it is a crumb: triangle soup has no borders to believe."""
+    """The mesh piece of each triangle, -1 on fragments: borders of triangle soup mean nothing."""
     piece = mesh_pieces(structure)
     corners = structure.vertices[structure.triangles]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     share = np.bincount(piece, weights=area) / max(float(area.sum()), 1e-300)
-    return np.where(share[piece] >= _CRUMBS, piece, -1)
+    return np.where(share[piece] >= _FRAGMENT, piece, -1)
 
 
 def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Ints:
@@ -134,7 +134,7 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     rim: Bools = np.bincount(np.concatenate([one[cut], other[cut]]), minlength=number) > 0
     one, other = one[~cut], other[~cut]
     label = _basins(one, other, _from_rim(points, one, other, rim))
-    body = (np.bincount(label)[label] >= max(_LEAST_SAMPLES, _SMALL * number)) & ~rim
+    body = (np.bincount(label)[label] >= max(_LEAST_SAMPLES, _SMALLEST * number)) & ~rim
     if not body.any():
         return np.zeros(number, np.int64)
     place = _with_normals(points, normals, spacing)

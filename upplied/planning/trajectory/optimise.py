@@ -36,9 +36,9 @@ _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond th
 _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _SHARES = (0.0, 0.25, 0.5, 0.75)  # of the way from the carried path, that may already be enough
-_HARDLY = (5e-4, 1e-3)  # of what was inspected, and of what lay behind it, as shares of the need:
+_NEGLIGIBLE = (5e-4, 1e-3)  # of what was inspected, and of what lay behind it, as shares of the need:
 # not worth leaving the path for, one sample of some 2000 and two
-_AMPLE = 2.5  # safety distances, at which to come nearer costs nothing yet
+_COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _FIRST = 10.0  # how many times what was inspected counts what lay behind it, before any of it is given up
 _CORRECTIONS = 12  # that L-BFGS keeps
 
@@ -86,7 +86,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     start, urgent = variables, np.ones(len(need))
     nearest_m = min(
         float(problem.airspace.scene.distance(problem.carried.positions).min()),
-        _AMPLE * problem.airspace.clearance_m,
+        _COMFORTABLE * problem.airspace.clearance_m,
     )
     stride = max(1, round(_APART * len(problem.carried) / _progress(problem)))
 
@@ -169,7 +169,7 @@ class _Judged(Record):
         """(m,) inspected samples that the start shows and the end does not; none where it shows as many."""
         inspected = self.view.inspected[self.asked]
         before, after = self.sees(start).any(axis=0), self.sees(end).any(axis=0)
-        more = self.need @ (inspected * (after.astype(float) - before)) >= -_HARDLY[0]
+        more = self.need @ (inspected * (after.astype(float) - before)) >= -_NEGLIGIBLE[0]
         return np.zeros_like(before) if more else inspected & before & ~after
 
     def worth(self, variables: Floats) -> float:
@@ -187,9 +187,9 @@ def _no_further(start: Floats, end: Floats, turned: Callable[[], Floats], judged
     flight is to come back as it was flown. To turn the camera comes before to leave the path.
     """
     first, last = judged.shown(start), judged.shown(end)
-    if (first - last)[0] > max(_HARDLY[0], (last - first)[1] / _FIRST):
+    if (first - last)[0] > max(_NEGLIGIBLE[0], (last - first)[1] / _FIRST):
         return start  # what was inspected is given up for so much more of what lay behind it, and for no less
-    least = last - _HARDLY
+    least = last - _NEGLIGIBLE
     if (first >= least).all():
         return start
     if (judged.shown(at := turned()) >= least).all():

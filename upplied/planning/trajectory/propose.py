@@ -79,10 +79,10 @@ def _swings(pan_degps: Floats, steady_degps: float) -> Ints:
 
 
 def _zooming(
-    flight: Trajectory, planned: Trajectory, is_viewpoint: Bools, answers_s: Floats
+    flight: Trajectory, planned: Trajectory, is_viewpoint: Bools, demonstrated_s: Floats
 ) -> tuple[Trajectory, Bools, Floats]:
     """The same, zooming as the demonstration did at the moments that the poses correspond to."""
-    return replace(planned, fov_deg=fov_at(flight, answers_s)), is_viewpoint, answers_s
+    return replace(planned, fov_deg=fov_at(flight, demonstrated_s)), is_viewpoint, demonstrated_s
 
 
 def _in_joined_times(

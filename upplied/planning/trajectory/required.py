@@ -22,7 +22,9 @@ from upplied.records import Bools, Floats, Ints
 from upplied.records.required import RequiredSurface
 
 _STATIONS = 160  # of the path, that are asked what they could show
-_BY = 2.0  # stand-offs, within which a flight comes by a patch: from further off another one shows it better
+_WITHIN = (
+    2.0  # stand-offs, within which a flight comes by a patch: from further off another one shows it better
+)
 
 
 def required_first(
@@ -87,7 +89,7 @@ def _nearest(view: View, required: RequiredSurface) -> Ints:
 
 def _in_reach(view: View, zone: Ints, path: Flown, airspace: Airspace, usual_m: float) -> Bools:
     """Which samples of the zone (Z,) the path, or a place beside it, would show with its camera turned."""
-    view = replace(view, farthest_m=np.minimum(view.farthest_m, _BY * usual_m))
+    view = replace(view, farthest_m=np.minimum(view.farthest_m, _WITHIN * usual_m))
     station = np.unique(np.linspace(0, len(path) - 1, min(_STATIONS, len(path))).astype(np.int64))
     found: Bools = np.asarray(view.reach(path.positions[station], zone, station=station).any(axis=0))
     if (left := np.flatnonzero(~found)).size:

@@ -22,7 +22,7 @@ from upplied.poses import angle_between, fov_at, matrices
 from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
 
 _SAMPLES = 600  # of the inspected surface, that are asked for
-_QUIET = 0.7  # share of what is inspected in a picture that is to be sharp: its rim moves faster, and is
+_SHARP = 0.7  # share of what is inspected in a picture that is to be sharp: its rim moves faster, and is
 # shown near the middle of other pictures
 MARGIN = 0.95  # of the limit, for what speeds differ within a leg
 _SLOWEST_MPS = 0.1
@@ -77,7 +77,7 @@ def _sharp_speeds(path: Waypoints, flight: Trajectory, takes: Sequence[Take], se
     coarse = coarseness(camera, fov_deg)
     coarse = np.ones(len(path)) if coarse is None else coarse
     angle = moved_in_picture(
-        path.positions, matrices(path.quat_xyzw), part.points, seen, coarse, farthest_m, _QUIET
+        path.positions, matrices(path.quat_xyzw), part.points, seen, coarse, farthest_m, _SHARP
     )
     leg = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):

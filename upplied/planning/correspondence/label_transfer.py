@@ -24,10 +24,14 @@ _CONTROLS, _ANCHORS = 200, 450  # points that move, and points that pull (`corre
 _PURE = 0.6  # least share of a stretch of skin with one name, to be all of that name
 _TOUCH = 2.0  # spacings: samples this near touch
 _COMPACT = 0.25  # of the diagonal: the longest edge of a part of which there may be others elsewhere
-_CRUMB = 0.002  # share of the samples below which a stretch is no part of its own
+_FRAGMENT = 0.002  # share of the samples below which a stretch is no part of its own
 _ALIKE = 1.6  # ratio of areas, either way, of two parts of one kind on one structure
-_NEAR, _FACES, _SCORE = 0.06, 0.6, 0.6  # of a part's size; cosine of normals; share of its samples that fit
-_FEW = 15  # samples, at least, of a part that is compared with others
+_TOLERANCE, _FACES, _SCORE = (
+    0.06,
+    0.6,
+    0.6,
+)  # of a part's size; cosine of normals; share of its samples that fit
+_LEAST_SAMPLES = 15  # samples, at least, of a part that is compared with others
 
 
 def has_parts(cloud: Cloud) -> bool:
@@ -56,11 +60,11 @@ def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
 
 
 def _floating(whole: Cloud) -> Bools:
-    """Which samples lie on crumbs in the air, that touch nothing: birds, cables, ghosts of a scan."""
+    """Which samples lie on fragments that touch nothing: birds, cables, reflections in a scan."""
     pairs = cKDTree(whole.points).query_pairs(_TOUCH * spacing(whole), output_type="ndarray")
     piece = _connected(pairs, np.zeros(len(whole), np.int64))
     count = np.bincount(piece)[piece]
-    return np.asarray(count < np.minimum(max(_FEW, _CRUMB * len(whole)), count.max()), bool)
+    return np.asarray(count < np.minimum(max(_LEAST_SAMPLES, _FRAGMENT * len(whole)), count.max()), bool)
 
 
 def _at(cloud: Cloud, chosen: Bools) -> Cloud:
@@ -97,10 +101,10 @@ def carried(whole: Cloud, known: Cloud) -> Ints:
 def _named_stretches(whole: Cloud, skin: Ints, name: Ints) -> Ints:
     """A name for each sample: its stretch's, or where that has none its own."""
     assert whole.area_m2 is not None
-    votes = np.zeros((int(skin.max()) + 1, int(name.max()) + 1))
-    np.add.at(votes, (skin, name), whole.area_m2)
-    pure = votes.max(axis=1) >= _PURE * votes.sum(axis=1)
-    return np.where(pure[skin], votes.argmax(axis=1)[skin], name)
+    area = np.zeros((int(skin.max()) + 1, int(name.max()) + 1))
+    np.add.at(area, (skin, name), whole.area_m2)
+    pure = area.max(axis=1) >= _PURE * area.sum(axis=1)
+    return np.where(pure[skin], area.argmax(axis=1)[skin], name)
 
 
 def _connected(pairs: Ints, name: Ints) -> Ints:
@@ -116,7 +120,7 @@ def _others_alike(whole: Cloud, skin: Ints, label: Ints, step_m: float) -> Ints:
     diagonal = diagonal_of(whole.points)
     label = label.copy()
     templates = _compact(whole, label, diagonal)
-    for stretch in np.flatnonzero(np.bincount(skin) >= max(_FEW, _CRUMB * len(skin))):
+    for stretch in np.flatnonzero(np.bincount(skin) >= max(_LEAST_SAMPLES, _FRAGMENT * len(skin))):
         mine = skin == stretch
         if np.ptp(whole.points[mine], axis=0).max() > _COMPACT * diagonal:
             continue
@@ -130,7 +134,7 @@ def _others_alike(whole: Cloud, skin: Ints, label: Ints, step_m: float) -> Ints:
 def _compact(whole: Cloud, label: Ints, diagonal: float) -> list[Bools]:
     """Which samples lie on each part that is small enough for others of its kind to stand elsewhere."""
     count = np.bincount(label)
-    found = [label == part for part in np.flatnonzero(count >= max(_FEW, _CRUMB * len(label)))]
+    found = [label == part for part in np.flatnonzero(count >= max(_LEAST_SAMPLES, _FRAGMENT * len(label)))]
     return [mine for mine in found if np.ptp(whole.points[mine], axis=0).max() < _COMPACT * diagonal]
 
 
@@ -161,6 +165,6 @@ def _fits(here: Floats, facing: Floats, there: Floats, faces: Floats, step_m: fl
     shares = []
     for one, normals, other, others in ((moved, facing, there, faces), (there, faces, moved, facing)):
         apart, index = cKDTree(other).query(one)
-        near = apart < max(_NEAR * size, step_m)
+        near = apart < max(_TOLERANCE * size, step_m)
         shares.append(float((near & ((normals * others[index]).sum(axis=1) > _FACES)).mean()))
     return min(shares) > _SCORE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.planning.correspondence.likeness import (
+from upplied.planning.correspondence.label_transfer import (
     _alike,
     _compact,
     _connected,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from upplied.config import settings_for
-from upplied.planning.correspondence.likeness import has_parts, parts_like
+from upplied.planning.correspondence.label_transfer import has_parts, parts_like
 from upplied.planning.correspondence.registration import box_on_box
 from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.samples import surface_samples
