@@ -1,10 +1,16 @@
-"""What a process keeps between calls is listed in CONVENTIONS.md, and nothing else is kept."""
+"""What a process keeps between calls, and what records keep, is listed in CONVENTIONS.md, and no more."""
 
 from __future__ import annotations
 
 import ast
 import re
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
+
+from upplied.records import Cloud
 
 ROOT = Path(__file__).parents[1]
 TABLES = frozenset({"lru_cache", "WeakKeyDictionary", "WeakValueDictionary"})
@@ -52,6 +58,31 @@ def test_whatever_is_kept_between_calls_is_listed() -> None:
             module = ".".join(path.relative_to(ROOT / folder).with_suffix("").parts)
             found |= {(module if folder == "upplied" else f"flows.{module}", name) for name in keepers(path)}
     assert found == listed, f"not listed: {found - listed}; no longer kept: {listed - found}"
+
+
+def test_whatever_is_kept_with_a_record_is_listed() -> None:
+    text = (ROOT / "CONVENTIONS.md").read_text(encoding="utf-8")
+    section = text.split("## Kept with a record")[1].split("\n## ")[0]
+    found = set()
+    for path in (ROOT / "upplied").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "derived":
+                module = ".".join(path.relative_to(ROOT / "upplied").with_suffix("").parts)
+                found.add((module, re.sub(r"^f?'| ?({.*)?'$", "", ast.unparse(node.args[0]))))
+    assert found == set(re.findall(r"^\| `([\w.]+)` \| `([\w ]+)`", section, re.MULTILINE))
+
+
+def test_a_record_keeps_what_follows_from_it_and_neither_a_changed_copy_nor_another_process_has_it() -> None:
+    cloud, asked = Cloud(np.zeros((2, 3))), []
+
+    def count(of: Cloud) -> int:
+        return of.derived("count", lambda: asked.append(of) or len(of.points))  # type: ignore[func-returns-value]
+
+    changed = replace(cloud, points=np.zeros((5, 3)))
+    assert [count(cloud), count(cloud), count(changed), count(cloud)] == [2, 2, 5, 2]
+    assert [id(of) for of in asked] == [id(cloud), id(changed)]
+    assert cloud.derived("another", lambda: "value") == "value" and count(cloud) == 2
+    assert "_derived" in vars(cloud) and "_derived" not in vars(copy(cloud))
 
 
 def test_a_table_of_its_own_is_noticed(tmp_path: Path) -> None:

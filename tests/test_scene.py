@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
+import time
+from dataclasses import replace
 
 import numpy as np
 
-from upplied.fleet.workers import ONE_THREAD as ONE_THREAD_EACH
+from upplied.fleet.workers import Workers
 from upplied.records import Structure
-from upplied.samples.fleet import random_member
+from upplied.samples.fleet import member, random_member
 from upplied.scene import Scene, _few, scene_of
+from upplied.threads import cast_rays_on, ray_threads
 
 PLOTS_TWICE = """
 from upplied.scene import _few, open3d
@@ -40,31 +42,41 @@ print(open3d().visualization.draw_plotly is before)
     assert done.stdout.split() == ["True"]
 
 
-ONE_THREAD = """
-import time
-import numpy as np
-from upplied.samples.fleet import member
-from upplied.scene import Scene, _few, scene_of
-shape = member("cube-v1").structure
-scene = Scene(shape.vertices, shape.triangles)
-rng = np.random.default_rng(0)
-starts, ends = rng.uniform(-60, 60, (2, 100_000, 3))
-calls = (scene.occluded, scene.cast, scene.hits)
-before = time.process_time(), time.thread_time()
-for call in calls:
-    call(starts, ends)
-scene.distance(starts), scene.closest(starts)
-process, thread = time.process_time() - before[0], time.thread_time() - before[1]
-print(1 - thread / process)
-"""
+def share_of_other_threads() -> float:
+    """Of the work of a scene, what other threads than the caller's do."""
+    shape = member("cube-v1").structure
+    scene = Scene(shape.vertices, shape.triangles)
+    starts, ends = np.random.default_rng(0).uniform(-60, 60, (2, 100_000, 3))
+    before = time.process_time(), time.thread_time()
+    for call in (scene.occluded, scene.cast, scene.hits):
+        call(starts, ends)
+    scene.distance(starts), scene.closest(starts)
+    process, thread = time.process_time() - before[0], time.thread_time() - before[1]
+    return 1 - thread / process
 
 
-def test_a_worker_casts_on_the_one_thread_that_it_has():
-    environment = {**os.environ, **ONE_THREAD_EACH}
-    done = subprocess.run(
-        [sys.executable, "-c", ONE_THREAD], capture_output=True, text=True, check=True, env=environment
-    )
-    assert float(done.stdout) < 0.1, "share of the work done by other threads"
+def test_a_worker_casts_on_one_thread_and_its_parent_as_before() -> None:
+    with Workers(1) as workers:
+        assert workers.run(share_of_other_threads) < 0.1
+    assert ray_threads() == 0
+
+
+def test_new_scenes_cast_on_as_many_threads_as_were_told() -> None:
+    shape = member("cube-v1").structure
+    try:
+        cast_rays_on(3)
+        assert Scene(shape.vertices, shape.triangles).threads == 3
+        assert Scene(shape.vertices, shape.triangles, 2).threads == 2
+    finally:
+        cast_rays_on(0)
+    assert Scene(shape.vertices, shape.triangles).threads == 0
+
+
+def test_a_scene_is_kept_with_the_record_of_its_structure_and_a_changed_one_has_its_own() -> None:
+    shape = member("cube-v1").structure
+    changed = replace(shape, vertices=shape.vertices + 100.0)
+    assert scene_of(shape) is scene_of(shape)
+    assert np.allclose(scene_of(changed).origin, scene_of(shape).origin + 100.0)
 
 
 def test_answers_do_not_depend_on_the_number_of_threads():

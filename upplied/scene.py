@@ -8,7 +8,6 @@ box first, which keeps millimetres for structures far from their origin.
 from __future__ import annotations
 
 import ctypes
-import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,12 +15,12 @@ from functools import cache, partial
 from importlib import import_module
 from types import ModuleType
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from upplied.discs import Discs
 from upplied.records import Bools, Floats, Ints, Structure
+from upplied.threads import ray_threads
 
 
 @cache
@@ -80,8 +79,8 @@ class Scene:
     vertices : array, shape (V, 3), m
     triangles : array, shape (T, 3), vertex indices
     threads : int
-        Threads of each call; 0: as `UPPLIED_THREADS` says, else as the library chooses. Results do not
-        depend on it. A worker process says 1, or each would take the cores of the others.
+        Of each call; 0: as many as `threads.cast_rays_on` was told, else as the library chooses.
+        Results do not depend on it.
     grain_m : float
         How coarsely the triangles stand for the surface: 0 for a mesh, the discs' radius for a
         sampled cloud. A sight line that comes this near to its target has arrived.
@@ -101,7 +100,7 @@ class Scene:
         core = open3d().core
         self.box = vertices.min(axis=0), vertices.max(axis=0)
         self.origin = (self.box[0] + self.box[1]) / 2
-        self.threads = threads or int(os.environ.get("UPPLIED_THREADS", "0"))
+        self.threads = threads or ray_threads()
         self.grain_m, self.error_m = grain_m, error_m
         self._scene = open3d().t.geometry.RaycastingScene(nthreads=self.threads)
         self._scene.add_triangles(
@@ -188,17 +187,9 @@ class Scene:
         return open3d().core.Tensor.from_numpy(np.ascontiguousarray(array, np.float32))
 
 
-_SCENES: WeakKeyDictionary[Structure, Scene] = WeakKeyDictionary()
-
-
 def scene_of(structure: Structure, threads: int = 0) -> Scene:
-    """The scene of a structure's mesh, or of oriented discs where it is a point cloud.
-
-    It is kept as long as the record of the structure lives: several plans ask for the same one.
-    """
-    if structure not in _SCENES:
-        _SCENES[structure] = _new_scene(structure, threads)
-    return _SCENES[structure]
+    """The scene of a structure's mesh, or of the oriented discs of a point cloud; kept with its record."""
+    return structure.derived("scene", lambda: _new_scene(structure, threads))
 
 
 def _new_scene(structure: Structure, threads: int) -> Scene:

@@ -1,4 +1,4 @@
-"""Linear algebra held to one thread while something is planned, whoever calls.
+"""On how many threads this process computes: linear algebra of a plan on one, rays as it was told.
 
 The matrices of a plan are small: more threads wait for each other longer than they compute, and how
 they part a sum shows in the last digit of every plan.
@@ -15,6 +15,21 @@ from threadpoolctl import threadpool_limits
 _LOCK = threading.Lock()
 _HELD = ExitStack()
 _holders = 0
+_rays = 0
+
+
+def cast_rays_on(threads: int) -> None:
+    """Say when a process begins on how many threads its scenes cast rays; 0: as the library chooses.
+
+    A worker says 1, or each would take the cores of the others. Results do not depend on it.
+    """
+    global _rays
+    _rays = threads
+
+
+def ray_threads() -> int:
+    """On how many threads new scenes cast rays; 0: as the library chooses."""
+    return _rays
 
 
 @contextmanager

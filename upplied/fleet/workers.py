@@ -24,6 +24,7 @@ from typing import Any, TypeVar
 from pebble import ProcessExpired, ProcessPool
 
 from upplied.errors import UppliedError
+from upplied.threads import cast_rays_on
 
 Value = TypeVar("Value")
 
@@ -36,7 +37,6 @@ ONE_THREAD = dict.fromkeys(
         "NUMBA_NUM_THREADS",
         "ARROW_CPU_THREADS",
         "POLARS_MAX_THREADS",
-        "UPPLIED_THREADS",
     ),
     "1",
 )
@@ -263,6 +263,7 @@ def _prepare(memory_bytes: int, setup: Callable[..., None] | None, setup_args: t
     """First thing in a fresh process: die with the parent, stay within memory, load what jobs need."""
     threading.Thread(target=_die_with_parent, daemon=True).start()
     _limit_memory(memory_bytes)
+    cast_rays_on(1)
     if setup is not None:
         setup(*setup_args)
 

@@ -10,7 +10,6 @@ differ between parts that lie close together, an engine and its wing.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit
@@ -25,6 +24,7 @@ _STIFF, _LOOSE = 3.0, 0.5  # resistance in parts that were laid on their partner
 _NORMALS = 4.0  # weight of one minus the cosine between normals
 _START, _END, _STEPS = 0.04, 0.006, 16  # width of the soft assignment over the diagonal, and iterations
 _OUTLIERS = 1e-3
+_MOST_SPREAD = 1000  # points of a cloud that are put in order
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,14 +113,9 @@ def _weights(metric: Floats, wanted: Floats, felt: Floats, resistance: Floats) -
 
 
 def spread_over(cloud: Cloud, number: int) -> Ints:
-    """The `farthest_points` of a cloud, kept as long as it lives; fewer of them are the first of more."""
-    known = _ORDERS.get(cloud)
-    if known is None or len(known) < min(number, len(cloud)):
-        known = _ORDERS[cloud] = farthest_points(cloud.points, number)
-    return known[:number]
-
-
-_ORDERS: WeakKeyDictionary[Cloud, Ints] = WeakKeyDictionary()
+    """The first `number` of a cloud's `farthest_points`, `_MOST_SPREAD` or fewer."""
+    order: Ints = cloud.derived("farthest points", lambda: farthest_points(cloud.points, _MOST_SPREAD))
+    return order[:number]
 
 
 @njit(cache=True)

@@ -8,7 +8,6 @@ So everything is brought to axes that follow from the structure alone, planned t
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -69,12 +68,7 @@ def own_frame(structure: Structure) -> Frame:
     of the vertices: it is of no consequence, but must turn with the structure. A round structure,
     whose walls tell no heading, has one from the vertices alone.
     """
-    if structure not in _FRAMES:
-        _FRAMES[structure] = _found_frame(structure)
-    return _FRAMES[structure]
-
-
-_FRAMES: WeakKeyDictionary[Structure, Frame] = WeakKeyDictionary()
+    return structure.derived("own frame", lambda: _found_frame(structure))
 
 
 def _found_frame(structure: Structure) -> Frame:
@@ -127,25 +121,22 @@ def structure_in(frame: Frame, structure: Structure) -> Structure:
     """The structure in another frame, as long as it lives the same object."""
     if frame is DECLARED:
         return structure
-    known = _TURNED.setdefault(structure, {})
-    key = (frame.heading_rad, *frame.origin_m.tolist())
-    if key not in known:
-        said = {item.name: getattr(structure, item.name) for item in fields(Structure)}
-        turned = StructureInFrame(**said, frame=frame)
-        known[key] = replace(
-            turned,
-            vertices=_on_grid(frame.from_declared(structure.vertices)),
-            normals=None if structure.normals is None else structure.normals @ frame.turn,
-            landmarks={
-                name: tuple(frame.from_declared(np.array(place, float)).tolist())
-                for name, place in structure.landmarks.items()
-            },
-            sha256=_named(structure.sha256, frame),
-        )
-    return known[key]
+    where = (frame.heading_rad, *frame.origin_m.tolist())
+    return structure.derived(f"in frame {where}", lambda: _turned(frame, structure))
 
 
-_TURNED: WeakKeyDictionary[Structure, dict[tuple[float, ...], Structure]] = WeakKeyDictionary()
+def _turned(frame: Frame, structure: Structure) -> Structure:
+    said = {item.name: getattr(structure, item.name) for item in fields(Structure)}
+    return replace(
+        StructureInFrame(**said, frame=frame),
+        vertices=_on_grid(frame.from_declared(structure.vertices)),
+        normals=None if structure.normals is None else structure.normals @ frame.turn,
+        landmarks={
+            name: tuple(frame.from_declared(np.array(place, float)).tolist())
+            for name, place in structure.landmarks.items()
+        },
+        sha256=_named(structure.sha256, frame),
+    )
 
 
 def demonstration_in(frame: Frame, demonstration: Demonstration) -> Demonstration:

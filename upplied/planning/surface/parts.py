@@ -9,7 +9,6 @@ the other structure has one like it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -123,16 +122,8 @@ def part_labels(points: Floats, area: Floats, piece: Ints) -> Ints:
 
 
 def parts_of(cloud: Cloud) -> Parts:
-    """Boxes, areas and contacts of the labelled parts of a cloud; one part where it has no labels.
-
-    They are kept as long as the record of the cloud lives.
-    """
-    if cloud not in _PARTS:
-        _PARTS[cloud] = _measured(cloud)
-    return _PARTS[cloud]
-
-
-_PARTS: WeakKeyDictionary[Cloud, Parts] = WeakKeyDictionary()
+    """Boxes, areas and contacts of the labelled parts of a cloud; one part where it has no labels."""
+    return cloud.derived("parts", lambda: _measured(cloud))
 
 
 def _measured(cloud: Cloud) -> Parts:
