@@ -84,6 +84,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     lasting = _lasting_terms(problem, state.flown(variables), shape_weight, weights)
     judged = _Judged(state, problem.view, asked, need, lasting)
     start, urgent = variables, np.ones(len(need))
+    first = judged.sees(start)
     nearest_m = min(
         float(problem.airspace.scene.distance(problem.carried.positions).min()),
         _COMFORTABLE * problem.airspace.clearance_m,
@@ -113,12 +114,13 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
             path = moves_aside(path, problem.view, problem.airspace, aside)
             variables = state.nearest(path)
         variables = _solved(state, variables, terms(path, float(width)), weights.iterations)
+        now = judged.sees(variables)
         if number >= weights.rounds // 2:
-            found.append(variables)
-        urgent[judged.given_up(start, variables)] *= _FIRST
+            found.append((judged.worth(variables, now), variables))
+        urgent[judged.given_up(first, now)] *= _FIRST
     every = np.flatnonzero(problem.view.need > 0)
     wholly = replace(judged, asked=every, need=problem.view.need[every])
-    best = max(found, key=judged.worth)
+    best = max(found, key=lambda each: each[0])[1]
 
     def turned() -> Floats:
         """The camera alone, from the carried path."""
@@ -156,26 +158,30 @@ class _Judged(Record):
     lasting: Sequence[tuple[float, Term]]
 
     def sees(self, variables: Floats) -> Bools:
-        """(M, m) which of the samples each station sees."""
+        """(m,) which of the samples some station sees."""
         path = self.state.flown(variables)
-        return self.view.sees(path.positions, from_yaw_pitch(path.yaw, path.pitch), self.asked)
+        quats = from_yaw_pitch(path.yaw, path.pitch)
+        return np.asarray(self.view.sees(path.positions, quats, self.asked).any(axis=0))
 
-    def shown(self, variables: Floats) -> Floats:
-        """(2,) share of the need that was inspected, and of what lay behind it."""
-        got, inspected = self.need * self.sees(variables).any(axis=0), self.view.inspected[self.asked]
+    def shares(self, seen: Bools) -> Floats:
+        """(2,) share of the need that was inspected, and of what lay behind it, of samples (m,)."""
+        got, inspected = self.need * seen, self.view.inspected[self.asked]
         return np.array([got[inspected].sum(), got[~inspected].sum()])
 
-    def given_up(self, start: Floats, end: Floats) -> Bools:
-        """(m,) inspected samples that the start shows and the end does not; none where it shows as many."""
+    def shown(self, variables: Floats) -> Floats:
+        """(2,) the same of what the path of some variables shows."""
+        return self.shares(self.sees(variables))
+
+    def given_up(self, before: Bools, after: Bools) -> Bools:
+        """(m,) inspected samples that are seen before and not after; none where as many are."""
         inspected = self.view.inspected[self.asked]
-        before, after = self.sees(start).any(axis=0), self.sees(end).any(axis=0)
         more = self.need @ (inspected * (after.astype(float) - before)) >= -_NEGLIGIBLE[0]
         return np.zeros_like(before) if more else inspected & before & ~after
 
-    def worth(self, variables: Floats) -> float:
-        """Share of the need, less what the terms cost."""
+    def worth(self, variables: Floats, seen: Bools) -> float:
+        """Share of the need that is seen (m,), less what the terms cost."""
         path = self.state.flown(variables)
-        return self.shown(variables).sum() - sum(
+        return float(self.shares(seen).sum()) - sum(
             weight * term.value(path)[0] for weight, term in self.lasting
         )
 

@@ -83,7 +83,7 @@ class Coverage(Record):
         return missed, Flown(slope[:, :3], slope[:, 3], slope[:, 4])
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, inline="always", error_model="numpy")
 def _step(value: float, width: float) -> tuple[float, float]:
     """Smooth step from 0 at half a width below zero to 1 at one and a half above, and its slope."""
     part = (value / width + 0.5) / 2
@@ -94,7 +94,7 @@ def _step(value: float, width: float) -> tuple[float, float]:
     return part * part * (3 - 2 * part), 3 * part * (1 - part) / width
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _missed(
     positions: Floats,
     yaw: Floats,
@@ -111,9 +111,12 @@ def _missed(
     width: float,
 ) -> tuple[float, Floats]:
     """Missed share, and its slope (M, 5) with respect to x, y, z, yaw and pitch of each station."""
-    shown, slopes = np.zeros(len(sample)), np.empty((len(sample), 5))
+    # Of the pairs that are shown at all, one after another: what is not shown is not written either.
+    shown, slopes = np.empty(len(sample)), np.empty((len(sample), 5))
+    what, first, count = np.empty(len(sample), np.int64), np.zeros(len(positions) + 1, np.int64), 0
     left = np.ones(len(need))
     for m in range(len(positions)):
+        first[m + 1] = first[m]
         if start[m] == start[m + 1]:
             continue
         sin_h, cos_h = np.sin(half_rad[m, 0]), np.cos(half_rad[m, 0])
@@ -147,8 +150,9 @@ def _missed(
             e, de = _step(ahead * sin_v - above * z * cos_v, width)
             if e == 0.0:
                 continue
-            shown[k] = _MOST * a * b * c * e
-            left[i] *= 1.0 - shown[k]
+            share = _MOST * a * b * c * e
+            shown[count], what[count] = share, i
+            left[i] *= 1.0 - share
             ga, gb, gc, ge = da * b * c * e, a * db * c * e, a * b * dc * e, a * b * c * de
             fx, fy = 1.0, 0.0
             if round_:
@@ -156,25 +160,25 @@ def _missed(
             wx = gc * sin_h + ge * sin_v * fx
             wy = ge * sin_v * fy - gc * side * cos_h
             wz = -ge * above * cos_v
-            slopes[k, 3] = wx * cp * y - wy * level - wz * sp * y
-            slopes[k, 4] = wx * z - wz * x
+            slopes[count, 3] = wx * cp * y - wy * level - wz * sp * y
+            slopes[count, 4] = wx * z - wz * x
             # with respect to the unit ray u, then to the position: du / dp = -(I - u u^T) / d
             gx = wx * cp * cy - wy * sy - wz * sp * cy - ga * normals[i, 0]
             gy = wx * cp * sy + wy * cy - wz * sp * sy - ga * normals[i, 1]
             gz = wx * sp + wz * cp - ga * normals[i, 2]
             along = gx * ux + gy * uy + gz * uz
             out = gb * coarse[m] / farthest_m[i]
-            slopes[k, 0] = out * ux - (gx - along * ux) / d
-            slopes[k, 1] = out * uy - (gy - along * uy) / d
-            slopes[k, 2] = out * uz - (gz - along * uz) / d
+            slopes[count, 0] = out * ux - (gx - along * ux) / d
+            slopes[count, 1] = out * uy - (gy - along * uy) / d
+            slopes[count, 2] = out * uz - (gz - along * uz) / d
+            count += 1
+        first[m + 1] = count
     total = np.zeros((len(positions), 5))
     for m in range(len(positions)):
-        for k in range(start[m], start[m + 1]):
-            if shown[k] > 0.0:
-                i = sample[k]
-                factor = -_MOST * need[i] * left[i] / (1.0 - shown[k])
-                for axis in range(5):
-                    total[m, axis] += factor * slopes[k, axis]
+        for k in range(first[m], first[m + 1]):
+            factor = -_MOST * need[what[k]] * left[what[k]] / (1.0 - shown[k])
+            for axis in range(5):
+                total[m, axis] += factor * slopes[k, axis]
     missed = 0.0
     for i in range(len(need)):
         missed += need[i] * left[i]
