@@ -166,6 +166,15 @@ def test_the_method_goes_from_room_to_room_and_not_back():
     assert len(entered) > 8 and entered == sorted(entered, key=ROOMS.index), called
 
 
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "upplied" / "planning" / "trajectory").rglob("*.py")), ids=named
+)
+def test_the_trajectory_takes_from_the_room_before_it_what_was_carried_and_calls_nothing_there(path: Path):
+    used = [name for name in imports(path) if name.startswith("upplied.planning.carry.")]
+    records = {name.rsplit(".", 1)[1] for name in used}
+    assert all(name[0].isupper() for name in records), records
+
+
 def test_outputs_know_the_rules_of_the_air_and_no_other_room_of_planning():
     """Missions are flown by the rules that plans are made by; nothing else of planning is needed."""
     used = {

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from upplied.config import Settings, digest
 from upplied.errors import RefusedError, SettingsError
+from upplied.planning.carry.carried import carry
 from upplied.planning.carry.counterparts import (
     counterparts_of,
     doubts,
@@ -161,9 +162,11 @@ def _planned(
     if plan.status != "ok":
         return replace(plan, warnings=(), not_flyable="")
     takes = [replace(take, required=required) for take in takes]
-    # From where does the target show the same? (lines 14 to 18)
     try:
-        trajectory, is_viewpoint, demonstrated_s = propose(takes, settings)
+        # Where is the same flown on the target? (lines 14 to 16)
+        carried = carry(takes, settings)
+        # Which path near there shows the most for what it costs, and how fast is it flown? (lines 17 and 18)
+        trajectory, is_viewpoint, demonstrated_s = propose(carried, settings)
     except RefusedError as refusal:
         return replace(plan, status="refused", reason=str(refusal), warnings=(), not_flyable="")
     # How good is it? The same measures for every preset.

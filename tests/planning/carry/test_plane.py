@@ -10,7 +10,7 @@ import pytest
 
 from upplied.config import TransferSettings
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.carry.planar import at_height, in_plane, plane_height
+from upplied.planning.carry.planar import at_height, plane_height
 from upplied.planning.correspondence.pair import Pair
 from upplied.records import Surroundings, Trajectory, Waypoints
 from upplied.scene import Scene
@@ -33,11 +33,11 @@ def test_a_robot_does_not_grow_where_both_grounds_are_known() -> None:
         assert plane_height(FLOWN, known, CARRIED, kept) == pytest.approx(8.0)
 
 
-def test_the_airspace_is_a_hands_breadth_about_the_plane() -> None:
+def test_the_airspace_is_a_few_centimetres_about_the_plane() -> None:
     far = Scene(np.array([[0.0, 0, -900], [1, 0, -900], [0, 1, -900]]), np.array([[0, 1, 2]]), 1)
     fence = np.array([[-9.0, -9], [9, -9], [0, 9]])
     wide = Airspace(far, 2.0, Surroundings(ground_z_m=-5.0, ceiling_z_m=99.0, geofence_m=fence), 3.0)
-    band = in_plane(wide, 7.0)
+    band = wide.in_plane(7.0)
     heights = np.array([6.94, 6.951, 7.0, 7.049, 7.06])
     at = np.column_stack([np.zeros((5, 2)), heights])
     assert band.in_bounds(at).tolist() == [False, True, True, True, False]

@@ -9,9 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
-from upplied.planning.carry.inspected_surface import inspected_by, look_limits
+from upplied.planning.carry.inspected_surface import inspected_by
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, takes_of
+from upplied.planning.demonstration.sharp_looks import look_limits
 from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.measures.fidelity import bent_rad, fidelity, order_kept, turned_rad
 from upplied.planning.measures.inspected import inspected_measures, shown_of

@@ -8,10 +8,11 @@ import pytest
 
 from upplied.config import FIDELITIES, settings_for
 from upplied.errors import RefusedError
+from upplied.planning.carry.carried import _refuse_without_counterpart
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.plan import plan_transfer
-from upplied.planning.trajectory.complete import _changed_safely, _refuse_without_counterpart, _within_bound
+from upplied.planning.trajectory.complete import _changed_safely, _within_bound
 from upplied.planning.trajectory.state import Flown, State
 from upplied.records import Cloud, Plan
 from upplied.samples.fleet import sample_structures

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from upplied.planning.airspace.clearance import at_least, legs_below
 from upplied.records import Bools, Floats, Frame, Record, Surroundings
 from upplied.scene import Scene
+
+_BAND_M = 0.05  # about its plane: what a vehicle on the ground or the water does not leave
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,6 +67,12 @@ class Airspace(Record):
         fine = np.flatnonzero(~broken)
         broken[fine] = legs_below(self.scene, start[fine], end[fine], self.clearance_m)
         return np.asarray(broken, bool)
+
+    def in_plane(self, height_m: float) -> Airspace:
+        """The part of it within 5 cm of a horizontal plane."""
+        low, high = height_m - _BAND_M, height_m + _BAND_M
+        band = replace(self.surroundings, ground_z_m=low, ceiling_z_m=high)
+        return replace(self, surroundings=band, ground_clearance_m=0.0)
 
     def why(self, position: Floats) -> str:
         """What is wrong with a position, in words; empty where nothing is."""

@@ -7,17 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from upplied.config import InspectionSettings, Settings, focal_px
+from upplied.config import Settings, focal_px
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.demonstration.repetition import Take
-from upplied.planning.geometry.percentile import weighted_percentile
+from upplied.planning.demonstration.sharp_looks import look_limits
 from upplied.planning.visibility.dwell import dwell
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.path_views import Views
 from upplied.planning.visibility.view_quality import nearest
 from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Record
-
-USUAL_PCT = 95.0  # of the demonstration's time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,6 +36,18 @@ class InspectedSurface(Record):
     def without_pct(self) -> float:
         """Share of what the demonstration was about that has no counterpart; NaN if it was about nothing."""
         return 100 * self.without / self.whole if self.whole > 0 else float("nan")
+
+    @classmethod
+    def together(cls, parts: Sequence[InspectedSurface]) -> InspectedSurface:
+        """What several flights over one target should show, each adding its need."""
+        if len(parts) == 1:
+            return parts[0]
+        needs = np.array([part.need for part in parts])
+        need = needs.sum(axis=0)
+        distances = np.where(needs > 0, [part.standoff_m for part in parts], 0.0)
+        with np.errstate(invalid="ignore"):
+            standoff = (distances * needs).sum(axis=0) / need
+        return cls(parts[0].cloud, need, standoff, sum(part.without for part in parts))
 
 
 def inspected_surface(
@@ -88,28 +98,6 @@ def inspected_surface(
     return InspectedSurface(target, need, standoff, float(share[meant & ~paired].sum()))
 
 
-def look_limits(takes: Sequence[Take], rule: InspectionSettings) -> tuple[float, float]:
-    """Largest motion (rad/s) and least cosine of the incidence of a look that counts.
-
-    Those of the settings, unless 95 % of the expert's own looks were within a wider one.
-    """
-    attended = [take.inspection.attention for take in takes]
-    sharp = max(
-        rule.sharp_radps(takes[0].inspection.camera.hfov_deg), *(one.motion_radps for one in attended)
-    )
-    oblique = max(rule.max_incidence_deg, *(one.incidence_deg for one in attended))
-    return float(sharp), float(np.cos(np.radians(min(oblique, 90.0))))
-
-
-def steady_radps(takes: Sequence[Take], rule: InspectionSettings) -> float:
-    """How fast the camera may turn, rad/s: while it is sharp, or as the expert did 95 % of the time."""
-    flown = [moments(take.inspection.logged, take.inspection.logged_breaks) for take in takes]
-    own = np.concatenate([np.linalg.norm(part.turn, axis=1) for part in flown])
-    time = np.concatenate([part.step_s for part in flown])
-    usual = weighted_percentile(own, time, USUAL_PCT)
-    return max(rule.sharp_radps(takes[0].inspection.camera.hfov_deg), 0.0 if np.isnan(usual) else usual)
-
-
 def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
     """What a take of a demonstration was about, on its target, to be shown as near as the settings ask.
 
@@ -148,18 +136,6 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
 def _limits(camera: Camera, settings: Settings) -> tuple[float, float]:
     lowest = max(settings.route.clearance_m, camera.min_range_m)
     return lowest, max(camera.max_range_m, lowest)
-
-
-def together(parts: Sequence[InspectedSurface]) -> InspectedSurface:
-    """What several flights over one target should show, each adding its need."""
-    if len(parts) == 1:
-        return parts[0]
-    needs = np.array([part.need for part in parts])
-    need = needs.sum(axis=0)
-    distances = np.where(needs > 0, [part.standoff_m for part in parts], 0.0)
-    with np.errstate(invalid="ignore"):
-        standoff = (distances * needs).sum(axis=0) / need
-    return InspectedSurface(parts[0].cloud, need, standoff, sum(part.without for part in parts))
 
 
 def coverage(inspected: InspectedSurface, seen: Bools, whole: bool = False) -> float:

@@ -7,11 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import TransferSettings
-from upplied.planning.airspace.rules import Airspace
 from upplied.planning.correspondence.pair import Pair
 from upplied.records import Floats, Trajectory, Waypoints
-
-_BAND_M = 0.05  # to each side: what a vehicle on the ground or the water does not leave
 
 
 def plane_height(flight: Trajectory, pair: Pair, carried: Floats, settings: TransferSettings) -> float:
@@ -33,12 +30,6 @@ def plane_height(flight: Trajectory, pair: Pair, carried: Floats, settings: Tran
     if settings.standoff != "kept" or here is None or there is None:
         return float(carried[:, 2].mean())
     return there + float(flight.positions[:, 2].mean()) - here
-
-
-def in_plane(airspace: Airspace, height_m: float) -> Airspace:
-    """The airspace within a hand's breadth of the plane."""
-    band = replace(airspace.surroundings, ground_z_m=height_m - _BAND_M, ceiling_z_m=height_m + _BAND_M)
-    return replace(airspace, surroundings=band, ground_clearance_m=0.0)
 
 
 def at_height(path: Waypoints, height_m: float) -> Waypoints:

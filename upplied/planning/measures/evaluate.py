@@ -11,7 +11,7 @@ from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.forecast import forecast_of
-from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface, together
+from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface
 from upplied.planning.carry.reference import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import (
     KEPT,
@@ -50,7 +50,7 @@ def judge(
     pair, camera = takes[0].pair, takes[0].inspection.camera
     carried = np.concatenate([demonstrated_on_target(take) for take in takes])
     paper = (
-        together(
+        InspectedSurface.together(
             [_seen_surface(take, take.pair.voxels, take.inspection.by_frustum, settings) for take in takes]
         ),
         views(trajectory, pair.voxels.target, camera, BY_FRUSTUM),
@@ -60,7 +60,9 @@ def judge(
         unmeasured = f"what is really seen was not measured: {pair.surface.registration.reason}"
         return found, None, (unmeasured, *_too_near(found, settings), *_beyond_the_gimbal(takes, settings))
     true = (
-        together([_seen_surface(take, take.pair.surface, take.inspection.truly, settings) for take in takes]),
+        InspectedSurface.together(
+            [_seen_surface(take, take.pair.surface, take.inspection.truly, settings) for take in takes]
+        ),
         views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene),
     )
     possible = attainable_samples(pair, camera, settings, memo)

@@ -10,8 +10,9 @@ from scipy.stats import kendalltau
 
 from upplied.config import InspectionSettings, Settings, focal_px
 from upplied.planning.carry.affine import registered_map
-from upplied.planning.carry.inspected_surface import InspectedSurface, look_limits, steady_radps
+from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take
+from upplied.planning.demonstration.sharp_looks import look_limits, steady_radps
 from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.visibility.dwell import Dwell, dwell, widened
 from upplied.planning.visibility.moments import Moments, moments

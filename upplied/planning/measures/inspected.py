@@ -15,10 +15,9 @@ from upplied.planning.carry.inspected_surface import (
     coverage,
     inspected_by,
     inspected_surface,
-    look_limits,
-    together,
 )
 from upplied.planning.demonstration.repetition import Take
+from upplied.planning.demonstration.sharp_looks import look_limits
 from upplied.planning.geometry.boxes import spacing
 from upplied.planning.measures.attainable import attainable
 from upplied.planning.visibility.moments import rates
@@ -54,7 +53,7 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     settings : Settings
     """
     pair, rule = takes[0].pair, settings.inspection
-    inspected = together([inspected_by(take, settings) for take in takes])
+    inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
     cloud = inspected.cloud
     attention, like = _target_attention(takes, inspected)
     asked_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
@@ -133,7 +132,7 @@ def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> d
             100 * float(inspected.need[found.never].sum()) / inspected.whole if inspected.whole > 0 else nan
         ),
         "coverage_of_target_pct": (100 * float(attended[found.as_well].sum()) / whole if whole > 0 else nan),
-        "coverage_context_pct": coverage(together(rest), planned.total),
+        "coverage_context_pct": coverage(InspectedSurface.together(rest), planned.total),
     }
 
 

@@ -1,4 +1,4 @@
-"""From the demonstrated viewpoints to a timed trajectory on the target (paper, Alg. 2, lines 14 to 18)."""
+"""From the carried flight to a timed trajectory on the target (paper, Alg. 2, lines 17 and 18)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.airspace.detours import Ways, route
-from upplied.planning.carry.affine import aimed, box_map, zscore_map
-from upplied.planning.carry.gauss_newton import gauss_newton
-from upplied.planning.carry.inspected_surface import USUAL_PCT, steady_radps
-from upplied.planning.correspondence.pair import Pair
-from upplied.planning.demonstration.inspection import Inspection
+from upplied.planning.carry.carried import Carried
+from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined
+from upplied.planning.demonstration.sharp_looks import USUAL_PCT, steady_radps
 from upplied.planning.trajectory.complete import completed
 from upplied.planning.trajectory.retime import Sharp, retime
 from upplied.planning.trajectory.sharpness import MARGIN, sharp_limits, time_above
@@ -25,33 +23,42 @@ from upplied.poses import fov_at
 from upplied.records import Bools, Floats, Ints, Trajectory, Waypoints
 
 
-def propose(takes: Sequence[Take], settings: Settings) -> tuple[Trajectory, Bools, Floats]:
+def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory, Bools, Floats]:
     """The planned trajectory, which of its poses are viewpoints, and the demonstration's times.
-
-    The times, s, are those of the joined flights (`repetition.joined`) that the poses
-    correspond to.
 
     Parameters
     ----------
-    takes : sequence of Take
+    carried : sequence of Carried
         One, or as many as the demonstration is to be repeated.
     settings : Settings
+
+    Returns
+    -------
+    Trajectory
+        P poses, target frame.
+    array of bool, shape (P,)
+        Which of them are viewpoints.
+    array, shape (P,), s
+        The time of the joined flights (`repetition.joined`) that each corresponds to.
 
     Raises
     ------
     RefusedError
         If no path keeps what the settings demand.
     """
+    takes = [one.take for one in carried]
     flight = joined([take.inspection.flight for take in takes])
-    way = completed if settings.refine.method == "view" else published
-    paths = _in_joined_times([way(take, settings) for take in takes], takes, flight)
+    paths = [one.path if one.goal is None else completed(one, one.goal, settings) for one in carried]
+    paths = _in_joined_times(paths, takes, flight)
     if len(takes) > 1:
         pair = takes[0].pair
         paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.surface.target))
     path = _in_a_row(paths)
-    if settings.refine.method != "view" or not settings.retime.limits:
+    goals = [one.goal for one in carried if one.goal is not None]
+    if not goals or not settings.retime.limits:
         return _zooming(flight, *retime(path, flight, settings.retime, breaks_of(takes)))
-    sharp = sharp_limits(path, flight, takes, settings)
+    inspected = InspectedSurface.together([goal.inspected for goal in goals])
+    sharp = sharp_limits(path, flight, takes, inspected, settings)
     steady = steady_radps(takes, settings.inspection)
     fast = _swings(sharp.pan_degps, np.degrees(steady))
 
@@ -114,30 +121,3 @@ def _in_a_row(paths: Sequence[Waypoints]) -> Waypoints:
         np.concatenate([path.t_s for path in paths]),
         np.concatenate([path.is_viewpoint for path in paths]),
     )
-
-
-def published(take: Take, settings: Settings) -> Waypoints:
-    """The paper's way, and its baseline's: viewpoints carried by an axis map, refined one by one."""
-    inspection, pair = take.inspection, take.pair
-    viewpoints, fit = inspection.viewpoints, pair.fit_for(settings)
-    carry = zscore_map if settings.transfer.method == "zscore" else box_map
-    carrier = carry(fit.source, fit.target)
-    positions = carrier.points(viewpoints.positions)
-    quats = carrier.orientations(viewpoints.quat_xyzw)
-    if settings.refine.method == "gauss-newton":
-        positions = gauss_newton(
-            positions, viewpoints, fit.source, fit.target, fit.correspondences, settings.refine
-        )
-        before, now = _centres_of_view(inspection, pair, settings)
-        quats = aimed(quats, positions, now, viewpoints.quat_xyzw, before - viewpoints.positions)
-    return Waypoints(positions, quats, viewpoints.t_s, np.ones(len(viewpoints), bool))
-
-
-def _centres_of_view(inspection: Inspection, pair: Pair, settings: Settings) -> tuple[Floats, Floats]:
-    """Centre of what each viewpoint saw, and of its counterparts on the target, (K, 3) each; NaN for none."""
-    fit = pair.fit_for(settings)
-    known = fit.correspondences.target_index >= 0
-    weight = inspection.viewpoints.seen[:, known].astype(float)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        weight /= weight.sum(axis=1, keepdims=True)
-    return weight @ fit.source.points[known], weight @ fit.correspondences.target_points[known]

@@ -12,8 +12,9 @@ import numpy as np
 from numba import njit
 
 from upplied.config import Settings
-from upplied.planning.carry.inspected_surface import inspected_by, look_limits, steady_radps, together
+from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take
+from upplied.planning.demonstration.sharp_looks import look_limits, steady_radps
 from upplied.planning.trajectory.retime import Sharp
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
@@ -28,7 +29,13 @@ MARGIN = 0.95  # of the limit, for what speeds differ within a leg
 _SLOWEST_MPS = 0.1
 
 
-def sharp_limits(path: Waypoints, flight: Trajectory, takes: Sequence[Take], settings: Settings) -> Sharp:
+def sharp_limits(
+    path: Waypoints,
+    flight: Trajectory,
+    takes: Sequence[Take],
+    inspected: InspectedSurface,
+    settings: Settings,
+) -> Sharp:
     """How fast a path may be flown, and its camera turned, at each waypoint.
 
     Where the expert himself swung his camera round faster than it stays sharp he was on the way from one
@@ -41,10 +48,12 @@ def sharp_limits(path: Waypoints, flight: Trajectory, takes: Sequence[Take], set
     flight : Trajectory
         The demonstration, of all takes one after another (`repetition.joined`).
     takes : sequence of Take
+    inspected : InspectedSurface
+        Of all takes together.
     settings : Settings
     """
     usual, own = np.degrees(steady_radps(takes, settings.inspection)), _swung_degps(path.t_s, flight)
-    speed = np.where(own > usual, np.inf, _sharp_speeds(path, flight, takes, settings))
+    speed = np.where(own > usual, np.inf, _sharp_speeds(path, flight, takes, inspected, settings))
     return Sharp(speed, np.maximum(own, MARGIN * usual))
 
 
@@ -57,7 +66,13 @@ def _swung_degps(t_s: Floats, flight: Trajectory) -> Floats:
     return np.interp(t_s, (flight.t_s[:-1] + flight.t_s[1:]) / 2, rate)
 
 
-def _sharp_speeds(path: Waypoints, flight: Trajectory, takes: Sequence[Take], settings: Settings) -> Floats:
+def _sharp_speeds(
+    path: Waypoints,
+    flight: Trajectory,
+    takes: Sequence[Take],
+    inspected: InspectedSurface,
+    settings: Settings,
+) -> Floats:
     """Speed (W,), m/s, at each waypoint up to which the inspected surface in view is sharp; inf for none.
 
     Sharp is what moves no faster through the picture than `settings.inspection` says, or than the
@@ -66,14 +81,13 @@ def _sharp_speeds(path: Waypoints, flight: Trajectory, takes: Sequence[Take], se
     camera, scene = takes[0].inspection.camera, takes[0].pair.target_scene
     rule = settings.inspection
     limit, _ = look_limits(takes, rule)
-    wanted = together([inspected_by(take, settings) for take in takes])
-    asked = np.flatnonzero(wanted.need > 0)
+    asked = np.flatnonzero(inspected.need > 0)
     asked = asked[np.unique(np.linspace(0, len(asked) - 1, min(_SAMPLES, len(asked))).astype(np.int64))]
-    normals = None if wanted.cloud.normals is None else wanted.cloud.normals[asked]
-    part = Cloud(wanted.cloud.points[asked], normals=normals)
+    normals = None if inspected.cloud.normals is None else inspected.cloud.normals[asked]
+    part = Cloud(inspected.cloud.points[asked], normals=normals)
     poses, fov_deg = (path.positions, path.quat_xyzw), fov_at(flight, path.t_s)
     seen = visible(*poses, part, camera, settings.visibility, scene, fov_deg=fov_deg).seen
-    farthest_m = wanted.standoff_m[asked] / rule.least_resolution
+    farthest_m = inspected.standoff_m[asked] / rule.least_resolution
     coarse = coarseness(camera, fov_deg)
     coarse = np.ones(len(path)) if coarse is None else coarse
     angle = moved_in_picture(

@@ -11,11 +11,11 @@ import pytest
 from upplied.config import CloudSettings, settings_for
 from upplied.errors import SettingsError
 from upplied.planning.correspondence.pair import Fit
-from upplied.planning.demonstration import carried_zone as carrying
 from upplied.planning.demonstration.about import zone_of
-from upplied.planning.demonstration.carried_zone import _carried, _probability, carried_zone
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
+from upplied.proof import carried_zone as carrying
+from upplied.proof.carried_zone import _carried, _probability, carried_zone
 from upplied.records import Bools, Cloud, Correspondences, Frame, Registration, Structure
 from upplied.samples.fleet import member
 from upplied.scene import scene_of

@@ -1,0 +1,121 @@
+"""The takes of a demonstration on the target, before any is optimised (paper, Alg. 2, lines 14 to 16)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.config import FIDELITIES, Settings
+from upplied.errors import RefusedError, SettingsError
+from upplied.planning.carry.affine import box_map, registered_map, zscore_map
+from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by, inspected_surface
+from upplied.planning.carry.planar import at_height, plane_height
+from upplied.planning.carry.published import published
+from upplied.planning.carry.reference import demonstrated_on_target, standing
+from upplied.planning.carry.standoff import Standoff
+from upplied.planning.carry.to_counterparts import follow_counterparts
+from upplied.planning.demonstration.repetition import Take
+from upplied.poses import from_yaw_pitch, yaw_pitch
+from upplied.records import Floats, Record, Waypoints
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Goal(Record):
+    """What the path of a take is to show, and what it is to stay like."""
+
+    inspected: InspectedSurface  # N target samples, those that the flight was about
+    seen: Floats  # (N,) as `InspectedSurface.need`, of all that the flight saw
+    flown: Floats  # (M, 3) m, the flight as the structure's map carries it
+    standoff: Standoff  # of the viewpoints
+    reference: Floats  # (K, 3) m, the demonstrated positions, by which the shape is measured
+    standing: Floats  # (3, 3) turns the target's axes into the source's
+    height_m: float | None  # of the plane that the path stays in
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Carried(Record):
+    """A take on the target."""
+
+    take: Take
+    path: Waypoints  # its M stations; of presets that optimise nothing its viewpoints
+    goal: Goal | None  # None: the path is flown as it is
+
+
+def carry(takes: Sequence[Take], settings: Settings) -> list[Carried]:
+    """The takes of a demonstration carried to the target.
+
+    Parameters
+    ----------
+    takes : sequence of Take
+    settings : Settings
+        `refine.method` says whether whole flights are carried, to be optimised, or viewpoints as published.
+
+    Raises
+    ------
+    RefusedError
+        If what the flight was about has no counterpart.
+    SettingsError
+        If a path is to be optimised for what is seen, and what occludes it does not count.
+    """
+    if settings.refine.method != "view":
+        return [Carried(take, published(take, settings), None) for take in takes]
+    if not settings.visibility.occlusion:
+        raise SettingsError("refine.method 'view'", "with visibility.occlusion false", "what is truly seen")
+    return [_carried(take, settings) for take in takes]
+
+
+def _carried(take: Take, settings: Settings) -> Carried:
+    inspection, pair, fit = take.inspection, take.pair, take.pair.surface
+    flight = inspection.flight
+    inspected = inspected_by(take, settings)
+    _refuse_without_counterpart(inspected, settings)
+    path, standoff = _at_counterparts(take, settings)
+    flown, height_m = registered_map(fit.registration).points(flight.positions), None
+    if settings.transfer.plane:
+        height_m = plane_height(flight, pair, path.positions, settings.transfer)
+        path = at_height(path, height_m)
+        flown[:, 2] = height_m
+    seen = inspected_surface(fit.source, fit.target, fit.correspondences, inspection.truly).need
+    reference = demonstrated_on_target(take)
+    return Carried(take, path, Goal(inspected, seen, flown, standoff, reference, standing(pair), height_m))
+
+
+def _at_counterparts(take: Take, settings: Settings) -> tuple[Waypoints, Standoff]:
+    """The whole flight on the target within the gimbal's limits, and the stand-off of its viewpoints."""
+    inspection, fit, limits = take.inspection, take.pair.surface, settings.retime
+    flight = inspection.flight
+    followed = follow_counterparts(
+        flight,
+        inspection.visibility,
+        fit.source,
+        fit.correspondences,
+        registered_map(fit.registration),
+        settings.transfer,
+        inspection.camera,
+        settings.route.clearance_m,
+        settings.refine.deviation or FIDELITIES[settings.refine.fidelity].deviation,
+    )
+    positions, quats = followed.positions, followed.quat_xyzw
+    if settings.transfer.method != "counterparts":
+        carrier = (zscore_map if settings.transfer.method == "zscore" else box_map)(fit.source, fit.target)
+        positions, quats = carrier.points(flight.positions), carrier.orientations(flight.quat_xyzw)
+    yaw, pitch = yaw_pitch(quats)
+    low, high = np.radians([limits.min_gimbal_pitch_deg, limits.max_gimbal_pitch_deg])
+    is_viewpoint = np.zeros(len(flight), bool)
+    is_viewpoint[inspection.viewpoints.middle] = True
+    path = Waypoints(positions, from_yaw_pitch(yaw, np.clip(pitch, low, high)), flight.t_s, is_viewpoint)
+    station = np.abs(flight.t_s[:, None] - inspection.viewpoints.t_s).argmin(axis=0)
+    return path, followed.standoff.at(station)
+
+
+def _refuse_without_counterpart(inspected: InspectedSurface, settings: Settings) -> None:
+    """The flight has to be about something that the target has."""
+    if inspected.whole > 0 and inspected.without_pct > 100 * (1 - settings.refine.least_counterpart):
+        raise RefusedError(
+            "what the flight was about",
+            f"{inspected.without_pct:.0f} % of it has no counterpart on the target",
+            f"at least {100 * settings.refine.least_counterpart:g} % has one (refine.least_counterpart)",
+            "fly one on a structure whose inspected parts this one has, or name them (--counterpart)",
+        )
