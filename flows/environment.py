@@ -8,6 +8,8 @@ import secrets
 import tomllib
 from pathlib import Path
 
+from upplied.errors import InputError
+
 HERE = Path(__file__).parent
 PROFILE = "upplied"
 ROOTS = "UPPLIED_ROOTS"  # folders and object-store URIs that runs may read and write, separated by commas
@@ -81,7 +83,7 @@ def sign_in(folder: Path, api_url: str) -> str:
     """
     path = folder / "profiles.toml"
     folder.mkdir(parents=True, exist_ok=True)
-    kept = tomllib.loads(path.read_text(encoding="utf-8")).get("profiles", {}) if path.is_file() else {}
+    kept = _profiles(path)
     ours = kept.setdefault(PROFILE, {})
     said = os.environ.get("PREFECT_SERVER_API_AUTH_STRING") or ours.get("PREFECT_SERVER_API_AUTH_STRING")
     word = said or f"upplied:{secrets.token_urlsafe(32)}"
@@ -112,6 +114,15 @@ def client(port: int) -> dict[str, str]:
 
 def profile(folder: Path) -> dict[str, str]:
     """What the profile in a folder of Prefect's says."""
-    path = folder / "profiles.toml"
-    found = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return dict(found.get("profiles", {}).get(PROFILE, {}))
+    return dict(_profiles(folder / "profiles.toml").get(PROFILE, {}))
+
+
+def _profiles(path: Path) -> dict[str, dict[str, str]]:
+    """Prefect's profiles in a file; none where it is not there."""
+    if not path.is_file():
+        return {}
+    try:
+        return dict(tomllib.loads(path.read_text(encoding="utf-8")).get("profiles", {}))
+    except ValueError as error:
+        remedy = "delete it: `upplied serve` makes a new password then"
+        raise InputError(str(path), f"cannot be read: {error}", "TOML", remedy) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 from prefect import runtime
 
@@ -42,14 +43,22 @@ def declared_roots() -> list[str]:
 
 
 def _within(location: str, root: str) -> bool:
-    """Whether a location is a root or under it, links followed."""
+    """Whether a location is a root or under it: links followed, and read as whoever opens it reads it."""
     place, base = _plain(location), _plain(root)
     if ("://" in place) != ("://" in base):
         return False
     if "://" in place:
-        return ".." not in place.split("/") and f"{place}/".startswith(f"{base}/")
-    return Path(place).resolve().is_relative_to(Path(base).resolve())
+        parts = unquote(place).split("/")
+        return not {"..", "."} & {*parts} and "%" not in place and f"{place}/".startswith(f"{base}/")
+    try:
+        return Path(place).resolve().is_relative_to(Path(base).resolve())
+    except (OSError, ValueError):  # no path at all
+        return False
 
 
 def _plain(location: str) -> str:
-    return location.removeprefix("file://").rstrip("/") or "/"
+    """An address of a store, or a path of this machine."""
+    if location.startswith("file://"):
+        parts = urlsplit(location)
+        return unquote(parts.path) if parts.netloc in ("", "localhost") else location
+    return location.rstrip("/") if "://" in location else os.path.expanduser(location)

@@ -8,7 +8,6 @@ import os
 import stat
 import subprocess
 import sys
-from collections.abc import Iterator
 
 import prefect_api
 import pytest
@@ -19,13 +18,6 @@ from upplied.flows.server import Server, ServerError, private_server
 pytestmark = [pytest.mark.server, pytest.mark.filterwarnings("default")]
 
 EVIL = "http://evil.example"
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory) -> Iterator[Server]:
-    with private_server(tmp_path_factory.mktemp("prefect")) as server:
-        server.wait()
-        yield server
 
 
 def create(server: Server, said: dict[str, str]) -> int:

@@ -1,0 +1,33 @@
+"""The server and the fleet that tests of flows share, each module its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from upplied.catalog import open_catalog
+from upplied.flows.server import Server, private_server
+from upplied.outputs.logs import write_log
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory) -> Iterator[Server]:
+    with private_server(tmp_path_factory.mktemp("prefect")) as server:
+        server.wait()
+        yield server
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Path:
+    """A folder with a catalog of a cube and two boxes, and a log that is not in it yet."""
+    place = tmp_path_factory.mktemp("place")
+    cube = member("cube-v1").structure
+    open_catalog(place / "catalog").add_structures(
+        [cube, *(random_member("box", n).structure for n in (1, 2))]
+    )
+    write_log(place / "flight.mcap", fly(cube, "sides"), cube)
+    return place

@@ -1,0 +1,235 @@
+"""What stands round the flows and needs no server: pages, shares, settings, the watcher."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+import socket
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import prefect_api
+import pytest
+import yaml
+
+from upplied.cli import main
+from upplied.errors import InputError, SettingsError
+from upplied.flows import pages, pool, watch
+from upplied.flows.environment import ROOTS, SETTINGS, environment, home, profile
+from upplied.flows.roots import check_roots
+from upplied.flows.server import ServerError, free_port, private_server
+
+ROOT = Path(__file__).parents[2]
+
+pytestmark = pytest.mark.filterwarnings("default")
+
+
+def test_pages_open_from_prefect_where_they_are_given_out(tmp_path, monkeypatch):
+    """A browser opens no file from a page that came over HTTP."""
+    (tmp_path / "transfers").mkdir()
+    (tmp_path / "transfers" / "a--b.html").write_text("the plan")
+    with pages.served(tmp_path, 0) as url:
+        monkeypatch.setenv(pages.ADDRESS, url)
+        link = pages.address(str(home() / "reports"), "transfers/a--b.html")
+        with urllib.request.urlopen(link, timeout=60) as page:
+            assert page.read() == b"the plan"
+        with pages.served(tmp_path, int(url.rsplit(":", 1)[1])) as other:
+            assert other != url, "a port that is taken must not end the service"
+    elsewhere = pages.address(str(tmp_path), "index.html")
+    assert elsewhere == (tmp_path / "index.html").as_uri(), "this folder is not the one that is given out"
+
+
+@pytest.mark.parametrize("targets", [1, 30, 200, 1000, 10_000])
+@pytest.mark.parametrize("machines", [1, 2, 5])
+def test_every_machine_has_its_share_of_a_fleet(targets, machines):
+    size = pool.shard_targets(targets, machines)
+    shards = math.ceil(targets / size)
+    assert shards >= min(machines, targets), "a machine is left without work"
+    assert size >= min(targets // machines, 64), "starting a shard would cost more than planning it"
+    assert shards <= 8 * machines
+
+
+def test_the_pages_of_a_folder_are_given_out_and_nothing_else(tmp_path):
+    folder, secret = tmp_path / "reports", tmp_path / "secret.txt"
+    (folder / "transfers").mkdir(parents=True)
+    (folder / "index.html").write_text("the fleet")
+    (folder / "transfers" / "a--b.html").write_text("the plan")
+    secret.write_text("not yours")
+    (folder / "link.txt").symlink_to(secret)
+    (folder / "linked").symlink_to(tmp_path)
+    with pages.served(folder, 0) as url:
+        get = {
+            path: prefect_api.send("GET", f"{url}/{path}", said={"Host": host})
+            for path, host in {
+                "": "127.0.0.1",
+                "transfers/a--b.html": "localhost:4201",
+                "index.html": "evil.example",
+                "transfers/": "127.0.0.1",
+                "transfers": "127.0.0.1",
+                "link.txt": "127.0.0.1",
+                "linked/secret.txt": "127.0.0.1",
+                "../secret.txt": "127.0.0.1",
+                "%2e%2e/secret.txt": "127.0.0.1",
+            }.items()
+        }
+    assert (get[""][0], get[""][2]) == (200, b"the fleet")
+    assert get["transfers/a--b.html"][2] == b"the plan"
+    refused = {path: status for path, (status, _, _) in get.items() if status != 200}
+    assert refused == {
+        "index.html": 403,
+        **dict.fromkeys(
+            (
+                "transfers/",
+                "link.txt",
+                "linked/secret.txt",
+                "../secret.txt",
+                "%2e%2e/secret.txt",
+                "transfers",
+            ),
+            404,
+        ),
+    }
+    for _, headers, body in get.values():
+        assert pages.HEADERS.items() <= {name: headers.get(name.lower()) for name in pages.HEADERS}.items()
+        assert b"not yours" not in body
+
+
+def test_env_example_says_what_the_flows_are_given():
+    lines = [line for line in (ROOT / ".env.example").read_text().splitlines() if line and line[0] != "#"]
+    given = dict(line.split("=", 1) for line in lines)
+    assert SETTINGS.items() <= given.items()
+    assert set(given) - set(SETTINGS) == {"PREFECT_API_URL", "PREFECT_HOME", "UPPLIED_HOME"}
+
+
+def test_env_example_names_this_clone_wherever_a_worker_runs():
+    """A worker starts its runs in folders of their own, where a relative path is another one."""
+    code = "set -a; source .env.example; cd /; echo $UPPLIED_HOME; echo $PREFECT_HOME"
+    told = subprocess.run(["bash", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert told.splitlines() == [str(ROOT), str(ROOT / ".cache" / "prefect")]
+
+
+def test_a_foreign_prefect_setting_does_not_leak_in(monkeypatch, tmp_path):
+    monkeypatch.setenv("PREFECT_API_KEY", "of somebody else")
+    assert "PREFECT_API_KEY" not in environment(tmp_path, "http://127.0.0.1:1/api")
+
+
+def test_every_deployment_names_a_flow_of_its_own_name():
+    declared = yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
+    for deployment in declared:
+        module, name = deployment["entrypoint"].rsplit(".", 1)
+        assert importlib.import_module(module).__dict__[name].name == deployment["name"]
+        assert name == deployment["name"].replace("-", "_")
+    nightly = declared[0]
+    assert nightly["name"] == "transfer-fleet"
+    assert nightly["concurrency_limit"]["collision_strategy"] == "CANCEL_NEW"
+
+
+def test_a_port_that_is_taken_is_told_and_its_owner_not_taken_for_ours(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as somebody:
+        port = somebody.getsockname()[1]
+        with pytest.raises(ServerError, match=f"port {port} already"), private_server(tmp_path, port):
+            pass
+
+
+@pytest.mark.parametrize(
+    ("folder", "code", "told"), [("nowhere", 2, "no folder"), (".", 1, "no Prefect server")]
+)
+def test_a_watcher_that_cannot_tell_anybody_says_so(folder, code, told, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PREFECT_API_URL", f"http://127.0.0.1:{free_port()}/api")
+    assert main(["watch", folder]) == code
+    assert told in capsys.readouterr().err
+
+
+def test_a_log_is_told_when_it_has_come_whole_and_again_when_it_was_changed(tmp_path):
+    """A copy may stall for longer than anybody waits; what a link to nothing names never comes."""
+    now = 0.0
+    landing = watch.Landing(tmp_path, lambda: now)
+
+    def after(seconds: float) -> list[str]:
+        nonlocal now
+        now += seconds
+        return [path.name for path in landing.landed()]
+
+    whole = watch.MAGIC + b"\0" * 100 + watch.MAGIC
+    (tmp_path / "dangling.mcap").symlink_to("/nowhere/flight.mcap")
+    (tmp_path / "copied.mcap").write_bytes(whole[:60])
+    (tmp_path / "whole.mcap").write_bytes(whole)
+    assert after(0) == []
+    assert after(watch.QUIET_S) == ["whole.mcap"]
+    assert after(5 * watch.QUIET_S) == [], "a copy that stalled was told"
+    (tmp_path / "copied.mcap").write_bytes(whole)
+    assert after(1) == []
+    assert after(watch.QUIET_S) == ["copied.mcap"]
+    assert after(watch.PATIENCE_S) == []
+    (tmp_path / "whole.mcap").write_bytes(whole + whole)
+    (tmp_path / "broken.mcap").write_bytes(b"never a log")
+    assert after(1) == []
+    assert after(watch.QUIET_S) == ["whole.mcap"]
+    assert after(watch.PATIENCE_S) == ["broken.mcap"], "what is broken is for ingest to tell, sooner or later"
+
+
+def test_the_short_way_says_at_once_that_no_server_answers(monkeypatch, capsys):
+    """Prefect's own command would start a server that knows no deployment, and say that there is none."""
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    monkeypatch.setenv("UPPLIED_PORT", str(free_port()))
+    assert main(["fleet", "run"]) == 1
+    assert "upplied serve" in " ".join(capsys.readouterr().err.split())
+
+
+def test_no_server_is_told_at_once_and_in_words(tmp_path):
+    variables = environment(tmp_path, "") | {"PREFECT_SERVER_ALLOW_EPHEMERAL_MODE": "false"}
+    del variables["PREFECT_API_URL"]
+    code = "from upplied.flows.publish_reports import publish_reports; publish_reports()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=variables, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode != 0
+    assert "PREFECT_API_URL" in done.stderr
+    assert not os.listdir(tmp_path) or not (tmp_path / "reports").exists()
+
+
+@pytest.mark.parametrize(
+    "location",
+    [
+        "../secret",
+        "link/secret",
+        "~/secret",
+        "file://{place}/%2e%2e/secret",
+        "file://localhost/etc",
+        "file://elsewhere{place}/x",
+        "s3://bucket/fleet/../secret",
+        "s3://bucket/fleet/%2e%2e/secret",
+        "s3://bucket/fleet/%252e%252e/secret",
+        "s3://bucket/fleeting",
+        "s3://other/fleet",
+        "S3://bucket/fleet",
+        "catalog\0",
+    ],
+)
+def test_no_other_way_of_saying_it_leads_out_of_the_roots(location, tmp_path, monkeypatch):
+    """What opens a location takes ~ for a home, and reads percent signs and hosts of file://."""
+    place = tmp_path / "place"
+    place.mkdir()
+    (place / "link").symlink_to(tmp_path)
+    monkeypatch.chdir(place)
+    monkeypatch.setenv(ROOTS, f"{place},s3://bucket/fleet")
+    for fine in (
+        "catalog",
+        f"file://{place}/catalog",
+        f"{place}",
+        "s3://bucket/fleet",
+        "s3://bucket/fleet/a",
+    ):
+        check_roots(catalog=fine)
+    with pytest.raises(SettingsError, match="outside the roots"):
+        check_roots(catalog=location.format(place=place))
+
+
+def test_a_profile_that_is_no_toml_is_told(tmp_path):
+    (tmp_path / "profiles.toml").write_text("active = ")
+    with pytest.raises(InputError, match=r"profiles\.toml.*new password"):
+        profile(tmp_path)

@@ -1,0 +1,133 @@
+"""From a clone to a worker that runs its deployments, and somebody who is told how they end."""
+
+from __future__ import annotations
+
+import queue
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import prefect_api
+import pytest
+from flow_runs import listed, prefect, python, upplied
+
+from upplied.catalog import open_catalog
+from upplied.flows.environment import ROOTS
+from upplied.flows.server import Server, start, stop
+from upplied.samples.fleet import member
+from upplied.samples.pilot import fly
+
+pytestmark = [pytest.mark.slow, pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
+
+
+def test_an_automation_that_is_there_stays_with_what_it_has_heard(server, place):
+    """In its place a new one would know nothing of the runs that died while nobody served."""
+    done = python(
+        server,
+        place,
+        """
+from prefect import get_client
+from upplied.flows.automations import apply, zombies
+with get_client(sync_client=True) as client:
+    for silence_s in (300, 300, 90):
+        apply(zombies(silence_s))
+        (there,) = client.read_automations_by_name(zombies().name)
+        print(there.id, int(there.trigger.within.total_seconds()))
+""",
+    )
+    first, again, changed = (line.split() for line in done.stdout.splitlines())
+    assert first == again, done.stderr
+    assert changed[0] != first[0]
+    assert changed[1] == "90"
+
+
+def test_from_a_clone_to_a_scheduled_worker(server, place):
+    """The README's commands: pool, deployments, worker, a run on demand, and runs for the nights to come."""
+    open_catalog(place / "catalog").add_demonstrations([fly(member("cube-v1").structure, "sides")])
+    assert prefect(server, "work-pool", "create", "local", "--type", "process").returncode == 0
+    prefect_api.ask(
+        server.api_url, "work_pools/", {"name": "planners", "type": "process"}, server.password
+    )  # as above, without a process
+    deployed = prefect(server, "--no-prompt", "deploy", "--all")
+    assert deployed.returncode == 0, deployed.stdout + deployed.stderr
+    worker = start(
+        "prefect",
+        "worker",
+        "start",
+        "--pool",
+        "local",
+        environment=server.environment | {ROOTS: str(place)},
+        log=subprocess.DEVNULL,
+    )
+    parameters = [f'catalog="{place}/catalog"', 'reports=""', 'presets=["baseline"]']
+    options = [word for parameter in parameters for word in ("--param", parameter)]
+    with receiver() as (address, received):
+        try:
+            ran = prefect(server, "deployment", "run", "transfer-fleet/transfer-fleet", "--watch", *options)
+            assert ran.returncode == 0, ran.stdout + ran.stderr
+            # The short way says how it ended, and an alert reaches whoever is told, by either kind of block.
+            for number, url in enumerate((f"http://{address}/hook", f"json://{address}/apprise")):
+                assert "Failed, Crashed" in upplied(server, place, "fleet", "notify", url).stdout
+                hasty = 'resources={"timeout_s": 0.001, "workers": 1}'
+                shared = f'changes={{"viewpoints": {{"shared": 0.{number + 2}}}}}'
+                failed = upplied(server, place, "fleet", "run", *parameters, hasty, shared)
+                assert failed.returncode == 1
+                assert "Failed: 0 ok, 0 refused, 2 failed" in failed.stdout, failed.stderr
+                assert "took longer than 0.001 s" in failed.stdout
+                told = received.get(timeout=60)
+                assert "transfer-fleet: Failed" in told and "took longer than 0.001 s" in told
+            assert "nobody" in upplied(server, place, "fleet", "notify", "").stdout
+            again = upplied(server, place, "fleet", "run", *parameters, "retry_failed=true")
+            assert again.returncode == 0, again.stdout + again.stderr
+            assert "Completed: 0 ok" in again.stdout or "Completed: 2 ok" in again.stdout
+            outside = upplied(server, place, "fleet", "run", 'catalog="/srv/elsewhere"')
+            assert outside.returncode == 1 and "outside the roots" in outside.stdout
+        finally:
+            stop(worker)
+        # A message may come twice: Prefect sends it again where the answer took long.
+        while not received.empty():
+            assert "took longer than 0.001 s" in received.get(), "somebody was told of a run that went well"
+    plans = open_catalog(place / "catalog").transfers(preset="baseline")
+    assert set(plans["target_id"]) == {"box-random-1", "box-random-2"}
+    assert (plans["status"] == "ok").all()
+    assert scheduled(server) >= 1
+
+    for wrong in ('presets=["best"]', "presets=best", "nonsense", 'nonsense=""'):
+        refused = upplied(server, place, "fleet", "run", wrong)
+        assert refused.returncode == 1
+        assert wrong.partition("=")[0] in refused.stderr.replace("\n", " ")
+        assert "Traceback" not in refused.stderr
+
+
+@contextmanager
+def receiver() -> Iterator[tuple[str, queue.Queue[str]]]:
+    """Somebody who is told over HTTP: where, and what was said."""
+    received: queue.Queue[str] = queue.Queue()
+
+    class Hook(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            received.put(self.rfile.read(int(self.headers["Content-Length"])).decode())
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Hook) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"127.0.0.1:{server.server_port}", received
+        server.shutdown()
+
+
+def scheduled(server: Server, patience_s: float = 180) -> int:
+    """How many runs the cron has scheduled; the scheduler looks once a minute."""
+    deadline = time.monotonic() + patience_s
+    while time.monotonic() < deadline:
+        runs = [run for run in listed(server, "flow_runs") if run["state_type"] == "SCHEDULED"]
+        if count := sum(run["auto_scheduled"] for run in runs):
+            return count
+        time.sleep(1)
+    return 0
