@@ -53,3 +53,13 @@ def at_work_in(place: Path) -> list[int]:
             if folder.name.isdigit() and (folder / "cwd").readlink() == place:
                 found.append(int(folder.name))
     return found
+
+
+def with_variable(name: str, value: str) -> list[int]:
+    """Processes that were started with this variable in their environment, and have not ended."""
+    wanted, found = f"{name}={value}".encode(), []
+    for folder in Path("/proc").iterdir():
+        with suppress(FileNotFoundError, PermissionError, ProcessLookupError):
+            if folder.name.isdigit() and wanted in (folder / "environ").read_bytes().split(b"\0"):
+                found.append(int(folder.name))
+    return [pid for pid in found if not ended(pid)]

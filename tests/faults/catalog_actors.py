@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import sys
 import time
@@ -106,11 +107,11 @@ ROLES = {"writer": write, "reader": read, "publisher": publish, "maintenance": m
 
 
 def act(role: str, place: str, seed: int) -> None:
-    """Play a role until killed; whatever goes wrong is noted."""
-    folder = Path(place)
+    """Play a role until killed, told to stop or left alone; whatever goes wrong is noted."""
+    folder, stage = Path(place), multiprocessing.parent_process()
     try:
         once = ROLES[role](open_catalog(folder / "catalog"), folder, seed)
-        while not (folder / "stop").exists():
+        while not (folder / "stop").exists() and (stage is None or stage.is_alive()):
             once()
     except BaseException:
         (folder / f"trouble-{role}-{seed}").write_text(traceback.format_exc())

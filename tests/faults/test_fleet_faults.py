@@ -18,6 +18,7 @@ from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
 from upplied.fleet import planner, run
 from upplied.fleet.planner import Outcome
+from upplied.flows.server import end_with_parent
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 
@@ -96,7 +97,7 @@ if __name__ == "__main__":
 
 def start(script: Path, catalog: Catalog, run_id: str) -> subprocess.Popen[str]:
     command = [sys.executable, str(script), str(catalog.location), run_id]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=end_with_parent)
 
 
 def planners_of(process: subprocess.Popen[str]) -> list[int]:

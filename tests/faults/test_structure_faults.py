@@ -14,18 +14,17 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import bad_meshes
-import mesh_files
 import trimesh
 
 from upplied.cli import main
-from upplied.errors import InputError, SettingsError
+from upplied.errors import SettingsError
 from upplied.fleet.admission import Admission, shape_of
 from upplied.fleet.members import Member, judged
 from upplied.inputs.known_kinds import unlike_its_kind
-from upplied.inputs.manifests import StructureEntry, read_manifest
+from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
 from upplied.inputs.rules import from_json
-from upplied.inputs.structure_rules import RULES, StructureSettings, changed
+from upplied.inputs.structure_rules import StructureSettings, changed
 from upplied.recommend.features import shape_features, turned
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import random_member, sample_structures
@@ -168,31 +167,6 @@ def test_features_turn_as_their_samples_do() -> None:
 
 # Each rule ---------------------------------------------------------------------------------------
 
-ALONE = list(bad_meshes.odd_alone())
-
-
-@pytest.mark.parametrize("odd", ALONE, ids=lambda odd: odd.rule)
-def test_each_rule_is_broken_by_a_file_and_overruled_by_its_name(tmp_path: Path, odd: bad_meshes.Odd) -> None:
-    entry = bad_meshes.entry_of(odd, tmp_path, mesh_files.write(odd.vertices, odd.triangles, odd.suffix))
-    if RULES[odd.rule].severity == "refuse":
-        with pytest.raises(InputError, match=f"--allow {odd.rule}"):
-            read_structure(entry)
-    else:
-        found = from_json(read_structure(entry).verdicts_json)
-        assert [one.rule for one in found] == [odd.rule] and not found[0].overruled
-        with pytest.raises(InputError, match=f"--allow {odd.rule}"):
-            read_structure(replace(entry, strict=True))
-    kept = from_json(read_structure(replace(entry, allow=(odd.rule,), strict=True)).verdicts_json)
-    assert {one.rule for one in kept if one.overruled} == {odd.rule}
-
-
-def test_every_rule_has_a_test_here() -> None:
-    among_others = {"size", "units", "up-axis", "odd-up-axis", "forward-axis", "odd-size", "kind"}
-    among_others |= {"size-unconfirmed"}
-    assert {odd.rule for odd in ALONE} | among_others == set(RULES)
-    assert all(rule.reason and rule.remedy for rule in RULES.values())
-    assert all(hasattr(BOUNDS, rule.limit) for rule in RULES.values() if rule.limit)
-
 
 def test_bounds_are_settings(tmp_path: Path) -> None:
     wrong = bad_meshes.scaled(known()["b777-v1"], 20)
@@ -258,16 +232,6 @@ def test_wrong_ones_are_refused_right_ones_taken_and_what_is_overruled_is_stored
     out = capsys.readouterr().out
     (shown,) = json.loads(out[out.index("[\n") :])
     assert ("size", True) in [(one["rule"], one["overruled"]) for one in shown["verdicts"]]
-
-
-def test_a_manifest_overrules_by_name_and_knows_the_rules(tmp_path: Path) -> None:
-    head = '[[structure]]\nid = "a"\nkind = "b"\npath = "a.ply"\nunits = "m"\nup = "z"\nforward = "x"\n'
-    path = tmp_path / "structures.toml"
-    path.write_text(head + 'allow = ["odd-size", "kind"]\n')
-    assert read_manifest(path)[0].allow == ("kind", "odd-size")
-    path.write_text(head + 'allow = ["everything"]\n')
-    with pytest.raises(InputError, match="names of rules"):
-        read_manifest(path)
 
 
 def test_two_that_disagree_are_both_named_where_nothing_else_is_known() -> None:

@@ -15,6 +15,7 @@ import pytest
 from processes import ended
 
 from upplied.fleet.workers import JobKilled, Limits, Workers, WorkersBroken
+from upplied.flows.server import end_with_parent
 
 
 def hang() -> None:
@@ -127,7 +128,9 @@ workers.run(time.sleep, 600)
 def test_workers_end_with_a_killed_parent(tmp_path: Path):
     script = tmp_path / "parent.py"
     script.write_text(PARENT)
-    parent = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
+    parent = subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, text=True, preexec_fn=end_with_parent
+    )
     assert parent.stdout is not None
     child = int(parent.stdout.readline())
     parent.kill()
