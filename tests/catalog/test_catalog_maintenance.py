@@ -15,8 +15,8 @@ from catalog_records import demonstration, key_of, plan, structure
 
 from upplied.catalog import compact, export_tables, history, open_catalog, vacuum, verify
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store import merging
-from upplied.catalog.verbs import adding
+from upplied.catalog.store import delta, merging
+from upplied.catalog.verbs import adding, verification
 from upplied.catalog.verbs.frames import decoded
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Cloud
@@ -94,6 +94,32 @@ def test_a_damaged_mesh_is_found(catalog):
     path = next(Path(catalog.meshes.files.root).iterdir())
     path.write_bytes(path.read_bytes()[:-100])
     assert f"{path}: is damaged; the mesh of" in said(catalog)
+
+
+@pytest.mark.parametrize("table", ["transfers", "waypoints", "structures"])
+def test_a_damaged_file_of_a_table_is_a_finding_that_says_what_to_do(catalog, table):
+    path = next(Path(catalog.tables[table].uri).glob("*.parquet"))
+    path.write_bytes(path.read_bytes()[:200])
+    found = verify(open_catalog(catalog.location))
+    assert [f for f in found if path.name in f.found and "from a backup" in f.found], found
+    with pytest.raises(CatalogError, match="from a backup"):
+        open_catalog(catalog.location).tables[table].read()
+
+
+def test_plans_are_looked_at_some_at_a_time_and_told_of_once(catalog, monkeypatch):
+    """A row of plans takes kilobytes, and there may be a million."""
+    rewrite(catalog, "transfers", lambda rows: rows.assign(status="fine"))
+    looked = []
+    broken = verification._broken
+
+    def noted(column, values):
+        looked.append(len(values))
+        return broken(column, values)
+
+    monkeypatch.setattr(verification, "_broken", noted)
+    monkeypatch.setattr(delta, "_ROW_GROUP", 5)
+    found = [str(f) for f in verify(catalog)]
+    assert max(looked) == 5 and sum("and 7 more" in f and "'fine' is not" in f for f in found) == 1, found
 
 
 def snapshot(catalog) -> list[pd.DataFrame]:

@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from catalog_records import demonstration, differences, key_of, plan, structure
-from deltalake import DeltaTable
 
 import upplied
 from upplied.catalog.database import Catalog, open_catalog
-from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store import current, delta, opening
+from upplied.catalog.store import current
 from upplied.catalog.verbs import adding, ordering
 from upplied.errors import CatalogError, InputError
 
@@ -263,33 +261,6 @@ def test_unknown_names_are_said(catalog):
     for ask in (catalog.structure, catalog.demonstration, catalog.trajectory, catalog.waypoints):
         with pytest.raises(CatalogError, match="nothing-like-it"):
             ask("nothing-like-it")
-
-
-def test_a_catalog_of_a_newer_program_is_left_alone(catalog, monkeypatch):
-    for module in (delta, opening):
-        monkeypatch.setattr(module, "SCHEMA_VERSION", SCHEMA_VERSION + 1)
-    catalog.add_plans(plans(1))
-    monkeypatch.undo()
-    older = open_catalog(catalog.location)
-    before = DeltaTable(older.tables["transfers"].uri).version()
-    for act in (older.transfers, lambda: older.add_plans(plans(2))):
-        with pytest.raises(CatalogError, match="newer version of upplied"):
-            act()
-    assert DeltaTable(older.tables["transfers"].uri).version() == before
-
-
-def test_a_catalog_of_an_older_program_gains_the_new_columns(catalog, monkeypatch):
-    declared = TABLES["transfers"]
-    old = replace(declared, columns=tuple(c for c in declared.columns if c.name != "runner_up_gap"))
-    monkeypatch.setattr(catalog.tables["transfers"], "declared", old)
-    monkeypatch.setitem(adding.TABLES, "transfers", old)
-    catalog.add_plans(plans(1))
-    monkeypatch.undo()
-    newer = open_catalog(catalog.location)
-    assert newer.transfers()["runner_up_gap"].isna().all()
-    newer.add_plans(plans(2))
-    assert newer.transfers()["runner_up_gap"].notna().sum() == 1
-    assert len(newer.trajectory(key_of(0)[:20])) == 60
 
 
 def test_a_damaged_mesh_is_noticed(catalog):

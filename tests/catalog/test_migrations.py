@@ -10,12 +10,14 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from catalog_records import demonstration, differences, key_of, plan, structure
+from deltalake import DeltaTable
 
 from upplied.catalog import compact, export_dataset, export_tables, import_dataset, open_catalog, verify
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema import migrations, tables
 from upplied.catalog.schema.columns import REAL, TEXT, Column, Table
 from upplied.catalog.store import delta, opening
+from upplied.catalog.verbs import adding
 from upplied.errors import CatalogError
 from upplied.records import Trajectory
 
@@ -185,3 +187,39 @@ def test_an_export_that_lacks_a_column_that_was_always_there_is_refused(older, t
     (older / "export" / "dataset.json").write_text(json.dumps(about))
     with pytest.raises(CatalogError, match="target_id"):
         import_dataset(open_catalog(tmp_path / "to"), older / "export")
+
+
+@pytest.fixture
+def catalog(tmp_path) -> Catalog:
+    return open_catalog(tmp_path / "catalog")
+
+
+def plans(count: int) -> list:
+    return [(key_of(at), plan(f"t{at}", at), {}) for at in range(count)]
+
+
+def test_a_catalog_of_a_newer_program_is_left_alone(catalog, monkeypatch):
+    for module in (delta, opening):
+        monkeypatch.setattr(module, "SCHEMA_VERSION", migrations.SCHEMA_VERSION + 1)
+    catalog.add_plans(plans(1))
+    monkeypatch.undo()
+    older = open_catalog(catalog.location)
+    before = DeltaTable(older.tables["transfers"].uri).version()
+    for act in (older.transfers, lambda: older.add_plans(plans(2))):
+        with pytest.raises(CatalogError, match="newer version of upplied"):
+            act()
+    assert DeltaTable(older.tables["transfers"].uri).version() == before
+
+
+def test_a_catalog_of_an_older_program_gains_the_new_columns(catalog, monkeypatch):
+    declared = tables.TABLES["transfers"]
+    old = replace(declared, columns=tuple(c for c in declared.columns if c.name != "runner_up_gap"))
+    monkeypatch.setattr(catalog.tables["transfers"], "declared", old)
+    monkeypatch.setitem(adding.TABLES, "transfers", old)
+    catalog.add_plans(plans(1))
+    monkeypatch.undo()
+    newer = open_catalog(catalog.location)
+    assert newer.transfers()["runner_up_gap"].isna().all()
+    newer.add_plans(plans(2))
+    assert newer.transfers()["runner_up_gap"].notna().sum() == 1
+    assert len(newer.trajectory(key_of(0)[:20])) == 60

@@ -10,6 +10,7 @@ from catalog_records import demonstration, structure
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
+from upplied.catalog.verbs import adding
 from upplied.cli import main
 from upplied.errors import CatalogError, SettingsError
 
@@ -90,6 +91,24 @@ def test_the_preset_that_is_flown_belongs_to_things_and_those_for_comparison_are
     with pytest.raises(SettingsError, match="is unknown"):
         catalog.set("kind", "box", {"preset": 3}, "Ada")
     assert len(catalog.said_settings()) == said
+
+
+def test_programs_that_know_no_preset_of_things_read_past_it(catalog):
+    """They take each row of the two scopes for STAGE.NAME of the preset, and ask for no other scope."""
+    catalog.set("kind", "box", {"preset": "recommended", "route.clearance_m": 3.0}, "Ada")
+    catalog.set("structure", "t1", {"preset": "recommended"}, "Ada")
+    catalog.set("structure", "t1", {"preset": None}, "Ada")
+    rows = catalog.said_settings()
+    older = rows[rows["scope"].isin(["kind", "structure"])]
+    assert list(older["setting"]) == ["route.clearance_m"] and len(rows) == 4
+    assert all(len(setting.split(".")) == 2 for setting in rows["setting"])
+
+
+def test_a_setting_of_a_newer_program_is_refused_by_its_name(catalog):
+    row = {"setting_id": "x-0", "scope": "kind", "owner": "box", "setting": "route.battery_wh"}
+    adding.add_rows(catalog, "settings", [row | {"value_json": "7", "by": "Ada", "note": ""}])
+    with pytest.raises(SettingsError, match=r"route\.battery_wh.*is unknown"):
+        fleet.decide(catalog, BOTH)
 
 
 def keys(catalog: Catalog) -> dict[tuple[str, str], str]:

@@ -26,59 +26,12 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.poses import interpolate
 from upplied.proof.as_flown import looks_of
 from upplied.proof.asking import Asking
-from upplied.proof.zones import Demand, Looked, judged
 from upplied.records import Camera, Placement, Plan, Surroundings, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.scene import scene_of
 
-N = 10
-ALL, NONE = np.ones(N, bool), np.zeros(N, bool)
 CAMERA = Camera(90.0, 60.0, 1.0, 40.0, 2000, 1500)  # 1 mm a pixel at 1 m
-
-
-def look(distance=3.0, incidence=20.0, age=0.0, seen=ALL, camera=CAMERA, pictures=None, more=()) -> Looked:
-    every = [np.where(seen, value, np.nan) for value in (distance, incidence, *more)]
-    return Looked(every[0], every[1], age, camera, pictures, (tuple(every[2:]),) if more else ())
-
-
-@pytest.mark.parametrize(
-    ("demand", "looks", "status", "why"),
-    [
-        ({}, [look()], "met", ""),
-        ({}, [], "missed", "100.0 % was not seen"),
-        ({}, [look(seen=np.arange(N) < 6)], "missed", "40.0 % was not seen"),
-        ({}, [look(seen=np.arange(N) < 6), look(seen=np.arange(N) >= 6)], "met", ""),
-        ({"gsd_mm": 2.0}, [look(3.0)], "missed", "100.0 % was seen from too far for 2 mm a pixel"),
-        ({"gsd_mm": 3.5}, [look(3.0)], "met", ""),
-        ({"gsd_mm": 3.5}, [look(camera=Camera())], "missed", "pixels are not known"),
-        ({"incidence_deg": 10.0}, [look()], "missed", "more obliquely than 10 deg"),
-        ({"max_age_days": 30.0}, [look(age=31.0)], "missed", "longer ago than 30 days"),
-        ({"max_age_days": 30.0}, [look(age=31.0), look(age=2.0)], "met", ""),
-        ({"looks": 2}, [look()], "missed", "100.0 % was seen in fewer than 2 pictures"),
-        ({"looks": 2}, [look(), look()], "met", ""),
-        ({"looks": 3}, [look(pictures=np.arange(N) // 5 * 3)], "missed", "50.0 % was seen in fewer than 3"),
-        ({"looks": 3}, [look(pictures=ALL * 2), look(incidence=80.0)], "met", ""),
-        ({"looks": 2, "max_age_days": 30.0}, [look(age=31.0), look()], "missed", "fewer than 2 pictures"),
-        # near but oblique on one day, frontal but far on another: no look keeps both
-        ({"gsd_mm": 3.5, "incidence_deg": 30.0}, [look(3.0, 50.0), look(9.0, 5.0)], "missed", "obliquely"),
-        # the nearest look of a flight was oblique, another one of it was frontal
-        ({"incidence_deg": 30.0}, [look(3.0, 50.0, more=(9.0, 5.0))], "met", ""),
-        ({"gsd_mm": 3.5, "incidence_deg": 30.0}, [look(3.0, 50.0, more=(9.0, 5.0))], "missed", "obliquely"),
-        ({"looks": 2}, [look(more=(9.0, 5.0))], "missed", "fewer than 2 pictures"),
-    ],
-)
-def test_a_zone_is_met_where_every_patch_has_one_look_that_keeps_every_demand(demand, looks, status, why):
-    found = judged(Demand("seam", "part_0", **demand), ALL, ALL, looks)
-    assert found.status == status and why in found.why
-    assert (found.shown_pct == 100) == (status == "met")
-
-
-def test_what_no_safe_camera_can_see_does_not_count_and_is_told():
-    half = np.arange(N) < 5
-    found = judged(Demand("seam", "part_0"), ALL, half, [look(seen=half)])
-    assert found.status == "met" and "50.0 % of it no safe camera can see" in found.why
-    assert judged(Demand("seam", "part_0"), ALL, NONE, [look()]).status == "unattainable"
 
 
 @pytest.fixture

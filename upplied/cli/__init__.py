@@ -110,6 +110,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains at its exit
         return 0
+    except OSError as error:  # of the machine: rights, space, a name that is too long
+        if os.environ.get("UPPLIED_DEBUG"):
+            raise
+        where = error.filename or type(error).__name__
+        errors.print(f"[red]error:[/] {escape(f'{where}: {error.strerror or error}')}", soft_wrap=True)
+        return 2
     except Exception as error:
         if os.environ.get("UPPLIED_DEBUG"):
             raise

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
+from cyclopts.validators import Number
 
 from upplied.cli.terminal import complain, errors
 from upplied.extras import extra
@@ -17,7 +18,13 @@ deploying = App(name="deploy", help="Tell Prefect's server of the deployments.")
 watching = App(name="watch", help="Tell Prefect of every log that lands in a folder.")
 
 PortOption = Annotated[
-    int, Parameter(name="--port", env_var="UPPLIED_PORT", help="Of the server; the reports have the next.")
+    int,
+    Parameter(
+        name="--port",
+        env_var="UPPLIED_PORT",
+        help="Of the server; the reports have the next.",
+        validator=Number(gte=1, lte=65534),
+    ),
 ]
 RootOption = Annotated[
     tuple[str, ...],

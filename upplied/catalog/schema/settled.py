@@ -16,9 +16,16 @@ SETTINGS = Table(
     ("setting_id",),
     (
         identity("setting_id", "name of the row"),
-        Column("scope", TEXT, "", "whose it is", required=True, allowed=("kind", "structure")),
+        Column(
+            "scope",
+            TEXT,
+            "",
+            "whose it is",
+            required=True,
+            allowed=("kind", "structure", "preset of kind", "preset of structure"),
+        ),
         identity("owner", "the kind, or the id of the structure"),
-        identity("setting", "stage and name, as route.clearance_m"),
+        identity("setting", "stage and name, as route.clearance_m; of a preset preset.name"),
         Column("value_json", TEXT, "", "the value; empty: taken back, and inherited again"),
         identity("by", "who said so"),
         Column("note", TEXT, "", "why"),

@@ -9,6 +9,7 @@ import pyarrow as pa
 
 from upplied.catalog.schema.codec import decode, encode, sha256_of
 from upplied.catalog.store.files import FileStore
+from upplied.catalog.store.telling import remedy_of
 from upplied.errors import CatalogError
 
 R = TypeVar("R")
@@ -61,7 +62,8 @@ class ContentStore(Generic[R]):
         try:
             return decode(self.files.read(file_name(sha256)), self._type, sha256)
         except (OSError, pa.ArrowException) as error:
-            raise CatalogError(self.path(sha256), f"cannot be read: {error}") from None
+            path = self.path(sha256)
+            raise CatalogError(path, f"cannot be read: {error}", "", remedy_of(path, str(error))) from None
         except CatalogError:
             raise CatalogError(self.path(sha256), "is damaged", "", self._remedy) from None
 

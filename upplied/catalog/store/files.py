@@ -60,7 +60,7 @@ class FileStore:
         if self.local:
             try:
                 return sorted(entry.name for entry in os.scandir(self.root))
-            except FileNotFoundError:
+            except (FileNotFoundError, NotADirectoryError):
                 return []
         found = self.filesystem().get_file_info(pafs.FileSelector("", allow_not_found=True))
         return sorted(item.base_name for item in found)

@@ -16,6 +16,7 @@ from datetime import UTC, datetime
 import pyarrow as pa
 
 from upplied.catalog.store.files import FileStore
+from upplied.catalog.store.telling import remedy_of
 from upplied.errors import CatalogError
 
 _FILE = "catalog.json"
@@ -85,7 +86,7 @@ class Identity:
                 )
             said = json.loads(self.files.read(_FILE))
         except _TRIED as error:
-            raise CatalogError(what, f"cannot be read: {error}") from None
+            raise CatalogError(what, f"cannot be read: {error}", "", remedy_of(what, str(error))) from None
         except ValueError as error:
             raise CatalogError(what, f"is damaged: {error}", "", "take it from a backup") from None
         if not isinstance(said, dict) or said.get("format") != _FORMAT or not isinstance(said.get("id"), str):

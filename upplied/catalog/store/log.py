@@ -50,7 +50,7 @@ class TableLog:
 
     def _refreshed(self) -> DeltaTable | None:
         if self._delta is None:
-            seen = self._heads.seen()  # before the log is read: it never runs ahead of it
+            seen = told(self.uri, self._heads.seen)  # before the log is read: it never runs ahead of it
             delta = told(self.uri, lambda: opened(self.uri))
             self._check(-1 if delta is None else delta.version(), seen)
             self._delta = delta

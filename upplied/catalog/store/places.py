@@ -26,6 +26,8 @@ def checked(location: str) -> str:
             f"{scheme}://bucket/prefix",
             "put credentials into the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, ...)",
         )
+    if not rest.strip("/"):
+        raise CatalogError(f"location {location}", "names no bucket", f"{scheme}://bucket/prefix")
     return location.rstrip("/")
 
 

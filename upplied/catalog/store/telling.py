@@ -44,6 +44,8 @@ def remedy_of(what: str, said: str) -> str:
         return "free some space; nothing was changed"
     if "ermission" in said or "ead-only" in said:
         return "ask for the right to read and write there; nothing was changed"
+    if "Parquet" in said or "Json error" in said or "parquet" in said:
+        return "take that file, or the table's folder, from a backup; nothing was changed"
     return ""
 
 

@@ -29,6 +29,9 @@ Owner = tuple[str, str]  # scope and owner
 FLOWN = "recommended"  # the preset that they are for
 ZONES = "required.zones"  # follows from what is required, and is not said
 PRESET = "preset"  # which of them: it has no stage, and changes nothing within one
+# Its rows stand apart: programs that know no such setting read the other scopes alone.
+APART = {"kind": "preset of kind", "structure": "preset of structure"}
+_SCOPES = {apart: scope for scope, apart in APART.items()}
 
 
 def said(catalog: Reading) -> dict[Owner, Changes]:
@@ -37,7 +40,11 @@ def said(catalog: Reading) -> dict[Owner, Changes]:
     table = rows.rows_of(catalog.tables["settings"].read())
     for row in sorted(table, key=lambda row: row["commit_version"]):
         stage, _, name = row["setting"].rpartition(".")
-        values = found.setdefault((row["scope"], row["owner"]), {}).setdefault(stage, {})
+        scope = str(row["scope"])
+        if scope in _SCOPES:
+            stage, name = "", PRESET
+        owner = _SCOPES.get(scope, scope), str(row["owner"])
+        values = found.setdefault(owner, {}).setdefault(stage, {})
         values.pop(name, None)
         if row["value_json"]:
             values[name] = _tuples(json.loads(row["value_json"]))
@@ -88,9 +95,9 @@ def say(catalog: Reading, scope: str, owner: str, values: Mapping[str, Any], by:
         made.append(
             {
                 "setting_id": f"{commit}-{len(made)}",
-                "scope": scope,
+                "scope": APART[scope] if setting == PRESET else scope,
                 "owner": owner,
-                "setting": setting,
+                "setting": f"{PRESET}.name" if setting == PRESET else setting,
                 "value_json": value_json,
                 "by": by.strip(),
                 "note": note,

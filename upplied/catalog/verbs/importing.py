@@ -73,7 +73,7 @@ def import_dataset(
     tables = {name: _read(place, name) for name in EXCHANGED}
     for name in ("structures", "demonstrations", "transfers"):
         frame = tables[name].to_pandas()
-        for finding in broken_values(name, frame):
+        for finding in broken_values(name, [frame]):
             raise CatalogError(f"{place}: {finding.what}", finding.found)
         for column in _IDS & set(frame.columns):
             for value in frame[column].unique():

@@ -36,6 +36,18 @@ def checked_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator
 def owned_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
     """The steps that the given rows own, ordered by owner and sequence, a bounded number at a time."""
     id_name, count_name = TABLES[name].names[0], f"n_{name}"
+    for chunk, owned in stored_steps(catalog, name, owners):
+        if len(owned) != chunk[count_name].sum():
+            first, last = chunk[id_name].iloc[0], chunk[id_name].iloc[-1]
+            raise _missing(name, first, last, len(owned), chunk[count_name].sum())
+        yield owned
+
+
+def stored_steps(
+    catalog: Catalog, name: str, owners: pd.DataFrame
+) -> Iterator[tuple[pd.DataFrame, pa.Table]]:
+    """Some of the given rows at a time, with what is stored of their steps, in order: all of it or not."""
+    id_name, count_name = TABLES[name].names[0], f"n_{name}"
     owners = owners.sort_values([id_name, "commit_id"])
     chunk_of = owners[count_name].cumsum() // CHUNK
     for _, chunk in owners.groupby(chunk_of, sort=True):
@@ -45,10 +57,7 @@ def owned_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[p
         stored = catalog.tables[name].read(within)
         wanted = pa.table({id_name: ids, "commit_id": list(chunk["commit_id"])})
         owned = stored.join(wanted, [id_name, "commit_id"], join_type="left semi")
-        owned = owned.sort_by([(column, "ascending") for column in (id_name, "commit_id", "seq")])
-        if len(owned) != chunk[count_name].sum():
-            raise _missing(name, first, last, len(owned), chunk[count_name].sum())
-        yield owned
+        yield chunk, owned.sort_by([(column, "ascending") for column in (id_name, "commit_id", "seq")])
 
 
 def parted_steps(

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 
@@ -16,14 +14,21 @@ from upplied.catalog.schema.plan_rows import settings_text
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.surfaces import SURFACES
-from upplied.catalog.verbs.owned import owned_steps
+from upplied.catalog.verbs.owned import stored_steps
 from upplied.catalog.verbs.recipes import settings_of
+from upplied.catalog.verbs.standing import DERIVED
 from upplied.errors import CatalogError, UppliedError
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
 _NAMED = 5  # ids that a finding names; it counts the others
+_CONTENTS = ("settings_json", "settings_sha256", *SURFACES)
+#: What of every plan is held at once; all else is looked at some rows at a time.
+_OF_PLANS = [
+    *("transfer_id", "demonstration_id", "source_id", "target_id"),
+    *("commit_id", "n_waypoints", "waypoints_sha256", *_CONTENTS),
+]
 
 
 @dataclass(frozen=True)
@@ -43,36 +48,66 @@ def verify(catalog: Catalog) -> list[Finding]:
     Rows are those of every version, not of the current ones alone. Only what is committed counts:
     points that a stopped writer left behind are no finding.
     """
-    frames = {
-        "structures": catalog.structures(every=True),
-        "demonstrations": catalog.demonstrations(every=True),
-        "transfers": catalog.transfers(every=True),
-        "flights": catalog.flights(),
-        "decisions": catalog.decisions(),
-        "overruled": catalog.overruled(),
+    plans = catalog.tables["transfers"]
+    reads: dict[str, Callable[[], pd.DataFrame]] = {
+        "structures": lambda: catalog.structures(every=True),
+        "demonstrations": lambda: catalog.demonstrations(every=True),
+        "transfers": lambda: plans.narrow(_OF_PLANS).to_pandas(),
+        "flights": catalog.flights,
+        "decisions": catalog.decisions,
+        "overruled": catalog.overruled,
     }
+    catalog.identity.required()
     found: list[Finding] = []
+    frames: dict[str, pd.DataFrame] = {}
+    for name, read in reads.items():
+        try:
+            frames[name] = read()
+        except CatalogError as error:
+            found.append(_unreadable(error))
+    if found:  # what refers to a table that cannot be read cannot be judged
+        return found
     for name, frame in frames.items():
-        found += broken_values(name, frame)
+        if name == "transfers":  # of which there may be a million, of kilobytes each
+            columns = [column for column in plans.declared.names if column not in DERIVED]
+            found += _read(broken_values(name, (rows.to_pandas() for rows in plans.batches(columns))))
+        else:
+            found += broken_values(name, [frame])
     found += _references(frames)
     found += _meshes(catalog, frames["structures"])
     found += _contents(catalog, frames["transfers"])
     found += _settings(frames["transfers"])
-    found += _steps(catalog, "poses", frames["demonstrations"])
-    found += _steps(catalog, "waypoints", frames["transfers"])
+    found += _read(_steps(catalog, "poses", frames["demonstrations"]))
+    found += _read(_steps(catalog, "waypoints", frames["transfers"]))
     return found
 
 
-def broken_values(name: str, frame: pd.DataFrame) -> Iterator[Finding]:
-    """Values against the constraints of their columns."""
-    key = frame[frame.columns[0]]
-    for column in TABLES[name].columns:
-        bad = _broken(column, frame[column.name])
-        if bad.any():
-            first = str(frame[column.name][bad].iloc[0])
-            yield Finding(
-                f"{name}.{column.name}", f"{first!r} is not {column.constraint}, in {_some(key[bad])}"
-            )
+def _unreadable(error: CatalogError) -> Finding:
+    return Finding(error.what, f"{error.found}; {error.remedy}" if error.remedy else error.found)
+
+
+def _read(findings: Iterable[Finding]) -> Iterator[Finding]:
+    """Findings as far as their table can be read, and where it cannot."""
+    try:
+        yield from findings
+    except CatalogError as error:
+        yield _unreadable(error)
+
+
+def broken_values(name: str, parts: Iterable[pd.DataFrame]) -> Iterator[Finding]:
+    """Values of the rows of a table, some at a time, against the constraints of their columns."""
+    broken: dict[str, tuple[str, Column, list[pd.Series]]] = {}  # column -> first value, and what has such
+    for frame in parts:
+        for column in TABLES[name].columns:
+            if column.name not in frame:
+                continue
+            bad = _broken(column, frame[column.name])
+            if bad.any():
+                first = str(frame[column.name][bad].iloc[0])
+                broken.setdefault(column.name, (first, column, []))[2].append(frame[frame.columns[0]][bad])
+    for first, column, keys in broken.values():
+        found = f"{first!r} is not {column.constraint}, in {_some(pd.concat(keys))}"
+        yield Finding(f"{name}.{column.name}", found)
 
 
 def _broken(column: Column, values: pd.Series) -> pd.Series:
@@ -102,7 +137,7 @@ def _references(frames: dict[str, pd.DataFrame]) -> Iterator[Finding]:
         *((table, "transfer_id", "transfers") for table in ("flights", "decisions", "overruled")),
     ):
         lost = frames[table][~frames[table][column].isin(known[to])]
-        for name, rows in lost.groupby(column):
+        for name, rows in lost.groupby(column, observed=True):
             yield Finding(f"{table}.{column}", f"{name} is not in {to}; named by {_some(rows.iloc[:, 0])}")
 
 
@@ -125,7 +160,10 @@ def _contents(catalog: Catalog, transfers: pd.DataFrame) -> Iterator[Finding]:
     """What plans see and what was flown, each read and compared with its hash."""
     flights = catalog.flights()
     for read, named in (
-        *((catalog.surfaces.get, transfers.groupby(column)["transfer_id"]) for column in SURFACES),
+        *(
+            (catalog.surfaces.get, transfers.groupby(column, observed=True)["transfer_id"])
+            for column in SURFACES
+        ),
         (catalog.flown, flights.groupby("flight_sha256")["transfer_id"]),
         (catalog.looks.get, flights.groupby("looks_sha256")["transfer_id"]),
     ):
@@ -139,7 +177,7 @@ def _contents(catalog: Catalog, transfers: pd.DataFrame) -> Iterator[Finding]:
 
 def _settings(transfers: pd.DataFrame) -> Iterator[Finding]:
     """Settings that do not match their hash, where this program knows all of them."""
-    for (text, sha256), rows in transfers.groupby(["settings_json", "settings_sha256"]):
+    for (text, sha256), rows in transfers.groupby(["settings_json", "settings_sha256"], observed=True):
         try:
             settings = settings_of(text)
         except (UppliedError, ValueError) as error:
@@ -155,30 +193,19 @@ def _steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[Findin
     """Steps that are missing, too many, out of order, or not those whose hash the row keeps."""
     key, count = TABLES[name].names[0], f"n_{name}"
     owners = owners[owners[count] > 0].drop_duplicates([key, "commit_id"])
-    counts = _counts(catalog, name)
-    there = [
-        counts.get((row_id, commit), 0)
-        for row_id, commit in zip(owners[key], owners["commit_id"], strict=True)
-    ]
-    wrong = owners[np.array(there, int) != owners[count].to_numpy()]
-    for row_id, commit, said in wrong[[key, "commit_id", count]].itertuples(index=False):
-        yield Finding(f"{name} of {row_id}", f"{counts.get((row_id, commit), 0)} steps, the row says {said}")
-    whole = owners.drop(wrong.index).sort_values(key)
-    hashes = dict(zip(zip(whole[key], whole["commit_id"], strict=True), whole[f"{name}_sha256"], strict=True))
-    for steps in owned_steps(catalog, name, whole):
-        for row_id, wrong_here in unlike(name, steps, hashes):
-            yield Finding(f"{name} of {row_id}", wrong_here)
-
-
-def _counts(catalog: Catalog, name: str) -> Counter[tuple[str, str]]:
-    """How many steps each owner and commit has; read in batches, since there may be many."""
-    key = TABLES[name].names[0]
-    counts: Counter[tuple[str, str]] = Counter()
-    for rows in catalog.tables[name].batches([key, "commit_id"]):
-        grouped = rows.group_by([key, "commit_id"]).aggregate([([], "count_all")])
-        for row in grouped.to_pylist():
-            counts[row[key], row["commit_id"]] += row["count_all"]
-    return counts
+    for chunk, steps in stored_steps(catalog, name, owners):
+        grouped = steps.group_by([key, "commit_id"]).aggregate([([], "count_all")])
+        counts = {(row[key], row["commit_id"]): row["count_all"] for row in grouped.to_pylist()}
+        rows = list(chunk[[key, "commit_id", count, f"{name}_sha256"]].itertuples(index=False, name=None))
+        miscounted = set()
+        for row_id, commit, said, _ in rows:
+            if (there := counts.get((row_id, commit), 0)) != said:
+                miscounted.add(row_id)
+                yield Finding(f"{name} of {row_id}", f"{there} steps, the row says {said}")
+        hashes = {(row_id, commit): sha256 for row_id, commit, _, sha256 in rows}
+        for row_id, wrong in unlike(name, steps, hashes):
+            if row_id not in miscounted:
+                yield Finding(f"{name} of {row_id}", wrong)
 
 
 def _some(names: pd.Series) -> str:
