@@ -65,7 +65,11 @@ def test_what_a_fleet_costs_besides_planning() -> None:
 
 @pytest.mark.slow
 def test_what_a_large_fleet_needs_on_several_machines() -> None:
-    _, line = run("machines.py", "--targets", "12", "--demonstrations", "2", "--machines", "2").splitlines()
-    pairs, *peaks = line.split()
-    assert pairs == "24"
-    assert all(0 < float(peak) < 2 for peak in peaks[:4]), line
+    heads, *lines = run(
+        "large.py", "--kept", "--planned", "12", "--demonstrations", "2", "--pages", "2"
+    ).splitlines()
+    assert "GiB, children" in heads
+    steps = {line[26:38].strip(): line[38:].split() for line in lines}
+    assert set(steps) == {"stage", "hand_out", "machine 1", "machine 2", "machine 3", "count", "published"}
+    assert all(0 < float(step[1]) < 2 for step in steps.values()), lines
+    assert steps["count"][3:9] == "24 plans, 0 twice, 0 left;".split(), lines
