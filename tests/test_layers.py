@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
-    "errors", "extras", "records", "config", "checks", "poses", "discs", "scene",
+    "errors", "extras", "records", "config", "checks", "polylines", "vectors", "poses", "discs", "scene",
     "threads", "provenance", "guard",
 }  # fmt: skip
 ALLOWED = {
@@ -24,8 +24,10 @@ ALLOWED = {
     "records": {"errors"},
     "config": {"errors"},
     "checks": {"errors", "records", "config"},
-    "poses": {"errors", "records", "config", "checks"},
-    "discs": {"errors", "records"},
+    "polylines": {"records"},
+    "vectors": {"records"},
+    "poses": {"errors", "records", "config", "checks", "polylines"},
+    "discs": {"errors", "records", "vectors"},
     "scene": FOUNDATION,
     "threads": set(),
     "provenance": set(),

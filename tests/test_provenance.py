@@ -35,7 +35,17 @@ def test_another_machine_plans_under_the_same_key(job, monkeypatch):
 
 
 def test_every_source_of_planning_counts(monkeypatch, tmp_path):
-    for name in ("planning/deep", "records", "checks.py", "discs.py", "poses.py", "scene.py", "threads.py"):
+    for name in (
+        "planning/deep",
+        "records",
+        "checks.py",
+        "discs.py",
+        "polylines.py",
+        "poses.py",
+        "scene.py",
+        "threads.py",
+        "vectors.py",
+    ):
         path = tmp_path / name
         if path.suffix:
             path.write_text("x = 1\n")
@@ -54,7 +64,7 @@ def test_every_source_of_planning_counts(monkeypatch, tmp_path):
         seen.add(found())
     (tmp_path / "planning" / "b.py").write_text("")
     seen.add(found())
-    assert len(seen) == 9
+    assert len(seen) == 11
 
 
 def test_the_libraries_that_results_depend_on_are_named():

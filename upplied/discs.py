@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.records import Floats, Ints, Record
+from upplied.vectors import across, plane_normals
 
 _AROUND = 12  # neighbours of a sample that tell its plane, and whose discs are to hold it
 _RIM = 6  # the neighbour as far away as a disc is wide
@@ -30,8 +31,7 @@ class Discs(Record):
         away, nearest = cKDTree(points).query(points, k=min(_AROUND + 1, len(points)))
         away, nearest = away.reshape(len(points), -1), nearest.reshape(len(points), -1)
         if normals is None:
-            patch = points[nearest] - points[nearest].mean(axis=1, keepdims=True)
-            normals = np.linalg.eigh(np.einsum("nki,nkj->nij", patch, patch))[1][:, :, 0]
+            normals = plane_normals(points, nearest)
         return cls(points, normals, away, nearest)
 
     @property
@@ -49,10 +49,7 @@ class Discs(Record):
 
     def mesh(self) -> tuple[Floats, Ints]:
         """The discs as hexagons: vertices (7 N, 3), each centre before its rim, and triangles (6 N, 3)."""
-        helper = np.where(np.abs(self.normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-        first = np.cross(self.normals, helper)
-        first /= np.linalg.norm(first, axis=1, keepdims=True)
-        second = np.cross(self.normals, first)
+        first, second = across(self.normals)
         angles = np.arange(6) * np.pi / 3
         rim = self.points[:, None] + self.radius_m[:, None, None] * (
             np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * second[:, None]

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from upplied.polylines import interpolated
 from upplied.records import Floats, Trajectory
 
 _STEEP = 0.1  # an optical axis that is less far across than this much of up or down has no heading
@@ -130,7 +131,7 @@ def fov_at(trajectory: Trajectory, t_s: Floats) -> Floats | None:
     """Fields of view (M, 2), deg, at times of a flight whose camera zooms; None where it does not."""
     if trajectory.fov_deg is None:
         return None
-    return np.column_stack([np.interp(t_s, trajectory.t_s, angle) for angle in trajectory.fov_deg.T])
+    return interpolated(t_s, trajectory.t_s, trajectory.fov_deg)
 
 
 def wrapped(angle: Floats) -> Floats:

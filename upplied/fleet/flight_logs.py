@@ -22,6 +22,7 @@ from upplied.fleet.zone_gaps import zones_left_out
 from upplied.inputs.photos import photo_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.planning.surface.samples import surface_samples
+from upplied.polylines import leg_lengths
 from upplied.proof.align import Alignment
 from upplied.proof.as_flown import AsFlown, as_flown, looks_of
 from upplied.records import (
@@ -161,7 +162,7 @@ def _wind(flown: Demonstration) -> Row:
 def flight_columns(row: Row, found: Alignment, said: AsFlown, required: Bools) -> Row:
     """What every flight says of itself, by the columns of `flights`."""
     seen = said.looks.seen[required]
-    steps = np.linalg.norm(np.diff(found.flown.positions, axis=0), axis=1)
+    steps = leg_lengths(found.flown.positions)
     return {
         **{name: row[name] for name in ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")},
         "photos_missing": said.photos_missing,

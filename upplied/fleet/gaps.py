@@ -18,6 +18,7 @@ from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import METHOD_VERSION
+from upplied.polylines import leg_lengths
 from upplied.proof.gap import GapFlight, gap_flight
 from upplied.provenance import method, recorded
 from upplied.records import Bools, Cloud, Measures, Plan, SurfaceStates, Trajectory
@@ -152,4 +153,4 @@ def _plan(
 
 
 def _peak_speed(path: Trajectory) -> float:
-    return float((np.linalg.norm(np.diff(path.positions, axis=0), axis=1) / np.diff(path.t_s)).max())
+    return float((leg_lengths(path.positions) / np.diff(path.t_s)).max())

@@ -13,13 +13,14 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.required import zones_of
 from upplied.config import digest, focal_px
 from upplied.outputs.zones import flown_rows, looked
-from upplied.planning.geometry.boxes import sided, spacing
+from upplied.planning.geometry.boxes import spacing
 from upplied.proof.asking import Asking
 from upplied.proof.gap import square_metres
 from upplied.proof.zone_gap import ZoneGap
 from upplied.proof.zones import Demand
 from upplied.records import Bools, Camera, Cloud, Ints, Structure
 from upplied.scene import scene_of
+from upplied.vectors import with_normals
 
 
 @dataclass(frozen=True)
@@ -65,11 +66,10 @@ def missed_zones(
     if asking is None:
         return [], ()
     surface = asking.surface
-    assert surface.normals is not None and surface.area_m2 is not None
     found = []
     for named, demand, missed in asking.missed(*looked(catalog, _flights(catalog, row), surface)):
         if missed.any():
-            cloud = Cloud(surface.points[missed], surface.normals[missed], surface.area_m2[missed])
+            cloud = Cloud(surface.points[missed], surface.outward[missed], surface.areas[missed])
             most = 90.0 if demand.incidence_deg is None else demand.incidence_deg
             found.append(Zone(named, demand, ZoneGap(demand.zone, cloud, _farthest_m(demand, camera), most)))
     return found, asking.required()[1]
@@ -100,10 +100,9 @@ def key_of(zones: list[Zone]) -> list[str]:
 
 def nearest(surface: Cloud, cloud: Cloud) -> Ints:
     """The sample of a surface that is nearest to each of a cloud's, on its side of a thin plate."""
-    assert surface.normals is not None and cloud.normals is not None
     apart = spacing(surface)
-    known = cKDTree(sided(surface.points, surface.normals, apart))
-    return np.asarray(known.query(sided(cloud.points, cloud.normals, apart))[1], np.int64)
+    known = cKDTree(with_normals(surface.points, surface.outward, 2 * apart))
+    return np.asarray(known.query(with_normals(cloud.points, cloud.outward, 2 * apart))[1], np.int64)
 
 
 def _asking(catalog: Catalog, target: Structure, camera: Camera) -> Asking | None:

@@ -13,6 +13,7 @@ import numpy as np
 from upplied.inputs.topology import Topology
 from upplied.records import Bools, Floats, Ints, Record
 from upplied.scene import Scene
+from upplied.vectors import area_vectors
 
 _RAYS = 24  # from each side of each sample, weighted by the cosine: as parallel light from all around
 _SPREAD = 4096  # samples over the whole surface, by area
@@ -51,7 +52,7 @@ def look(
     Outside
     """
     corners = vertices[triangles]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    area = np.linalg.norm(area_vectors(corners), axis=1) / 2
     patch = topology.patch
     patch_area = np.bincount(patch, area)
     wanted = _LEAST + np.floor(_SPREAD * patch_area / patch_area.sum()).astype(np.int64)

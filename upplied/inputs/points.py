@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from upplied.discs import surfels
 from upplied.records import Bools, Floats, Ints
 from upplied.scene import Scene
+from upplied.vectors import neighbour_spacing, sphere
 
 _NEIGHBOURS = 13
 _JUDGED = 30_000  # points that vote by rays; the others follow their neighbours
@@ -69,16 +70,16 @@ def _repaired(points: Floats, given: Floats) -> Floats:
 def _votes(points: Floats, normals: Floats) -> Floats:
     """For each point how much more its front sees of the outside than its back, from -1 to 1."""
     # Discs as wide as the sixth neighbour overlap; smaller ones let rays through.
-    spacing = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    spacing = neighbour_spacing(points)
     scene = Scene(*surfels(points, normals))
     reach = 2 * float(np.linalg.norm(np.ptp(points, axis=0)))
-    sphere = _sphere(48)
+    directions = sphere(48)
     escaped = np.zeros((2, len(points)))
     for row, sign in enumerate((1.0, -1.0)):
-        owner, which = np.nonzero((sign * normals) @ sphere.T > 0.2)
+        owner, which = np.nonzero((sign * normals) @ directions.T > 0.2)
         for gap in _GAPS:
             starts = points[owner] + sign * gap * spacing * normals[owner]
-            free = ~scene.occluded(starts, starts + reach * sphere[which], slack=0.0)
+            free = ~scene.occluded(starts, starts + reach * directions[which], slack=0.0)
             escaped[row] += np.bincount(owner, free, len(points))
     total = escaped.sum(axis=0)
     return (escaped[0] - escaped[1]) / np.maximum(total, 1)
@@ -97,11 +98,3 @@ def _follow(points: Floats, normals: Floats, sure: Ints, sign: Floats) -> Floats
         turned[rows] = np.where(best < 0, -1.0, 1.0)[:, None] * normals[rows]
     turned[sure] = known
     return turned
-
-
-def _sphere(number: int) -> Floats:
-    """Directions (number, 3) spread evenly over the sphere (golden spiral)."""
-    turn = np.pi * (1 + np.sqrt(5)) * (np.arange(number) + 0.5)
-    height = 1 - (2 * np.arange(number) + 1) / number
-    ring = np.sqrt(1 - height**2)
-    return np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])

@@ -15,7 +15,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from upplied.polylines import chosen_evenly
 from upplied.records import Bools, Floats, Ints, Record, Structure
+from upplied.vectors import area_vectors, neighbour_spacing
 
 CLASSES = ("structure", "ground", "clutter", "neighbour")
 _SAMPLES = 150_000  # points that stand for a surface
@@ -95,12 +97,12 @@ def _samples(structure: Structure) -> tuple[Floats, Ints, Floats]:
     """Points (S, 3), the triangle or point each stands for, and the area of each, m²."""
     if not len(structure.triangles):
         count = len(structure.vertices)
-        chosen = np.unique(np.linspace(0, count - 1, min(count, _SAMPLES)).astype(np.int64))
+        chosen = chosen_evenly(count, _SAMPLES)
         points = structure.vertices[chosen]
         far = cKDTree(points).query(points, k=min(9, len(points)))[0][:, -1]
         return points, chosen, np.pi * far**2 / 8
     corners = structure.vertices[structure.triangles]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    area = np.linalg.norm(area_vectors(corners), axis=1) / 2
     summed = np.cumsum(area)
     rng = np.random.default_rng(0)
     along = (np.arange(_SAMPLES) + rng.random(_SAMPLES)) / _SAMPLES * summed[-1]
@@ -223,7 +225,7 @@ def _surrounds(is_open: Bools, standing: Ints) -> bool:
 def _clusters(points: Floats, above: Floats) -> Ints:
     """The class (S,) of samples that are no ground, by the clusters that they fall into."""
     some = points[:: max(1, len(points) // _ASKED)]
-    apart = float(np.median(cKDTree(points).query(some, k=2)[0][:, 1])) if len(points) > 1 else 0.0
+    apart = neighbour_spacing(points, some)
     edge = max(_GAP * float(np.linalg.norm(np.ptp(points, axis=0))), _SPACED * apart)
     cell, voxel = np.unique(
         np.floor((points - points.min(axis=0)) / max(edge, 1e-9)), axis=0, return_inverse=True

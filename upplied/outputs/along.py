@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.polylines import leg_lengths
 from upplied.poses import interpolate, optical_axis
 from upplied.records import Floats, Record, Trajectory
 from upplied.scene import Scene
@@ -46,7 +47,7 @@ def speeds(path: Trajectory) -> Floats:
     """Speed (N,), m/s, at each pose: of the steps on both of its sides together."""
     if len(path) < 2:
         return np.zeros(len(path))
-    step = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
+    step = leg_lengths(path.positions)
     dt = np.diff(path.t_s)
     distance = np.concatenate([[0.0], step]) + np.concatenate([step, [0.0]])
     duration = np.concatenate([[0.0], dt]) + np.concatenate([dt, [0.0]])

@@ -15,6 +15,7 @@ from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.ways import ground_z_m
+from upplied.polylines import leg_lengths
 from upplied.records import Floats, Structure
 
 _PAGE = """<!doctype html>
@@ -153,7 +154,7 @@ def _sorties(missions: Sequence[Mission]) -> str:
     cells = []
     for mission in missions:
         inside = mission.local[mission.inspect]
-        length = float(np.linalg.norm(np.diff(mission.local, axis=0), axis=1).sum())
+        length = float(leg_lengths(mission.local).sum())
         every = mission.photo_distance_m
         photos = f"every {every:g} m" if every else str(int(mission.photo.sum()))
         lat, lon, _ = mission.geodetic[0]

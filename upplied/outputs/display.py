@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from upplied.inputs.rules import from_json
 from upplied.records import SURFACE_STATES, Floats, Ints, Record, Structure, SurfaceStates
 from upplied.scene import simplified
+from upplied.vectors import area_vectors
 
 _MOST_TRIANGLES = 18_000
 _MOST_POINTS = 12_000
@@ -81,7 +82,7 @@ def nearest_samples(mesh: DisplayMesh, states: SurfaceStates) -> Ints:
     if not len(triangles):
         return near.nearest(vertices, None)
     corners = vertices[triangles]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across = area_vectors(corners)
     normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     return near.nearest(corners.mean(axis=1), normals)
 

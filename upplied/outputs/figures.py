@@ -14,6 +14,7 @@ from upplied.outputs.draw.canvas import Classed, Solid, picture, solid
 from upplied.outputs.draw.sheet import Panel, padded, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
 from upplied.outputs.files import replace_file
+from upplied.polylines import leg_lengths
 from upplied.records import (
     SURFACE_STATES,
     Camera,
@@ -261,7 +262,7 @@ def _panel(
     depth = 26 / frame.metre_px
     parts = [tubes.path(positions, radius, colour) for positions, colour in lines]
     for positions, quats, camera, colour in cameras:
-        along = np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()
+        along = leg_lengths(positions).sum()
         chosen = _every(len(positions), max(2, int(along / (1.5 * depth))))  # so that they stand apart
         parts.append(tubes.frusta(positions[chosen], quats[chosen], camera, depth, radius / 2.2, colour))
     return Panel(picture(body, tubes.joined(parts), frame), x, y, label, frame)

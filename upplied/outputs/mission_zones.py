@@ -13,6 +13,7 @@ from upplied.catalog import Catalog
 from upplied.catalog.verbs.required import zones_of
 from upplied.outputs.missions.gate import ZONE
 from upplied.outputs.missions.records import Mission
+from upplied.polylines import cumulated, leg_lengths
 from upplied.proof.asking import Asking
 from upplied.proof.zones import Looked
 from upplied.records import Camera, Floats, Plan, Structure, Trajectory
@@ -70,14 +71,14 @@ def _flown(mission: Mission) -> tuple[Trajectory, Floats]:
     """The inspection of a mission as it is written, and when it takes its pictures."""
     part = np.flatnonzero(mission.inspect)
     positions = mission.local[part]
-    leg = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    leg = leg_lengths(positions)
     took = np.maximum(leg / np.maximum(mission.speed_mps[part][1:], 1e-3), _ON_THE_SPOT_S)
-    t_s = np.concatenate([[0.0], np.cumsum(took)])
+    t_s = cumulated(took)
     fov = None if mission.fov_deg is None else mission.fov_deg[part]
     path = Trajectory(t_s, positions, mission.quat_xyzw[part], fov_deg=fov)
     if not mission.photo_distance_m:
         return path, t_s[mission.photo[part]]
-    along = np.concatenate([[0.0], np.cumsum(leg)])
+    along = cumulated(leg)
     return path, np.interp(np.arange(0.0, along[-1], mission.photo_distance_m), along, t_s)
 
 

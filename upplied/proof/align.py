@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from upplied.errors import RefusedError
+from upplied.polylines import interpolated
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.proof.camera import LEAST_TURN_DEG, camera_offset
 from upplied.proof.matching import Matched, clock_offset, matched_in_order, share_near
@@ -187,7 +188,7 @@ def _moved(log: Trajectory, middle: Floats, params: Floats) -> Floats:
 
 
 def _planned(plan: Trajectory, moment: Floats) -> Floats:
-    return np.column_stack([np.interp(moment, plan.t_s, axis) for axis in plan.positions.T])
+    return interpolated(moment, plan.t_s, plan.positions)
 
 
 def _solved(

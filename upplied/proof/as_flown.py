@@ -13,6 +13,7 @@ from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.geometry.frechet import frechet
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import TRULY, stations
+from upplied.polylines import arc_length, chosen_evenly, interpolated
 from upplied.poses import in_a_row, interpolate
 from upplied.proof.align import Alignment
 from upplied.proof.findings import findings, photos_missing
@@ -135,8 +136,7 @@ def looks_of(
     if photo_s is None and picture_s is not None and len(picture_s):
         shown = _seen(interpolate(flown, picture_s), surface, camera, scene)
         pictures = np.asarray(np.maximum(pictures, shown.sum(axis=0)), np.int64)
-    assert surface.normals is not None
-    where = [np.ascontiguousarray(each) for each in (poses.positions, surface.points, surface.normals)]
+    where = [np.ascontiguousarray(each) for each in (poses.positions, surface.points, surface.outward)]
     nearest = _best(*where, seen, np.inf, False)
     frontal = [_look(poses, surface, _best(*where, seen, far, True)) for far in (np.inf, *within_m)]
     there, at = nearest >= 0, np.maximum(nearest, 0)
@@ -149,11 +149,10 @@ def looks_of(
 
 def _look(poses: Trajectory, surface: Cloud, pose: Ints) -> tuple[Floats, Floats]:
     """Distance, m, and incidence, deg, (N,) of each sample from its pose; NaN where it has none."""
-    assert surface.normals is not None
     there, at = pose >= 0, np.maximum(pose, 0)
     ray = poses.positions[at] - surface.points if len(poses) else np.full((len(surface), 3), np.nan)
     distance = np.linalg.norm(ray, axis=1)
-    cosine = (ray * surface.normals).sum(axis=1) / np.maximum(distance, 1e-12)
+    cosine = (ray * surface.outward).sum(axis=1) / np.maximum(distance, 1e-12)
     incidence = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     return np.where(there, distance, np.nan), np.where(there, incidence, np.nan)
 
@@ -219,17 +218,14 @@ def _best(
 def _speeds(flown: Trajectory) -> Floats:
     """Speed (N,) at each pose, m/s, over a second around it."""
     half = 0.5
-    ahead, behind = (
-        np.column_stack([np.interp(flown.t_s + offset, flown.t_s, axis) for axis in flown.positions.T])
-        for offset in (half, -half)
-    )
+    ahead, behind = (interpolated(flown.t_s + offset, flown.t_s, flown.positions) for offset in (half, -half))
     span = np.minimum(flown.t_s + half, flown.t_s[-1]) - np.maximum(flown.t_s - half, flown.t_s[0])
     return np.asarray(np.linalg.norm(ahead - behind, axis=1) / np.maximum(span, 1e-9))
 
 
 def _flown_share(plan: Trajectory, covered: Floats, silence: float) -> float:
     """Share of the plan's length, %, between moments that some pose corresponds to."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(plan.positions, axis=0), axis=1))])
+    along = arc_length(plan.positions)
     if len(covered) < 2 or along[-1] == 0:
         return 0.0
     ends = np.interp(np.clip(covered, plan.t_s[0], plan.t_s[-1]), plan.t_s, along)
@@ -250,5 +246,5 @@ def _frechet(plan: Trajectory, flown: Trajectory, near: Bools, covered: Floats) 
         return float("nan")
     span = np.linspace(max(covered[0], plan.t_s[0]), min(covered[-1], plan.t_s[-1]), _FRECHET_POSES)
     own = flown.positions[near]
-    own = own[np.unique(np.linspace(0, len(own) - 1, min(_FRECHET_POSES, len(own))).astype(int))]
+    own = own[chosen_evenly(len(own), _FRECHET_POSES)]
     return frechet(interpolate(plan, span).positions, own, 1e-4)

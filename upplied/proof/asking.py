@@ -134,8 +134,7 @@ class Asking:
                 gsd_m[patches] = np.minimum(gsd_m[patches], 1e-3 * demand.gsd_mm)
             if demand.incidence_deg is not None:
                 incidence[patches] = np.minimum(incidence[patches], demand.incidence_deg)
-        assert surface.normals is not None
-        return RequiredSurface(surface.points, surface.normals, zone, gsd_m, incidence), tuple(untold)
+        return RequiredSurface(surface.points, surface.outward, zone, gsd_m, incidence), tuple(untold)
 
     def missed(self, *looks: Looked) -> list[tuple[dict[str, Any], Demand, Bools]]:
         """Of each zone that is known here what names it, its demand, and the samples (N,) not shown so."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from upplied.errors import InputError
+from upplied.polylines import leg_lengths
 from upplied.poses import from_yaw_pitch, optical_axis
 from upplied.proof.edit import Asked, Edit, Viewpoint, viewpoints_of
 from upplied.records import Bools, Floats, Trajectory
@@ -154,6 +155,6 @@ def _axes(viewpoints: Sequence[Viewpoint]) -> Floats:
 
 def _usual_gap(places: Floats) -> float:
     """How far viewpoints that follow each other are apart, in the median, m."""
-    gaps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    gaps = leg_lengths(places)
     gaps = gaps[gaps > 0]
     return float(np.median(gaps)) if len(gaps) else 0.0

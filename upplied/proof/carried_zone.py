@@ -11,12 +11,13 @@ from upplied.config import Settings
 from upplied.planning.correspondence.certainty import COUNTERPART, evidence_of_counterpart, probability
 from upplied.planning.correspondence.pair import Fit, Memo, no_memo, study_pair
 from upplied.planning.demonstration.about import Faces, zone_of
-from upplied.planning.geometry.boxes import in_source_frame, sided, spacing
+from upplied.planning.geometry.boxes import in_source_frame, spacing
 from upplied.planning.surface.frames import frames_for, structure_in
 from upplied.planning.surface.parts import labels_of
 from upplied.planning.surface.skin import skin_parts
 from upplied.records import Bools, Cloud, Record, Structure
 from upplied.threads import one_thread
+from upplied.vectors import with_normals
 
 _NEIGHBOURS = 5  # carried samples nearest to one of the target: most of them say whether it is of the zone
 _REACH = 3.0  # times the spacing of the target's samples, that the nearest of them may be off
@@ -67,13 +68,13 @@ def carried_zone(
     fit = pair.surface
     skin = skin_parts(pair.source, pair.source_scene, fit.source).label
     zone = zone_of(where, pair.source, fit.source, skin, faces)
-    assert zone is not None and fit.target.normals is not None and surface.normals is not None
+    assert zone is not None
     kept = fit.correspondences.target_index >= 0
     mine = _carried(fit, zone)
     apart_m = spacing(fit.target)
-    turned = there.from_declared(surface.points), surface.normals @ there.turn
-    known = cKDTree(sided(fit.target.points, fit.target.normals, apart_m))
-    nearest = known.query(sided(*turned, apart_m))[1]
+    turned = there.from_declared(surface.points), surface.outward @ there.turn
+    known = cKDTree(with_normals(fit.target.points, fit.target.outward, 2 * apart_m))
+    nearest = known.query(with_normals(*turned, 2 * apart_m))[1]
     lost = 100 * float((zone & ~kept).sum() / zone.sum())
     return CarriedZone(np.asarray(mine[nearest], bool), _probability(fit, zone), lost)
 

@@ -19,6 +19,7 @@ from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.roadmap import Roadmap, way
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.retime import retime
+from upplied.polylines import arc_length
 from upplied.poses import fov_at, from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
 
@@ -188,7 +189,7 @@ def _between(
         raise RefusedError(
             f"viewpoint {other}", f"has no safe way from viewpoint {one}", "", "move one of them"
         )
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    along = arc_length(line)
     share = (along / max(along[-1], _APART_M))[1:-1]
 
     def along_the_way(start: Floats, end: Floats) -> Floats:

@@ -19,6 +19,7 @@ from upplied.errors import RefusedError
 from upplied.planning.airspace.roadmap import Roadmap, way
 from upplied.planning.trajectory.retime import retime
 from upplied.planning.visibility.path_views import stations
+from upplied.polylines import arc_length, leg_lengths
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.proof.tour import short_tour
 from upplied.proof.zone_gap import Part, ZoneGap, joined, poses_for
@@ -82,8 +83,7 @@ def gap_flight(
     free = graph.airspace.allowed(poses.positions)
     poses = poses.take(free)
     part = np.flatnonzero(missing)
-    assert surface.normals is not None
-    parts = [Part(Cloud(surface.points[part], surface.normals[part]), camera)]
+    parts = [Part(Cloud(surface.points[part], surface.outward[part]), camera)]
     parts += [zone.part(camera) for zone in zones]
     usual_m = float(np.median(graph.airspace.scene.distance(poses.positions))) if zones and len(poses) else 0
     shown = parts[0].well(poses, graph)
@@ -111,7 +111,7 @@ def gap_flight(
     cannot = np.split(~can, np.cumsum([len(one.cloud) for one in parts])[:-1])
     both = [(done, none & ~done) for done, none in zip(flown, cannot, strict=True)]
     shows[part], unattainable[part] = both[0]
-    length = float(np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1).sum())
+    length = float(leg_lengths(trajectory.positions).sum())
     shortest = bound_m(poses.positions, seen)
     return GapFlight(trajectory, is_viewpoint, shows, unattainable, length, shortest, tuple(both[1:]))
 
@@ -122,8 +122,7 @@ def _none_of(zone: ZoneGap) -> str:
 
 def square_metres(cloud: Cloud, part: Bools) -> float:
     """Area of some samples of a cloud, m2."""
-    assert cloud.area_m2 is not None
-    return float(cloud.area_m2[part].sum())
+    return float(cloud.areas[part].sum())
 
 
 def _way(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, Ints]:
@@ -147,12 +146,12 @@ def _timed(
         once = np.repeat(line, 2, axis=0), poses.quat_xyzw[chosen[[0, 0]]]
         return Trajectory(np.array([0.0, 1.0]), *once), np.array([True, True])
     yaw, pitch = yaw_pitch(poses.quat_xyzw[chosen])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    along = arc_length(line)
     turning = np.interp(along, along[at], np.unwrap(yaw)), np.interp(along, along[at], pitch)
     quats = from_yaw_pitch(*turning)
     shown = np.zeros(len(line), bool)
     shown[at] = True
-    steps = np.linalg.norm(np.diff(plan.positions, axis=0), axis=1)
+    steps = leg_lengths(plan.positions)
     pace = (steps / np.diff(plan.t_s))[steps > _STANDING_M]
     usual = max(float(np.median(pace)) if len(pace) else 0.0, _SLOWEST_MPS)
     times = along / usual + np.arange(len(along)) * 1e-6

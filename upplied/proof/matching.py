@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
+from upplied.polylines import interpolated
 from upplied.poses import interpolate
 from upplied.records import Bools, Floats, Ints, Record, Trajectory
 
@@ -48,7 +49,7 @@ def clock_offset(plan: Trajectory, log: Trajectory) -> float | None:
 
 def _cost(plan: Trajectory, log: Trajectory, offset: float) -> float:
     moment = log.t_s - offset
-    there = np.column_stack([np.interp(moment, plan.t_s, axis) for axis in plan.positions.T])
+    there = interpolated(moment, plan.t_s, plan.positions)
     gap = np.minimum(np.linalg.norm(log.positions - there, axis=1), _FAR_M)
     outside = (moment < plan.t_s[0] - _STEP_S) | (moment > plan.t_s[-1] + _STEP_S)
     return float(np.mean(np.where(outside, _FAR_M, gap)))

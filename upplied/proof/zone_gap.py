@@ -11,6 +11,7 @@ from upplied.planning.airspace.roadmap import Roadmap, links
 from upplied.planning.measures.attainable import seen_from
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import TRULY
+from upplied.polylines import chosen_evenly
 from upplied.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 
@@ -88,15 +89,14 @@ def poses_for(
     rim = max(part.camera.vfov_deg / 2 - _MARGIN_DEG, 0.0)  # above and below the middle of the picture
     pitch = max(low - rim, -90.0), min(high + rim, 90.0)
     places = np.full((len(left), 3), np.nan)
-    assert part.cloud.normals is not None
     if left.any():
-        rest = Cloud(part.cloud.points[left], part.cloud.normals[left])
+        rest = Cloud(part.cloud.points[left], part.cloud.outward[left])
         far = np.full(len(rest), part.camera.max_range_m)
         places[left] = seen_from(rest, graph.airspace, part.camera, part.asked, far, pitch)
     left &= np.isfinite(places[:, 0])
     while left.any():
         open_ = np.flatnonzero(left)
-        tried = open_[np.unique(np.linspace(0, len(open_) - 1, min(_AT_A_TIME, len(open_))).astype(int))]
+        tried = open_[chosen_evenly(len(open_), _AT_A_TIME)]
         new = _before(part.cloud.points[tried], places[tried], part.camera, usual_m, (low, high))
         new = new.take(graph.airspace.allowed(new.positions))
         new = new.take(np.array([len(links(graph, place)) > 0 for place in new.positions], bool))

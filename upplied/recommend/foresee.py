@@ -17,6 +17,7 @@ from upplied.planning.correspondence.part_alignment import matched, patches, pla
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.planning.visibility.path_views import Views
+from upplied.polylines import chosen_evenly
 from upplied.recommend.sight import in_sight
 from upplied.records import Camera, Cloud, Floats, Ints, Record, Registration
 
@@ -76,7 +77,7 @@ def inspected(cloud: Cloud, views: Views) -> Inspected:
         if of_part[part] > 0
     ]
     share = float(cloud.area_m2[total].sum() / cloud.area_m2.sum())
-    places = np.unique(np.linspace(0, len(views.stations) - 1, _STATIONS).astype(int))
+    places = chosen_evenly(len(views.stations), _STATIONS)
     return Inspected(
         sample=np.flatnonzero(total),
         stations=views.stations.positions[places],

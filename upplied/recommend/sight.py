@@ -36,15 +36,14 @@ def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bo
     -------
     array of bool, shape (K,)
     """
-    assert cloud.normals is not None and cloud.area_m2 is not None
     found = _in_sight(
         np.ascontiguousarray(cloud.points[wanted]),
-        np.ascontiguousarray(cloud.normals[wanted]),
+        np.ascontiguousarray(cloud.outward[wanted]),
         np.ascontiguousarray(stations),
         (camera.min_range_m, camera.max_range_m),
         np.cos(np.radians(TRULY.max_incidence_deg)),
         _OWN_SURFACE * spacing(cloud),
-        *_discs(cloud.points, cloud.normals, cloud.area_m2),
+        *_discs(cloud.points, cloud.outward, cloud.areas),
     )
     return np.asarray(found, bool)
 

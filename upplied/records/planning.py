@@ -25,6 +25,28 @@ class Cloud(Record):
     def __len__(self) -> int:
         return len(self.points)
 
+    @property
+    def areas(self) -> Floats:
+        """(N,) m^2; 1 for each where they are not known."""
+        return np.ones(len(self)) if self.area_m2 is None else self.area_m2
+
+    @property
+    def outward(self) -> Floats:
+        """(N, 3) the normals, of surface samples; other clouds have none.
+
+        Raises
+        ------
+        ValueError
+        """
+        if self.normals is None:
+            raise ValueError("a cloud without normals: surface samples are asked for")
+        return self.normals
+
+    def at(self, chosen: Bools | Ints) -> Cloud:
+        """Some of the points, with their normals and areas."""
+        normals, area_m2 = (None if of is None else of[chosen] for of in (self.normals, self.area_m2))
+        return Cloud(self.points[chosen], normals, area_m2)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Registration(Record):

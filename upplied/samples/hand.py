@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from upplied.errors import RefusedError
+from upplied.polylines import arc_length, leg_lengths
 from upplied.poses import from_yaw_pitch
 from upplied.records import Floats, Trajectory
 from upplied.samples.inspections import Route
@@ -52,7 +53,7 @@ def fly_route(
     positions, look = _rounded(route)
     floor = ground_z + hand.above_ground_m
     positions = kept_clear(positions, scene, hand.clearance_m + 0.9, floor)
-    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    along = arc_length(positions)
     t, s = _pace(float(along[-1]), hand, rng)
     flown = np.column_stack([np.interp(s, along, positions[:, axis]) for axis in range(3)])
     flown += _drift(len(t), hand, rng)
@@ -64,7 +65,7 @@ def fly_route(
 
 def _rounded(route: Route) -> tuple[Floats, Floats]:
     """The route at even steps, its corners rounded as a pilot rounds them."""
-    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(route.positions, axis=0), axis=1))])
+    along = arc_length(route.positions)
     wanted = np.linspace(0, along[-1], max(int(along[-1] / _STEP_M), 2))
     both = np.column_stack([route.positions, route.look])
     even = np.column_stack([np.interp(wanted, along, both[:, column]) for column in range(6)])
@@ -165,7 +166,7 @@ def kept_clear(positions: Floats, scene: Scene, clearance_m: float, floor_z: flo
 
 def _lacking(path: Floats, distance: Floats, clearance_m: float) -> Floats:
     """How much clearance each pose lacks, counting half of what its two segments lack."""
-    step = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    step = leg_lengths(path)
     between = clearance_m - (distance[:-1] + distance[1:] - step) / 2
     lacking = clearance_m - distance
     lacking[:-1] = np.maximum(lacking[:-1], between)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from upplied.errors import RefusedError
+from upplied.polylines import arc_length
 from upplied.records import Floats, Structure
 from upplied.scene import Scene
 
@@ -38,7 +39,7 @@ def offset_outline(points_xy: Floats, distance_m: float, step_m: float = 0.5) ->
     hull = points_xy[ConvexHull(points_xy, qhull_options="QJ Pp").vertices]
     support = hull[np.argmax(hull @ normal.T, axis=0)]
     loop = support + distance_m * normal
-    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(loop, axis=0), axis=1))])
+    along = arc_length(loop)
     wanted = np.linspace(0, along[-1], max(int(along[-1] / step_m), 8), endpoint=False)
     return np.column_stack([np.interp(wanted, along, loop[:, axis]) for axis in range(2)])
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from upplied.polylines import arc_length
 from upplied.records import Floats, Ints, Record, Structure, Surroundings
 
 
@@ -178,7 +179,7 @@ def lifting_surface(
 ) -> Part:
     """A wing, fin or pylon through airfoils whose chords run aft (-x) and whose thickness runs along `up`."""
     corners = np.array([[*section.leading, section.chord_m, section.thickness] for section in sections])
-    travelled = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(corners[:, :3], axis=0), axis=1))])
+    travelled = arc_length(corners[:, :3])
     wanted = _with_corners(travelled, stations)
     table = np.column_stack([np.interp(wanted, travelled, corners[:, column]) for column in range(5)])
     shape = airfoil(camber=0.0 if abs(up[2]) < 0.5 else 0.015)

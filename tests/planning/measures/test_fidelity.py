@@ -17,9 +17,10 @@ from upplied.planning.measures.fidelity import (
     order_kept,
     turned_rad,
 )
-from upplied.planning.visibility.dwell import Dwell, sphere
+from upplied.planning.visibility.dwell import Dwell
 from upplied.planning.visibility.moments import Moments, moments
 from upplied.records import Bools, Camera, Cloud, Floats, Trajectory
+from upplied.vectors import sphere
 
 NAN, INF = float("nan"), float("inf")
 RULE = InspectionSettings()

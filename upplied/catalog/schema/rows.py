@@ -13,6 +13,7 @@ import pyarrow as pa
 from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
 from upplied.catalog.schema.tables import POSES
+from upplied.polylines import leg_lengths
 from upplied.records import (
     Camera,
     Demonstration,
@@ -121,7 +122,7 @@ def structure_of(row: Row, mesh: Structure) -> Structure:
 
 def demonstration_row(demonstration: Demonstration) -> Row:
     """The row of `demonstrations`, without the moment and commit that add it."""
-    steps = np.linalg.norm(np.diff(demonstration.positions, axis=0), axis=1)
+    steps = leg_lengths(demonstration.positions)
     steps[demonstration.breaks - 1] = 0.0
     return {
         "demonstration_id": demonstration.demonstration_id,

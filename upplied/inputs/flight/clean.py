@@ -12,6 +12,7 @@ from upplied.errors import InputError
 from upplied.inputs.flight.clock import steady
 from upplied.inputs.flight.tracks import AT_THE_ENDS, Track, are_unit
 from upplied.inputs.sidecar import LogOptions
+from upplied.polylines import leg_lengths
 from upplied.poses import normalised
 from upplied.records import Bools, Ints
 
@@ -127,7 +128,7 @@ def _jumps(track: Track) -> Bools:
     """Which steps (N - 1,) are no flight: too fast, and much faster than the steps around."""
     if len(track) < 2:
         return np.zeros(0, bool)
-    step_m = np.linalg.norm(np.diff(track.positions, axis=0), axis=1)
+    step_m = leg_lengths(track.positions)
     speed = step_m / np.maximum(np.diff(track.t_ns) * 1e-9, 1e-9)
     usual = median_filter(speed, size=11, mode="nearest")  # a fast flight is fast for a while
     return (step_m > MIN_JUMP_M) & (speed > MAX_SPEED_MPS) & (speed > 3 * usual)

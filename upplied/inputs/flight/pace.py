@@ -12,6 +12,7 @@ import numpy as np
 
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.settings import PassportSettings
+from upplied.polylines import leg_lengths
 from upplied.poses import angle_between
 from upplied.records import Bools, Ints
 
@@ -60,7 +61,7 @@ def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track
     settings : PassportSettings
     """
     step_ns = np.diff(track.t_ns)
-    step_m = np.linalg.norm(np.diff(track.positions, axis=0), axis=1)
+    step_m = leg_lengths(track.positions)
     gap = step_ns > gap_s * 1e9
     long = step_ns > max(gap_s, settings.long_gap_s) * 1e9
     moving = step_m[~gap] / np.maximum(step_ns[~gap] * 1e-9, 1e-9)

@@ -11,6 +11,7 @@ from upplied.errors import InputError
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table, joined
+from upplied.polylines import leg_lengths
 from upplied.records import Floats
 
 _LOOK = 400  # samples together
@@ -67,7 +68,7 @@ def check_one(track: Track, facts: LogOptions, what: str) -> None:
 
 
 def _tangled(path: Floats) -> bool:
-    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    steps = leg_lengths(path)
     whole = float(steps.sum())
     if whole < 1e-6 or np.linalg.norm(path[2:] - path[:-2], axis=1).sum() > _SMOOTH * whole:
         return False

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.polylines import chosen_evenly
 from upplied.records import Floats
 from upplied.scene import Scene
 
@@ -41,7 +42,7 @@ def aim_of(positions: Floats, quat_xyzw: Floats, scene: Scene) -> Aim:
     scene : Scene
         Of the structure.
     """
-    some = np.unique(np.linspace(0, len(positions) - 1, min(_POSES, len(positions))).astype(np.int64))
+    some = chosen_evenly(len(positions), _POSES)
     ahead = Rotation.from_quat(quat_xyzw[some]).apply([1.0, 0.0, 0.0])
     near = scene.closest(positions[some])[0] - positions[some]
     length = np.maximum(np.linalg.norm(near, axis=1), 1e-9)

@@ -20,6 +20,7 @@ from upplied.inputs.passport.sight import Sight, ground_of, sight_of
 from upplied.inputs.passport.velocity import motion_of, turning_of
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, ZOOM_UNHEARD
+from upplied.polylines import chosen_evenly, leg_lengths
 from upplied.poses import angle_between
 from upplied.records import Camera, Floats, Ints, Structure
 from upplied.scene import scene_of
@@ -106,7 +107,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     """All figures of a flight's passport."""
     flown, pace = reading.flown, reading.pace
     scene = scene_of(structure)
-    spread = np.unique(np.linspace(0, len(flown) - 1, min(_LOOKS, len(flown))).astype(np.int64))
+    spread = chosen_evenly(len(flown), _LOOKS)
     places, turns = flown.positions[spread], flown.quat_xyzw[spread]
     sight = sight_of(places, turns, reading.camera, structure, scene)
     declared = structure.surroundings.ground_z_m is not None
@@ -197,7 +198,7 @@ def _least_clearance(
 ) -> float:
     """The least distance of the whole path: between the poses that were measured, all are near the least."""
     least = float(sight.clearance_m.min())
-    reach = np.linalg.norm(np.diff(flown.positions[spread], axis=0), axis=1)
+    reach = leg_lengths(flown.positions[spread])
     lowest = np.minimum(sight.clearance_m[:-1], sight.clearance_m[1:]) - reach
     between = [
         np.arange(spread[at] + 1, spread[at + 1]) for at in np.argsort(lowest)[:40] if lowest[at] < least

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.inputs.flight.tracks import Track
+from upplied.polylines import interpolated
 from upplied.records import Floats, Ints
 
 _SPAN_S = 0.5  # over which poses are differenced: shorter is noise
@@ -90,7 +91,7 @@ def motion_of(track: Track, said: tuple[Ints, Floats] | None) -> Motion:
         return Motion()
     order = np.argsort(said[0], kind="stable")
     times, middle = (said[0][order] - track.t_ns[0]) * 1e-9, (seconds[first] + seconds[last]) / 2
-    told = np.column_stack([np.interp(middle, times, values) for values in said[1][order].T])
+    told = interpolated(middle, times, said[1][order])
     linear, angular = told[:, :3], told[:, 3:]
     starts, ends = (Rotation.from_quat(track.quat_xyzw[index]) for index in (first, last))
     moved = (track.positions[last] - track.positions[first]) / lasted[:, None]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.polylines import arc_length
 from upplied.poses import matrices
 from upplied.records import Camera, Floats, Ints
 
@@ -85,7 +86,7 @@ def thinned(positions: Floats, step_m: float) -> Floats:
     """The first and last position, and between them those at least a step apart along the path."""
     if len(positions) < 3 or step_m <= 0:
         return positions
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    arc = arc_length(positions)
     cell = np.floor(arc / step_m)
     keep = np.concatenate([[True], np.diff(cell) > 0])
     keep[-1] = True

@@ -18,6 +18,7 @@ from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.gate import written
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import Mission
+from upplied.polylines import leg_lengths
 
 MAX_WAYPOINTS = 200  # what importers are known to take; the format itself counts to 65535
 #: It passes waypoints where it may; at a stop it brakes, turns the gimbal, takes the photo, and starts again.
@@ -133,7 +134,7 @@ def _waylines(mission: Mission) -> str:
             "templateId": 0,
             "executeHeightMode": "relativeToStartPoint",
             "waylineId": 0,
-            "distance": f"{np.linalg.norm(np.diff(mission.local, axis=0), axis=1).sum():.1f}",
+            "distance": f"{leg_lengths(mission.local).sum():.1f}",
             "duration": f"{mission.duration_s:.1f}",
             "autoFlightSpeed": f"{_cruise(mission):.2f}",
         }

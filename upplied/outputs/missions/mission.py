@@ -19,6 +19,7 @@ from upplied.outputs.missions.thinning import thinned
 from upplied.outputs.missions.ways import USUAL_CEILING_M, Transits, default_home, ground_z_m
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
+from upplied.polylines import leg_lengths
 from upplied.records import (
     Bools,
     Camera,
@@ -152,7 +153,7 @@ def _passing(path: Trajectory, airspace: Airspace, options: MissionOptions, flyi
     """How far round each waypoint the vehicle may turn off its legs, (N,), m; 0: it stops there."""
     stops = np.ones(len(path), bool)
     if flying.passes:
-        legs = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
+        legs = leg_lengths(path.positions)
         hovers = np.diff(path.t_s) - legs / np.clip(legs / np.diff(path.t_s), SLOWEST_MPS, None) > _HOVER_S
         stops = np.zeros(len(path), bool)
         stops[:-1] |= hovers | (legs < _SAME_PLACE_M)
@@ -237,7 +238,7 @@ def _inspection(
 
 def _crowded(viewpoints: Floats) -> bool:
     """Whether viewpoints follow each other so closely that nobody stops at each for a photo."""
-    steps = np.linalg.norm(np.diff(viewpoints, axis=0), axis=1)
+    steps = leg_lengths(viewpoints)
     return len(steps) > 0 and float(steps.mean()) < _CROWDED_M
 
 
@@ -247,8 +248,9 @@ def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) ->
     ways = ((sortie.first, sortie.way_in), (sortie.last, sortie.way_out))
     turned = [np.repeat(path.quat_xyzw[[at]], len(way), axis=0) for at, way in ways]
     before, after = (np.full(len(way), cutter.options.transit_mps) for _, way in ways)
-    holds = [before * 0, [0.0], cutter.holds_s[sortie.first : sortie.last], after * 0]
-    speeds = [before, [cutter.options.transit_mps], cutter.speeds[sortie.first : sortie.last], after]
+    legs, here = slice(sortie.first, sortie.last), np.zeros(1)
+    holds = [before * 0, here, cutter.holds_s[legs], after * 0]
+    speeds = [before, here + cutter.options.transit_mps, cutter.speeds[legs], after]
     inspect = np.concatenate([before * 0, np.ones(sortie.last - sortie.first + 1), after * 0]) > 0
     photos, passed = np.zeros(len(inspect), bool), np.zeros(len(inspect))
     photos[inspect], passed[inspect] = photo[inside], passing[inside]

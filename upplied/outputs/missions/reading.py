@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from upplied.polylines import leg_lengths
 from upplied.records import Floats, Record
 
 
@@ -23,5 +24,5 @@ class Reading(Record):
 def planned(positions: Floats, t_s: Floats) -> Reading:
     """A path with time stamps, without take-off and return."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / np.diff(t_s)
+        speeds = leg_lengths(positions) / np.diff(t_s)
     return Reading(positions, np.concatenate([[0.0], speeds]), t_s)

@@ -9,6 +9,7 @@ import numpy as np
 from upplied.errors import RefusedError
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.ways import Transits, length
+from upplied.polylines import cumulated, leg_lengths
 from upplied.records import Floats, Trajectory
 
 _GROUND_S = 20.0  # for starting and landing
@@ -38,11 +39,11 @@ class Cutter:
     ways: dict[int, Floats | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        legs, planned = np.linalg.norm(np.diff(self.path.positions, axis=0), axis=1), np.diff(self.path.t_s)
+        legs, planned = leg_lengths(self.path.positions), np.diff(self.path.t_s)
         self.speeds = np.clip(legs / np.maximum(planned, 1e-6), SLOWEST_MPS, _FASTEST_MPS)
         flown = legs / self.speeds
         self.holds_s = np.maximum(planned - flown, 0.0)  # turning on the spot, or hovering
-        self.elapsed_s = np.concatenate([[0.0], np.cumsum(flown + self.holds_s + self.stop_s[1:])])
+        self.elapsed_s = cumulated(flown + self.holds_s + self.stop_s[1:])
         given = self.options.endurance_s
         self.budget_s = np.inf if given is None else given * (1 - self.options.reserve_pct / 100)
 

@@ -17,6 +17,7 @@ from upplied.errors import RefusedError
 from upplied.planning.airspace.roadmap import Roadmap, roadmap, way
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
+from upplied.polylines import arc_length, leg_lengths
 from upplied.records import Floats, Structure
 
 #: Above ground: the limit of the open category (Regulation (EU) 2019/947, UAS.OPEN.010).
@@ -135,7 +136,7 @@ def ground_z_m(structure: Structure) -> float:
 
 def length(points: Floats) -> float:
     """Length of a polyline (N, 3), m."""
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    return float(leg_lengths(points).sum())
 
 
 def _until_outside(point: Floats, direction: Floats, low: Floats, high: Floats, margin: float) -> float:
@@ -151,11 +152,11 @@ def _until_outside(point: Floats, direction: Floats, low: Floats, high: Floats, 
 
 def _distinct(points: Floats) -> Floats:
     """The polyline without points that repeat the one before: controllers refuse them."""
-    moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.01
+    moved = leg_lengths(points) > 0.01
     return points[np.concatenate([[True], moved])]
 
 
 def _spaced(points: Floats, step_m: float) -> Floats:
     """Some points of a polyline (N, 3), at least a step apart along it."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    along = arc_length(points)
     return points[np.unique(along // step_m, return_index=True)[1]]

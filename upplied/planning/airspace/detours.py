@@ -16,6 +16,7 @@ from upplied.errors import RefusedError
 from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.roadmap import Roadmap, links, roadmap, way
 from upplied.planning.airspace.rules import Airspace
+from upplied.polylines import arc_length, chosen_evenly, leg_lengths
 from upplied.poses import interpolate
 from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
 
@@ -73,7 +74,7 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
         line = positions[leg : leg + 2]
         if broken[leg]:
             line = _spaced(_way_or_refusal(ways.graph, line[0], line[1], leg))
-        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+        along = arc_length(line)
         pieces.append(line[1:])
         origin.append(leg + along[1:] / max(along[-1], 1e-12))
     whence = np.concatenate(origin)
@@ -146,7 +147,7 @@ def _at_good_places(positions: Floats, ways: Ways) -> Floats:
     stretch = np.concatenate([[0], np.cumsum(broken)])
     for number in np.unique(stretch[good]):
         members = np.flatnonzero((stretch == number) & good)
-        asked = members[np.unique(np.linspace(0, len(members) - 1, 8).astype(int))]
+        asked = members[chosen_evenly(len(members), 8)]
         good[members] = _is_outside(pushed[asked], ways.graph)
         if not good[members[0]] and _sees_sky(pushed[asked], ways.planning).all():
             raise _refusal(
@@ -199,7 +200,7 @@ def _way_or_refusal(graph: Roadmap, start: Floats, goal: Floats, index: int) -> 
 
 def _with_count(line: Floats, count: int) -> Floats:
     """A polyline with `count` vertices, its own among them, the others spread over its legs."""
-    length = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    length = leg_lengths(line)
     pieces = np.ones(len(length), int)
     for _ in range(count - 1 - len(length)):
         pieces[np.argmax(length / pieces)] += 1
@@ -211,7 +212,7 @@ def _with_count(line: Floats, count: int) -> Floats:
 
 def _spaced(line: Floats) -> Floats:
     """A polyline with a vertex every metre or so, its own among them."""
-    length = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    length = leg_lengths(line)
     return _with_count(line, 1 + int(np.ceil(length / _SPACING_M).sum()))
 
 

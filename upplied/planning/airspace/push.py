@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from upplied.planning.airspace.rules import Airspace, inside_fence
+from upplied.polylines import arc_length, leg_lengths
 from upplied.records import Floats
 
 _PUSHES = 24
@@ -32,7 +33,7 @@ def pushed_out(positions: Floats, airspace: Airspace) -> Floats:
     for turn in range(_PUSHES):
         push = _wanted_push(moved, airspace)
         middle = _wanted_push((moved[1:] + moved[:-1]) / 2, airspace)  # so that corners are rounded, too
-        middle[np.linalg.norm(np.diff(moved, axis=0), axis=1) > airspace.clearance_m] = 0.0
+        middle[leg_lengths(moved) > airspace.clearance_m] = 0.0
         for ends in (push[1:], push[:-1]):
             more = np.linalg.norm(middle, axis=1) > np.linalg.norm(ends, axis=1)
             ends[more] = middle[more]
@@ -85,7 +86,7 @@ def _kernel(positions: Floats, reach: float) -> csr_matrix:
 
     What is farther along the path than `reach` has no weight, and takes no place.
     """
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    along = arc_length(positions)
     first = np.searchsorted(along, along - reach, side="left")
     count = np.searchsorted(along, along + reach, side="right") - first
     start = np.concatenate([[0], np.cumsum(count)])

@@ -15,7 +15,9 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from upplied.planning.airspace.rules import Airspace
+from upplied.polylines import chosen_evenly
 from upplied.records import Cloud, Floats, Ints, Record
+from upplied.vectors import across, neighbour_spacing
 
 _SAMPLES = 1500  # of the surface, that places are set before
 _DEGREE = 14  # edges per place
@@ -45,9 +47,9 @@ def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -
     further : array, shape (N, 3), optional
         More places, e.g. of the path itself.
     """
-    shown = np.unique(np.linspace(0, len(surface) - 1, min(_SAMPLES, len(surface))).astype(int))
+    shown = chosen_evenly(len(surface), _SAMPLES)
     points, normals = surface.points[shown], surface.normals[shown]  # type: ignore[index]
-    spacing = _spacing(points)
+    spacing = max(neighbour_spacing(points), 1e-3) if len(points) > 1 else 1.0  # m
     near = airspace.clearance_m + 0.15 + 0.15 * spacing
     directions = _directions(normals)
     places = [points + near * direction for direction in directions]
@@ -123,23 +125,13 @@ def shortened(path: Floats, airspace: Airspace) -> Floats:
 
 def _directions(normals: Floats) -> list[Floats]:
     """The normals, and around each some that lean over edges."""
-    aside = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(normals, aside)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(normals, first)
+    first, second = across(normals)
     found = [normals]
     for tilt in np.radians(_TILTS_DEG):
         for turn in np.arange(4) * np.pi / 2:
             beside = np.cos(turn) * first + np.sin(turn) * second
             found.append(np.cos(tilt) * normals + np.sin(tilt) * beside)
     return found
-
-
-def _spacing(points: Floats) -> float:
-    """Usual distance of a sample to its neighbours, m."""
-    if len(points) < 2:
-        return 1.0
-    return max(float(np.median(cKDTree(points).query(points, k=2)[0][:, 1])), 1e-3)
 
 
 def _one_a_cell(points: Floats, spacing: float) -> Ints:

@@ -159,7 +159,7 @@ def _others_within(take: Take, part: int, source: _Side) -> int:
     if not source.pieces:
         return 0
     cloud, found = take.pair.surface.source, take.inspection.attention
-    skin, area = found.part, np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    skin, area = found.part, cloud.areas
     mine = source.label == part
     inspected = np.bincount(skin, area * found.weight) > _LOOKED_AT * np.bincount(skin, area)
     if area[mine & inspected[skin]].sum() > _LESSER * area[mine].sum():

@@ -14,7 +14,9 @@ from scipy.spatial import cKDTree
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.boxes import in_source_frame, spacing
 from upplied.planning.geometry.percentile import weighted_percentile
+from upplied.polylines import chosen_evenly
 from upplied.records import Cloud, Floats, Ints, Record
+from upplied.vectors import with_normals
 
 _FACES_AWAY = 0.5  # cosine of normals below which a counterpart faces another way
 _FACING = 0.1  # of the region's size: what turning a normal by a right angle counts beside distance
@@ -48,8 +50,7 @@ def evidence_of(take: Take) -> Evidence:
     """The evidence of one take; a flight that was about nothing has all against it."""
     fit, weight = take.pair.surface, take.inspection.attention.weight
     source, target, match = fit.source, fit.target, fit.correspondences
-    assert source.normals is not None and target.normals is not None
-    area = np.ones(len(source)) if source.area_m2 is None else source.area_m2
+    area = source.areas
     share = weight * area
     misfit = fit.registration.acceptance
     misfit = 3.0 if not np.isfinite(misfit) else min(misfit, 10.0)
@@ -58,9 +59,8 @@ def evidence_of(take: Take) -> Evidence:
         return Evidence(1.0, 1.0, 1.6, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, misfit)
     without = 1 - float(share[known].sum() / share.sum())
     registered = in_source_frame(target, fit.registration)
-    assert registered.normals is not None
     mine = share[known]
-    facing = (source.normals[known] * registered.normals[match.target_index[known]]).sum(axis=1)
+    facing = (source.outward[known] * registered.outward[match.target_index[known]]).sum(axis=1)
     size = _size(source.points[known], mine)
     own = share / np.maximum(area, 1e-12)
     return Evidence(
@@ -84,7 +84,7 @@ def _size(points: Floats, share: Floats) -> float:
 
 
 def _uneven(here: Floats, there: Floats, share: Floats) -> float:
-    some = np.unique(np.linspace(0, len(here) - 1, min(_MOST, len(here))).astype(np.int64))
+    some = chosen_evenly(len(here), _MOST)
     here, there, share = here[some], there[some], share[some]
     near = cKDTree(here).query(here, k=min(_NEIGHBOURS + 1, len(here)))[1][:, 1:]
     before = np.linalg.norm(here[near] - here[:, None], axis=2).mean(axis=1)
@@ -105,9 +105,8 @@ def _bent(here: Floats, there: Floats, share: Floats) -> float:
 
 def _crowded(index: Ints, source: Cloud, target: Cloud, known: Ints, scale: Floats) -> float:
     """One less the share of distinct counterparts that as much carried surface should have."""
-    assert source.area_m2 is not None and target.area_m2 is not None
     factor = float(np.prod(1 / scale)) ** (2 / 3)  # of areas, from the source to the target
-    expected = min(float(source.area_m2[known].sum()) * factor / float(target.area_m2.mean()), len(known))
+    expected = min(float(source.areas[known].sum()) * factor / float(target.areas.mean()), len(known))
     return float(np.clip(1 - len(np.unique(index)) / max(expected, 1.0), 0, 1))
 
 
@@ -132,13 +131,12 @@ def _nearby(points: Floats, own: Floats, size: float) -> Floats:
 
 def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> float:
     """Mean distance of the surfaces as laid, beyond the spacing of samples, over the region's size."""
-    assert source.normals is not None and registered.normals is not None
     chosen = np.flatnonzero(share > 0.05 * share.max()) if share.max() > 0 else np.empty(0, np.int64)
     if not len(chosen):
         return 0.0
-    chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, min(_MOST, len(chosen))).astype(np.int64))]
+    chosen = chosen[chosen_evenly(len(chosen), _MOST)]
     weight = _FACING * size
-    tree = cKDTree(np.hstack([registered.points, weight * registered.normals]))
-    asked = np.hstack([source.points[chosen], weight * source.normals[chosen]])
+    tree = cKDTree(with_normals(registered.points, registered.outward, weight))
+    asked = with_normals(source.points[chosen], source.outward[chosen], weight)
     off = np.maximum(tree.query(asked)[0] - spacing(registered), 0) / size
     return float(np.average(np.minimum(off, 1.0), weights=share[chosen]))

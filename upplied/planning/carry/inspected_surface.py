@@ -78,7 +78,7 @@ def inspected_surface(
     near_m : array, shape (N,), m, optional
         From how near it looked at each, carried; where infinite or not given, the nearest of all views.
     """
-    share = np.ones(len(source)) if source.area_m2 is None else source.area_m2
+    share = source.areas
     share = share * demonstrated.total if weight is None else share * weight * demonstrated.total
     meant = share > 0
     paired = meant & (correspondences.target_index >= 0)

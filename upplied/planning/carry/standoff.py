@@ -69,7 +69,7 @@ def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bool
     inspected : array of bool, shape (N,)
         What the whole flight saw.
     """
-    area = np.ones(len(source)) if source.area_m2 is None else source.area_m2
+    area = source.areas
     label = labels_of(source)
     meant = np.bincount(label, weights=area * inspected) / np.bincount(label, weights=area)
     weight = area[known] * meant[label[known]] ** 2

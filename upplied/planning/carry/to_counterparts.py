@@ -18,6 +18,7 @@ from upplied.planning.carry.affine import AxisMap, aimed
 from upplied.planning.carry.standoff import Counted, counted, picture_share
 from upplied.planning.geometry.frechet import spread
 from upplied.planning.visibility.frustum import coarseness
+from upplied.polylines import interpolated, leg_lengths
 from upplied.poses import from_yaw_pitch, optical_axis, without_roll, yaw_pitch
 from upplied.records import Camera, Cloud, Correspondences, Floats, Record, Trajectory, Visibility
 
@@ -162,12 +163,12 @@ def _filled(values: Floats) -> Floats:
     if len(known) == 0:
         return np.zeros_like(values)
     index = np.arange(len(values))
-    return np.column_stack([np.interp(index, known, column[known]) for column in values.T])
+    return interpolated(index, known, values[known])
 
 
 def _smoothing(positions: Floats, aim: Floats) -> float:
     """Standard deviation, in poses, of the smoothing along the path: half the usual stand-off."""
-    step = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    step = leg_lengths(positions)
     spacing = max(float(np.mean(step)) if len(step) else 1.0, 1e-6)
     standoff = float(np.nanmedian(np.linalg.norm(positions - aim, axis=1)))
     return float(np.clip(0.5 * standoff / spacing, 1.0, max(1.0, len(positions) / 8)))

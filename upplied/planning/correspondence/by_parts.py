@@ -20,6 +20,7 @@ from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
 from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Registration
+from upplied.vectors import with_normals
 
 _CONTROLS, _ANCHORS = 200, 450  # points of the source that move, points of the target that pull
 _TRIED, _NEARER = 300, 0.7  # samples of a part, and how much nearer a drift must bring them
@@ -114,8 +115,8 @@ def facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
     for label in np.unique(warped.label):
         mine = warped.label == label
         theirs = np.flatnonzero(fixed.label == label) if label >= 0 else np.arange(len(fixed))
-        tree = cKDTree(np.hstack([fixed.points[theirs], weight * fixed.normals[theirs]]))
-        found = tree.query(np.hstack([warped.points[mine], weight * warped.normals[mine]]))[1]
+        tree = cKDTree(with_normals(fixed.points[theirs], fixed.normals[theirs], weight))
+        found = tree.query(with_normals(warped.points[mine], warped.normals[mine], weight))[1]
         index[mine] = theirs[found]
     return index
 
@@ -129,7 +130,7 @@ def _on_adjacent_parts(
     the fuselage's in another, and nothing of the other wing faces that way.
     """
     weight = FACING * diagonal_m
-    here, there = (np.hstack([patch.points, weight * patch.normals]) for patch in (warped, fixed))
+    here, there = (with_normals(patch.points, patch.normals, weight) for patch in (warped, fixed))
     faces_away = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) < _FACES_AWAY
     index = index.copy()
     for label in np.unique(warped.label[faces_away & (warped.label >= 0)]):

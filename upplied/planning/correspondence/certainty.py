@@ -59,7 +59,7 @@ def evidence_of_counterpart(
     """
     mine, theirs = labels_of(source) == part, np.isin(labels_of(registered), counterparts)
     named = carried == part
-    both, area = named & theirs, _area(registered)
+    both, area = named & theirs, registered.areas
     return np.array(
         [
             _shape(source, mine, registered, theirs),
@@ -67,7 +67,7 @@ def evidence_of_counterpart(
             1 - area[both].sum() / max(area[named].sum(), 1e-12),
             float(inferred),
             _whole(wholes),
-            abs(np.log(max(area[theirs].sum(), 1e-12) / max(_area(source)[mine].sum(), 1e-12))),
+            abs(np.log(max(area[theirs].sum(), 1e-12) / max(source.areas[mine].sum(), 1e-12))),
         ]
     )
 
@@ -77,7 +77,7 @@ def evidence_of_same_kind(
 ) -> Floats:
     """What speaks against a part of the target being of the kind of another, (6,); 0 is perfect."""
     one, two = (labels_of(registered) == part for part in (counterpart, other))
-    area = _area(registered)
+    area = registered.areas
     ratio = abs(np.log(max(area[two].sum(), 1e-12) / max(area[one].sum(), 1e-12)))
     return np.array(
         [_shape(registered, one, registered, two), 0.0, 0.0, float(inferred), _whole(wholes), ratio]
@@ -100,7 +100,3 @@ def _shape(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools) -> floa
 
 def _whole(wholes: float) -> float:
     return 3.0 if not np.isfinite(wholes) else float(wholes)
-
-
-def _area(cloud: Cloud) -> Floats:
-    return np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2

@@ -19,6 +19,7 @@ from upplied.planning.correspondence.part_alignment import FACING
 from upplied.planning.geometry.boxes import diagonal_of, spacing
 from upplied.planning.surface.parts import labels_of, part_labels
 from upplied.records import Bools, Cloud, Floats, Ints
+from upplied.vectors import with_normals
 
 _CONTROLS, _ANCHORS = 200, 450  # points that move, and points that pull (`correspondence.by_parts`)
 _PURE = 0.6  # least share of a stretch of skin with one name, to be all of that name
@@ -53,7 +54,7 @@ def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
     """
     solid = ~_floating(whole)
     label = np.empty(len(whole), np.int64)
-    label[solid] = _parts_of_solid(_at(whole, solid), skin[solid], known)
+    label[solid] = _parts_of_solid(whole.at(solid), skin[solid], known)
     # What floats is one part, which corresponds to none and widens none.
     label[~solid] = label[solid].max() + 1
     return label
@@ -67,42 +68,33 @@ def _floating(whole: Cloud) -> Bools:
     return np.asarray(count < np.minimum(max(_LEAST_SAMPLES, _FRAGMENT * len(whole)), count.max()), bool)
 
 
-def _at(cloud: Cloud, chosen: Bools) -> Cloud:
-    """Some of the samples of a cloud."""
-    assert cloud.normals is not None and cloud.area_m2 is not None
-    return Cloud(cloud.points[chosen], cloud.normals[chosen], cloud.area_m2[chosen])
-
-
 def _parts_of_solid(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
-    assert whole.area_m2 is not None
     name = carried(whole, known)
     step, reach = spacing(whole), _TOUCH * spacing(whole)
     stretch = _named_stretches(whole, skin, name)
     pairs = cKDTree(whole.points).query_pairs(reach, output_type="ndarray")
     label = _connected(pairs, stretch)
     label = _others_alike(whole, skin, label, max(step, 1e-9))
-    return part_labels(whole.points, whole.area_m2, label)
+    return part_labels(whole.points, whole.areas, label)
 
 
 def carried(whole: Cloud, known: Cloud) -> Ints:
     """The part (N,) of `known` that lies nearest to each sample, faces alike, after a smooth displacement."""
-    assert whole.normals is not None and known.normals is not None
     diagonal = diagonal_of(whole.points)
     none = np.full(len(known), -1), np.full(len(whole), -1)
-    moving = Patch(known.points, known.normals, none[0])
-    fixed = Patch(whole.points, whole.normals, none[1])
+    moving = Patch(known.points, known.outward, none[0])
+    fixed = Patch(whole.points, whole.outward, none[1])
     found = drift(moving.at(spread_over(known, _CONTROLS)), fixed.at(spread_over(whole, _ANCHORS)), diagonal)
     moved = moving.points + found.at(moving.points, moving.label)
     weight = FACING * diagonal
-    tree = cKDTree(np.hstack([moved, weight * known.normals]))
-    return labels_of(known)[tree.query(np.hstack([whole.points, weight * whole.normals]))[1]]
+    tree = cKDTree(with_normals(moved, known.outward, weight))
+    return labels_of(known)[tree.query(with_normals(whole.points, whole.outward, weight))[1]]
 
 
 def _named_stretches(whole: Cloud, skin: Ints, name: Ints) -> Ints:
     """A name for each sample: its stretch's, or where that has none its own."""
-    assert whole.area_m2 is not None
     area = np.zeros((int(skin.max()) + 1, int(name.max()) + 1))
-    np.add.at(area, (skin, name), whole.area_m2)
+    np.add.at(area, (skin, name), whole.areas)
     pure = area.max(axis=1) >= _PURE * area.sum(axis=1)
     return np.where(pure[skin], area.argmax(axis=1)[skin], name)
 
@@ -146,12 +138,11 @@ def _is_alone(label: Ints, mine: Bools) -> bool:
 
 def _alike(whole: Cloud, template: Bools, mine: Bools, step_m: float) -> bool:
     """Whether a stretch of skin has the shape of a part, shifted, or mirrored left for right."""
-    assert whole.normals is not None and whole.area_m2 is not None
-    ratio = whole.area_m2[mine].sum() / whole.area_m2[template].sum()
+    ratio = whole.areas[mine].sum() / whole.areas[template].sum()
     if not 1 / _ALIKE < ratio < _ALIKE or (template & mine).any():
         return False
-    here, facing = whole.points[template], whole.normals[template]
-    there, faces = whole.points[mine], whole.normals[mine]
+    here, facing = whole.points[template], whole.outward[template]
+    there, faces = whole.points[mine], whole.outward[mine]
     return any(_fits(here * flip, facing * flip, there, faces, step_m) for flip in _FLIPS)
 
 

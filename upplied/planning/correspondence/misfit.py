@@ -21,6 +21,7 @@ from upplied.planning.correspondence.part_alignment import matched, patches, pla
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Bools, Cloud, Floats, Record, Registration
+from upplied.vectors import with_normals
 
 _CELLS = 16  # along each axis of the common box
 _SAMPLES = 1000  # of each structure, asked for their distance
@@ -104,17 +105,15 @@ def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> Floats:
 
     A surface that faces another way is farther.
     """
-    assert cloud.normals is not None and other.normals is not None
     weight = _FACING * diagonal_m
     asked = spread_over(cloud, _SAMPLES)
-    tree = cKDTree(np.hstack([other.points, weight * other.normals]))
-    found = tree.query(np.hstack([cloud.points[asked], weight * cloud.normals[asked]]))[0]
+    tree = cKDTree(with_normals(other.points, other.outward, weight))
+    found = tree.query(with_normals(cloud.points[asked], cloud.outward[asked], weight))[0]
     return np.maximum(found - spacing(other), 0) / diagonal_m
 
 
 def _mean(cloud: Cloud, distances: Floats) -> float:
-    assert cloud.area_m2 is not None
-    return float(np.average(distances, weights=cloud.area_m2[spread_over(cloud, _SAMPLES)]))
+    return float(np.average(distances, weights=cloud.areas[spread_over(cloud, _SAMPLES)]))
 
 
 def _worst(
@@ -124,8 +123,7 @@ def _worst(
     sentences = []
     for name, cloud, distance in (("source", source, forth), ("target", registered, back)):
         asked = spread_over(cloud, _SAMPLES)
-        assert cloud.area_m2 is not None
-        share = cloud.area_m2[asked] / cloud.area_m2[asked].sum()
+        share = cloud.areas[asked] / cloud.areas[asked].sum()
         far = distance > _FAR
         if share[far].sum() < 0.01:
             continue

@@ -20,6 +20,7 @@ from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.geometry.boxes import box_scale, diagonal_of
 from upplied.planning.geometry.icp import icp
 from upplied.records import Cloud, Floats, Ints, Record
+from upplied.vectors import scaled_normals
 
 _STEP_DEG = 10.0  # between headings
 _COARSE, _FINE = 250, 700  # samples by which all candidates and by which the best are judged
@@ -80,8 +81,7 @@ def find_orientation(
 
 def _noise(source: Cloud) -> float:
     """What two samplings of one surface cost: no orientation is better than another below it."""
-    assert source.area_m2 is not None
-    return float(0.7 * np.sqrt(source.area_m2.sum() / _FINE) / diagonal_of(source.points))
+    return float(0.7 * np.sqrt(source.areas.sum() / _FINE) / diagonal_of(source.points))
 
 
 def _chosen(turns: Floats, costs: Floats, tried: int, declared: Floats) -> Orientation:
@@ -102,9 +102,8 @@ def _chosen(turns: Floats, costs: Floats, tried: int, declared: Floats) -> Orien
 
 
 def _few(cloud: Cloud, number: int) -> _Few:
-    assert cloud.normals is not None
     index = spread_over(cloud, number)
-    return _Few(cloud.points[index], cloud.normals[index])
+    return _Few(cloud.points[index], cloud.outward[index])
 
 
 def _cost(source: _Few, target: _Few, turn: Floats) -> float:
@@ -126,8 +125,7 @@ def _cost(source: _Few, target: _Few, turn: Floats) -> float:
 def _laid(source: _Few, target: _Few, turn: Floats) -> tuple[Floats, Floats, Floats]:
     points = target.points @ turn.T
     scale = box_scale(source.points, points)
-    normals = (target.normals @ turn.T) / scale
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = scaled_normals(target.normals @ turn.T, scale)
     middle = (source.points.min(axis=0) + source.points.max(axis=0)) / 2
     return scale * (points - (points.min(axis=0) + points.max(axis=0)) / 2) + middle, normals, scale
 
@@ -160,7 +158,7 @@ def _axes(source: Cloud, target: Cloud) -> Floats:
 
 def _principal(cloud: Cloud) -> Floats:
     """Principal axes (columns), right-handed."""
-    weight = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    weight = cloud.areas
     offset = cloud.points - np.average(cloud.points, axis=0, weights=weight)
     axes = np.linalg.eigh((offset * weight[:, None]).T @ offset)[1]
     return axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])

@@ -12,6 +12,7 @@ from upplied.planning.correspondence.part_assignment import Matching, match_part
 from upplied.planning.geometry.boxes import box_scale, diagonal_of
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.records import Bools, Cloud, Floats
+from upplied.vectors import scaled_normals, with_normals
 
 FACING = 0.03  # of the diagonal: what turning a normal by a right angle counts beside distance
 _MISFIT = 0.022  # largest mean distance, both ways, in these units, of parts whose boxes are not alike
@@ -36,8 +37,8 @@ def matched(source: Cloud, registered: Cloud, pinned: Mapping[int, int] | None =
 def patches(source: Cloud, registered: Cloud, matching: Matching) -> tuple[Patch, Patch]:
     """Both clouds with the class of each sample's part."""
     return (
-        Patch(source.points, _normals(source), matching.source_class[labels_of(source)]),
-        Patch(registered.points, _normals(registered), matching.target_class[labels_of(registered)]),
+        Patch(source.points, source.outward, matching.source_class[labels_of(source)]),
+        Patch(registered.points, registered.outward, matching.target_class[labels_of(registered)]),
     )
 
 
@@ -77,9 +78,7 @@ def _box_on_box(part: Floats, normals: Floats, partner: Floats) -> tuple[Floats,
     """The part with its box on its partner's."""
     box, other = _core(part), _core(partner)
     scale = box_scale(other, box)
-    scaled_normals = normals / scale
-    scaled_normals /= np.linalg.norm(scaled_normals, axis=1, keepdims=True)
-    return scale * (part - box[0]) + other[0], scaled_normals
+    return scale * (part - box[0]) + other[0], scaled_normals(normals, scale)
 
 
 def _core(part: Floats) -> Floats:
@@ -133,17 +132,12 @@ def _misfit(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools, diagon
     Over the mean (geometric) of the structure's diagonal and theirs, since small parts misfit by less.
     """
     one, other = source.points[mine], registered.points[theirs]
-    boxed, turned = _box_on_box(one, _normals(source)[mine], other)
+    boxed, turned = _box_on_box(one, source.outward[mine], other)
     weight = FACING * diagonal_m
-    here = np.hstack([boxed, weight * turned])
-    there = np.hstack([other, weight * _normals(registered)[theirs]])
+    here = with_normals(boxed, turned, weight)
+    there = with_normals(other, registered.outward[theirs], weight)
     step = [max(1, len(cloud) // _TRIED) for cloud in (here, there)]
     to_there = cKDTree(there).query(here[:: step[0]])[0].mean()
     to_here = cKDTree(here).query(there[:: step[1]])[0].mean()
     size = np.sqrt(diagonal_m * np.linalg.norm(np.ptp(other, axis=0)))
     return float((to_there + to_here) / 2 / max(size, 1e-9))
-
-
-def _normals(cloud: Cloud) -> Floats:
-    assert cloud.normals is not None
-    return cloud.normals

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
 from upplied.records import Cloud, Floats, Registration
+from upplied.vectors import scaled_normals, with_normals
 
 _SAMPLES = 700  # of each surface
 _FACING = 0.05  # of the diagonal: what turning a normal by a right angle counts beside distance
@@ -65,13 +66,12 @@ class _Both:
 
     def __init__(self, source: Cloud, target: Cloud, box: Registration) -> None:
         registered = in_source_frame(target, box)
-        assert source.normals is not None and registered.normals is not None
         self.diagonal, self.slack = diagonal_of(source.points), spacing(source)
         self.weight = _FACING * self.diagonal
         mine, theirs = spread_over(source, _SAMPLES), spread_over(target, _SAMPLES)
-        self.fixed = np.hstack([source.points[mine], self.weight * source.normals[mine]])
+        self.fixed = with_normals(source.points[mine], source.outward[mine], self.weight)
         self.tree = cKDTree(self.fixed)
-        self.points, self.normals = registered.points[theirs], registered.normals[theirs]
+        self.points, self.normals = registered.points[theirs], registered.outward[theirs]
         self.ends = source.points.min(axis=0), source.points.max(axis=0)
         self.stretched = box.scale
 
@@ -92,9 +92,8 @@ class _Both:
 
     def laid(self, scale: Floats, shift: Floats) -> Floats:
         """Target samples with normals beside their places, (S, 6)."""
-        normals = self.normals / scale
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return np.hstack([self.points * scale + shift, self.weight * normals])
+        normals = scaled_normals(self.normals, scale)
+        return with_normals(self.points * scale + shift, normals, self.weight)
 
     def apart(self, scale: Floats, shift: Floats) -> float:
         """Mean distance of the surfaces, both ways; what is on one alone counts no more than `_FAR`."""

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from upplied.planning.geometry.boxes import box_scale, diagonal_of
 from upplied.planning.surface.parts import blades_of, labels_of
 from upplied.records import Cloud, Floats
+from upplied.vectors import scaled_normals
 
 _STEP_DEG = 7.5  # a blade is about as wide, seen from its hub, at half its length
 _FAR = 0.05  # of the diagonal: farther from the surface a sample of a blade counts no more
@@ -67,9 +68,7 @@ def _about(axis: Floats, angle: float) -> Floats:
 
 def _laid_on(cloud: Cloud, points: Floats) -> Cloud:
     """A cloud scaled and shifted until its bounding box is that of some points."""
-    assert cloud.normals is not None
     scale = box_scale(points, cloud.points)
-    normals = cloud.normals / scale
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    normals = scaled_normals(cloud.outward, scale)
     return replace(cloud, points=scale * (cloud.points - cloud.points.min(axis=0)) + points.min(axis=0),
                    normals=normals)  # fmt: skip

@@ -78,7 +78,7 @@ def attention(
     """
     steps = moments(flight, breaks)
     number, parts = len(cloud), int(part.max(initial=0)) + 1
-    area = np.ones(number) if cloud.area_m2 is None else cloud.area_m2
+    area = cloud.areas
     rows = shown.seen[stations_at(shown, steps)]
     arguments = _facts(steps, camera, cloud, rows)
     depth = _depths(*arguments)
@@ -161,12 +161,11 @@ def _histograms(
 def _facts(
     steps: Moments, camera: Camera, cloud: Cloud, rows: Bools
 ) -> tuple[Floats, Floats, Floats, Floats, Bools]:
-    assert cloud.normals is not None
     return (
         np.ascontiguousarray(steps.poses.positions),
         np.ascontiguousarray(matrices(steps.poses.quat_xyzw)),
         np.ascontiguousarray(cloud.points),
-        np.ascontiguousarray(cloud.normals * (1.0 if cloud.area_m2 is None else cloud.area_m2[:, None])),
+        np.ascontiguousarray(cloud.outward * (1.0 if cloud.area_m2 is None else cloud.area_m2[:, None])),
         np.ascontiguousarray(rows),
     )
 

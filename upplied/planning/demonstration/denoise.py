@@ -20,6 +20,7 @@ from scipy.ndimage import convolve1d, gaussian_filter1d, minimum_filter1d
 
 from upplied.planning.demonstration.pauses import pauses
 from upplied.planning.demonstration.stations import axes_of, looking, stations_of
+from upplied.polylines import interpolated, leg_lengths
 from upplied.poses import fov_at, in_a_row
 from upplied.records import Floats, Ints, Record, Trajectory
 
@@ -73,7 +74,7 @@ def smoothed(flight: Trajectory, spacing_m: float = np.inf, breaks: Ints | None 
     if extent == 0 or len(flight) < 3:
         return Smoothed(flight, np.array(cuts[1:-1], np.int64))
     steady = [_steady(_part(flight, a, b), extent) for a, b in itertools.pairwise(cuts)]
-    length = sum(float(np.linalg.norm(np.diff(part.positions, axis=0), axis=1).sum()) for part in steady)
+    length = sum(float(leg_lengths(part.positions).sum()) for part in steady)
     told = [stations_of(part, spacing_m, extent, length) for part in steady]
     joined = in_a_row(told)
     joined = replace(joined, fov_deg=fov_at(flight, joined.t_s))
@@ -128,7 +129,7 @@ def _at_even_times(flight: Trajectory) -> tuple[Floats, Floats]:
     tick = max(_GRID_S, float(np.median(np.diff(flight.t_s))))
     times = np.linspace(begin, end, max(int(np.ceil((end - begin) / tick - 1e-6)), 2) + 1)
     values = np.column_stack([flight.positions, axes_of(flight)])
-    even = np.column_stack([np.interp(times, flight.t_s, column) for column in values.T])
+    even = interpolated(times, flight.t_s, values)
     cell = np.searchsorted((times[1:] + times[:-1]) / 2, flight.t_s)
     count = np.bincount(cell, minlength=len(times))
     several = count > 1
@@ -137,7 +138,7 @@ def _at_even_times(flight: Trajectory) -> tuple[Floats, Floats]:
         # The mean of samples is the value at the mean of their times: it is brought to the even time.
         mean = np.column_stack([np.bincount(cell, column, len(times)) for column in values.T])
         mean_s = np.bincount(cell, flight.t_s, len(times))[several] / count[several]
-        there = np.column_stack([np.interp(mean_s, times, column) for column in even.T])
+        there = interpolated(mean_s, times, even)
         even[several] += mean[several] / count[several, None] - there
     return times, even
 

@@ -14,6 +14,7 @@ from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.viewpoints import find_viewpoints
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
+from upplied.polylines import chosen_evenly
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
 
 _FOOTPRINT = 0.5  # of the picture's smaller side on the surface: how far stations are apart, at most
@@ -133,9 +134,7 @@ def prepared(
         key = content_key("flight", demonstration.sha256, spacing_m)
         steady = memo("flight", Smoothed, key, lambda: smoothed(flight, spacing_m, demonstration.breaks))
         return steady.flight, steady.breaks
-    keep = np.arange(len(flight))
-    if len(flight) > settings.viewpoints.most_poses:
-        keep = np.unique(np.linspace(0, len(flight) - 1, settings.viewpoints.most_poses).astype(np.int64))
+    keep = chosen_evenly(len(flight), settings.viewpoints.most_poses)
     starts = np.unique(np.searchsorted(keep, demonstration.breaks))
     return flight.take(keep), starts[(starts > 0) & (starts < len(keep))]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from upplied.polylines import interpolated, leg_lengths
 from upplied.records import Bools, Floats, Trajectory
 
 _TICK_S, _AVERAGE_S = 0.1, 0.4
@@ -32,7 +33,7 @@ def pauses(flight: Trajectory, least_s: float = 3.0) -> list[tuple[float, float]
     usual = float(np.percentile(speed, 75))
     if usual == 0:
         return []
-    legs = np.linalg.norm(np.diff(flight.positions, axis=0), axis=1)
+    legs = leg_lengths(flight.positions)
     known = [
         (begin, end)
         for begin, end in _runs(legs == 0, flight.t_s)
@@ -63,5 +64,5 @@ def steadied(flight: Trajectory) -> tuple[Floats, Floats]:
     begin, end = float(flight.t_s[0]), float(flight.t_s[-1])
     count = int(np.clip((end - begin) / _TICK_S, 2, _MOST_TICKS))
     times = np.linspace(begin, end, count + 1)
-    even = np.column_stack([np.interp(times, flight.t_s, axis) for axis in flight.positions.T])
+    even = interpolated(times, flight.t_s, flight.positions)
     return times, gaussian_filter1d(even, _AVERAGE_S / (times[1] - times[0]), axis=0, mode="nearest")

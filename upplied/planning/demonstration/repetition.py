@@ -148,7 +148,7 @@ def demonstrated_part(take: Take) -> int:
     cloud, visibility = take.pair.surface.source, take.inspection.visibility
     rays = take.inspection.flight.positions[:, None] - cloud.points
     squared = np.maximum(np.einsum("mnj,mnj->mn", rays, rays), 1e-6)
-    area = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    area = cloud.areas
     label = labels_of(cloud)
     filled = np.bincount(label, weights=(visibility.seen * area / squared).sum(axis=0))
     seen = np.bincount(label, weights=area * visibility.total) / np.bincount(label, weights=area)
@@ -158,7 +158,7 @@ def demonstrated_part(take: Take) -> int:
 def inspected_parts(take: Take, label: Ints) -> list[tuple[int, float]]:
     """The parts on which most of what was inspected lies, and their shares; at least one if there are any."""
     cloud, weight = take.pair.surface.source, take.inspection.attention.weight
-    area: Floats = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    area: Floats = cloud.areas
     share = np.bincount(label, weights=weight * area)
     if share.sum() <= 0:
         return []

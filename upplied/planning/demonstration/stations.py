@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 
+from upplied.polylines import cumulated, interpolated, leg_lengths
 from upplied.poses import facing, matrices
 from upplied.records import Floats, Ints, Trajectory
 
@@ -47,14 +48,14 @@ def stations_of(flight: Trajectory, spacing_m: float, extent_m: float, length_m:
     spacing = min(spacing_m, max(length_m, 1e-9) / _FEWEST)
     chord = min(_CHORD_M, _CHORD * extent_m)
     at, axes = flight.positions, axes_of(flight)
-    step = np.linalg.norm(np.diff(at, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(step)])
+    step = leg_lengths(at)
+    along = cumulated(step)
     turned = np.linalg.norm(np.diff(axes[:, :3], axis=0), axis=1)
     places, curvature = _curvature(at, along, _SHORTEST * spacing)
     near = np.maximum(curvature, np.maximum(np.roll(curvature, 1), np.roll(curvature, -1)))
     bend = np.interp((along[1:] + along[:-1]) / 2, places, near)
     density = np.clip(np.sqrt(bend / (8 * chord)), 1 / spacing, 1 / (_SHORTEST * spacing))
-    progress = np.concatenate([[0.0], np.cumsum(np.hypot(density * step, turned / _TURNED_RAD))])
+    progress = cumulated(np.hypot(density * step, turned / _TURNED_RAD))
     still = np.flatnonzero(np.concatenate([step < 1e-9, [False]]))
     ends = [
         run[[0, -1]] + [0, 1] for run in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1) if len(run)
@@ -70,7 +71,7 @@ def stations_of(flight: Trajectory, spacing_m: float, extent_m: float, length_m:
     stations = np.concatenate(chosen)
 
     def there(values: Floats) -> Floats:
-        return np.column_stack([np.interp(stations, index, column) for column in values.T])
+        return interpolated(stations, index, values)
 
     return Trajectory(np.interp(stations, index, flight.t_s), there(at), looking(there(axes)))
 
@@ -92,7 +93,7 @@ def _curvature(at: Floats, along: Floats, apart: float) -> tuple[Floats, Floats]
     moving = np.concatenate([[True], np.diff(along) > 0])
     number = max(int(np.ceil(along[-1] / max(apart, 1e-9))), 2)
     places = np.linspace(0, along[-1], number + 1)
-    path = np.column_stack([np.interp(places, along[moving], axis) for axis in at[moving].T])
+    path = interpolated(places, along[moving], at[moving])
     leg = np.diff(path, axis=0)
     length = np.maximum(np.linalg.norm(leg, axis=1), 1e-12)
     cross = np.linalg.norm(np.cross(leg[:-1], leg[1:]), axis=1)

@@ -32,11 +32,6 @@ def spacing(cloud: Cloud) -> float:
     return float(np.sqrt(2 * (size[2] * size[1] + size[2] * size[0] + size[1] * size[0]) / len(cloud)))
 
 
-def sided(points: Floats, normals: Floats, apart_m: float) -> Floats:
-    """Points with their normals (N, 6), so that the two sides of a thin plate lie apart."""
-    return np.concatenate([points, 2 * apart_m * normals], axis=1)
-
-
 def in_source_frame(target: Cloud, registration: Registration) -> Cloud:
     """The target's samples in the frame and at the scale of the demonstration structure.
 

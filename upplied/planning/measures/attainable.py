@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from upplied.config import VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
 from upplied.records import Bools, Camera, Cloud, Floats, Ints
+from upplied.vectors import across
 
 _TILTS = (0.0, 0.3, 0.55, 0.75, 0.88, 0.98)  # of the largest incidence
 _TURNS = 16
@@ -123,7 +124,6 @@ def _ask_neighbours(
     pitch_deg: tuple[float, float] | None = None,
 ) -> None:
     """Try for each sample left the positions that served its nearest neighbours, again where one helped."""
-    assert cloud.normals is not None
     left = np.flatnonzero(np.isnan(served[:, 0]))
     number = min(_NEIGHBOURS + 1, len(cloud))
     near = cKDTree(cloud.points).query(cloud.points[left], k=number)[1].reshape(len(left), number)
@@ -136,7 +136,7 @@ def _ask_neighbours(
         positions = served[near[open_]]
         ray = positions - cloud.points[left[open_]][:, None]
         length = np.linalg.norm(ray, axis=2)
-        facing = np.einsum("nki,ni->nk", ray, cloud.normals[left[open_]])
+        facing = np.einsum("nki,ni->nk", ray, cloud.outward[left[open_]])
         fits = (facing >= limit * length) & (length >= nearest) & (length <= farthest[left[open_], None])
         positions[~fits] = np.inf  # in no airspace
         _serve(served, positions, left[open_], cloud, airspace, pitch_deg)
@@ -166,12 +166,7 @@ def _distances(share: Floats, nearest: float, farthest: Floats) -> Floats:
 
 def _frames(cloud: Cloud) -> Floats:
     """The normal of each sample and two directions across it, as rows (N, 3, 3)."""
-    normal = cloud.normals
-    assert normal is not None
-    aside = np.where(np.abs(normal[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
-    first = np.cross(normal, aside)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([normal, first, np.cross(normal, first)], axis=1)
+    return np.stack([cloud.outward, *across(cloud.outward)], axis=1)
 
 
 def _from_sample(frames: Floats, tilt: Floats, turn: Floats, distance: Floats) -> Floats:

@@ -26,6 +26,7 @@ from upplied.planning.measures.fidelity import fidelity
 from upplied.planning.measures.inspected import inspected_measures, shown_of, surface_states
 from upplied.planning.measures.measure import measure
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
+from upplied.polylines import chosen_evenly
 from upplied.poses import yaw_pitch
 from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
 
@@ -89,7 +90,7 @@ def _standoff_kept(
     for take, begin in zip(takes, begins, strict=True):
         first = take.inspection.flight.t_s[0]
         seen_at = take.inspection.viewpoints.t_s
-        seen_at = seen_at[np.unique(np.linspace(0, len(seen_at) - 1, min(_ASKED, len(seen_at))).astype(int))]
+        seen_at = seen_at[chosen_evenly(len(seen_at), _ASKED)]
         places = np.column_stack(
             [np.interp(seen_at - first + begin, demonstrated_s, axis) for axis in trajectory.positions.T]
         )

@@ -17,6 +17,7 @@ from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.visibility.dwell import Dwell, dwell, widened
 from upplied.planning.visibility.moments import Moments, moments
 from upplied.planning.visibility.path_views import Views
+from upplied.polylines import arc_length, interpolated
 from upplied.poses import angle_between
 from upplied.records import Camera, Floats, Ints, Record, Trajectory
 
@@ -75,7 +76,7 @@ def fidelity(
 
 def _patches(take: Take, flown: Moments, begin_s: float, sharp: float, cosine: float) -> Patches:
     inspection, fit = take.inspection, take.pair.surface
-    area = np.ones(len(fit.source)) if fit.source.area_m2 is None else fit.source.area_m2
+    area = fit.source.areas
     weight = inspection.attention.weight * area
     target = fit.correspondences.target_index
     chosen = np.flatnonzero((weight > 0) & (target >= 0))
@@ -188,11 +189,11 @@ def turned_rad(quat_xyzw: Floats) -> float:
 
 def bent_rad(positions: Floats, leg_m: float) -> float:
     """How far a path's direction turns in all, rad, on legs of this length, without bends below 8 degrees."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    along = arc_length(positions)
     number = int(along[-1] / leg_m)
     if number < 2:
         return 0.0
-    even = np.column_stack([np.interp(np.linspace(0, along[-1], number + 1), along, x) for x in positions.T])
+    even = interpolated(np.linspace(0, along[-1], number + 1), along, positions)
     ways = np.diff(even, axis=0)
     ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)
     way, total = ways[0], 0.0

@@ -62,10 +62,9 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     missed = np.flatnonzero((inspected.need > 0) & ~as_well)
     never = np.zeros(len(cloud), bool)
     if len(missed):
-        assert cloud.normals is not None
         near = cKDTree(cloud.points).query(cloud.points[missed], k=min(_NEIGHBOURS, len(cloud)))[1]
         asked = np.unique(near)  # neighbours tell where a narrow place is seen from
-        part = Cloud(cloud.points[asked], cloud.normals[asked])
+        part = cloud.at(asked)
         camera = takes[0].inspection.camera
         possible = attainable(part, airspace_of(pair, settings), camera, TRULY, farthest[asked])
         never[missed] = ~possible[np.searchsorted(asked, missed)]
@@ -75,11 +74,10 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
 def _shown_well(
     planned: Views, cloud: Cloud, farthest_m: Floats, sharp_radps: float, least_cosine: float
 ) -> Bools:
-    assert cloud.normals is not None
     moving = (planned.stations.positions, *rates(planned.stations))
     return np.asarray(
         shown_well(
-            *(np.ascontiguousarray(of) for of in (*moving, cloud.points, cloud.normals)),
+            *(np.ascontiguousarray(of) for of in (*moving, cloud.points, cloud.outward)),
             planned.seen,
             np.ascontiguousarray(planned.coarseness),
             farthest_m,
@@ -111,7 +109,7 @@ def _target_attention(takes: Sequence[Take], inspected: InspectedSurface) -> tup
 def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:
     """The coverages of the inspected surface, there and back, and of what else was seen."""
     inspected, cloud = found.inspected, found.inspected.cloud
-    area = np.ones(len(cloud)) if cloud.area_m2 is None else cloud.area_m2
+    area = cloud.areas
     attended = area * found.attention
     whole = float(attended.sum())
     rest = [

@@ -15,6 +15,7 @@ from upplied.planning.geometry.frechet import frechet, frechet_floored, frechet_
 from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.visibility.path_views import Views
 from upplied.planning.visibility.view_quality import nearest_views
+from upplied.polylines import leg_lengths
 from upplied.records import (
     Bools,
     Floats,
@@ -88,7 +89,7 @@ def measure(
 
 def path_length(positions: Floats) -> float:
     """Length of a polyline, m."""
-    return float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
+    return float(leg_lengths(positions).sum())
 
 
 def peaks(trajectory: Trajectory) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.carry.reference import demonstrated_on_target
 from upplied.planning.demonstration.repetition import Take
+from upplied.polylines import leg_lengths
 from upplied.records import Measures, Trajectory
 
 _TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)
@@ -83,8 +84,7 @@ def _long(measures: Measures, takes: Sequence[Take], settings: Settings) -> list
     for take in takes:
         flown = take.inspection.by_frustum.stations
         before, carried = (
-            float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-            for path in (flown.positions, demonstrated_on_target(take))
+            float(leg_lengths(path).sum()) for path in (flown.positions, demonstrated_on_target(take))
         )
         length_m += max(before, carried)
         time_s += float(flown.t_s[-1] - flown.t_s[0]) * max(1.0, carried / max(before, 1e-9))

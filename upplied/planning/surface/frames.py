@@ -25,6 +25,7 @@ from upplied.records import (
     Trajectory,
 )
 from upplied.records.required import RequiredSurface
+from upplied.vectors import area_vectors
 
 _ROUND = 0.02  # below it walls face all ways alike, and no heading follows from them
 _SQUARE = 4.0  # weight of walls that mostly face one way and its opposite beside those of four ways
@@ -101,7 +102,7 @@ def _facing(structure: Structure) -> np.ndarray:
     """Horizontal normals as complex numbers, as long as the area; of points that have none, their offsets."""
     if len(structure.triangles):
         corners = structure.vertices[structure.triangles]
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal = area_vectors(corners)
     elif structure.normals is not None:
         normal = structure.normals
     else:

@@ -129,7 +129,7 @@ def parts_of(cloud: Cloud) -> Parts:
 def _measured(cloud: Cloud) -> Parts:
     points = cloud.points
     label = labels_of(cloud)
-    area = np.ones(len(points)) if cloud.area_m2 is None else cloud.area_m2
+    area = cloud.areas
     number = int(label.max()) + 1
     order = np.argsort(label, kind="stable")
     first = np.searchsorted(label[order], np.arange(number))

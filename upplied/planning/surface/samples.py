@@ -15,6 +15,7 @@ from upplied.planning.surface.parts import mesh_pieces, part_labels
 from upplied.planning.surface.poisson import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene
+from upplied.vectors import area_vectors, plane_normals, sphere
 
 _DIRECTIONS = 64  # over the whole sphere: half of them for each side of a surface
 _FIRST = 16  # of those, cast for every candidate; the others only where the first leave doubt
@@ -65,7 +66,7 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
 def points_on_triangles(structure: Structure, number: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
     """Area-uniform points, stratified along the cumulated area, and the triangle of each."""
     corners = structure.vertices[structure.triangles]
-    cumulated = np.cumsum(np.linalg.norm(_crossed(corners), axis=1))
+    cumulated = np.cumsum(np.linalg.norm(area_vectors(corners), axis=1))
     along = (np.arange(number) + rng.random(number)) / number * cumulated[-1]
     triangle = np.minimum(np.searchsorted(cumulated, along, side="right"), len(corners) - 1)
     chosen = corners[triangle]
@@ -78,7 +79,7 @@ def _outside(
     points: Floats, triangle: Ints, structure: Structure, scene: Scene, floor: Floor
 ) -> tuple[Floats, Floats, Ints]:
     """The candidates' sides that count: points, outward normals and triangles."""
-    normals = _crossed(structure.vertices[structure.triangles[triangle]])
+    normals = area_vectors(structure.vertices[structure.triangles[triangle]])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     gap = 1e-5 * structure.diagonal_m
     owner, side = [], []
@@ -113,7 +114,7 @@ def lets_out(
     With `few`, what the first rays leave in doubt counts as inside: for samples whose neighbours were
     asked thoroughly.
     """
-    directions = _sphere(_DIRECTIONS)
+    directions = sphere(_DIRECTIONS)
     first = np.arange(_DIRECTIONS) % (_DIRECTIONS // _FIRST) == 0
     cast, free = np.zeros(len(origins), np.int64), np.zeros(len(origins), np.int64)
     for some in (*np.split(directions[first], 4), *([] if few else [directions[~first]])):
@@ -126,7 +127,7 @@ def lets_out(
 
 def _escapes(origins: Floats, normals: Floats, reach: float, scene: Scene, floor: Floor) -> Floats:
     """Share of the rays from just above each side that leave the structure, (N,)."""
-    directions = _sphere(_DIRECTIONS)
+    directions = sphere(_DIRECTIONS)
     few = np.arange(_DIRECTIONS) % (_DIRECTIONS // _FIRST) == 0
     cast, free = _count(origins, normals, directions[few], reach, scene, floor)
     doubt = np.flatnonzero(free < np.maximum(2, 2 * _ESCAPE * cast))
@@ -166,8 +167,7 @@ def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) ->
     whole = np.zeros(len(points), np.int64)
     if given is not None:
         return _thinned(points, given, area, whole, settings)
-    patch = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
-    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", patch, patch))[1][:, :, 0]
+    normals = plane_normals(points, neighbours)
     gap = float(np.median(distance[:, 1]))
     nowhere = Floor.none()
     reach = 2 * structure.diagonal_m
@@ -178,17 +178,5 @@ def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) ->
     return _thinned(points[seen], outward[seen], area[seen], whole[seen], settings)
 
 
-def _sphere(number: int) -> Floats:
-    """Directions spread evenly over the sphere (golden spiral), in an order that spreads as well."""
-    turn = np.pi * (1 + np.sqrt(5)) * (np.arange(number) + 0.5)
-    height = 1 - (2 * np.arange(number) + 1) / number
-    ring = np.sqrt(1 - height**2)
-    return np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
-
-
-def _crossed(corners: Floats) -> Floats:
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-
-
 def _total_area(structure: Structure) -> float:
-    return float(np.linalg.norm(_crossed(structure.vertices[structure.triangles]), axis=1).sum() / 2)
+    return float(np.linalg.norm(area_vectors(structure.vertices[structure.triangles]), axis=1).sum() / 2)

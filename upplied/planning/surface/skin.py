@@ -21,6 +21,7 @@ from upplied.planning.surface.parts import mesh_pieces
 from upplied.planning.surface.samples import lets_out, points_on_triangles
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 from upplied.scene import Scene
+from upplied.vectors import area_vectors, plane_normals, with_normals
 
 _FINE = 40_000  # samples that are joined
 _DRAWN = 1.6  # candidates for each of them
@@ -65,24 +66,22 @@ def skin_parts(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) 
     area = float(np.sum(cloud.area_m2)) if cloud.area_m2 is not None else len(cloud) * 1.0
     spacing = float(np.sqrt(area / len(points)))
     label = _joined(points, normals, piece, spacing)
-    assert cloud.normals is not None
-    place = cKDTree(_with_normals(points, normals, spacing))
-    nearest = place.query(_with_normals(cloud.points, cloud.normals, spacing))[1]
+    place = cKDTree(with_normals(points, normals, _NORMAL * spacing))
+    nearest = place.query(with_normals(cloud.points, cloud.outward, _NORMAL * spacing))[1]
     return SkinParts(np.unique(label[nearest], return_inverse=True)[1].reshape(-1).astype(np.int64))
 
 
 def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud, seed: int) -> tuple[Floats, Floats, Ints]:
     """Points and outward normals (F, 3) on the outside, and the mesh piece (F,) of each, -1 unknown."""
-    assert cloud.normals is not None
     rng = np.random.default_rng(seed)
     if not len(structure.triangles):
         return _fine_points(structure, cloud, rng)
     points, triangle = points_on_triangles(structure, int(_DRAWN * _FINE), rng)
     corners = structure.vertices[structure.triangles[triangle]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(corners)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     near = cKDTree(cloud.points).query(points, k=min(6, len(cloud)))[1].reshape(len(points), -1)
-    agrees = np.einsum("nkj,nj->nk", cloud.normals[near], normals)
+    agrees = np.einsum("nkj,nj->nk", cloud.outward[near], normals)
     index, sign = _sides(agrees)
     outward = sign[:, None] * normals[index]
     gap = 1e-5 * structure.diagonal_m
@@ -106,13 +105,11 @@ def _fine_points(structure: Structure, cloud: Cloud, rng: np.random.Generator) -
     """The same of a structure given as points: normals from neighbours, turned as the samples' are."""
     points = structure.vertices
     chosen = np.sort(rng.permutation(len(points))[:_FINE])
-    assert cloud.normals is not None
-    like = cloud.normals[cKDTree(cloud.points).query(points[chosen])[1]]
+    like = cloud.outward[cKDTree(cloud.points).query(points[chosen])[1]]
     if structure.normals is not None:
         return points[chosen], structure.normals[chosen], np.full(len(chosen), -1)
     neighbours = cKDTree(points).query(points[chosen], k=min(13, len(points)))[1]
-    patch = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
-    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", patch, patch))[1][:, :, 0]
+    normals = plane_normals(points, neighbours)
     turned = np.where((normals * like).sum(axis=1, keepdims=True) < 0, -normals, normals)
     return points[chosen], turned, np.full(len(chosen), -1)
 
@@ -121,7 +118,7 @@ def _known_pieces(structure: Structure) -> Ints:
     """The mesh piece of each triangle, -1 on fragments: borders of triangle soup mean nothing."""
     piece = mesh_pieces(structure)
     corners = structure.vertices[structure.triangles]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = np.linalg.norm(area_vectors(corners), axis=1)
     share = np.bincount(piece, weights=area) / max(float(area.sum()), 1e-300)
     return np.where(share[piece] >= _FRAGMENT, piece, -1)
 
@@ -137,7 +134,7 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     body = (np.bincount(label)[label] >= max(_LEAST_SAMPLES, _SMALLEST * number)) & ~rim
     if not body.any():
         return np.zeros(number, np.int64)
-    place = _with_normals(points, normals, spacing)
+    place = with_normals(points, normals, _NORMAL * spacing)
     label[~body] = label[body][cKDTree(place[body]).query(place[~body])[1]]
     return label
 
@@ -200,8 +197,3 @@ def _cuts(points: Floats, normals: Floats, piece: Ints, one: Ints, other: Ints) 
     concave = np.maximum(rises, falls) > _RISE
     border = (piece[one] != piece[other]) & (piece[one] >= 0) & (piece[other] >= 0)
     return np.asarray(concave | (border & (np.maximum(np.abs(rises), np.abs(falls)) > _FLUSH)), bool)
-
-
-def _with_normals(points: Floats, normals: Floats, spacing: float) -> Floats:
-    """Places in which what is near and faces alike is near."""
-    return np.concatenate([points, _NORMAL * spacing * normals], axis=1)

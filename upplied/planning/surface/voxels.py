@@ -7,6 +7,7 @@ from numba import njit
 
 from upplied.config import CloudSettings
 from upplied.records import Cloud, Floats, Ints, Structure
+from upplied.vectors import area_vectors
 
 
 def voxel_cloud(structure: Structure, settings: CloudSettings) -> Cloud:
@@ -64,7 +65,7 @@ def area_uniform(vertices: Floats, triangles: Ints, number: int, seed: int) -> F
     array, shape (number, 3), m
     """
     corners = vertices[triangles]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = np.linalg.norm(area_vectors(corners), axis=1)
     rng = np.random.default_rng(seed)
     along = (np.arange(number) + rng.random(number)) / number * area.sum()
     chosen = corners[np.minimum(np.searchsorted(np.cumsum(area), along, side="right"), len(area) - 1)]

@@ -12,6 +12,7 @@ from numba import njit
 
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
+from upplied.polylines import arc_length, chosen_evenly
 from upplied.poses import from_yaw_pitch, matrices, wrapped
 from upplied.records import Bools, Floats, Ints
 
@@ -41,7 +42,7 @@ def looks_aside(path: Flown, view: View, price_per_rad: float, way_m_per_rad: fl
         Each look is a tent over the way that turning there and back takes.
     """
     missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
-    stations = np.unique(np.linspace(0, len(path) - 1, min(_STATIONS, len(path))).astype(np.int64))
+    stations = chosen_evenly(len(path), _STATIONS)
     reach = (
         view.reach(path.positions[stations], missed, station=stations)
         if len(missed)
@@ -56,7 +57,7 @@ def looks_aside(path: Flown, view: View, price_per_rad: float, way_m_per_rad: fl
     aside_yaw = wrapped(to_yaw - path.yaw[at])
     aside_pitch = to_pitch - path.pitch[at]
     level = np.cos(path.pitch[at])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.positions, axis=0), axis=1))])
+    along = arc_length(path.positions)
     yaw, pitch = np.zeros(len(path)), np.zeros(len(path))  # by which the camera is turned aside
     table, left = shows.astype(np.float32), np.array(view.need[missed], np.float32)
     open_ = np.ones(len(path), bool)

@@ -16,6 +16,7 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.looks import directions
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
+from upplied.polylines import arc_length, chosen_evenly
 from upplied.poses import from_yaw_pitch, optical_axis, wrapped
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -57,7 +58,7 @@ def moves_aside(path: Flown, view: View, airspace: Airspace, aside: Aside) -> Fl
     missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
     if not len(missed) or view.need[missed].sum() <= _LEAST:
         return path
-    few = missed[np.unique(np.linspace(0, len(missed) - 1, min(_MISSED, len(missed))).astype(np.int64))]
+    few = missed[chosen_evenly(len(missed), _MISSED)]
     left = view.need[few] * (view.need[missed].sum() / view.need[few].sum())
     at, off = places_beside(path, aside.usual_m)
     kept = airspace.allowed(path.positions[at] + off)
@@ -83,7 +84,7 @@ class _Places(Record):
 
 def places_beside(path: Flown, usual_m: float) -> tuple[Ints, Floats]:
     """The station of each place (C,), and how far it is aside (C, 3), m: all round, as the camera looks."""
-    stations = np.unique(np.linspace(0, len(path) - 1, min(_STATIONS, len(path))).astype(np.int64))
+    stations = chosen_evenly(len(path), _STATIONS)
     ahead = optical_axis(from_yaw_pitch(path.yaw[stations], np.zeros(len(stations))))
     up = np.array([0.0, 0.0, 1.0])
     axes = np.stack([ahead, np.cross(up, ahead), np.broadcast_to(up, ahead.shape)], axis=1)
@@ -97,7 +98,7 @@ def places_beside(path: Flown, usual_m: float) -> tuple[Ints, Floats]:
 def _taken(path: Flown, places: _Places, left: Floats, aside: Aside) -> Flown:
     """The path led to the places that show most for what they cost, one after the other."""
     at, table, left = places.at, places.shows.astype(np.float32), np.array(left, np.float32)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.positions, axis=0), axis=1))])
+    along = arc_length(path.positions)
     moved, yaw, pitch = np.zeros_like(path.positions), path.yaw.copy(), path.pitch.copy()
     level, whole = np.cos(path.pitch[at]), max(float(along[-1]), 1e-6)
     price = aside.departure(places.off)

@@ -29,6 +29,7 @@ from upplied.planning.trajectory.terms.standoff import StandoffKept
 from upplied.planning.trajectory.terms.time import Time
 from upplied.planning.trajectory.terms.turning import Turning
 from upplied.planning.trajectory.view import View
+from upplied.polylines import chosen_evenly, leg_lengths
 from upplied.poses import from_yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -212,7 +213,7 @@ def _lasting_terms(
 ) -> list[tuple[float, Term]]:
     """The terms that hold for all rounds, with their weights."""
     usual_m, carried = _standoff_m(problem), problem.carried
-    leg = np.linalg.norm(np.diff(carried.positions, axis=0), axis=1)
+    leg = leg_lengths(carried.positions)
     firmly = weights.standoff_in_metres if problem.standoff.in_metres else weights.standoff
     return [
         (shape_weight, problem.demonstrated),
@@ -238,7 +239,7 @@ def _state(problem: Problem, weights: OptimiseSettings) -> State:
 def _progress(problem: Problem) -> float:
     """Stand-offs flown plus radians turned."""
     path = problem.carried
-    length = float(np.linalg.norm(np.diff(path.positions, axis=0), axis=1).sum())
+    length = float(leg_lengths(path.positions).sum())
     turned = float(np.abs(np.diff(path.yaw)).sum() + np.abs(np.diff(path.pitch)).sum())
     return max(length / _standoff_m(problem) + turned, 1e-3)
 
@@ -251,7 +252,7 @@ def _asked(view: View, most: int) -> tuple[Ints, Floats]:
     first = min(len(inspected), max(2 * most // 3, most - len(context)))
     for group, count in ((inspected, first), (context, most - first)):
         if len(group) and count:
-            few = group[np.unique(np.linspace(0, len(group) - 1, min(count, len(group))).astype(np.int64))]
+            few = group[chosen_evenly(len(group), count)]
             chosen.append(few)
             needs.append(view.need[few] * view.need[group].sum() / view.need[few].sum())
     if not chosen:

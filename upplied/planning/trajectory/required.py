@@ -14,12 +14,14 @@ from scipy.spatial import cKDTree
 
 from upplied.config import focal_px
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.geometry.boxes import sided, spacing
+from upplied.planning.geometry.boxes import spacing
 from upplied.planning.trajectory.moves import places_beside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.records import Bools, Floats, Ints
+from upplied.polylines import chosen_evenly
+from upplied.records import Bools, Ints
 from upplied.records.required import RequiredSurface
+from upplied.vectors import with_normals
 
 _STATIONS = 160  # of the path, that are asked what they could show
 _WITHIN = (
@@ -68,7 +70,7 @@ def required_first(
         return view
     strict = np.zeros(len(mine), bool)
     strict[near] = True
-    need = view.need + times * _need_per_m2(view) * np.where(strict, _area(view), 0.0)
+    need = view.need + times * _need_per_m2(view) * np.where(strict, view.cloud.areas, 0.0)
     return replace(
         view,
         need=need / need.sum(),
@@ -81,16 +83,15 @@ def required_first(
 def _nearest(view: View, required: RequiredSurface) -> Ints:
     """The required sample (N,) that is nearest to each of the view's, on its side of a thin plate."""
     cloud = view.cloud
-    assert cloud.normals is not None
     apart = spacing(cloud)
-    known = cKDTree(sided(required.points, required.normals, apart))
-    return np.asarray(known.query(sided(cloud.points, cloud.normals, apart))[1], np.int64)
+    known = cKDTree(with_normals(required.points, required.normals, 2 * apart))
+    return np.asarray(known.query(with_normals(cloud.points, cloud.outward, 2 * apart))[1], np.int64)
 
 
 def _in_reach(view: View, zone: Ints, path: Flown, airspace: Airspace, usual_m: float) -> Bools:
     """Which samples of the zone (Z,) the path, or a place beside it, would show with its camera turned."""
     view = replace(view, farthest_m=np.minimum(view.farthest_m, _WITHIN * usual_m))
-    station = np.unique(np.linspace(0, len(path) - 1, min(_STATIONS, len(path))).astype(np.int64))
+    station = chosen_evenly(len(path), _STATIONS)
     found: Bools = np.asarray(view.reach(path.positions[station], zone, station=station).any(axis=0))
     if (left := np.flatnonzero(~found)).size:
         at, off = places_beside(path, usual_m)
@@ -101,12 +102,8 @@ def _in_reach(view: View, zone: Ints, path: Flown, airspace: Airspace, usual_m: 
     return found
 
 
-def _area(view: View) -> Floats:
-    return np.ones(len(view.need)) if view.cloud.area_m2 is None else view.cloud.area_m2
-
-
 def _need_per_m2(view: View) -> float:
     """How much of the need falls on a square metre of what was inspected; of all, where nothing was."""
     part = view.inspected if view.need[view.inspected].sum() > 0 else view.need > 0
-    area = float(_area(view)[part].sum())
+    area = float(view.cloud.areas[part].sum())
     return float(view.need[part].sum()) / area if area > 0 else 1.0

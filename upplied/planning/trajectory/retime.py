@@ -15,6 +15,7 @@ import numpy as np
 from upplied.config import RetimeSettings
 from upplied.planning.demonstration.pauses import pauses, steadied
 from upplied.planning.trajectory.speeds import corner_cap, passes
+from upplied.polylines import arc_length, cumulated, interpolated, leg_lengths
 from upplied.poses import angle_between, from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
 
@@ -102,19 +103,19 @@ class _Stations(Record):
 
 def at_demonstrated_speed(path: Waypoints, flight: Trajectory) -> Trajectory:
     """Each leg as fast as the expert flew between the same two places (paper, Sec. III-C)."""
-    flown = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(flight.positions, axis=0), axis=1))])
+    flown = arc_length(flight.positions)
     demo = np.diff(np.interp(path.t_s, flight.t_s, flown))
     spent = np.diff(path.t_s)
-    leg = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
+    leg = leg_lengths(path.positions)
     overall = max(flown[-1] / max(flight.t_s[-1], 1e-9), 1e-3)
     speed = np.where(demo > 1e-6, demo / np.maximum(spent, 1e-9), overall)
     step = np.maximum(leg / np.maximum(speed, 0.05), 1e-3)
-    return Trajectory(np.concatenate([[0.0], np.cumsum(step)]), path.positions, path.quat_xyzw)
+    return Trajectory(cumulated(step), path.positions, path.quat_xyzw)
 
 
 def _without_repeats(path: Waypoints, sharp: Sharp) -> tuple[Waypoints, Sharp]:
     """The path without waypoints that repeat the pose before them."""
-    moved = np.linalg.norm(np.diff(path.positions, axis=0), axis=1) > _STANDING_M
+    moved = leg_lengths(path.positions) > _STANDING_M
     turned = angle_between(path.quat_xyzw[:-1], path.quat_xyzw[1:]) > 1e-6
     keep = np.concatenate([[True], moved | turned])
     viewpoint = np.logical_or.reduceat(path.is_viewpoint, np.flatnonzero(keep))
@@ -147,7 +148,7 @@ def _within_parts(t_s: Floats, flight: Trajectory, breaks: Ints | None) -> Bools
 
 def _divided(path: Waypoints, hover: Floats, sharp: Sharp) -> _Stations:
     """The path with shorter legs; a hover is a leg of no length, as is a turn on the spot."""
-    length = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
+    length = leg_lengths(path.positions)
     standing = length < _STANDING_M
     rest = hover > 0
     rest[[0, -1]] = True
@@ -169,7 +170,7 @@ def _divided(path: Waypoints, hover: Floats, sharp: Sharp) -> _Stations:
     yaw, pitch = yaw_pitch(path.quat_xyzw)
     yaw = np.unwrap(yaw)
     return _Stations(
-        positions=np.column_stack([np.interp(origin, index, axis) for axis in path.positions.T]),
+        positions=interpolated(origin, index, path.positions),
         yaw=np.interp(origin, index, yaw),
         pitch=np.interp(origin, index, pitch),
         t_s=np.interp(origin, index, path.t_s),
@@ -219,12 +220,12 @@ class _Flown(Record):
     @classmethod
     def of(cls, part: Trajectory) -> _Flown:
         times, positions = steadied(part)
-        step, tick = np.linalg.norm(np.diff(positions, axis=0), axis=1), float(times[1] - times[0])
+        step, tick = leg_lengths(positions), float(times[1] - times[0])
         moving = step > _STILL * float(np.percentile(step, 75))
         return cls(
             times,
-            np.concatenate([[0.0], np.cumsum(step)]),
-            np.concatenate([[0.0], np.cumsum(np.where(moving, tick, 0.0))]),
+            cumulated(step),
+            cumulated(np.where(moving, tick, 0.0)),
             float(np.percentile(step, _TRANSIT)) / tick,
         )
 
@@ -252,7 +253,7 @@ def _timed(path: _Stations, bound: Floats, pan: Floats, settings: RetimeSettings
         corner = corner_cap(legs[index], turns[index], rest, acceleration, angular)
         speed = passes(np.minimum(cap[index], corner), legs[index], turns[index], rest, acceleration, angular)
         step[index] = length[index] / speed
-    return np.concatenate([[0.0], np.cumsum(np.maximum(step, _SHORTEST_S))])
+    return cumulated(np.maximum(step, _SHORTEST_S))
 
 
 def _leg_caps(path: _Stations, length: Floats, pan: Floats, settings: RetimeSettings) -> Floats:

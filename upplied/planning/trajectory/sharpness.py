@@ -19,8 +19,9 @@ from upplied.planning.trajectory.retime import Sharp
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import moments
+from upplied.polylines import chosen_evenly, leg_lengths
 from upplied.poses import angle_between, fov_at, matrices
-from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
+from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 _SAMPLES = 600  # of the inspected surface, that are asked for
 _SHARP = 0.7  # share of what is inspected in a picture that is to be sharp: its rim moves faster, and is
@@ -82,9 +83,8 @@ def _sharp_speeds(
     rule = settings.inspection
     limit, _ = look_limits(takes, rule)
     asked = np.flatnonzero(inspected.need > 0)
-    asked = asked[np.unique(np.linspace(0, len(asked) - 1, min(_SAMPLES, len(asked))).astype(np.int64))]
-    normals = None if inspected.cloud.normals is None else inspected.cloud.normals[asked]
-    part = Cloud(inspected.cloud.points[asked], normals=normals)
+    asked = asked[chosen_evenly(len(asked), _SAMPLES)]
+    part = inspected.cloud.at(asked)
     poses, fov_deg = (path.positions, path.quat_xyzw), fov_at(flight, path.t_s)
     seen = visible(*poses, part, camera, settings.visibility, scene, fov_deg=fov_deg).seen
     farthest_m = inspected.standoff_m[asked] / rule.least_resolution
@@ -93,7 +93,7 @@ def _sharp_speeds(
     angle = moved_in_picture(
         path.positions, matrices(path.quat_xyzw), part.points, seen, coarse, farthest_m, _SHARP
     )
-    leg = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
+    leg = leg_lengths(path.positions)
     with np.errstate(divide="ignore", invalid="ignore"):
         fastest = np.where((angle > 0) & (leg > 1e-6), leg * MARGIN * limit / angle, np.inf)
     fastest = np.maximum(fastest, _SLOWEST_MPS)

@@ -9,6 +9,7 @@ from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_matrix
 
+from upplied.polylines import cumulated, interpolated, leg_lengths
 from upplied.records import Bools, Floats, Record
 
 _DEGREE = 3
@@ -116,14 +117,14 @@ def _fitted(basis: csr_matrix, values: Floats) -> Floats:
 
 def _curve(stations: Floats, step_m: float) -> tuple[Floats, Floats]:
     """Station numbers and positions on the cubic spline by arc length; straight where too few are apart."""
-    leg = np.linalg.norm(np.diff(stations, axis=0), axis=1)
+    leg = leg_lengths(stations)
     pieces = np.clip(np.ceil(leg / step_m - 1e-9).astype(int), 1, _MOST_PIECES)
     number = np.repeat(np.arange(len(leg)), pieces)
     share = (np.arange(len(number)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[number]
     at = np.append(number + share, float(len(leg)))
-    along = np.concatenate([[0.0], np.cumsum(leg)])
+    along = cumulated(leg)
     apart = np.concatenate([[True], leg > _STILL_M])
     where = np.interp(at, np.arange(float(len(stations))), along)
     if apart.sum() < 4:
-        return at, np.column_stack([np.interp(where, along, axis) for axis in stations.T])
+        return at, interpolated(where, along, stations)
     return at, CubicSpline(along[apart], stations[apart], bc_type="natural")(where)

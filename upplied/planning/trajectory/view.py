@@ -72,8 +72,7 @@ class View(Record):
         settings: VisibilitySettings,
         fov_deg: Floats | None = None,
     ) -> Bools:
-        normals = None if self.cloud.normals is None else self.cloud.normals[asked]
-        part = Cloud(points=self.cloud.points[asked], normals=normals)
+        part = self.cloud.at(asked)
         return visible(positions, quat_xyzw, part, camera, settings, self.scene, fov_deg=fov_deg).seen
 
     def _near(self, seen: Bools, positions: Floats, asked: Ints, coarse: Floats | None) -> Bools:

@@ -14,6 +14,7 @@ from numba import njit
 from upplied.planning.visibility.moments import Moments, motion_of, sight_to
 from upplied.planning.visibility.path_views import Views
 from upplied.records import Bools, Cloud, Floats, Ints, Record
+from upplied.vectors import sphere
 
 _SIDES = 60  # directions of the sphere, some 26 deg apart, that looks are told apart by
 _NEIGHBOUR = np.cos(np.radians(30.0))
@@ -55,7 +56,6 @@ def dwell(
     carry : array, shape (3, 3), optional
         How a line of sight is carried to the structure that `sides` are compared on.
     """
-    assert cloud.normals is not None
     station = stations_at(shown, steps)
     found = _dwelt(
         *(np.ascontiguousarray(of) for of in (steps.poses.positions, steps.velocity, steps.turn)),
@@ -64,7 +64,7 @@ def dwell(
         np.ascontiguousarray(shown.seen[station]),
         np.ascontiguousarray(shown.coarseness[station]),
         np.ascontiguousarray(cloud.points),
-        np.ascontiguousarray(cloud.normals),
+        np.ascontiguousarray(cloud.outward),
         sharp_radps,
         least_cosine,
         np.ascontiguousarray(np.eye(3) if carry is None else carry),
@@ -89,15 +89,6 @@ def widened(sides: Bools) -> Bools:
     """The same sides and their neighbours on the sphere, within 30 deg."""
     way = sphere(_SIDES)
     return np.asarray(sides.astype(np.float32) @ (way @ way.T >= _NEIGHBOUR).astype(np.float32) > 0, bool)
-
-
-def sphere(number: int) -> Floats:
-    """Evenly spread directions (number, 3) on a Fibonacci spiral."""
-    index = np.arange(number) + 0.5
-    height = 1 - 2 * index / number
-    turn = np.pi * (1 + np.sqrt(5)) * index
-    ring = np.sqrt(1 - height**2)
-    return np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
 
 
 @njit(cache=True)

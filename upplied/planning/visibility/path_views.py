@@ -9,6 +9,7 @@ import numpy as np
 from upplied.config import VisibilitySettings
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
+from upplied.polylines import cumulated, leg_lengths
 from upplied.poses import angle_between, interpolate
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 from upplied.scene import Scene
@@ -50,10 +51,10 @@ def stations(trajectory: Trajectory, most: int = _MOST) -> Trajectory:
     """
     if len(trajectory) < 2:
         return trajectory
-    progress = np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1) / _STEP_M
+    progress = leg_lengths(trajectory.positions) / _STEP_M
     progress += angle_between(trajectory.quat_xyzw[:-1], trajectory.quat_xyzw[1:]) / _STEP_RAD
     if len(trajectory) >= most:
-        along = np.concatenate([[0.0], np.cumsum(progress + 1e-9)])
+        along = cumulated(progress + 1e-9)
         chosen = np.searchsorted(along, np.linspace(0, along[-1], most), side="left")
         chosen = np.unique(np.clip(chosen, 0, len(trajectory) - 1))
         return trajectory.take(chosen)

@@ -47,12 +47,11 @@ class Coverage(Record):
         station = stride * station
         halves = view.halves_rad(stride * len(free) if view.fov_deg is None else len(view.fov_deg))
         coarse = coarseness(view.camera, view.fov_deg)
-        assert view.cloud.normals is not None
         usual = float(np.cos(np.radians(view.settings.max_incidence_deg)))
         own = view.least_cosine
         return cls(
             points=view.cloud.points[asked],
-            normals=view.cloud.normals[asked],
+            normals=view.cloud.outward[asked],
             need=need / need.sum(),
             farthest_m=view.farthest_m[asked],
             start=np.searchsorted(station, np.arange(stride * len(free) + 1)),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.planning.trajectory.state import Flown
+from upplied.polylines import leg_lengths
 from upplied.records import Floats, Record
 
 
@@ -22,7 +23,7 @@ class Time(Record):
     @classmethod
     def of(cls, carried: Flown, speed_mps: Floats) -> Time:
         """The term for the speeds (M,) at which the expert flew at the stations."""
-        leg = np.linalg.norm(np.diff(carried.positions, axis=0), axis=1)
+        leg = leg_lengths(carried.positions)
         slowness = 2 / np.maximum(speed_mps[1:] + speed_mps[:-1], 1e-3)
         return cls(slowness / max(float((slowness * leg).sum()), 1e-9))
 
