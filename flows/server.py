@@ -178,16 +178,50 @@ def _answers(port: int) -> bool:
 
 
 def stop(process: subprocess.Popen[bytes], patience_s: float = 15.0) -> None:
-    """End a process we started together with its children: politely first."""
+    """End a process we started together with all that came of it: politely first.
+
+    A worker's runs are sessions of their own, which no signal to its group reaches; one that cannot tell a
+    server how it ended would try for minutes.
+    """
+    offspring: dict[int, str] = {}
     for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         if process.poll() is not None:
             break
+        offspring |= _offspring(process.pid)
         _signal_group(process, sign)
         try:
             process.wait(patience_s)
         except subprocess.TimeoutExpired:
             continue
     _signal_group(process, signal.SIGKILL)  # a child that outlived its parent
+    deadline = time.monotonic() + patience_s
+    while (left := _alive(offspring)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    for pid in left:
+        with suppress(ProcessLookupError, PermissionError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def _offspring(pid: int) -> dict[int, str]:
+    """What came of a process, each with its start, by which it is known; nothing where no /proc tells."""
+    found: dict[int, str] = {}
+    with suppress(OSError):
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            for child in map(int, (task / "children").read_text().split()):
+                found |= {child: _began(child)} | _offspring(child)
+    return found
+
+
+def _began(pid: int) -> str:
+    """When a process started; empty where it has ended."""
+    with suppress(OSError):
+        state, *facts = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+        return "" if state == "Z" else facts[18]
+    return ""
+
+
+def _alive(known: dict[int, str]) -> list[int]:
+    return [pid for pid, began in known.items() if began and _began(pid) == began]
 
 
 def _signal_group(process: subprocess.Popen[bytes], sign: signal.Signals) -> None:

@@ -8,19 +8,21 @@ import os
 import socket
 import subprocess
 import sys
+import time
 import urllib.request
 from pathlib import Path
 
 import prefect_api
 import pytest
 import yaml
+from processes import ended
 
 from upplied.cli import main
 from upplied.errors import InputError, SettingsError
 from upplied.flows import pages, pool, watch
 from upplied.flows.environment import ROOTS, SETTINGS, environment, home, profile
 from upplied.flows.roots import check_roots
-from upplied.flows.server import ServerError, free_port, private_server
+from upplied.flows.server import ServerError, free_port, private_server, stop
 
 ROOT = Path(__file__).parents[2]
 
@@ -233,3 +235,32 @@ def test_a_profile_that_is_no_toml_is_told(tmp_path):
     (tmp_path / "profiles.toml").write_text("active = ")
     with pytest.raises(InputError, match=r"profiles\.toml.*new password"):
         profile(tmp_path)
+
+
+STUBBORN = """
+import subprocess, sys, time
+code = "import signal, time; [signal.signal(s, signal.SIG_IGN) for s in (2, 15)]; print(1, flush=True); "
+code += "time.sleep(600)"
+child = subprocess.Popen([sys.executable, "-c", code], start_new_session=True, stdout=subprocess.PIPE)
+child.stdout.readline()
+print(child.pid, flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to tell what came of a process")
+def test_what_is_stopped_leaves_no_session_of_its_own(tmp_path):
+    """As a worker's run is, which tries for minutes to tell a server that is gone how it ended."""
+    worker = subprocess.Popen(
+        [sys.executable, "-c", STUBBORN],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    run = int(worker.stdout.readline())
+    stop(worker, 0.5)
+    worker.stdout.close()
+    deadline = time.monotonic() + 30
+    while not ended(run) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert ended(run) and worker.returncode is not None
