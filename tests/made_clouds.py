@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from upplied.planning.correspondence.part_assignment import Matching
 from upplied.records import Cloud, Floats
 
 BoxOf = tuple[Sequence[float], Sequence[float]]  # corner and size, m
@@ -28,3 +29,9 @@ def boxes(*given: BoxOf, number: int = 900, seed: int = 0) -> Cloud:
     points, normals = (np.concatenate(of) for of in zip(*made, strict=True))
     whole = np.array([2 * (a * b + b * c + c * a) for _, (a, b, c) in given])
     return Cloud(points, normals, np.repeat(whole / number, number), np.repeat(np.arange(len(given)), number))
+
+
+def counterparts(matching: Matching, part: int) -> list[int]:
+    """The target parts in the class of a source part; none where it is in no class."""
+    wanted = matching.source_class[part]
+    return np.flatnonzero((matching.target_class == wanted) & (wanted >= 0)).tolist()

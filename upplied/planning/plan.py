@@ -118,7 +118,7 @@ def decided(
     # Do the structures fit, and what on one corresponds to what on the other? (Algorithm 1)
     try:
         pair = study_pair(source, target, settings, memo)
-    except RefusedError as refusal:  # a part that was named cannot be told apart
+    except RefusedError as refusal:  # a part that was named is ambiguous
         return replace(plan, status="refused", reason=str(refusal)), ()
     found = pair.fit_for(settings).registration
     plan = replace(plan, registration=found, counterpart_summary=pair.surface.correspondences.summary)
@@ -139,7 +139,7 @@ def decided(
     )
     if least is not None and likely.probability < least:
         return replace(plan, status="refused", reason=unlikely(likely, least, found)), takes
-    # Which part of the target is it, and can that be told?
+    # Which part of the target is it, and how certain is that?
     counterparts = counterparts_of(takes, settings)
     known = replace(plan.measures, counterpart_probability=least_probability(counterparts))
     plan = replace(

@@ -13,7 +13,7 @@ import numpy as np
 
 from upplied.planning.correspondence.by_parts import facing_nearest
 from upplied.planning.correspondence.describe import place_of
-from upplied.planning.correspondence.part_alignment import matched, patches, placed
+from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.planning.visibility.path_views import Views
@@ -93,7 +93,7 @@ def agreement(source: Cloud, target: Cloud, registration: Registration) -> Agree
     registered, diagonal = in_source_frame(target, registration), diagonal_m(source)
     matching = matched(source, registered)
     moving, fixed = patches(source, registered, matching)
-    there = placed(moving, fixed)
+    there = aligned_parts(moving, fixed)
     counterpart = facing_nearest(there, fixed, diagonal)
     apart = np.linalg.norm(there.points - fixed.points[counterpart], axis=1)
     counterpart[(there.label < 0) & (apart > _GONE * diagonal)] = -1

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from made_clouds import counterparts
 
 from upplied.planning.correspondence.part_assignment import like_shape, match_parts
 from upplied.planning.surface.parts import Parts, sides
@@ -87,9 +88,7 @@ def test_no_exchange_or_move_makes_an_assignment_better(seed: int) -> None:
     links_there = [pair for pair in itertools.combinations(range(others), 2) if rng.random() < 0.5]
     source, target = parts(low, size, links), parts(*there, links_there)
     matching = match_parts(source, target, DIAGONAL, never)
-    partner = [
-        int(matching.target_of(part)[0]) if len(matching.target_of(part)) else -1 for part in range(number)
-    ]
+    partner = [next(iter(counterparts(matching, part)), -1) for part in range(number)]
     found = cost(source, target, partner)
     assert np.isfinite(found)
     for other in assignments(number, others):
@@ -111,9 +110,7 @@ def test_without_neighbours_the_assignment_is_the_best_of_all(seed: int) -> None
     )
     source = parts(low, size)
     matching = match_parts(source, target, DIAGONAL, never)
-    partner = [
-        int(matching.target_of(part)[0]) if len(matching.target_of(part)) else -1 for part in range(number)
-    ]
+    partner = [next(iter(counterparts(matching, part)), -1) for part in range(number)]
     best = min(cost(source, target, each) for each in assignments(number, others))
     assert cost(source, target, partner) == pytest.approx(best, abs=1e-9)
     assert len(matching) == sum(b >= 0 for b in partner)
@@ -138,29 +135,29 @@ def test_boxes_of_like_extents_are_alike(size: list[float], alike: bool) -> None
     source = one_box([10.0, 6, 6])
     assert like_shape(source, 1, one_box(size), DIAGONAL).tolist() == ([1] if alike else [])
     found = match_parts(source, one_box(size), DIAGONAL, never)
-    assert found.target_of(1).tolist() == ([1] if alike else [])
+    assert counterparts(found, 1) == ([1] if alike else [])
     agreed = match_parts(source, one_box(size), DIAGONAL, lambda mine, theirs: (mine, theirs) == ([1], [1]))
-    assert agreed.target_of(1).tolist() == [1]
+    assert counterparts(agreed, 1) == [1]
 
 
 def test_small_extents_are_compared_to_a_floor() -> None:
     """An extent of 1 counts as 1.5 of 100 in the coarse test, and as 5 in the fine one."""
     agrees = [1.0, 6, 6], [4.4, 6, 6]
-    assert match_parts(one_box(agrees[0]), one_box(agrees[1]), DIAGONAL, never).target_of(1).tolist() == [1]
+    assert counterparts(match_parts(one_box(agrees[0]), one_box(agrees[1]), DIAGONAL, never), 1) == [1]
     thick = one_box([4.6, 6, 6])
-    assert match_parts(one_box(agrees[0]), thick, DIAGONAL, lambda *_: True).target_of(1).tolist() == []
+    assert counterparts(match_parts(one_box(agrees[0]), thick, DIAGONAL, lambda *_: True), 1) == []
 
 
 def test_areas_differ_by_less_than_four() -> None:
     source = one_box([10.0, 6, 6], 0.2)
-    assert match_parts(source, one_box([10.0, 6, 6], 0.79), DIAGONAL, never).target_of(1).tolist() == [1]
-    assert match_parts(source, one_box([10.0, 6, 6], 0.81), DIAGONAL, never).target_of(1).tolist() == []
+    assert counterparts(match_parts(source, one_box([10.0, 6, 6], 0.79), DIAGONAL, never), 1) == [1]
+    assert counterparts(match_parts(source, one_box([10.0, 6, 6], 0.81), DIAGONAL, never), 1) == []
 
 
 def test_pins_overrule_likeness() -> None:
     source, target = one_box([10.0, 6, 6]), one_box([2.0, 2, 2])
     pinned = match_parts(source, target, DIAGONAL, never, {1: 1})
-    assert pinned.target_of(1).tolist() == [1] and pinned.target_of(0).tolist() == [0]
+    assert counterparts(pinned, 1) == [1] and counterparts(pinned, 0) == [0]
     crossed = match_parts(source, target, DIAGONAL, never, {1: 0})
-    assert crossed.target_of(1).tolist() == [0] and crossed.target_of(0).tolist() == []
+    assert counterparts(crossed, 1) == [0] and counterparts(crossed, 0) == []
     assert len(crossed) == 1

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.planning.correspondence.coherent_point_drift import Patch
-from upplied.planning.correspondence.part_alignment import misfit_of_parts, placed
+from upplied.planning.correspondence.part_alignment import aligned_parts, misfit_of_parts
 from upplied.records import Cloud, Floats
 
 WHOLE = np.array([[-50.0, -50, -50], [50, 50, 50]])
@@ -31,15 +31,15 @@ def patch(points: Floats, normals: Floats) -> Patch:
 def test_a_box_is_laid_on_its_partners_box() -> None:
     here, facing = box([2, 3, 4], [4, 3, 2])
     there, faces = box([10, -3, 0], [8, 3, 1], seed=1)
-    moved = placed(patch(here, facing), patch(there, faces))
+    moved = aligned_parts(patch(here, facing), patch(there, faces))
     assert moved.points[:600] == pytest.approx((here - [2, 3, 4]) * [2, 1, 0.5] + [10, -3, 0])
     assert moved.normals[:600] == pytest.approx(facing)
     assert np.array_equal(moved.points[600:], WHOLE)
     leaning = np.tile([0.6, 0.0, 0.8], (600, 1))
-    stretched = placed(patch(here, leaning), patch(there, faces)).normals[0]
+    stretched = aligned_parts(patch(here, leaning), patch(there, faces)).normals[0]
     assert stretched == pytest.approx(np.array([0.3, 0, 1.6]) / np.hypot(0.3, 1.6))
     assert np.array_equal(
-        placed(patch(here, facing), patch(there, faces), turned_only=True).points[:600], here
+        aligned_parts(patch(here, facing), patch(there, faces), turned_only=True).points[:600], here
     )
 
 
@@ -52,7 +52,7 @@ def blade(degrees: float, length: float = 30.0, width: float = 1.0) -> tuple[Flo
 @pytest.mark.parametrize("degrees", [25.0, 90.0, 179.0])
 def test_a_blade_that_stopped_elsewhere_is_turned(degrees: float) -> None:
     here, there = blade(0.0), blade(degrees, 45.0, 2.0)
-    moved = placed(patch(*here), patch(*there), turned_only=True)
+    moved = aligned_parts(patch(*here), patch(*there), turned_only=True)
     wanted = blade(degrees, 45.0, 2.0)[0]
     assert np.linalg.norm(moved.points[:900] - wanted, axis=1).max() < 0.8
     assert moved.points[:900] @ [1, 0, 0] == pytest.approx(wanted @ [1, 0, 0], abs=0.25)
@@ -62,9 +62,9 @@ def test_a_blade_that_stopped_elsewhere_is_turned(degrees: float) -> None:
 
 def test_a_blade_that_hardly_turned_is_laid_box_on_box() -> None:
     here, there = blade(0.0), blade(8.0)
-    moved = placed(patch(*here), patch(*there), turned_only=True)
+    moved = aligned_parts(patch(*here), patch(*there), turned_only=True)
     assert np.array_equal(moved.points[:900], here[0])
-    assert not np.array_equal(placed(patch(*here), patch(*there)).points[:900], here[0])
+    assert not np.array_equal(aligned_parts(patch(*here), patch(*there)).points[:900], here[0])
 
 
 def test_short_parts_and_those_across_the_middle_do_not_turn() -> None:
@@ -73,14 +73,14 @@ def test_short_parts_and_those_across_the_middle_do_not_turn() -> None:
     turn = Rotation.from_euler("x", 60, degrees=True).as_matrix()
     through[1] = through[1][0] @ turn.T, through[1][1] @ turn.T
     for here, there in (stout, through):
-        moved = placed(patch(*here), patch(*there), turned_only=True)
+        moved = aligned_parts(patch(*here), patch(*there), turned_only=True)
         assert np.array_equal(moved.points[:900], here[0])
 
 
 def test_a_part_without_partner_stays() -> None:
     here, facing = box([2, 3, 4], [4, 3, 2])
     lonely = Patch(here, facing, np.full(600, 1))
-    assert np.array_equal(placed(lonely, patch(here, facing)).points, here)
+    assert np.array_equal(aligned_parts(lonely, patch(here, facing)).points, here)
 
 
 def test_little_that_sticks_out_does_not_count() -> None:
@@ -88,7 +88,7 @@ def test_little_that_sticks_out_does_not_count() -> None:
     strip = np.column_stack([np.linspace(4, 40, 20), np.full((20, 2), 2.0)])
     there = np.vstack([here + np.array([10, 0, 0]), strip + np.array([10, 0, 0])])
     faces = np.vstack([facing, np.tile([0.0, 0, 1], (20, 1))])
-    moved = placed(patch(here, facing), patch(there, faces)).points[:600]
+    moved = aligned_parts(patch(here, facing), patch(there, faces)).points[:600]
     assert moved[:, 0].max() == pytest.approx(14, abs=0.6) and moved[:, 0].min() == pytest.approx(
         10, abs=1e-9
     )

@@ -9,7 +9,7 @@ import pytest
 
 from upplied.config import settings_for
 from upplied.planning.correspondence.misfit import misfit_of
-from upplied.planning.correspondence.partial import laid_partly
+from upplied.planning.correspondence.partial import registered_partly
 from upplied.planning.correspondence.registration import box_on_box, fitted
 from upplied.planning.geometry.boxes import diagonal_of
 from upplied.planning.surface.samples import surface_samples
@@ -64,15 +64,15 @@ def test_where_an_end_is_missing_the_rest_is_not_stretched(
 @pytest.mark.parametrize("target", ["b777-v1", "a320-v1"])
 def test_a_whole_target_lies_as_its_box_says(clouds: dict[str, Cloud], target: str) -> None:
     here, whole = clouds["a320-v1"], clouds[target]
-    assert laid_partly(here, whole, box_on_box(here, whole)) is None
+    assert registered_partly(here, whole, box_on_box(here, whole)) is None
 
 
 def test_units_and_place_of_the_target_do_not_matter(clouds: dict[str, Cloud]) -> None:
     here, whole = clouds["a320-v1"], clouds["b777-v1"]
     cut = without(whole, whole.points[:, 1] > 8)
     moved = replace(cut, points=1000 * cut.points + 5e4)
-    one = laid_partly(here, cut, box_on_box(here, cut))
-    other = laid_partly(here, moved, box_on_box(here, moved))
+    one = registered_partly(here, cut, box_on_box(here, cut))
+    other = registered_partly(here, moved, box_on_box(here, moved))
     assert one is not None and other is not None
     np.testing.assert_allclose(one.to_demo(cut.points), other.to_demo(moved.points), atol=1e-6)
 

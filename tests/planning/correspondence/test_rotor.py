@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
 from upplied.planning.correspondence.pair import study_pair
-from upplied.planning.correspondence.rotor import _about, _hub, _laid_on, rotor_turned
+from upplied.planning.correspondence.rotor import _about, _hub, _in_box_of, rotor_turned
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import member
@@ -65,7 +65,7 @@ def test_a_cloud_is_laid_with_its_box_on_anothers() -> None:
     rng = np.random.default_rng(0)
     cloud = Cloud(rng.uniform(0, 1, (50, 3)), np.tile([0.6, 0.0, 0.8], (50, 1)))
     other = rng.uniform(0, 1, (60, 3)) * [8.0, 2, 4] + [1.0, 2, 3]
-    found = _laid_on(cloud, other)
+    found = _in_box_of(cloud, other)
     for of in (np.min, np.max):
         np.testing.assert_allclose(of(found.points, axis=0), of(other, axis=0))
     scale = np.ptp(other, axis=0) / np.ptp(cloud.points, axis=0)

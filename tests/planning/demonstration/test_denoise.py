@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from winding import turning_deg_per_m
 
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.planning.demonstration.denoise import smoothed
 from upplied.planning.demonstration.pauses import pauses
-from upplied.planning.demonstration.stations import turning_deg_per_m
 from upplied.poses import from_yaw_pitch, look_at, matrices, normalised, optical_axis, yaw_pitch
 from upplied.records import Floats, Trajectory
 

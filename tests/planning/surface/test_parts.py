@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_clouds import counterparts
 
 from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.describe import place_of
-from upplied.planning.correspondence.part_alignment import placed
+from upplied.planning.correspondence.part_alignment import aligned_parts
 from upplied.planning.correspondence.part_assignment import match_parts
 from upplied.planning.surface.parts import labels_of, mesh_pieces, part_labels, parts_of
 from upplied.records import Cloud, Structure
@@ -87,7 +88,7 @@ def test_the_nearer_engine_is_not_taken_for_the_one_of_its_place() -> None:
     # Both engines moved out, so that the inner one now lies nearest to where the outer one was.
     target = cloud(HULL, brick((18, 45, 0), (9, 4, 4)), brick((24, 36, 0), (9, 4, 4)))
     found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
-    assert found.target_of(1).tolist() == [2] and found.target_of(2).tolist() == [1]
+    assert counterparts(found, 1) == [2] and counterparts(found, 2) == [1]
 
 
 def test_a_fairing_takes_no_engine() -> None:
@@ -96,8 +97,8 @@ def test_a_fairing_takes_no_engine() -> None:
     found = match_parts(
         parts_of(cloud(HULL, engine, fairing)), parts_of(cloud(HULL, inner, outer)), DIAGONAL, never
     )
-    assert found.target_of(1).tolist() == [1]  # though both would find a partner if the fairing took it
-    assert found.target_of(2).tolist() == []
+    assert counterparts(found, 1) == [1]  # though both would find a partner if the fairing took it
+    assert counterparts(found, 2) == []
 
 
 def test_a_strip_that_sticks_out_does_not_widen_a_part() -> None:
@@ -107,13 +108,13 @@ def test_a_strip_that_sticks_out_does_not_widen_a_part() -> None:
     moved = engine + np.array([2.0, 3.0, 0.0])
     longer = np.concatenate([moved, strip])
     partner = Patch(longer, np.tile([0.0, 0, 1], (312, 1)), np.zeros(312, int))
-    np.testing.assert_allclose(placed(whole, partner).points, moved, atol=0.3)
+    np.testing.assert_allclose(aligned_parts(whole, partner).points, moved, atol=0.3)
 
 
 def test_a_part_more_stays_without_partner() -> None:
     source, target = cloud(HULL, LEFT, RIGHT), cloud(HULL, LEFT)
     found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
-    assert found.target_of(1).tolist() == [1] and found.target_of(2).tolist() == []
+    assert counterparts(found, 1) == [1] and counterparts(found, 2) == []
     assert found.source_class[2] == -1
 
 
@@ -125,21 +126,21 @@ def test_a_part_of_one_side_answers_to_none_in_the_middle_nor_across() -> None:
     other_side = brick((32, 5.5, 10), (9, 4, 4))
     source = parts_of(cloud(WIDE, brick((30, 17, -4), (9, 4, 4)), brick((30, -1, -4), (9, 4, 4))))
     found = match_parts(source, parts_of(cloud(WIDE, belly)), DIAGONAL, never)
-    assert found.target_of(0).tolist() == [0]
-    assert found.target_of(1).tolist() == found.target_of(2).tolist() == []
+    assert counterparts(found, 0) == [0]
+    assert counterparts(found, 1) == counterparts(found, 2) == []
     pair = parts_of(cloud(WIDE, one_side, other_side))
     # Crossed over they would lie as near to their partners, and the order of the rows says nothing.
     swapped = parts_of(cloud(WIDE, other_side, one_side))
     found = match_parts(pair, swapped, DIAGONAL, never)
-    assert found.target_of(1).tolist() == [2] and found.target_of(2).tolist() == [1]
+    assert counterparts(found, 1) == [2] and counterparts(found, 2) == [1]
     lone = match_parts(pair, parts_of(cloud(WIDE, other_side)), DIAGONAL, never)
-    assert lone.target_of(2).tolist() == [1] and lone.target_of(1).tolist() == []
+    assert counterparts(lone, 2) == [1] and counterparts(lone, 1) == []
 
 
 def test_what_has_no_mirror_image_may_stand_on_the_other_side() -> None:
     crane, moved = brick((30, 14, 10), (4, 4, 8)), brick((30, 2, 10), (4, 4, 8))
     found = match_parts(parts_of(cloud(WIDE, crane)), parts_of(cloud(WIDE, moved)), DIAGONAL, never)
-    assert found.target_of(1).tolist() == [1]
+    assert counterparts(found, 1) == [1]
 
 
 def test_no_tier_is_left_out_in_the_middle() -> None:
@@ -147,14 +148,14 @@ def test_no_tier_is_left_out_in_the_middle() -> None:
     four = [brick((10, 2, 10 + 4 * tier), (60, 16, 4), 900) for tier in range(4)]
     three = [brick((10, 2, 10 + 5 * tier), (60, 16, 5), 900) for tier in range(3)]
     found = match_parts(parts_of(cloud(hull, *four)), parts_of(cloud(hull, *three)), DIAGONAL, never)
-    assert [found.target_of(part).tolist() for part in range(5)] == [[0], [1], [2], [3], []]
+    assert [counterparts(found, part) for part in range(5)] == [[0], [1], [2], [3], []]
 
 
 def test_a_wing_is_no_turned_fuselage() -> None:
     fuselage, wing = brick((0, -3, 0), (60, 6, 3), 600), brick((25, -29, 5), (6, 58, 2), 600)
     tall, engine = brick((0, -3, 0), (60, 6, 10), 600), brick((25, -29, 5), (6, 3, 2))
     found = match_parts(parts_of(cloud(fuselage, wing)), parts_of(cloud(tall, engine)), DIAGONAL, never)
-    assert found.target_of(0).tolist() == found.target_of(1).tolist() == []
+    assert counterparts(found, 0) == counterparts(found, 1) == []
 
 
 def test_what_stands_on_its_neighbours_is_a_body_and_what_continues_their_skin_is_none() -> None:
@@ -173,13 +174,13 @@ def test_what_stands_on_its_neighbours_is_a_body_and_what_continues_their_skin_i
 def test_pins_are_kept() -> None:
     source, target = cloud(HULL, LEFT, RIGHT), cloud(HULL, LEFT, RIGHT)
     found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never, {1: 2})
-    assert found.target_of(1).tolist() == [2]
+    assert counterparts(found, 1) == [2]
 
 
 def test_order_of_the_target_does_not_matter() -> None:
     source, target = cloud(HULL, LEFT, RIGHT), cloud(RIGHT, HULL, LEFT)
     found = match_parts(parts_of(source), parts_of(target), DIAGONAL, never)
-    assert [found.target_of(part).tolist() for part in range(3)] == [[1], [2], [0]]
+    assert [counterparts(found, part) for part in range(3)] == [[1], [2], [0]]
 
 
 @pytest.mark.parametrize("agrees", [True, False])
@@ -190,7 +191,7 @@ def test_two_halves_answer_to_a_whole_only_where_the_surfaces_agree(agrees: bool
         parts_of(cloud(HULL, whole)), parts_of(cloud(HULL, *halves)), DIAGONAL,
         lambda parts, partners: agrees and len(parts) + len(partners) == 3,
     )  # fmt: skip
-    assert found.target_of(1).tolist() == ([1, 2] if agrees else [])
+    assert counterparts(found, 1) == ([1, 2] if agrees else [])
 
 
 def test_places_in_words() -> None:

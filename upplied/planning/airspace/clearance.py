@@ -66,7 +66,7 @@ def at_least(scene: Scene, points: Floats, limit_m: float) -> Bools:
     """Which points (N, 3) are at least so far from the structure.
 
     Neighbours in the order given, as along a path, are asked together where the ball round them all
-    lies wholly beyond the limit or wholly within it; the answers are those of asking each.
+    lies wholly beyond the limit or wholly within it; the result is that of asking each.
     """
     if len(points) < _MANY:
         return np.asarray(scene.distance(points) >= limit_m, bool)

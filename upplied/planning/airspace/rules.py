@@ -108,7 +108,7 @@ def crosses_fence(polygon: Floats, start: Floats, end: Floats) -> Bools:
     """Which segments (N,) touch or cross an edge of a polygon seen from above.
 
     Two segments have a point in common where neither lies to one side of the other, and, should they
-    lie on one line, where their boxes overlap. So a leg through a vertex, or along an edge, is told.
+    lie on one line, where their boxes overlap. So a leg through a vertex, or along an edge, is noticed.
     """
     if len(polygon) < 3:
         return np.zeros(len(start), bool)

@@ -1,7 +1,7 @@
-"""Which part of the target corresponds to each inspected part, and whether that can be told at all.
+"""Which part of the target corresponds to each inspected part, and how certain that is.
 
 An engine has a twin under the other wing, and may have four on the target. Where the parts of a structure
-cannot be told apart, as on a scan of one piece, its points still have nearest neighbours and a plan still has
+are not known, as on a scan of one piece, its points still have nearest neighbours and a plan still has
 good figures, of the wrong engine. So a plan asks here first.
 """
 
@@ -90,7 +90,7 @@ def _not_repeated(takes: Sequence[Take]) -> list[Counterpart]:
 
 
 def undecided(found: Sequence[Counterpart], settings: Settings) -> str:
-    """Why a plan is refused for what is not told apart or not as many as expected; empty where it is not."""
+    """Why a plan is refused for ambiguous parts, or another number than expected; empty where it is not."""
     asked = settings.correspondence
     for one in found:
         if not one.doubt or one.inspected_pct < 100 * _REFUSED:

@@ -36,7 +36,7 @@ class Evidence(Record):
     bent: float  # what no scaling along the axes explains, over the region's size
     crowded: float  # share that meets on the same target samples, beyond what sampling explains
     back: float  # share of the answering target surface that leads elsewhere on the source
-    gap: float  # how far the surfaces are apart as laid on each other, over the region's size
+    gap: float  # mean distance of the registered surfaces, over the region's size
     around: float  # the same of the surroundings
     misfit: float  # of the wholes, `Registration.acceptance`
 
@@ -130,7 +130,7 @@ def _nearby(points: Floats, own: Floats, size: float) -> Floats:
 
 
 def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> float:
-    """Mean distance of the surfaces as laid, beyond the spacing of samples, over the region's size."""
+    """Mean distance of the registered surfaces, beyond the spacing of samples, over the region's size."""
     chosen = np.flatnonzero(share > 0.05 * share.max()) if share.max() > 0 else np.empty(0, np.int64)
     if not len(chosen):
         return 0.0

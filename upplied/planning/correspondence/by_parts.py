@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from upplied.planning.correspondence.coherent_point_drift import Patch, drift, farthest_points
 from upplied.planning.correspondence.describe import summary_of
 from upplied.planning.correspondence.misfit import UNTURNED
-from upplied.planning.correspondence.part_alignment import FACING, matched, patches, placed
+from upplied.planning.correspondence.part_alignment import FACING, aligned_parts, matched, patches
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
@@ -59,7 +59,7 @@ def by_parts(
     registered = in_source_frame(target, registration)
     matching = matched(source, registered, pinned)
     moving, fixed = patches(source, registered, matching)
-    warped = _warped(placed(moving, fixed), fixed, diagonal)
+    warped = _warped(aligned_parts(moving, fixed), fixed, diagonal)
     index = facing_nearest(warped, fixed, diagonal)
     index = _on_adjacent_parts(warped, fixed, index, labels_of(registered), parts_of(registered), diagonal)
     on_skin = _on_skin(warped.points, fixed, index, spacing(source))
@@ -85,20 +85,20 @@ def by_parts(
     )
 
 
-def _warped(placed: Patch, fixed: Patch, diagonal_m: float) -> Patch:
-    """Drifted where that brings the surfaces clearly nearer; a part that lies well already stays."""
-    controls = farthest_points(placed.points, _CONTROLS)
+def _warped(aligned: Patch, fixed: Patch, diagonal_m: float) -> Patch:
+    """Drifted where that brings the surfaces clearly nearer; a part that is aligned well already stays."""
+    controls = farthest_points(aligned.points, _CONTROLS)
     anchors = farthest_points(fixed.points, _ANCHORS)
-    found = drift(placed.at(controls), fixed.at(anchors), diagonal_m)
-    drifted = replace(placed, points=placed.points + found.at(placed.points, placed.label))
-    points = placed.points.copy()
-    for label in np.unique(placed.label):
-        mine = np.flatnonzero(placed.label == label)
+    found = drift(aligned.at(controls), fixed.at(anchors), diagonal_m)
+    drifted = replace(aligned, points=aligned.points + found.at(aligned.points, aligned.label))
+    points = aligned.points.copy()
+    for label in np.unique(aligned.label):
+        mine = np.flatnonzero(aligned.label == label)
         tried = mine[:: max(1, len(mine) // _TRIED)]
-        before = _off(placed.at(tried), fixed, diagonal_m)
+        before = _off(aligned.at(tried), fixed, diagonal_m)
         if _off(drifted.at(tried), fixed, diagonal_m) < _NEARER * before:
             points[mine] = drifted.points[mine]
-    return replace(placed, points=points)
+    return replace(aligned, points=points)
 
 
 def _off(patch: Patch, fixed: Patch, diagonal_m: float) -> float:

@@ -1,7 +1,7 @@
 """How certain it is that a part of the target is the one that is meant: a probability from evidence.
 
-Two questions are asked. Does this part correspond to that one? Then what a smooth displacement lays on it,
-without any parts, should say so too. Is this part another one of its kind, an outer engine beside the inner
+Two questions are asked. Does this part correspond to that one? Then a smooth displacement without any parts
+should bring one onto the other. Is this part another one of its kind, an outer engine beside the inner
 one? Then it should have its shape and its size. Each is logistic in its evidence, and each weight is at least
 0: nothing that speaks against a part ever speaks for it.
 """
@@ -27,7 +27,7 @@ CAPS = (2.0, 1.0, 1.0, 1.0, 1.5, 1.0)
 COUNTERPART = (7.73, 1.91, 0.0, 3.71, 0.57, 1.8, 1.85)
 SAME_KIND = (7.22, 0.7, 0.0, 0.0, 1.85, 1.88, 10.5)
 
-# Where the smooth displacement lays most of either part elsewhere, 6 of 16 were right; a logistic
+# Where the smooth displacement brings most of either part elsewhere, 6 of 16 were right; a logistic
 # curve through all says more.
 _DISAGREES, _DISPUTED = 0.6, 0.4
 
@@ -55,7 +55,7 @@ def evidence_of_counterpart(
     inferred : bool
         Whether parts were inferred from those of the other structure.
     carried : array of int, shape (M,)
-        The part of the source that a smooth displacement alone lays on each sample of the target.
+        The part of the source that a smooth displacement alone brings onto each sample of the target.
     """
     mine, theirs = labels_of(source) == part, np.isin(labels_of(registered), counterparts)
     named = carried == part

@@ -1,4 +1,4 @@
-"""Coherent point drift with normals and parts: a smooth displacement that lays one surface on another.
+"""Coherent point drift with normals and parts: a smooth displacement of one surface onto another.
 
 After Myronenko and Song (2010), with three changes that inspected structures ask for. Points whose
 normals disagree hardly pull. Only the pull along the target's normal counts, so that featureless
@@ -20,7 +20,10 @@ from upplied.records import Cloud, Floats, Ints, Record
 
 _REACH = 0.12  # of the diagonal: how far a displacement is felt
 _ACROSS = 0.3  # share of it that is felt in other parts
-_STIFF, _LOOSE = 3.0, 0.5  # resistance in parts that were laid on their partner before, and elsewhere
+_STIFF, _LOOSE = (
+    3.0,
+    0.5,
+)  # resistance in parts that were aligned before, and elsewhere
 _NORMALS = 4.0  # weight of one minus the cosine between normals
 _START, _END, _STEPS = 0.04, 0.006, 16  # width of the soft assignment over the diagonal, and iterations
 _OUTLIERS = 1e-3
@@ -57,7 +60,7 @@ class Drift(Record):
 
 
 def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
-    """Displacement that lays `moving` on `fixed`.
+    """Displacement of `moving` onto `fixed`.
 
     Parameters
     ----------

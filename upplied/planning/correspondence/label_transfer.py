@@ -2,9 +2,9 @@
 
 A scan, a photogrammetric model or a cloud is one piece. Its skin still goes on over a nacelle and ends where
 that meets the wing (`surface.skin`), and another structure of the kind says what lies about there. So
-stretches of skin are named after the part that a smooth displacement lays on them, stretches of one
+stretches of skin are named after the part that a smooth displacement brings onto them, stretches of one
 name that touch are one part, and what has the shape of a part found already is another one of its kind,
-whatever lies near it: the outer engine of an airliner whose like has inner ones alone.
+whatever lies near it: the outer engine of an airliner beside the inner one that the other has alone.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ _FLIPS = np.array([[1.0, 1, 1], [1, -1, 1], [-1, 1, 1]])
 
 
 def _fits(here: Floats, facing: Floats, there: Floats, faces: Floats, step_m: float) -> bool:
-    """Whether most samples of either surface lie near the other, once middle is laid on middle."""
+    """Whether most samples of either surface lie near the other, once their middles are made equal."""
     size = float(np.linalg.norm(np.ptp(there, axis=0)))
     moved = here + (there.min(axis=0) + there.max(axis=0) - here.min(axis=0) - here.max(axis=0)) / 2
     shares = []

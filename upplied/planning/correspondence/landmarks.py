@@ -38,7 +38,7 @@ def pinned_parts(
     source, target : Cloud
         Surface samples with parts, each in its own frame.
     registration : Registration
-        How the target lies on the source: places are asked there, however the target is turned.
+        Places are asked on the registered target, however it is turned.
     pairs : tuple of (name on the source, name on the target)
         A name is a landmark of its structure or ``part_7``. On the target it may be places as well,
         ``outer`` or ``left_inner``: they choose among the parts of the source part's shape, on its
@@ -76,7 +76,7 @@ def pinned_parts(
 
 
 def choices_for(source: Parts, part: int, target: Parts, known: Sequence[int] = ()) -> Ints:
-    """Parts of the laid target of a source part's shape, those on its side first; boxes made equal.
+    """Parts of the registered target of a source part's shape, those on its side first; boxes made equal.
 
     Where it is known which one corresponds to it, the others are of its size too: no abutment beside piers.
     """

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.describe import place_in
-from upplied.planning.correspondence.part_alignment import matched, patches, placed
+from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Bools, Cloud, Floats, Record, Registration
@@ -79,7 +79,7 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
 def _with_blades_turned(source: Cloud, registered: Cloud) -> Cloud:
     if not (blades_of(source).any() and blades_of(registered).any()):
         return source
-    moved = placed(*patches(source, registered, matched(source, registered)), turned_only=True)
+    moved = aligned_parts(*patches(source, registered, matched(source, registered)), turned_only=True)
     return Cloud(moved.points, moved.normals, source.area_m2, source.part)
 
 

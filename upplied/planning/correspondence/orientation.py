@@ -2,7 +2,7 @@
 
 Principal axes with their 24 proper assignments and a grid of headings give the candidates. Each is
 judged with the boxes matched, both ways, normals counted; the best few are refined by ICP. A
-symmetric structure has no answer of its own: then the declared heading decides, and that is said.
+symmetric structure has no orientation of its own: then the declared heading decides, and that is said.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class _Few(Record):
 def find_orientation(
     source: Cloud, target: Cloud, search: Literal["heading", "orientation"], declared: Floats | None = None
 ) -> Orientation:
-    """Turn that lays the target on the source best.
+    """Turn that brings the target onto the source best.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def _few(cloud: Cloud, number: int) -> _Few:
 
 def _cost(source: _Few, target: _Few, turn: Floats) -> float:
     """Two-way distance over the diagonal, boxes matched, plus what turned normals and stretch count."""
-    points, normals, scale = _laid(source, target, turn)
+    points, normals, scale = _in_box(source, target, turn)
     diagonal = diagonal_of(source.points)
     total = 0.0
     for a, na, tree, nb in (
@@ -122,7 +122,7 @@ def _cost(source: _Few, target: _Few, turn: Floats) -> float:
     return total + _STRETCH * float(np.abs(logs - logs[1]).max())
 
 
-def _laid(source: _Few, target: _Few, turn: Floats) -> tuple[Floats, Floats, Floats]:
+def _in_box(source: _Few, target: _Few, turn: Floats) -> tuple[Floats, Floats, Floats]:
     points = target.points @ turn.T
     scale = box_scale(source.points, points)
     normals = scaled_normals(target.normals @ turn.T, scale)
@@ -132,7 +132,7 @@ def _laid(source: _Few, target: _Few, turn: Floats) -> tuple[Floats, Floats, Flo
 
 def _refined(source: _Few, target: _Few, turn: Floats, search: str) -> tuple[Floats, float]:
     """The turn after ICP, where that lowers the cost, and its cost; a heading stays about the vertical."""
-    points, _, _ = _laid(source, target, turn)
+    points, _, _ = _in_box(source, target, turn)
     rotation, _ = icp(points, source.points, _ITERATIONS, source.tree)
     if search == "heading":
         rotation = Rotation.from_euler("z", float(np.arctan2(rotation[1, 0], rotation[0, 0]))).as_matrix()
@@ -146,7 +146,7 @@ def _headings() -> Floats:
 
 
 def _axes(source: Cloud, target: Cloud) -> Floats:
-    """Turns (24, 3, 3) that lay the target's principal axes on the source's, in every proper assignment."""
+    """Turns (24, 3, 3) of the target's principal axes onto the source's, in every proper assignment."""
     mine, theirs = _principal(source), _principal(target)
     found = []
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):

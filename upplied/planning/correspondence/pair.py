@@ -54,14 +54,14 @@ _NOTHING = Correspondences(np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(Record):
-    """Two clouds of one sort, and how one lies on the other."""
+    """Two clouds of one sort, and how one is registered on the other."""
 
     source: Cloud
     target: Cloud
     registration: Registration
     correspondences: Correspondences  # from source to target
     inferred: int = -1  # 0 or 1: the parts of the source or the target were inferred from those of the other
-    # (M,) the source's part that a smooth displacement alone lays on each of the target's samples
+    # (M,) the source's part that a smooth displacement alone brings onto each of the target's samples
     carried: Ints | None = None
 
 
@@ -263,7 +263,7 @@ def _fit_inferred(
     known = replace(clouds[one], part=memo("parts", PartLabels, content_key("parts", *facts), inferred).label)
     clouds = (known, clouds[1]) if one == 0 else (clouds[0], known)
     facts = ("parts inferred", *facts)
-    if blades_of(known).any():  # a rotor that stopped otherwise is laid body on body
+    if blades_of(known).any():  # a rotor that stopped otherwise is registered body on body
         found = _registered(clouds, settings, declared, memo, facts)
     return Fit(*clouds, found, _matched(clouds, structures, found, settings, declared, memo, facts), one)
 

@@ -1,4 +1,4 @@
-"""Parts laid on their partners: box on box, or along their own direction where they turned (rotor blades)."""
+"""Parts aligned with their counterparts: box on box, or along their direction where they turned (blades)."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def patches(source: Cloud, registered: Cloud, matching: Matching) -> tuple[Patch
     )
 
 
-def placed(moving: Patch, fixed: Patch, turned_only: bool = False) -> Patch:
-    """Each matched part laid on its partner; only those that turned, if asked."""
+def aligned_parts(moving: Patch, fixed: Patch, turned_only: bool = False) -> Patch:
+    """Each matched part aligned with its counterpart; only those that turned, if asked."""
     points, normals = moving.points.copy(), moving.normals.copy()
     for label in range(int(moving.label.max(initial=-1)) + 1):
         mine, theirs = moving.label == label, fixed.label == label
@@ -61,7 +61,7 @@ def placed(moving: Patch, fixed: Patch, turned_only: bool = False) -> Patch:
 def _turned(
     part: Floats, normals: Floats, whole: Floats, partner: Floats, other_whole: Floats
 ) -> tuple[Floats, Floats] | None:
-    """The part laid along its partner, None unless both are long and point apart."""
+    """The part aligned with the direction of its counterpart, None unless both are long and point apart."""
     axis, length, width, outward = _direction(part, whole)
     other_axis, other_length, other_width, other_outward = _direction(partner, other_whole)
     pointing = outward and other_outward and length > _LONG * width and other_length > _LONG * other_width
@@ -75,7 +75,7 @@ def _turned(
 
 
 def _box_on_box(part: Floats, normals: Floats, partner: Floats) -> tuple[Floats, Floats]:
-    """The part with its box on its partner's."""
+    """The part with its box on its counterpart's."""
     box, other = _core(part), _core(partner)
     scale = box_scale(other, box)
     return scale * (part - box[0]) + other[0], scaled_normals(normals, scale)

@@ -40,11 +40,6 @@ class Matching(Record):
     def __len__(self) -> int:
         return int(self.source_class.max(initial=-1)) + 1
 
-    def target_of(self, source_part: int) -> Ints:
-        """The target parts that correspond to a source part, empty where none is known."""
-        wanted = self.source_class[source_part]
-        return np.flatnonzero((self.target_class == wanted) & (wanted >= 0))
-
 
 def match_parts(
     source: Parts,

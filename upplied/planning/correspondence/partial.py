@@ -1,4 +1,4 @@
-"""A target of which something was never scanned, laid on the source: its box is no longer the source's.
+"""A target of which something was never scanned, registered: its box is no longer the source's.
 
 Where a wing, a mast or an end is missing, boxes made equal stretch what is there by as much. So along each
 axis the scale of the other axes is tried too, from either end, and the best ways are refined by the surfaces
@@ -32,7 +32,7 @@ _STEP = 1.25  # largest change of a scale in a round
 _MOVED, _CLEARLY = 0.06, 0.6
 
 
-def laid_partly(source: Cloud, target: Cloud, box: Registration) -> Registration | None:
+def registered_partly(source: Cloud, target: Cloud, box: Registration) -> Registration | None:
     """The registration by the surfaces that are on both structures; None where the boxes are as good.
 
     Parameters
@@ -62,7 +62,7 @@ def laid_partly(source: Cloud, target: Cloud, box: Registration) -> Registration
 
 
 class _Both:
-    """Both surfaces with the boxes equal, and ways (scale and shift, each (3,)) to lay one on the other."""
+    """Both surfaces with the boxes equal, and ways (scale and shift, each (3,)) to register them."""
 
     def __init__(self, source: Cloud, target: Cloud, box: Registration) -> None:
         registered = in_source_frame(target, box)
@@ -90,23 +90,23 @@ class _Both:
                     shift[axis] = (1 - scale[axis]) * end[axis]
             yield scale, shift
 
-    def laid(self, scale: Floats, shift: Floats) -> Floats:
+    def moved(self, scale: Floats, shift: Floats) -> Floats:
         """Target samples with normals beside their places, (S, 6)."""
         normals = scaled_normals(self.normals, scale)
         return with_normals(self.points * scale + shift, normals, self.weight)
 
     def apart(self, scale: Floats, shift: Floats) -> float:
         """Mean distance of the surfaces, both ways; what is on one alone counts no more than `_FAR`."""
-        laid = self.laid(scale, shift)
-        ways = self.tree.query(laid)[0], cKDTree(laid).query(self.fixed)[0]
+        moved = self.moved(scale, shift)
+        ways = self.tree.query(moved)[0], cKDTree(moved).query(self.fixed)[0]
         far = _FAR * self.diagonal
         return float(sum(np.clip(way - self.slack, 0, far).mean() for way in ways))
 
     def refined(self, scale: Floats, shift: Floats) -> tuple[Floats, Floats]:
         """A way in which the surfaces that are on both lie best, by least squares along each axis."""
         for round_ in range(_ROUNDS):
-            laid = self.laid(scale, shift)
-            (forth, there), (back, here) = self.tree.query(laid), cKDTree(laid).query(self.fixed)
+            moved = self.moved(scale, shift)
+            (forth, there), (back, here) = self.tree.query(moved), cKDTree(moved).query(self.fixed)
             near = max(_NEAREST, _FAR * (1 - round_ / _ROUNDS)) * self.diagonal
             points = np.vstack([self.points[forth < near], self.points[here[back < near]]])
             goals = np.vstack([self.fixed[there[forth < near], :3], self.fixed[back < near, :3]])

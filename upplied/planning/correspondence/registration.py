@@ -10,7 +10,7 @@ import numpy as np
 from upplied.config import RegistrationSettings
 from upplied.planning.correspondence.misfit import UNTURNED, Misfit, misfit_of
 from upplied.planning.correspondence.orientation import find_orientation
-from upplied.planning.correspondence.partial import laid_partly
+from upplied.planning.correspondence.partial import registered_partly
 from upplied.planning.geometry.boxes import box_scale, in_source_frame, spacing
 from upplied.planning.geometry.icp import icp, mean_squared_nn_distance
 from upplied.planning.surface.parts import blades_of, labels_of, parts_of
@@ -23,8 +23,8 @@ _HOPELESS = 2.0  # gates: a misfit that no fine alignment mends
 _DOUBTFUL = 0.3  # gates: a misfit from which something may be missing that the boxes were made equal by
 # Where the boxes alone would refuse: how well, in gates, the target's surface must lie on the source, and how
 # much of the source it must cover. Of 38 real meshes, of which 0, 20 or 40 % were left out, on 4 samples and
-# 3 real meshes: 0 of 460 pairs of other kinds are laid so, 0 of 17 of the same kind by a wrong way, and 8 of
-# 13 by a right one. From 0.25 on the block of a hotel lies on the hull of a ship.
+# 3 real meshes: 0 of 460 pairs of other kinds are accepted so, 0 of 17 of the same kind by a wrong way, and
+# 8 of 13 by a right one. From 0.25 on the block of a hotel lies on the hull of a ship.
 _PARTLY, _COVERED = 0.2, 0.5
 _NO_WORSE = 1.2  # what is missing counts more where the rest is no longer stretched to make up for it
 _SAME_DEG, _STRONG = 25.0, 0.25  # how far off, and how much better, a heading must be to be mentioned
@@ -77,7 +77,7 @@ def published(
     offset = source.points.min(axis=0) - scale * turned.min(axis=0)
     scaled = scale * turned + offset
     # Algorithm 1 gives the demonstration's cloud as source, so the motion found goes to the target;
-    # its inverse lays the target on the demonstration and leaves every distance as it is.
+    # its inverse brings the target onto the source and leaves every distance as it is.
     forward, shift = icp(source.points, scaled, settings.iterations)
     rotation, translation = forward.T, forward.T @ (offset - shift)
     aligned = (scale * turned) @ rotation.T + translation
@@ -109,7 +109,7 @@ def judged(
     if settings.search == "none":
         turn, gap, evidence = declared.turn, float("nan"), "orientation as declared"
         doubt = _doubt(found.turn @ declared.turn.T, found.gap)
-    best, misfit, laid_how = _best_lay(source, target, turn, gate, declared.words)
+    best, misfit, chosen = _best_registration(source, target, turn, gate, declared.words)
     accepted = misfit.value < gate
     return replace(
         best,
@@ -119,7 +119,7 @@ def judged(
         acceptance=misfit.value,
         scanned=misfit.scanned,
         runner_up_gap=gap,
-        evidence=f"{evidence}{laid_how}; {_figures(misfit)}{doubt}",
+        evidence=f"{evidence}{chosen}; {_figures(misfit)}{doubt}",
     )
 
 
@@ -128,7 +128,7 @@ def fitted(source: Cloud, target: Cloud, gate: float) -> Registration:
 
     The verdict is the same; neither the score nor a doubt about the declared heading is given.
     """
-    best, misfit, laid_how = _best_lay(source, target, np.eye(3), gate)
+    best, misfit, chosen = _best_registration(source, target, np.eye(3), gate)
     accepted = misfit.value < gate
     return replace(
         best,
@@ -136,16 +136,16 @@ def fitted(source: Cloud, target: Cloud, gate: float) -> Registration:
         reason="" if accepted else _misfit_in_words(misfit, gate),
         acceptance=misfit.value,
         scanned=misfit.scanned,
-        evidence=f"orientation as declared{laid_how}; {_figures(misfit)}",
+        evidence=f"orientation as declared{chosen}; {_figures(misfit)}",
     )
 
 
-def _best_lay(
+def _best_registration(
     source: Cloud, target: Cloud, turn: Floats, gate: float, words: Floats = UNTURNED
 ) -> tuple[Registration, Misfit, str]:
     """The target, turned, on the source: box on box, or a way that fits much better, and which."""
     start = box_on_box(source, target, turn)
-    best, misfit, laid_how = start, misfit_of(source, target, start, words), ""
+    best, misfit, chosen = start, misfit_of(source, target, start, words), ""
     others = {}
     if misfit.value < _HOPELESS * gate:
         others["aligned by ICP"] = _aligned(source, target, start)
@@ -154,13 +154,13 @@ def _best_lay(
     for how, other in others.items():
         judgement = misfit_of(source, target, other, words)
         if judgement.value < _BETTER * misfit.value:
-            best, misfit, laid_how = other, judgement, f"; {how}"
-    if misfit.value > _DOUBTFUL * gate and (partly := laid_partly(source, target, start)) is not None:
+            best, misfit, chosen = other, judgement, f"; {how}"
+    if misfit.value > _DOUBTFUL * gate and (partly := registered_partly(source, target, start)) is not None:
         judgement = misfit_of(source, target, partly, words)
         lies_well = judgement.scanned < _PARTLY * gate and judgement.common > _COVERED
         if judgement.value < _NO_WORSE * misfit.value if misfit.value < gate else lies_well:
-            best, misfit, laid_how = partly, judgement, "; laid by what is on both structures"
-    return best, misfit, laid_how
+            best, misfit, chosen = partly, judgement, "; laid by what is on both structures"
+    return best, misfit, chosen
 
 
 def box_on_box(source: Cloud, target: Cloud, turn: Floats | None = None) -> Registration:

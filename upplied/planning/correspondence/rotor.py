@@ -1,4 +1,4 @@
-"""A rotor that stopped elsewhere: the turn of one structure's blades that lies best on another's surface."""
+"""A rotor that stopped elsewhere: the turn of one structure's blades that fits another's surface best."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ def rotor_turned(known: Cloud, whole: Cloud) -> Cloud:
         points, normals = known.points.copy(), known.normals.copy()
         points[blades] = (points[blades] - middle) @ turn.T + middle
         normals[blades] = normals[blades] @ turn.T
-        laid = _laid_on(replace(known, points=points, normals=normals), whole.points)
-        some = laid.points[blades][:: max(1, int(blades.sum()) // _ASKED)]
+        fitted = _in_box_of(replace(known, points=points, normals=normals), whole.points)
+        some = fitted.points[blades][:: max(1, int(blades.sum()) // _ASKED)]
         off = float(np.minimum(tree.query(some)[0], _FAR * diagonal).mean())
         if off < least:
-            best, least = laid, off
+            best, least = fitted, off
     return best
 
 
@@ -66,7 +66,7 @@ def _about(axis: Floats, angle: float) -> Floats:
     return np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
 
 
-def _laid_on(cloud: Cloud, points: Floats) -> Cloud:
+def _in_box_of(cloud: Cloud, points: Floats) -> Cloud:
     """A cloud scaled and shifted until its bounding box is that of some points."""
     scale = box_scale(points, cloud.points)
     normals = scaled_normals(cloud.outward, scale)

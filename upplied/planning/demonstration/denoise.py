@@ -4,9 +4,9 @@ The shake of hand and sensors shows in the log as noise from pose to pose. Each 
 long a time as changes nothing but that noise (Lepski's rule: of several widths the largest whose mean
 agrees with those of all smaller ones). So a straight stretch is averaged over seconds, and the tip of an
 approach, the end of a row or a corner over hardly any. Nothing else is taken out: an excursion that is no
-noise was flown, and cannot be told from one that was meant.
+noise was flown, and cannot be distinguished from one that was meant.
 
-A hover is one place with a beginning and an end. In between, the flight is told by stations as dense as its
+A hover is one place with a beginning and an end. In between, the flight is given by stations as dense as its
 shape asks for: straight lines between them leave it by no more than a few centimetres, whatever its length.
 """
 
@@ -75,10 +75,10 @@ def smoothed(flight: Trajectory, spacing_m: float = np.inf, breaks: Ints | None 
         return Smoothed(flight, np.array(cuts[1:-1], np.int64))
     steady = [_steady(_part(flight, a, b), extent) for a, b in itertools.pairwise(cuts)]
     length = sum(float(leg_lengths(part.positions).sum()) for part in steady)
-    told = [stations_of(part, spacing_m, extent, length) for part in steady]
-    joined = in_a_row(told)
+    reduced = [stations_of(part, spacing_m, extent, length) for part in steady]
+    joined = in_a_row(reduced)
     joined = replace(joined, fov_deg=fov_at(flight, joined.t_s))
-    return Smoothed(joined, np.cumsum([len(part) for part in told])[:-1])
+    return Smoothed(joined, np.cumsum([len(part) for part in reduced])[:-1])
 
 
 def _part(flight: Trajectory, start: int, stop: int) -> Trajectory:

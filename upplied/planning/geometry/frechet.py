@@ -54,18 +54,6 @@ def frechet(first: Floats, second: Floats, relative: float = _RELATIVE) -> float
     return float(_bisect(first, second, relative))
 
 
-def within_leash(first: Floats, second: Floats, leash: float) -> bool:
-    """Whether the continuous Frechet distance of two polylines is at most `leash`: one decision, not forty.
-
-    Parameters
-    ----------
-    first, second : array, shape (N, D) and (M, D), one unit
-    leash : float
-    """
-    first, second = np.ascontiguousarray(first, float), np.ascontiguousarray(second, float)
-    return bool(_suffices(first, second, leash, np.empty((len(second), 2)), np.empty((len(second), 2))))
-
-
 def frechet_z(demonstrated: Floats, planned: Floats) -> float:
     """Frechet distance of two paths, each z-scored by its own mean and deviation (paper, Table II).
 

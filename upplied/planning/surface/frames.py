@@ -53,7 +53,7 @@ def frames_for(source: Structure, target: Structure, settings: Settings) -> tupl
 
 
 def plans_in_own_frame(settings: Settings) -> bool:
-    """Whether every step that these settings ask for minds how the structures are turned to each other."""
+    """Whether no step that these settings ask for works along the declared axes."""
     return (
         settings.visibility.occlusion
         and settings.correspondence.method == "parts"
@@ -65,7 +65,7 @@ def plans_in_own_frame(settings: Settings) -> bool:
 def own_frame(structure: Structure) -> Frame:
     """The frame that follows from a structure, however it is turned about the vertical or moved.
 
-    Its axes are those that walls face. Which of the four headings counts as +X is told by the order
+    Its axes are those that walls face. Which of the four headings counts as +X follows from the order
     of the vertices: it is of no consequence, but must turn with the structure. A round structure,
     whose walls tell no heading, has one from the vertices alone.
     """

@@ -19,7 +19,7 @@ from upplied.records import Bools, Floats, Ints
 _STATIONS = 160  # of the path from which looks are considered
 _DIRECTIONS = 24  # at each
 _INSIDE = 0.98  # of the field of view: well inside the picture
-_TAKEN = 0.3  # of the way that a look takes, within which no other look is laid
+_TAKEN = 0.3  # of the way that a look takes, within which there is no other look
 _LEAST = 1e-4  # share of the need, net of its price, that a look must add
 
 

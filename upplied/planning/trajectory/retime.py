@@ -56,7 +56,7 @@ def retime(
     Returns
     -------
     Trajectory
-        With further poses under limits, so that speeds and turns are told as they are flown.
+        With further poses under limits, so that speeds and turns are given as they are flown.
     array of bool
         Which of its poses are viewpoints.
     array

@@ -16,7 +16,7 @@ from upplied.planning.visibility.path_views import Views
 from upplied.records import Bools, Cloud, Floats, Ints, Record
 from upplied.vectors import sphere
 
-_SIDES = 60  # directions of the sphere, some 26 deg apart, that looks are told apart by
+_SIDES = 60  # directions of the sphere, some 26 deg apart, that looks are distinguished by
 _NEIGHBOUR = np.cos(np.radians(30.0))
 
 
