@@ -33,7 +33,6 @@ from upplied.planning.correspondence.certainty import (
 )
 from upplied.planning.correspondence.landmarks import choices_for
 from upplied.planning.correspondence.pair import study_pair
-from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.records import Bools, Floats, Ints
 
@@ -82,7 +81,7 @@ def rows_of(
     one = scan(kind, names[0], variant if turned_round else "model")
     other = scan(kind, names[1], "model" if turned_round else variant)
     fit = study_pair(one, other, settings).surface
-    here, registered = fit.source, in_source_frame(fit.target, fit.registration)
+    here, registered = fit.source, fit.registered
     true_here = true_parts(kind, names[0], here.points)
     true_there = true_parts(kind, names[1], fit.target.points)
     told = fit.inferred >= 0

@@ -11,7 +11,7 @@ from upplied.config import Settings
 from upplied.planning.correspondence.certainty import COUNTERPART, evidence_of_counterpart, probability
 from upplied.planning.correspondence.pair import Fit, Memo, no_memo, study_pair
 from upplied.planning.demonstration.about import Faces, zone_of
-from upplied.planning.geometry.boxes import in_source_frame, spacing
+from upplied.planning.geometry.boxes import spacing
 from upplied.planning.surface.frames import frames_for, structure_in
 from upplied.planning.surface.parts import labels_of
 from upplied.planning.surface.skin import skin_parts
@@ -96,7 +96,6 @@ def _probability(fit: Fit, zone: Bools) -> float:
     """That the target's parts correspond to the parts of the zone: of the least certain one."""
     if fit.carried is None:
         return float("nan")
-    registered = in_source_frame(fit.target, fit.registration)
     share = np.bincount(labels_of(fit.source)[zone]) / zone.sum()
     found = []
     for part in np.flatnonzero(share >= min(_PART, share.max())):
@@ -104,6 +103,8 @@ def _probability(fit: Fit, zone: Bools) -> float:
         if not partners:
             return 0.0
         known = fit.registration.scanned, fit.inferred >= 0
-        evidence = evidence_of_counterpart(fit.source, int(part), registered, partners, *known, fit.carried)
+        evidence = evidence_of_counterpart(
+            fit.source, int(part), fit.registered, partners, *known, fit.carried
+        )
         found.append(probability(evidence, COUNTERPART))
     return min(found)

@@ -24,6 +24,7 @@ from upplied.planning.carry.counterparts import (
     _without_flown,
     counterparts_of,
 )
+from upplied.planning.correspondence.pair import Fit
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.surface.parts import parts_of
 from upplied.records import Cloud, Correspondences, Counterpart, Floats, Frame, Ints, Registration
@@ -58,7 +59,7 @@ def take(
     classes[matched[matched >= 0]] = np.flatnonzero(matched >= 0)
     index = np.zeros(len(source), np.int64)
     match = Correspondences(index, np.zeros(len(source)), source.points, "", np.arange(len(matched)), classes)
-    fit = SimpleNamespace(
+    fit = Fit(
         source=source, target=target, correspondences=match, inferred=inferred,
         registration=Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True, acceptance=0.5, scanned=0.4),
         carried=np.zeros(len(target), np.int64) if carried else None,

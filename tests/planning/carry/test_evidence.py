@@ -19,6 +19,7 @@ from upplied.planning.carry.forecast import (
     probability_of,
     unlikely,
 )
+from upplied.planning.correspondence.pair import Fit
 from upplied.planning.demonstration.repetition import Take
 from upplied.records import Cloud, Correspondences, Floats, Ints, Registration
 
@@ -44,7 +45,7 @@ def take(
     index = np.arange(COUNT) if index is None else index
     points = there.points[index] if points is None else points
     known = Correspondences(index, np.zeros(len(index)), points)
-    surface = SimpleNamespace(source=source, target=there, correspondences=known, registration=fit)
+    surface = Fit(source, there, fit, known)
     inspection = SimpleNamespace(attention=SimpleNamespace(weight=weight))
     return cast(Take, SimpleNamespace(pair=SimpleNamespace(surface=surface), inspection=inspection))
 

@@ -12,7 +12,7 @@ from made_clouds import boxes
 
 from upplied.config import settings_for
 from upplied.errors import SettingsError
-from upplied.planning.correspondence.pair import Pair
+from upplied.planning.correspondence.pair import Fit, Pair
 from upplied.planning.demonstration import repetition
 from upplied.planning.demonstration.repetition import (
     Take,
@@ -64,7 +64,7 @@ def take(
         attention=SimpleNamespace(weight=weight),
         visibility=None if seen is None else Visibility(seen),
     )
-    fit = SimpleNamespace(
+    fit = Fit(
         source=source,
         target=source if target is None else target,
         registration=Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True),

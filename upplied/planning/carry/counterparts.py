@@ -23,7 +23,7 @@ from upplied.planning.correspondence.certainty import (
 from upplied.planning.correspondence.describe import place_of
 from upplied.planning.correspondence.landmarks import choices_for, side_of
 from upplied.planning.demonstration.repetition import Take, inspected_parts
-from upplied.planning.geometry.boxes import diagonal_of, in_source_frame
+from upplied.planning.geometry.boxes import diagonal_of
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
 from upplied.records import Counterpart, Ints, Record
@@ -180,18 +180,17 @@ def _probability(
     carried = fit.carried
     if carried is None:
         return None
-    registered = in_source_frame(fit.target, fit.registration)
     known = fit.registration.scanned, fit.inferred >= 0
 
     def corresponds(parts: list[int]) -> float:
-        found = evidence_of_counterpart(fit.source, part, registered, parts, *known, carried)
+        found = evidence_of_counterpart(fit.source, part, fit.registered, parts, *known, carried)
         return probability(found, COUNTERPART)
 
     best = corresponds(matched)
     if len(matched) == 1 and (take.choice >= 0 or settings.correspondence.counterparts):
         for other in alike:
             if other != matched[0]:
-                found = evidence_of_same_kind(registered, other, matched[0], *known)
+                found = evidence_of_same_kind(fit.registered, other, matched[0], *known)
                 best = max(best, corresponds([other]) * probability(found, SAME_KIND))
     return best
 
@@ -257,9 +256,7 @@ def _source(take: Take) -> _Side:
 
 
 def _target(take: Take) -> _Side:
-    fit = take.pair.surface
-    registered = in_source_frame(fit.target, fit.registration)
-    words = named_axes(take.pair.source.frame)
+    registered, words = take.pair.surface.registered, named_axes(take.pair.source.frame)
     return _Side(
         parts_of(registered).in_axes(words).on(_source(take).parts),
         labels_of(registered),

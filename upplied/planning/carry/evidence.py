@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.planning.demonstration.repetition import Take
-from upplied.planning.geometry.boxes import in_source_frame, spacing
+from upplied.planning.geometry.boxes import spacing
 from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.polylines import chosen_evenly
 from upplied.records import Cloud, Floats, Ints, Record
@@ -58,7 +58,7 @@ def evidence_of(take: Take) -> Evidence:
     if share.sum() <= 0 or len(known) < 2 * _NEIGHBOURS:
         return Evidence(1.0, 1.0, 1.6, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, misfit)
     without = 1 - float(share[known].sum() / share.sum())
-    registered = in_source_frame(target, fit.registration)
+    registered = fit.registered
     mine = share[known]
     facing = (source.outward[known] * registered.outward[match.target_index[known]]).sum(axis=1)
     size = _size(source.points[known], mine)

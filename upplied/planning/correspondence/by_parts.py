@@ -18,7 +18,7 @@ from upplied.planning.correspondence.misfit import UNTURNED
 from upplied.planning.correspondence.part_alignment import FACING, aligned_parts, matched, patches
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
-from upplied.planning.surface.parts import Parts, labels_of, parts_of
+from upplied.planning.surface.parts import Parts, labels_of, parts_of, parts_of_both
 from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Registration
 from upplied.vectors import with_normals
 
@@ -67,19 +67,14 @@ def by_parts(
     continues = _continues(parts_of(source), matching)[labels_of(source), fixed.label[index]]
     taken = claimed[index] & ~continues
     gone = _without(warped, fixed, index, taken, labels_of(source), diagonal)
+    here, there = parts_of_both(source, registered, words)
     carried = registration.to_target(on_skin)
     carried[gone] = np.nan
     return Correspondences(
         target_index=np.where(gone, -1, index),
         distance_m=np.where(gone, np.nan, np.linalg.norm(source.points - on_skin, axis=1)),
         target_points=carried,
-        summary=summary_of(
-            parts_of(source).in_axes(words),
-            matching,
-            labels_of(source),
-            gone,
-            parts_of(registered).in_axes(words).on(parts_of(source).in_axes(words)),
-        ),
+        summary=summary_of(here, matching, labels_of(source), gone, there),
         source_class=matching.source_class,
         target_class=matching.target_class,
     )

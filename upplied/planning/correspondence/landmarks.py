@@ -11,7 +11,7 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.planning.correspondence.misfit import UNTURNED
 from upplied.planning.correspondence.part_assignment import like_shape
 from upplied.planning.geometry.boxes import in_source_frame
-from upplied.planning.surface.parts import Parts, labels_of, parts_of
+from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
 from upplied.records import Cloud, Floats, Ints, Registration
 
 Landmarks = Mapping[str, tuple[float, float, float]]
@@ -54,8 +54,7 @@ def pinned_parts(
     RefusedError
         If a name is known and the parts of the target, as they were found, do not tell what it means.
     """
-    here = parts_of(source).in_axes(words)
-    there = parts_of(in_source_frame(target, registration)).in_axes(words).on(here)
+    here, there = parts_of_both(source, in_source_frame(target, registration), words)
     pinned = {}
     for name, name_there in pairs:
         one = _named(name, source, here, source_landmarks)

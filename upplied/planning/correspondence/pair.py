@@ -64,6 +64,11 @@ class Fit(Record):
     # (M,) the source's part that a smooth displacement alone brings onto each of the target's samples
     carried: Ints | None = None
 
+    @property
+    def registered(self) -> Cloud:
+        """The target in the frame and at the scale of the source."""
+        return self.derived("registered", lambda: in_source_frame(self.target, self.registration))
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PartLabels(Record):
@@ -98,12 +103,9 @@ def study_pair(source: Structure, target: Structure, settings: Settings, memo: M
     Both structures may be given in frames of their own (`surface.frames`).
     """
     memo = remembering(memo, source.sha256, target.sha256)
-    scenes = scene_of(source), scene_of(target)
-    voxels = _voxels(source, settings.clouds, memo), _voxels(target, settings.clouds, memo)
-    samples = (
-        _samples(source, scenes[0], settings.clouds, memo),
-        _samples(target, scenes[1], settings.clouds, memo),
-    )
+    scenes, clouds = (scene_of(source), scene_of(target)), settings.clouds
+    voxels = _voxels(source, clouds, memo), _voxels(target, clouds, memo)
+    samples = _samples(source, scenes[0], clouds, memo), _samples(target, scenes[1], clouds, memo)
     declared = Declared(_declared_turn(source, target), named_axes(source.frame))
     surface = _surface_fit(samples, (source, target), scenes, surface_settings(settings), declared, memo)
     stood = declared
@@ -225,17 +227,17 @@ def _surface_fit(
     known = [has_parts(cloud) for cloud in clouds]
     fit = Fit(*clouds, found, _NOTHING)
     if known[0] == known[1]:
-        fit = replace(
-            fit, correspondences=_matched(clouds, structures, found, unasked, declared, memo, facts)
-        )
+        both = _matched(clouds, structures, found, unasked, declared, memo, facts)
+        fit = replace(fit, correspondences=both)
     if any(known) and _explained(fit) < _EXPLAINED:
         one = int(_number(clouds[1]) <= _number(clouds[0]))  # a scan falls into few pieces
         inferred = _fit_inferred(fit, one, structures, scenes, unasked, declared, memo, facts)
         if known[0] != known[1] or _explained(inferred) > _explained(fit) + _BETTER:
             fit, facts = inferred, ("parts inferred", *facts)
     if settings.correspondence.counterparts:
-        both = fit.source, fit.target
-        asked = _matched(both, structures, fit.registration, settings, declared, memo, facts)
+        asked = _matched(
+            (fit.source, fit.target), structures, fit.registration, settings, declared, memo, facts
+        )
         fit = replace(fit, correspondences=asked)
     return _with_carried(fit, memo, facts) if has_parts(fit.source) and has_parts(fit.target) else fit
 
@@ -252,13 +254,12 @@ def _fit_inferred(
 ) -> Fit:
     """The fit where the parts of the source (0) or of the target (1) are inferred from those of the other."""
     clouds, found = (fit.source, fit.target), fit.registration
-    registered = clouds[0], in_source_frame(clouds[1], found)
+    registered = clouds[0], fit.registered
 
     def inferred() -> PartLabels:
         skin = skin_of(structures[one], scenes[one], clouds[one], settings.clouds, memo)
-        return PartLabels(
-            parts_like(registered[one], skin.label, rotor_turned(registered[1 - one], registered[one]))
-        )
+        turned = rotor_turned(registered[1 - one], registered[one])
+        return PartLabels(parts_like(registered[one], skin.label, turned))
 
     known = replace(clouds[one], part=memo("parts", PartLabels, content_key("parts", *facts), inferred).label)
     clouds = (known, clouds[1]) if one == 0 else (clouds[0], known)
@@ -286,8 +287,7 @@ def _number(cloud: Cloud) -> int:
 
 def _with_carried(fit: Fit, memo: Memo, facts: tuple[Any, ...]) -> Fit:
     key = content_key("carried", *facts)
-    registered = in_source_frame(fit.target, fit.registration)
-    found = memo("parts", PartLabels, key, lambda: PartLabels(carried(registered, fit.source)))
+    found = memo("parts", PartLabels, key, lambda: PartLabels(carried(fit.registered, fit.source)))
     return replace(fit, carried=found.label)
 
 

@@ -16,9 +16,8 @@ from upplied.planning.correspondence.landmarks import choices_for, side_of
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.pair import Memo, Pair, content_key, no_memo, remembering
 from upplied.planning.demonstration.inspection import Inspection, inspect_demonstration
-from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.frames import named_axes
-from upplied.planning.surface.parts import labels_of, parts_of
+from upplied.planning.surface.parts import labels_of, parts_of_both
 from upplied.poses import from_yaw_pitch, in_a_row, yaw_pitch
 from upplied.records import (
     Correspondences,
@@ -86,8 +85,7 @@ def _shows_each(take: Take) -> bool:
     words, fit = named_axes(take.pair.source.frame), take.pair.surface
     part, counterparts = demonstrated_part(take), fit.correspondences.target_parts
     shown = [mine for mine, _ in inspected_parts(take, labels_of(fit.source))]
-    source = parts_of(fit.source).in_axes(words)
-    target = parts_of(in_source_frame(fit.target, fit.registration)).in_axes(words).on(source)
+    source, target = parts_of_both(fit.source, fit.registered, words)
     choices = choices_for(source, part, target, counterparts(part).tolist()).tolist()
     matched = {other for mine in shown for other in counterparts(mine).tolist()}
     return len(shown) > 1 and part in shown and len(choices) > 0 and set(choices) <= matched
@@ -192,8 +190,7 @@ def begins_of(takes: Sequence[Take], flight: Trajectory) -> Floats:
 def _on_this_side(part: int, pair: Pair) -> list[int]:
     """Target parts like a source part, on its side or in the middle."""
     words, fit = named_axes(pair.source.frame), pair.surface
-    source = parts_of(fit.source).in_axes(words)
-    target = parts_of(in_source_frame(fit.target, fit.registration)).in_axes(words).on(source)
+    source, target = parts_of_both(fit.source, fit.registered, words)
     side = side_of(source, part)
     choices = choices_for(source, part, target, fit.correspondences.target_parts(part).tolist())
     return [int(choice) for choice in choices if side_of(target, int(choice)) in (0, side)]

@@ -147,6 +147,12 @@ def _measured(cloud: Cloud) -> Parts:
     )
 
 
+def parts_of_both(source: Cloud, registered: Cloud, words: Floats) -> tuple[Parts, Parts]:
+    """The parts of a source and of a registered target, in the axes (3, 3) in which places are named."""
+    here = parts_of(source).in_axes(words)
+    return here, parts_of(registered).in_axes(words).on(here)
+
+
 def blades_of(cloud: Cloud) -> Bools:
     """Which samples (N,) lie on blades."""
     return np.asarray(parts_of(cloud).blade[labels_of(cloud)], bool)
