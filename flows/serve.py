@@ -48,12 +48,13 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
             reports = stack.enter_context(served(home() / "reports", port + 1))
             told = server.environment | {ADDRESS: reports, ROOTS: ",".join(declared(roots))}
             worker = start("prefect", "worker", "start", "--pool", POOLS[0], environment=told)
-            stack.callback(stop, worker)
+            runs: dict[int, str] = {}
+            stack.callback(stop, worker, known=runs)
             name, password = server.password.split(":", 1)
             say(f"Prefect: http://127.0.0.1:{port}   (it asks for: {name}:{password})")
             say(f"Reports: {reports}")
             say("Run now: upplied fleet run        Stop: Ctrl-C")
-            attend(server, worker)
+            attend(server, worker, runs)
     except ServerError as error:
         say(str(error))
         return 1
@@ -146,8 +147,15 @@ def deploy(told: dict[str, str]) -> None:
             raise ServerError(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
 
 
-def attend(server: Server, worker: subprocess.Popen[bytes]) -> None:
+def attend(server: Server, worker: subprocess.Popen[bytes], runs: dict[int, str]) -> None:
     """Wait until one of the two ends; what is left is stopped by whoever started it.
+
+    Parameters
+    ----------
+    server : Server
+    worker : Popen
+    runs : dict
+        Takes what came of the worker: one that was killed cannot be asked.
 
     Raises
     ------
@@ -160,6 +168,9 @@ def attend(server: Server, worker: subprocess.Popen[bytes]) -> None:
             if code is not None:
                 log = f"; its last words are in {Path(server.log)}" if name == "server" else ""
                 raise ServerError(f"the {name} ended with code {code}{log}")
+        if now := service.offspring(worker.pid):
+            runs.clear()
+            runs.update(now)
         time.sleep(0.5)
 
 

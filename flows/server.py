@@ -177,17 +177,20 @@ def _answers(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-def stop(process: subprocess.Popen[bytes], patience_s: float = 15.0) -> None:
+def stop(
+    process: subprocess.Popen[bytes], patience_s: float = 15.0, known: dict[int, str] | None = None
+) -> None:
     """End a process we started together with all that came of it: politely first.
 
     A worker's runs are sessions of their own, which no signal to its group reaches; one that cannot tell a
-    server how it ended would try for minutes.
+    server how it ended would try for minutes. Those of a process that has ended are told by `known`, as
+    `offspring` saw them before.
     """
-    offspring: dict[int, str] = {}
+    seen = dict(known or {})
     for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         if process.poll() is not None:
             break
-        offspring |= _offspring(process.pid)
+        seen |= offspring(process.pid)
         _signal_group(process, sign)
         try:
             process.wait(patience_s)
@@ -195,20 +198,20 @@ def stop(process: subprocess.Popen[bytes], patience_s: float = 15.0) -> None:
             continue
     _signal_group(process, signal.SIGKILL)  # a child that outlived its parent
     deadline = time.monotonic() + patience_s
-    while (left := _alive(offspring)) and time.monotonic() < deadline:
+    while (left := _alive(seen)) and time.monotonic() < deadline:
         time.sleep(0.1)
     for pid in left:
         with suppress(ProcessLookupError, PermissionError):
             os.kill(pid, signal.SIGKILL)
 
 
-def _offspring(pid: int) -> dict[int, str]:
+def offspring(pid: int) -> dict[int, str]:
     """What came of a process, each with its start, by which it is known; nothing where no /proc tells."""
     found: dict[int, str] = {}
     with suppress(OSError):
         for task in Path(f"/proc/{pid}/task").iterdir():
             for child in map(int, (task / "children").read_text().split()):
-                found |= {child: _began(child)} | _offspring(child)
+                found |= {child: _began(child)} | offspring(child)
     return found
 
 

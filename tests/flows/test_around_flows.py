@@ -22,7 +22,7 @@ from upplied.errors import InputError, SettingsError
 from upplied.flows import pages, pool, watch
 from upplied.flows.environment import ROOTS, SETTINGS, environment, home, profile
 from upplied.flows.roots import check_roots
-from upplied.flows.server import ServerError, free_port, private_server, stop
+from upplied.flows.server import ServerError, free_port, offspring, private_server, stop
 
 ROOT = Path(__file__).parents[2]
 
@@ -249,7 +249,8 @@ time.sleep(600)
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to tell what came of a process")
-def test_what_is_stopped_leaves_no_session_of_its_own(tmp_path):
+@pytest.mark.parametrize("killed", [False, True])
+def test_what_is_stopped_leaves_no_session_of_its_own(killed):
     """As a worker's run is, which tries for minutes to tell a server that is gone how it ended."""
     worker = subprocess.Popen(
         [sys.executable, "-c", STUBBORN],
@@ -258,7 +259,11 @@ def test_what_is_stopped_leaves_no_session_of_its_own(tmp_path):
         start_new_session=True,
     )
     run = int(worker.stdout.readline())
-    stop(worker, 0.5)
+    known = offspring(worker.pid)
+    if killed:
+        worker.kill()
+        worker.wait()
+    stop(worker, 0.5, known if killed else None)
     worker.stdout.close()
     deadline = time.monotonic() + 30
     while not ended(run) and time.monotonic() < deadline:
