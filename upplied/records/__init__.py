@@ -7,7 +7,7 @@ long axis). A camera pose is a position and a quaternion ``x y z w`` that turns 
 
 from __future__ import annotations
 
-from upplied.records.base import Bools, Floats, Ints, Record
+from upplied.records.base import Bools, Floats, Ints, Record, Rows
 from upplied.records.flights import Camera, Demonstration, Trajectory
 from upplied.records.planning import Cloud, Correspondences, Registration, Viewpoints, Visibility, Waypoints
 from upplied.records.plans import SURFACE_STATES, Counterpart, Measures, Plan, SurfaceStates
@@ -29,6 +29,7 @@ __all__ = [
     "Plan",
     "Record",
     "Registration",
+    "Rows",
     "Structure",
     "StructureInFrame",
     "SurfaceStates",

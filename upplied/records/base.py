@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,3 +43,26 @@ class Record:
             shown = f"{value.dtype}{value.shape}" if isinstance(value, np.ndarray) else repr(value)
             parts.append(f"{item.name}={shown}")
         return f"{type(self).__name__}({', '.join(parts)})"
+
+
+class Rows(Record):
+    """A record whose fields are arrays, or such records, with a row each for the same things."""
+
+    def __len__(self) -> int:
+        return len(getattr(self, fields(self)[0].name))  # type: ignore[arg-type]
+
+    def rows(self, chosen: Ints | Bools | slice) -> Self:
+        """Some of the things."""
+        values = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
+        return type(self)(*(each.rows(chosen) if isinstance(each, Rows) else each[chosen] for each in values))
+
+    @classmethod
+    def stacked(cls, parts: Sequence[Self]) -> Self:
+        """The things of several records one after another."""
+        columns = [[getattr(part, item.name) for part in parts] for item in fields(cls)]  # type: ignore[arg-type]
+        return cls(
+            *(
+                type(each[0]).stacked(each) if isinstance(each[0], Rows) else np.concatenate(each)
+                for each in columns
+            )
+        )

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from upplied.records.base import Bools, Floats, Ints, Record
+from upplied.records.base import Bools, Floats, Ints, Record, Rows
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,17 +134,10 @@ class Viewpoints(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Waypoints(Record):
+class Waypoints(Rows):
     """Camera poses in the order of flight, before they have times of their own."""
 
     positions: Floats  # (W, 3) m, structure frame
     quat_xyzw: Floats  # (W, 4) unit, camera to structure
     t_s: Floats  # (W,) s, time of the demonstration that each corresponds to; never decreases
     is_viewpoint: Bools  # (W,)
-
-    def __len__(self) -> int:
-        return len(self.positions)
-
-    def __getitem__(self, part: slice) -> Waypoints:
-        """The waypoints of a slice."""
-        return Waypoints(self.positions[part], self.quat_xyzw[part], self.t_s[part], self.is_viewpoint[part])

@@ -11,7 +11,6 @@ from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.measures.fidelity import (
     Patches,
     _compared,
-    _joined,
     _smoothness,
     bent_rad,
     order_kept,
@@ -80,7 +79,7 @@ def test_four_patches_reckoned_by_hand() -> None:
 
 def test_patches_of_several_takes_stand_in_a_row() -> None:
     patches, _ = four_patches()
-    both = _joined([patches, patches])
+    both = Patches.stacked([patches, patches])
     assert both.weight.tolist() == [1, 2, 1, 1] * 2 and both.target.tolist() == [0, 2, 2, 1] * 2
     for name in ("near_m", "carried_m", "frontal", "held_s", "time_s", "sides"):
         twice = np.concatenate([getattr(patches.shown, name)] * 2)

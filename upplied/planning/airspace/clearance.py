@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.records import Bools, Floats, Ints, Record
+from upplied.records import Bools, Floats, Ints, Record, Rows
 from upplied.scene import Scene
 
 _TOLERANCE_M = 0.005
@@ -55,7 +55,7 @@ def path_clearance(scene: Scene, positions: Floats, tolerance_m: float = _TOLERA
     distance, place, leg = float(free[best]), positions[best], max(min(best, len(positions) - 2), 0)
     pieces = _Pieces.of(positions, free)
     while len(pieces.leg):
-        pieces = pieces.kept(pieces.bound_m() < distance - tolerance_m).halved(scene)
+        pieces = pieces.rows(pieces.bound_m() < distance - tolerance_m).halved(scene)
         if len(pieces.leg) and pieces.free_b.min() < distance:
             best = int(pieces.free_b.argmin())
             distance, place, leg = float(pieces.free_b[best]), pieces.b[best], int(pieces.leg[best])
@@ -103,15 +103,15 @@ def legs_below(
     below = (free_a < limit_m) | (free_b < limit_m)
     pieces = _Pieces(start, end, free_a, free_b, np.arange(len(start)))
     while len(pieces.leg):
-        pieces = pieces.kept((pieces.bound_m() < limit_m) & ~below[pieces.leg])
+        pieces = pieces.rows((pieces.bound_m() < limit_m) & ~below[pieces.leg])
         below[pieces.leg[pieces.length_m() <= tolerance_m]] = True
-        pieces = pieces.kept(~below[pieces.leg]).halved(scene)
+        pieces = pieces.rows(~below[pieces.leg]).halved(scene)
         below[pieces.leg[pieces.free_b < limit_m]] = True
     return below
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _Pieces(Record):
+class _Pieces(Rows):
     """Straight pieces from a to b with the distance of their ends from the surface."""
 
     a: Floats  # (K, 3) m
@@ -136,19 +136,11 @@ class _Pieces(Record):
         circle = np.sqrt(np.maximum(self.free_a**2 - plane**2, 0))
         return np.where(plane <= 0, self.free_a, np.where(plane >= length, self.free_b, circle))
 
-    def kept(self, which: Bools) -> _Pieces:
-        return _Pieces(self.a[which], self.b[which], self.free_a[which], self.free_b[which], self.leg[which])
-
     def halved(self, scene: Scene) -> _Pieces:
         """Both halves of each piece; the first halves come first and end in the new points."""
         if len(self.leg) == 0:
             return self
         middle = (self.a + self.b) / 2
         free = scene.distance(middle)
-        return _Pieces(
-            np.concatenate([self.a, middle]),
-            np.concatenate([middle, self.b]),
-            np.concatenate([self.free_a, free]),
-            np.concatenate([free, self.free_b]),
-            np.concatenate([self.leg, self.leg]),
-        )
+        first = _Pieces(self.a, middle, self.free_a, free, self.leg)
+        return _Pieces.stacked([first, _Pieces(middle, self.b, free, self.free_b, self.leg)])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.planning.geometry.boxes import axis_ratios, box_scale
 from upplied.poses import matrices, normalised
 from upplied.records import Cloud, Floats, Record, Registration
 
@@ -36,19 +37,19 @@ def zscore_map(source: Cloud, target: Cloud) -> AxisMap:
 
     A flat structure has no deviation along one axis; there the scale is 1.
     """
-    sigma_d, sigma_t = source.points.std(axis=0), target.points.std(axis=0)
-    flat = np.minimum(sigma_d, sigma_t) <= 1e-9 * max(sigma_d.max(), sigma_t.max())
-    scale = np.where(flat, 1.0, sigma_t / np.where(flat, 1.0, sigma_d))
+    scale = axis_ratios(target.points.std(axis=0), source.points.std(axis=0))
     return AxisMap(np.diag(scale), target.points.mean(axis=0) - scale * source.points.mean(axis=0))
 
 
 def box_map(source: Cloud, target: Cloud) -> AxisMap:
     """The paper's baseline: scale by the ratio of the bounding boxes (Sec. IV)."""
-    low_d, low_t = source.points.min(axis=0), target.points.min(axis=0)
-    size_d, size_t = np.ptp(source.points, axis=0), np.ptp(target.points, axis=0)
-    flat = np.minimum(size_d, size_t) <= 1e-9 * max(size_d.max(), size_t.max())
-    scale = np.where(flat, 1.0, size_t / np.where(flat, 1.0, size_d))
-    return AxisMap(np.diag(scale), low_t - scale * low_d)
+    scale = box_scale(target.points, source.points)
+    return AxisMap(np.diag(scale), target.points.min(axis=0) - scale * source.points.min(axis=0))
+
+
+def published_map(method: str, source: Cloud, target: Cloud) -> AxisMap:
+    """The map of `TransferSettings.method` ``zscore`` or ``box``."""
+    return zscore_map(source, target) if method == "zscore" else box_map(source, target)
 
 
 def registered_map(registration: Registration) -> AxisMap:

@@ -9,7 +9,7 @@ import numpy as np
 
 from upplied.config import FIDELITIES, Settings
 from upplied.errors import RefusedError, SettingsError
-from upplied.planning.carry.affine import box_map, registered_map, zscore_map
+from upplied.planning.carry.affine import published_map, registered_map
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by, inspected_surface
 from upplied.planning.carry.planar import at_height, plane_height
 from upplied.planning.carry.published import published
@@ -99,7 +99,7 @@ def _at_counterparts(take: Take, settings: Settings) -> tuple[Waypoints, Standof
     )
     positions, quats = followed.positions, followed.quat_xyzw
     if settings.transfer.method != "counterparts":
-        carrier = (zscore_map if settings.transfer.method == "zscore" else box_map)(fit.source, fit.target)
+        carrier = published_map(settings.transfer.method, fit.source, fit.target)
         positions, quats = carrier.points(flight.positions), carrier.orientations(flight.quat_xyzw)
     yaw, pitch = yaw_pitch(quats)
     low, high = np.radians([limits.min_gimbal_pitch_deg, limits.max_gimbal_pitch_deg])

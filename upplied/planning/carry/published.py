@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.carry.affine import aimed, box_map, zscore_map
+from upplied.planning.carry.affine import aimed, published_map
 from upplied.planning.carry.gauss_newton import gauss_newton
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.inspection import Inspection
@@ -17,8 +17,7 @@ def published(take: Take, settings: Settings) -> Waypoints:
     """The paper's way, and its baseline's: viewpoints carried by an axis map, refined one by one."""
     inspection, pair = take.inspection, take.pair
     viewpoints, fit = inspection.viewpoints, pair.fit_for(settings)
-    carry = zscore_map if settings.transfer.method == "zscore" else box_map
-    carrier = carry(fit.source, fit.target)
+    carrier = published_map(settings.transfer.method, fit.source, fit.target)
     positions = carrier.points(viewpoints.positions)
     quats = carrier.orientations(viewpoints.quat_xyzw)
     if settings.refine.method == "gauss-newton":

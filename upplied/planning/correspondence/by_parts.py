@@ -84,14 +84,14 @@ def _warped(aligned: Patch, fixed: Patch, diagonal_m: float) -> Patch:
     """Drifted where that brings the surfaces clearly nearer; a part that is aligned well already stays."""
     controls = farthest_points(aligned.points, _CONTROLS)
     anchors = farthest_points(fixed.points, _ANCHORS)
-    found = drift(aligned.at(controls), fixed.at(anchors), diagonal_m)
+    found = drift(aligned.rows(controls), fixed.rows(anchors), diagonal_m)
     drifted = replace(aligned, points=aligned.points + found.at(aligned.points, aligned.label))
     points = aligned.points.copy()
     for label in np.unique(aligned.label):
         mine = np.flatnonzero(aligned.label == label)
         tried = mine[:: max(1, len(mine) // _TRIED)]
-        before = _off(aligned.at(tried), fixed, diagonal_m)
-        if _off(drifted.at(tried), fixed, diagonal_m) < _NEARER * before:
+        before = _off(aligned.rows(tried), fixed, diagonal_m)
+        if _off(drifted.rows(tried), fixed, diagonal_m) < _NEARER * before:
             points[mine] = drifted.points[mine]
     return replace(aligned, points=points)
 

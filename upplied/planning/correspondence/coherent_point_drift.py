@@ -16,7 +16,7 @@ from numba import njit
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 
-from upplied.records import Cloud, Floats, Ints, Record
+from upplied.records import Cloud, Floats, Ints, Record, Rows
 
 _REACH = 0.12  # of the diagonal: how far a displacement is felt
 _ACROSS = 0.3  # share of it that is felt in other parts
@@ -31,19 +31,12 @@ _MOST_SPREAD = 1000  # points of a cloud that are put in order
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Patch(Record):
+class Patch(Rows):
     """Points with normals and the class of their part; -1 pairs with any."""
 
     points: Floats  # (N, 3) m
     normals: Floats  # (N, 3) unit
     label: Ints  # (N,)
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def at(self, index: Ints) -> Patch:
-        """Some of the points."""
-        return Patch(self.points[index], self.normals[index], self.label[index])
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -84,7 +84,9 @@ def carried(whole: Cloud, known: Cloud) -> Ints:
     none = np.full(len(known), -1), np.full(len(whole), -1)
     moving = Patch(known.points, known.outward, none[0])
     fixed = Patch(whole.points, whole.outward, none[1])
-    found = drift(moving.at(spread_over(known, _CONTROLS)), fixed.at(spread_over(whole, _ANCHORS)), diagonal)
+    found = drift(
+        moving.rows(spread_over(known, _CONTROLS)), fixed.rows(spread_over(whole, _ANCHORS)), diagonal
+    )
     moved = moving.points + found.at(moving.points, moving.label)
     weight = FACING * diagonal
     tree = cKDTree(with_normals(moved, known.outward, weight))

@@ -17,7 +17,7 @@ from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import blades_of, parts_of
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.surface.skin import SkinParts, skin_parts
+from upplied.planning.surface.skin import PartLabels, skin_parts
 from upplied.planning.surface.voxels import voxel_cloud
 from upplied.provenance import method
 from upplied.records import Cloud, Correspondences, Floats, Frame, Ints, Record, Registration, Structure
@@ -68,13 +68,6 @@ class Fit(Record):
     def registered(self) -> Cloud:
         """The target in the frame and at the scale of the source."""
         return self.derived("registered", lambda: in_source_frame(self.target, self.registration))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PartLabels(Record):
-    """Which part of a structure each of its surface samples lies on."""
-
-    label: Ints  # (N,) 0 .. K - 1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -293,8 +286,8 @@ def _with_carried(fit: Fit, memo: Memo, facts: tuple[Any, ...]) -> Fit:
 
 def skin_of(
     structure: Structure, scene: Scene, cloud: Cloud, clouds: CloudSettings, memo: Memo = no_memo
-) -> SkinParts:
+) -> PartLabels:
     """The parts of a structure's skin, remembered with it."""
     key = content_key("skin", structure.sha256, clouds)
     memo = remembering(memo, structure.sha256)
-    return memo("skin", SkinParts, key, lambda: skin_parts(structure, scene, cloud, clouds.seed))
+    return memo("skin", PartLabels, key, lambda: skin_parts(structure, scene, cloud, clouds.seed))

@@ -71,10 +71,8 @@ def published(
 
     The paper's structures stand alike; others are turned so first.
     """
-    turn = np.eye(3) if turn is None else turn
-    turned = target.points @ turn.T
-    scale = box_scale(source.points, turned)
-    offset = source.points.min(axis=0) - scale * turned.min(axis=0)
+    start = box_on_box(source, target, turn)
+    scale, offset, turned = start.scale, start.translation, target.points @ start.turn.T
     scaled = scale * turned + offset
     # Algorithm 1 gives the demonstration's cloud as source, so the motion found goes to the target;
     # its inverse brings the target onto the source and leaves every distance as it is.
@@ -91,7 +89,7 @@ def published(
         score_m2=score,
         accepted=accepted,
         reason="" if accepted else _refusal(score, gate, settings.gamma, spacing(source)),
-        turn=turn,
+        turn=start.turn,
     )
 
 

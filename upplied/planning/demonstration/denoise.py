@@ -73,16 +73,12 @@ def smoothed(flight: Trajectory, spacing_m: float = np.inf, breaks: Ints | None 
     extent = 2 * float(np.linalg.norm(flight.positions - flight.positions.mean(axis=0), axis=1).max())
     if extent == 0 or len(flight) < 3:
         return Smoothed(flight, np.array(cuts[1:-1], np.int64))
-    steady = [_steady(_part(flight, a, b), extent) for a, b in itertools.pairwise(cuts)]
+    steady = [_steady(flight.take(slice(a, b)), extent) for a, b in itertools.pairwise(cuts)]
     length = sum(float(leg_lengths(part.positions).sum()) for part in steady)
     reduced = [stations_of(part, spacing_m, extent, length) for part in steady]
     joined = in_a_row(reduced)
     joined = replace(joined, fov_deg=fov_at(flight, joined.t_s))
     return Smoothed(joined, np.cumsum([len(part) for part in reduced])[:-1])
-
-
-def _part(flight: Trajectory, start: int, stop: int) -> Trajectory:
-    return flight.take(slice(start, stop))
 
 
 def _steady(flight: Trajectory, extent: float) -> Trajectory:

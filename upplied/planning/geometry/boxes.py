@@ -12,9 +12,13 @@ def box_scale(source: Floats, target: Floats) -> Floats:
 
     Where either is flat (no extent along an axis) the factor of that axis is 1.
     """
-    size_d, size_t = np.ptp(source, axis=0), np.ptp(target, axis=0)
-    flat = np.minimum(size_d, size_t) <= 1e-9 * max(size_d.max(), size_t.max())
-    return np.where(flat, 1.0, size_d / np.where(flat, 1.0, size_t))
+    return axis_ratios(np.ptp(source, axis=0), np.ptp(target, axis=0))
+
+
+def axis_ratios(one: Floats, other: Floats) -> Floats:
+    """Extents (3,) of one thing over those of another along each axis; 1 where either is flat."""
+    flat = np.minimum(one, other) <= 1e-9 * max(one.max(), other.max())
+    return np.where(flat, 1.0, one / np.where(flat, 1.0, other))
 
 
 def diagonal_of(points: Floats) -> float:

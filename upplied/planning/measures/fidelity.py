@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import kendalltau
@@ -19,7 +19,7 @@ from upplied.planning.visibility.moments import Moments, moments
 from upplied.planning.visibility.path_views import Views
 from upplied.polylines import arc_length, interpolated
 from upplied.poses import angle_between
-from upplied.records import Camera, Floats, Ints, Record, Trajectory
+from upplied.records import Camera, Floats, Ints, Rows, Trajectory
 
 _ORDERED = 2000  # patches, at most, whose order is compared
 _STEADY_RAD = np.radians(3.0)  # turns below this are jitter of the hand
@@ -30,7 +30,7 @@ _LEAST_LEG_M = 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Patches(Record):
+class Patches(Rows):
     """What was inspected and has a counterpart, patch by patch: how it was shown, and how it is."""
 
     weight: Floats  # (K,) m^2 times attention
@@ -67,7 +67,7 @@ def fidelity(
     looks = dwell(steps, planned, inspected.cloud, sharp, cosine)
     flown = [moments(take.inspection.logged, take.inspection.logged_breaks) for take in takes]
     rows = zip(takes, flown, begins_s, strict=True)
-    patches = _joined([_patches(take, own, begin, sharp, cosine) for take, own, begin in rows])
+    patches = Patches.stacked([_patches(take, own, begin, sharp, cosine) for take, own, begin in rows])
     found = _smoothness(steps, flown, inspected, steady_radps(takes, rule))
     if not len(patches.weight):
         return found
@@ -81,25 +81,8 @@ def _patches(take: Take, flown: Moments, begin_s: float, sharp: float, cosine: f
     target = fit.correspondences.target_index
     chosen = np.flatnonzero((weight > 0) & (target >= 0))
     carry = registered_map(fit.registration).matrix
-    all_ = dwell(flown, inspection.truly, fit.source, sharp, cosine, carry)
-    shown = Dwell(
-        all_.near_m[chosen],
-        all_.carried_m[chosen],
-        all_.frontal[chosen],
-        all_.held_s[chosen],
-        all_.time_s[chosen] + begin_s,
-        all_.sides[chosen],
-    )
-    return Patches(weight[chosen], target[chosen], shown)
-
-
-def _joined(parts: Sequence[Patches]) -> Patches:
-    names = ("near_m", "carried_m", "frontal", "held_s", "time_s", "sides")
-    return Patches(
-        np.concatenate([part.weight for part in parts]),
-        np.concatenate([part.target for part in parts]),
-        Dwell(*(np.concatenate([getattr(part.shown, name) for part in parts]) for name in names)),
-    )
+    shown = dwell(flown, inspection.truly, fit.source, sharp, cosine, carry).rows(chosen)
+    return Patches(weight[chosen], target[chosen], replace(shown, time_s=shown.time_s + begin_s))
 
 
 def _compared(

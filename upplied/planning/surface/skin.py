@@ -37,13 +37,13 @@ _ALIKE = 0.5  # cosine between a candidate's normal and an outside sample's near
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SkinParts(Record):
-    """Which part of the skin each surface sample of a structure lies on."""
+class PartLabels(Record):
+    """Which part, or stretch of skin, of a structure each of its surface samples lies on."""
 
     label: Ints  # (N,) 0 .. K - 1
 
 
-def skin_parts(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) -> SkinParts:
+def skin_parts(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) -> PartLabels:
     """The part of the skin of each sample of a structure's surface.
 
     Parameters
@@ -58,17 +58,17 @@ def skin_parts(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) 
 
     Returns
     -------
-    SkinParts
+    PartLabels
     """
     points, normals, piece = _fine_samples(structure, scene, cloud, seed)
     if len(points) < 2 * _LEAST_SAMPLES:
-        return SkinParts(np.zeros(len(cloud), np.int64))
+        return PartLabels(np.zeros(len(cloud), np.int64))
     area = float(np.sum(cloud.area_m2)) if cloud.area_m2 is not None else len(cloud) * 1.0
     spacing = float(np.sqrt(area / len(points)))
     label = _joined(points, normals, piece, spacing)
     place = cKDTree(with_normals(points, normals, _NORMAL * spacing))
     nearest = place.query(with_normals(cloud.points, cloud.outward, _NORMAL * spacing))[1]
-    return SkinParts(np.unique(label[nearest], return_inverse=True)[1].reshape(-1).astype(np.int64))
+    return PartLabels(np.unique(label[nearest], return_inverse=True)[1].reshape(-1).astype(np.int64))
 
 
 def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud, seed: int) -> tuple[Floats, Floats, Ints]:

@@ -53,7 +53,7 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
     if len(takes) > 1:
         pair = takes[0].pair
         paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.surface.target))
-    path = _in_a_row(paths)
+    path = Waypoints.stacked(paths)
     goals = [one.goal for one in carried if one.goal is not None]
     if not goals or not settings.retime.limits:
         return _zooming(flight, *retime(path, flight, settings.retime, breaks_of(takes)))
@@ -107,17 +107,7 @@ def _with_transits(paths: Sequence[Waypoints], ways: Ways) -> list[Waypoints]:
     """The paths, and between them safe ways from the end of each to the start of the next."""
     whole = [paths[0]]
     for before, after in itertools.pairwise(paths):
-        ends = _in_a_row([before[-1:], after[:1]])
+        ends = Waypoints.stacked([before.rows(slice(-1, None)), after.rows(slice(1))])
         transit = route(replace(ends, is_viewpoint=np.zeros(2, bool)), ways)
-        whole += [transit[1:-1], after]
+        whole += [transit.rows(slice(1, -1)), after]
     return whole
-
-
-def _in_a_row(paths: Sequence[Waypoints]) -> Waypoints:
-    """Several stretches of waypoints one after another, as one."""
-    return Waypoints(
-        np.concatenate([path.positions for path in paths]),
-        np.concatenate([path.quat_xyzw for path in paths]),
-        np.concatenate([path.t_s for path in paths]),
-        np.concatenate([path.is_viewpoint for path in paths]),
-    )

@@ -8,7 +8,7 @@ in time (`trajectory.speeds`). All limits hold for Euclidean norms, curves and b
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from upplied.planning.demonstration.pauses import pauses, steadied
 from upplied.planning.trajectory.speeds import corner_cap, passes
 from upplied.polylines import arc_length, cumulated, interpolated, leg_lengths
 from upplied.poses import angle_between, from_yaw_pitch, yaw_pitch
-from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
+from upplied.records import Bools, Floats, Ints, Record, Rows, Trajectory, Waypoints
 
 _STEP_M = 0.5  # largest leg of the result
 _FINE_M, _PIECES = 0.05, 6  # smallest pieces, and most of them, of a leg that begins or ends at rest
@@ -80,7 +80,7 @@ def retime(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sharp(Record):
+class Sharp(Rows):
     """Up to which speeds the pictures of a path are sharp (`sharpness`)."""
 
     speed_mps: Floats  # (W,) at each waypoint
@@ -119,8 +119,7 @@ def _without_repeats(path: Waypoints, sharp: Sharp) -> tuple[Waypoints, Sharp]:
     turned = angle_between(path.quat_xyzw[:-1], path.quat_xyzw[1:]) > 1e-6
     keep = np.concatenate([[True], moved | turned])
     viewpoint = np.logical_or.reduceat(path.is_viewpoint, np.flatnonzero(keep))
-    kept = Waypoints(path.positions[keep], path.quat_xyzw[keep], path.t_s[keep], viewpoint)
-    return kept, Sharp(sharp.speed_mps[keep], sharp.pan_degps[keep])
+    return replace(path.rows(keep), is_viewpoint=viewpoint), sharp.rows(keep)
 
 
 def hovering(path: Waypoints, flight: Trajectory, least_s: float, breaks: Ints | None = None) -> Floats:

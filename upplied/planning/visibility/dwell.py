@@ -13,7 +13,7 @@ from numba import njit
 
 from upplied.planning.visibility.moments import Moments, motion_of, sight_to
 from upplied.planning.visibility.path_views import Views
-from upplied.records import Bools, Cloud, Floats, Ints, Record
+from upplied.records import Bools, Cloud, Floats, Ints, Rows
 from upplied.vectors import sphere
 
 _SIDES = 60  # directions of the sphere, some 26 deg apart, that looks are distinguished by
@@ -21,7 +21,7 @@ _NEIGHBOUR = np.cos(np.radians(30.0))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Dwell(Record):
+class Dwell(Rows):
     """The sharp looks at each of N patches."""
 
     near_m: Floats  # (N,) distance of the nearest, of one camera where it zooms; inf for none
