@@ -1,4 +1,4 @@
-"""The tree of the library as a page: every module with its first line, and which room uses which.
+"""The library as pages: every module with its first line, which room uses which, and the public names.
 
 Read from the code itself, so that it stays true.
 """
@@ -6,12 +6,17 @@ Read from the code itself, so that it stays true.
 from __future__ import annotations
 
 import ast
+import inspect
 from collections.abc import Iterator
 from pathlib import Path
 
+import upplied
+
 ROOT = Path(__file__).parents[2]
 #: Rooms in the order in which data walks through them.
-LIBRARY = ("inputs", "planning", "catalog", "recommend", "fleet", "outputs", "samples", "cli")
+LIBRARY = (
+    "inputs", "planning", "catalog", "recommend", "fleet", "proof", "outputs", "samples", "studio", "cli",
+)  # fmt: skip
 PLANNING = (
     "geometry", "surface", "visibility", "correspondence", "airspace", "demonstration", "carry", "trajectory",
     "measures",
@@ -34,6 +39,10 @@ def _page() -> Iterator[str]:
     for room in PLANNING:
         about = _first_line(ROOT / "upplied" / "planning" / room / "__init__.py")
         yield f"| `{room}/` | {about} | {', '.join(used[room]) or 'records alone'} |"
+    yield "\n## One demonstration, from room to room\n"
+    yield "What `planning/plan.py` asks, and whom, in its order; each room hands records to the next.\n"
+    yield "| asked | room | by |\n|---|---|---|"
+    yield from _way()
     yield "\n## Modules\n"
     foundation = sorted((ROOT / "upplied").glob("*.py"))
     yield from _modules("upplied/", [path for path in foundation if path.name != "__init__.py"])
@@ -42,6 +51,45 @@ def _page() -> Iterator[str]:
             modules = [path for path in sorted(folder.glob("*.py")) if path.name != "__init__.py"]
             if modules:
                 yield from _modules(f"{folder.relative_to(ROOT)}/", modules)
+
+
+def public_page() -> str:
+    """Markdown: the names that are importable from `upplied`, and what each is."""
+    rows = []
+    for name, module in upplied._PUBLIC.items():
+        about = (inspect.getdoc(getattr(upplied, name)) or "").split("\n\n")[0]
+        rows.append(f"| `{name}` | {' '.join(about.split())} | `{module}` |")
+    head = (
+        "# Public names\n\nWhat a study or a script of one's own needs is importable from `upplied` and "
+        "stays under these names; a module is loaded when its name is first asked for. Everything else may move.\n"
+    )
+    return "\n".join([head, "| name | what it is | from |\n|---|---|---|", *rows])
+
+
+def _way() -> Iterator[str]:
+    """A row for each question of the method, the comment in its code, with the calls that stand below it."""
+    text = (ROOT / "upplied" / "planning" / "plan.py").read_text(encoding="utf-8")
+    tree, lines = ast.parse(text), text.splitlines()
+    room_of = {
+        alias.name: str(node.module).split(".")[2:]
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("upplied.planning.")
+        for alias in node.names
+    }
+    calls = sorted(
+        (call.lineno, call.func.id)
+        for function in tree.body
+        if isinstance(function, ast.FunctionDef) and function.name in ("decided", "_planned")
+        for call in ast.walk(function)
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in room_of
+    )
+    asked: dict[str, list[str]] = {}
+    for number, name in calls:
+        above = [line.strip() for line in lines[:number] if line.strip().startswith("# ")]
+        asked.setdefault(above[-1][2:], []).append(name)
+    for question, names in asked.items():
+        by = ", ".join(f"`{'.'.join([*room_of[name][1:], name])}`" for name in names)
+        yield f"| {question} | `{room_of[names[0]][0]}/` | {by} |"
 
 
 def _folders(folder: Path) -> list[Path]:

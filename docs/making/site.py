@@ -18,7 +18,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 sys.path.insert(0, str(Path(__file__).parent))
 from comments import comments
 from constants import constants_page
-from house import house_page
+from house import house_page, public_page
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
@@ -103,6 +103,7 @@ def made_pages() -> dict[str, str]:
     pages["reference/manifest.md"] = "\n".join(_keys())
     pages["reference/command.md"] = "\n".join(_commands())
     pages["reference/house.md"] = house_page()
+    pages["reference/public.md"] = public_page()
     pages["reference/constants.md"] = constants_page()
     pages["examples.md"] = "\n".join(_examples())
     return pages

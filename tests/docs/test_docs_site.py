@@ -50,6 +50,20 @@ def test_every_picture_of_a_page_is_there(site):
                 assert (page.parent / source).is_file(), f"{page.name} shows {source}"
 
 
+def test_the_reference_tells_of_every_public_name_and_of_the_way_of_a_plan(site):
+    import upplied
+
+    public = (site / "reference" / "public.html").read_text(encoding="utf-8")
+    assert all(f"<code>{name}</code>" in public for name in upplied._PUBLIC)
+    tree = (site / "reference" / "house.html").read_text(encoding="utf-8")
+    way = [
+        f"<code>{call}</code>"
+        for call in ("pair.study_pair", "carried.carry", "propose.propose", "evaluate.judge")
+    ]
+    assert [tree.count(call) for call in way] == [1] * 4
+    assert sorted(way, key=tree.index) == way
+
+
 def test_the_reference_tells_of_every_setting_key_and_column(site):
     from upplied.catalog.schema.tables import TABLES
     from upplied.config import settings_for

@@ -50,7 +50,7 @@ class Cloud(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Registration(Record):
-    """How a target lies on the demonstration structure.
+    """How a target is registered on the demonstration structure.
 
     ``p_demo = rotation @ (scale * (turn @ p_target)) + translation`` (paper, Alg. 1, lines 3 to 8, which
     assumes equal orientation: ``rotation @ turn`` is the identity unless another one was declared or found).
