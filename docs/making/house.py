@@ -61,7 +61,7 @@ def public_page() -> str:
         rows.append(f"| `{name}` | {' '.join(about.split())} | `{module}` |")
     head = (
         "# Public names\n\nWhat a study or a script of one's own needs is importable from `upplied` and "
-        "stays under these names; a module is loaded when its name is first asked for. Everything else may move.\n"
+        "stays under these names; a module is loaded when its name is first asked for. The rest may move.\n"
     )
     return "\n".join([head, "| name | what it is | from |\n|---|---|---|", *rows])
 
