@@ -53,6 +53,8 @@ def test_the_readme_python_is_ten_lines():
     assert len([line for line in code.splitlines() if line.strip()]) <= 10
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_the_readme_commands_work_in_their_order(place):
     upplied = f"{sys.executable} -c 'import sys; from upplied.cli import main; sys.exit(main())'"
     told = commands("upplied")

@@ -96,7 +96,10 @@ def chaos(place: Path, kills: int, every_s: float) -> Stage:
 
 @pytest.mark.parametrize(
     ("kills", "every_s"),
-    [pytest.param(25, 0.35, id="25 kills"), pytest.param(200, 0.7, id="200 kills", marks=pytest.mark.slow)],
+    [
+        pytest.param(25, 0.35, id="25 kills", marks=[pytest.mark.slow, pytest.mark.ci]),
+        pytest.param(200, 0.7, id="200 kills", marks=pytest.mark.slow),
+    ],
 )
 def test_nothing_acknowledged_is_lost(tmp_path, capsys, kills, every_s):
     stage = chaos(tmp_path, kills, every_s)
@@ -240,6 +243,8 @@ def test_a_file_in_the_place_of_the_folder_is_said(tmp_path):
         open_catalog(tmp_path / "catalog").add_plans([(key_of(0), plan(), {})])
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_processes_that_read_end_well(tmp_path):
     """An abort at exit hits about one process in seven where it hits at all, so many are asked."""
     filled(tmp_path / "catalog")
