@@ -14,6 +14,8 @@ from prefect.blocks.notifications import (
 )
 from pydantic import Field, SecretStr
 
+from upplied.errors import SettingsError
+
 from .states import TROUBLED
 
 NAME = "somebody is told how runs end"
@@ -53,28 +55,45 @@ def tell(url: str, every_run: bool = False) -> str:
     -------
     str
         What was set up, in words.
+
+    Raises
+    ------
+    SettingsError
+        If nothing can be sent to that address; whoever was told before still is.
     """
-    with get_client(sync_client=True) as client:
-        for older in client.read_automations_by_name(NAME):
-            client.delete_automation(older.id)
-    if not url:
-        return "nobody is told"
-    block = _block(url)
-    document = block.save(f"upplied-{block.get_block_type_slug()}", overwrite=True)
+    block = _block(url) if url else None
     names = (*TROUBLE, "Completed") if every_run else TROUBLE
-    Automation(**_automation(document, names).model_dump()).create()
+    with get_client(sync_client=True) as client:
+        before = [older.id for older in client.read_automations_by_name(NAME)]
+        if block is not None:
+            document = block.save(f"upplied-{block.get_block_type_slug()}", overwrite=True)
+            Automation(**_automation(document, names).model_dump()).create()
+        for older in before:
+            client.delete_automation(older)
+    if block is None:
+        return "nobody is told"
     return f"{urlsplit(url).hostname or urlsplit(url).scheme} is told of runs that end {', '.join(names)}"
 
 
 def _block(url: str) -> NotificationBlock:
-    """What sends to an address."""
-    parts = urlsplit(url)
+    """What sends to an address; an error says nothing of it but its scheme, since it may hold a password."""
+    try:
+        parts = urlsplit(url)
+    except ValueError:
+        parts = urlsplit("")
     if parts.hostname == "hooks.slack.com":
         return SlackWebhook(url=url)
-    if parts.scheme in ("http", "https"):
+    if parts.scheme in ("http", "https") and parts.hostname:
         said = {"text": "{{subject}}\n{{body}}", "subject": "{{subject}}", "body": "{{body}}"}
         return CustomWebhookNotificationBlock(name="upplied", url=url, json_data=said)
-    return AppriseNotice(url=SecretStr(url))
+    block = AppriseNotice(url=SecretStr(url))
+    if not len(block._apprise_client):
+        raise SettingsError(
+            f"address {parts.scheme}:...",
+            "nothing can be sent there",
+            "http://..., https://..., or an address of Apprise's, as mailto://user:password@smtp.example.org",
+        )
+    return block
 
 
 def _automation(document: object, names: tuple[str, ...]) -> AutomationCore:

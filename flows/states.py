@@ -29,6 +29,8 @@ def told_in_words(flow: Callable[P, State]) -> Callable[P, State]:
             return flow(*args, **kwargs)
         except UppliedError as error:
             return Failed(message=str(error))
+        except OSError as error:  # of the machine: a full disk, a right that is missing
+            return Failed(message=f"{error.filename or type(error).__name__}: {error.strerror or error}")
 
     # Prefect makes its form of the parameters from these, in whose module the names may not be known.
     run.__signature__ = signature(flow, eval_str=True)  # type: ignore[attr-defined]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import math
 import os
@@ -23,6 +24,7 @@ from upplied.flows import pages, pool, watch
 from upplied.flows.environment import ROOTS, SETTINGS, environment, home, profile
 from upplied.flows.roots import check_roots
 from upplied.flows.server import ServerError, free_port, offspring, private_server, stop
+from upplied.flows.states import told_in_words
 
 ROOT = Path(__file__).parents[2]
 
@@ -269,3 +271,10 @@ def test_what_is_stopped_leaves_no_session_of_its_own(killed):
     while not ended(run) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert ended(run) and worker.returncode is not None
+
+
+def test_a_flow_that_finds_no_space_or_right_ends_in_words():
+    def full() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "reports/index.html")
+
+    assert told_in_words(full)().message == "reports/index.html: No space left on device"

@@ -15,6 +15,7 @@ import pytest
 from apprise.plugins.slack import NotifySlack
 from prefect.blocks.notifications import SlackWebhook
 
+from upplied.errors import SettingsError
 from upplied.flows import notices
 
 SUBJECT, BODY = "transfer-fleet: Failed", "nightly: Failed: 0 ok, 0 refused, 2 failed"
@@ -104,3 +105,10 @@ def test_slack_says_what_failed(monkeypatch):
 def test_a_webhook_gets_the_words_apart(url):
     said = notices._block(url).json_data
     assert said == {"text": "{{subject}}\n{{body}}", "subject": "{{subject}}", "body": "{{body}}"}
+
+
+@pytest.mark.parametrize("url", ["nonsense", "http://", "foo://secret@somewhere", "https://[", "mailto://"])
+def test_an_address_that_nothing_can_be_sent_to_is_refused_without_its_password(url):
+    with pytest.raises(SettingsError, match="nothing can be sent there") as refused:
+        notices._block(url)
+    assert "secret" not in str(refused.value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import errno
 import hashlib
 import json
 import re
@@ -13,12 +14,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from catalog_records import demonstration, key_of, plan, structure
 from fake_catalog import FakeCatalog, orbit
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.checks import pair_name
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
-from upplied.outputs import downloads, render
+from upplied.outputs import downloads, files, render
+from upplied.outputs import publish as publishing
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import MissionOptions
 from upplied.outputs.pairs import Pair
@@ -383,3 +386,29 @@ def test_a_mission_of_several_sorties_is_not_given_out_as_its_first(monkeypatch,
     monkeypatch.setattr(downloads, "export_transfer", lambda *_: written)
     with pytest.raises(RefusedError, match="2 sorties"):
         downloads.mission_file(FakeCatalog(targets=1), "t0000", "qgc-plan")
+
+
+@pytest.mark.parametrize("before", [0, 1, 3])
+def test_a_disk_that_fills_up_among_the_pages_is_said_and_each_file_is_whole(tmp_path, monkeypatch, before):
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([structure("boxy"), structure("target", 1)])
+    catalog.add_demonstrations([demonstration()])
+    catalog.add_plans([(key_of(0), plan("target"), {})])
+    publish(catalog, tmp_path / "whole", pictures=0)
+    written, really = [], files.replace_file
+
+    def until_full(path, content):
+        if len(written) == before:
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        written.append(path)
+        return really(path, content)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(publishing, "replace_file", until_full)
+        with pytest.raises(CatalogError, match=r"No space left.*publish again"):
+            publish(catalog, tmp_path / "reports", pictures=0)
+    assert len(written) == before
+    publish(catalog, tmp_path / "reports", pictures=0)
+    assert {name for name in contents(tmp_path / "reports") if "tables" not in name} == {
+        name for name in contents(tmp_path / "whole") if "tables" not in name
+    }

@@ -15,7 +15,7 @@ from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs.published import local_folder, publish_generation
 from upplied.checks import check_id
 from upplied.config import digest
-from upplied.errors import SettingsError, UppliedError
+from upplied.errors import CatalogError, SettingsError, UppliedError
 from upplied.outputs import downloads, pages
 from upplied.outputs.files import replace_file
 from upplied.outputs.foremost import first_pairs
@@ -105,7 +105,13 @@ def publish(
         for left in place.glob("**/.*.partial"):
             left.unlink(missing_ok=True)  # of a publisher that was stopped
         publish_generation(catalog, place, force)
-        return publish_pages(catalog, place, title=title, pictures=pictures, most=pages, progress=progress)
+        try:
+            return publish_pages(
+                catalog, place, title=title, pictures=pictures, most=pages, progress=progress
+            )
+        except OSError as error:
+            remedy = "free space or rights, and publish again: what is there is whole"
+            raise CatalogError(str(place), f"cannot be written: {error}", "", remedy) from None
 
 
 def publish_pages(
