@@ -18,7 +18,7 @@ from upplied.vectors import area_vectors
 _RAYS = 24  # from each side of each sample, weighted by the cosine: as parallel light from all around
 _SPREAD = 4096  # samples over the whole surface, by area
 _LEAST = 12  # samples on each patch besides
-_MOST_PATCHES = 10_000  # judged, the largest first: more are crumbs
+_MOST_PATCHES = 10_000  # judged, the largest first: more are fragments
 _HITS = 8  # outside rays that a patch must get before it is judged
 _INVERTED = 0.6  # share of them on its back above which it is turned; sheets and open shells stay below
 
@@ -56,8 +56,8 @@ def look(
     patch = topology.patch
     patch_area = np.bincount(patch, area)
     wanted = _LEAST + np.floor(_SPREAD * patch_area / patch_area.sum()).astype(np.int64)
-    crumbs = np.argsort(-patch_area, kind="stable")[_MOST_PATCHES:]
-    wanted[crumbs] = 0
+    fragments = np.argsort(-patch_area, kind="stable")[_MOST_PATCHES:]
+    wanted[fragments] = 0
     rng = np.random.default_rng(seed)
     sample = _chosen(patch, area, wanted, rng)
     points, normals = _sample_points(corners[sample], rng)
@@ -73,10 +73,10 @@ def look(
     inverted = judged & (backs > _INVERTED * (fronts + backs))
     component = topology.component
     seen = np.bincount(component[sample], front + back, component.max(initial=-1) + 1) > 0
-    seen[component[np.isin(patch, crumbs)]] = True
+    seen[component[np.isin(patch, fragments)]] = True
     share = patch_area / np.maximum(wanted, 1)
-    outside_area = share[patch[sample]][front + back > 0].sum() + patch_area[crumbs].sum()
-    return Outside(inverted[patch], ~seen[component], float(outside_area), len(crumbs))
+    outside_area = share[patch[sample]][front + back > 0].sum() + patch_area[fragments].sum()
+    return Outside(inverted[patch], ~seen[component], float(outside_area), len(fragments))
 
 
 def _chosen(patch: Ints, area: Floats, wanted: Ints, rng: np.random.Generator) -> Ints:

@@ -2,7 +2,7 @@
 
 The ground is a surface near level with nothing below it, open to the sky all round what stands on it: no deck
 and no roof is, since hulls and walls lie below them. What is left falls into clusters; the largest is the
-structure, with all that lies within its box or near it, crumbs apart.
+structure, with all that lies within its box or near it, fragments apart.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _NOISE = 4.0  # times the spread of the ground: thicker than that is no ground
 _THIN, _THICK = 0.001, 0.01  # of the structure's diagonal: bounds of the layer that is taken away
 _GAP = 0.006  # of the diagonal of what stands on the ground: clusters nearer are one
 _ASKED, _SPACED = 2000, 4.0  # samples asked how far apart they are; clusters nearer than so many times that
-_CRUMB = 0.002  # of the largest cluster's area
+_FRAGMENT = 0.002  # of the largest cluster's area
 _BESIDE = 0.05  # of the largest cluster's diagonal: farther off, and outside its box, stands another
 
 
@@ -236,7 +236,7 @@ def _clusters(points: Floats, above: Floats) -> Ints:
     count = np.bincount(cluster)
     low, high = (_by_cluster(of, points, cluster) for of in (np.minimum, np.maximum))
     size = np.linalg.norm(high - low, axis=1)
-    main = int(np.argmax(np.where(count > _CRUMB * len(points), size * (high - low)[:, 2], -1.0)))
+    main = int(np.argmax(np.where(count > _FRAGMENT * len(points), size * (high - low)[:, 2], -1.0)))
     tree, top = cKDTree(points[cluster == main]), np.zeros(len(count))
     np.maximum.at(top, cluster, above)
     of_cluster = np.zeros(len(count), np.int64)
@@ -245,7 +245,7 @@ def _clusters(points: Floats, above: Floats) -> Ints:
         within = ((mine >= low[main]) & (mine <= high[main])).all(axis=1).mean() > 0.5
         if top[other] < _THICK * size[main]:
             of_cluster[other] = 1  # a kerb, grass, a step in the ground
-        elif count[other] < _CRUMB * count[main]:
+        elif count[other] < _FRAGMENT * count[main]:
             of_cluster[other] = 2
         elif not within and tree.query(mine)[0].min() > _BESIDE * size[main]:
             of_cluster[other] = 3

@@ -8,13 +8,11 @@ import pytest
 
 from upplied.config import FIDELITIES, settings_for
 from upplied.errors import RefusedError
-from upplied.planning.carry.carried import _refuse_without_counterpart
-from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.plan import plan_transfer
 from upplied.planning.trajectory.complete import _changed_safely, _within_bound
 from upplied.planning.trajectory.state import Flown, State
-from upplied.records import Cloud, Plan
+from upplied.records import Plan
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
 
@@ -107,23 +105,3 @@ def test_a_path_that_no_change_leaves_safe_within_the_bound_is_refused():
         RefusedError, match=r"departs .* by 0.75 of its spread where it is safe.*at most 0.7 "
     ):
         _changed_safely(state, still, still + 1, lambda positions: positions, lambda _: 0.75, 0.7)
-
-
-@pytest.mark.parametrize(
-    ("without", "least", "refused"),
-    [(49.9, 0.5, False), (50.0, 0.5, False), (50.2, 0.5, True), (100.0, 0.0, False)],
-)
-def test_a_flight_is_refused_where_too_much_of_it_has_no_counterpart(
-    without: float, least: float, refused: bool
-):
-    cloud = Cloud(np.zeros((1, 3)))
-    wanted = InspectedSurface(cloud, np.array([100 - without]), np.ones(1), without)
-    settings = settings_for("recommended", refine={"least_counterpart": least})
-    if refused:
-        with pytest.raises(RefusedError, match=r"50 % of it has no counterpart.*at least 50 %"):
-            _refuse_without_counterpart(wanted, settings)
-    else:
-        _refuse_without_counterpart(wanted, settings)
-    _refuse_without_counterpart(
-        InspectedSurface(cloud, np.zeros(1), np.ones(1), 0.0), settings
-    )  # about nothing

@@ -1,0 +1,75 @@
+"""Takes on the target: whole flights with what they are to show, or viewpoints as published."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from upplied.config import settings_for
+from upplied.errors import RefusedError, SettingsError
+from upplied.planning.carry.affine import registered_map
+from upplied.planning.carry.carried import Carried, _refuse_without_counterpart, carry
+from upplied.planning.carry.inspected_surface import InspectedSurface
+from upplied.planning.correspondence.pair import study_pair
+from upplied.planning.demonstration.repetition import Take, takes_of
+from upplied.records import Cloud
+from upplied.samples.fleet import member
+from upplied.samples.pilot import fly
+
+
+@cache
+def take(preset: str) -> Take:
+    cube, settings = member("cube-v1").structure, settings_for(preset)
+    pair = study_pair(cube, member("cuboid-v1").structure, settings)
+    return takes_of(fly(cube, "sides", seed=1), pair, settings)[0]
+
+
+def carried(preset: str) -> Carried:
+    (found,) = carry([take(preset)], settings_for(preset))
+    return found
+
+
+def test_a_whole_flight_is_carried_with_what_it_is_to_show() -> None:
+    found, flight = carried("recommended"), take("recommended").inspection.flight
+    assert found.goal is not None and len(found.path) == len(flight) == len(found.goal.flown)
+    fit = take("recommended").pair.surface
+    assert found.goal.flown == pytest.approx(registered_map(fit.registration).points(flight.positions))
+    assert found.goal.seen.shape == found.goal.inspected.need.shape == (len(fit.target),)
+    assert (found.goal.seen[found.goal.inspected.need > 0] > 0).all()  # what was inspected was seen
+    assert np.array_equal(found.path.t_s, flight.t_s) and found.path.is_viewpoint.any()
+
+
+@pytest.mark.parametrize("preset", ["paper", "baseline"])
+def test_published_viewpoints_are_carried_without_a_goal(preset: str) -> None:
+    found, viewpoints = carried(preset), take(preset).inspection.viewpoints
+    assert found.goal is None and len(found.path) == len(viewpoints) and found.path.is_viewpoint.all()
+
+
+def test_what_is_seen_cannot_be_shown_where_nothing_occludes() -> None:
+    settings = settings_for("recommended")
+    blind = replace(settings, visibility=replace(settings.visibility, occlusion=False))
+    with pytest.raises(SettingsError, match="occlusion"):
+        carry([take("recommended")], blind)
+
+
+@pytest.mark.parametrize(
+    ("without", "least", "refused"),
+    [(49.9, 0.5, False), (50.0, 0.5, False), (50.2, 0.5, True), (100.0, 0.0, False)],
+)
+def test_a_flight_is_refused_where_too_much_of_it_has_no_counterpart(
+    without: float, least: float, refused: bool
+):
+    cloud = Cloud(np.zeros((1, 3)))
+    wanted = InspectedSurface(cloud, np.array([100 - without]), np.ones(1), without)
+    settings = settings_for("recommended", refine={"least_counterpart": least})
+    if refused:
+        with pytest.raises(RefusedError, match=r"50 % of it has no counterpart.*at least 50 %"):
+            _refuse_without_counterpart(wanted, settings)
+    else:
+        _refuse_without_counterpart(wanted, settings)
+    _refuse_without_counterpart(
+        InspectedSurface(cloud, np.zeros(1), np.ones(1), 0.0), settings
+    )  # about nothing
