@@ -258,8 +258,7 @@ def _panel(
     x, y, wide, high = box
     everything = [body.vertices, *(positions for positions, _ in lines)] if shown is None else [shown]
     frame = fitted(view, np.concatenate(everything), wide, high)
-    radius = 1.5 / frame.metre_px
-    depth = 26 / frame.metre_px
+    radius, depth = 1.5 / frame.metre_px, 26 / frame.metre_px
     parts = [tubes.path(positions, radius, colour) for positions, colour in lines]
     for positions, quats, camera, colour in cameras:
         along = leg_lengths(positions).sum()

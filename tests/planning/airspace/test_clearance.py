@@ -58,7 +58,7 @@ def test_agrees_with_dense_sampling(seed: int) -> None:
     sampled = scene.distance(dense(path)).reshape(len(path) - 1, -1).min(axis=1)
     spacing = np.linalg.norm(np.diff(path, axis=0), axis=1).max() / 399
     nearest = path_clearance(scene, path)
-    assert nearest.distance_m <= sampled.min() + nearest.tolerance_m + 1e-5
+    assert nearest.distance_m <= sampled.min() + 0.005 + 1e-5
     assert nearest.distance_m >= sampled.min() - spacing / 2 - 1e-5
     assert nearest.certain_m <= sampled.min() + 1e-5
     assert scene.distance(nearest.position)[0] == pytest.approx(nearest.distance_m, abs=1e-4)

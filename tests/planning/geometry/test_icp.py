@@ -36,17 +36,6 @@ def test_what_is_mirrored_is_fitted_by_a_turn() -> None:
         assert np.sum((moved - there) ** 2) >= found - 1e-9
 
 
-def test_weights_count_as_repetitions() -> None:
-    here, there = cloud(6, 1), cloud(6, 2)
-    times = np.array([1, 2, 3, 1, 5, 2])
-    weighted = rigid_fit(here, there, times.astype(float))
-    repeated = rigid_fit(np.repeat(here, times, axis=0), np.repeat(there, times, axis=0))
-    for one, other in zip(weighted, repeated, strict=True):
-        assert one == pytest.approx(other)
-    even = rigid_fit(here, there)
-    assert even[0] == pytest.approx(rigid_fit(here, there, np.full(6, 4.0))[0])
-
-
 @pytest.mark.parametrize("iterations", [1, 2, 5, 50])
 def test_icp_is_open3ds(iterations: int) -> None:
     target = cloud(400, 3)

@@ -23,18 +23,17 @@ _ROUNDING_M = 1e-3  # beyond what single precision may be off
 class Nearest(Record):
     """Where a path comes nearest to the structure."""
 
-    distance_m: float  # of `position`; no point of the path is nearer than this less `tolerance_m`
+    distance_m: float  # of `position`; no point of the path is nearer than this less 5 mm
     position: Floats  # (3,) m, on the path
     leg: int  # index of the leg it lies on; 0 for a path of one point
-    tolerance_m: float
 
     @property
     def certain_m(self) -> float:
         """What the whole path keeps for certain, m."""
-        return self.distance_m - self.tolerance_m
+        return self.distance_m - _TOLERANCE_M
 
 
-def path_clearance(scene: Scene, positions: Floats, tolerance_m: float = _TOLERANCE_M) -> Nearest:
+def path_clearance(scene: Scene, positions: Floats) -> Nearest:
     """The smallest distance between a path and the structure.
 
     Parameters
@@ -42,8 +41,6 @@ def path_clearance(scene: Scene, positions: Floats, tolerance_m: float = _TOLERA
     scene : Scene
     positions : array, shape (N, 3), m, structure frame
         Waypoints, joined by straight legs.
-    tolerance_m : float
-        The path's true clearance lies within this below `distance_m`.
 
     Returns
     -------
@@ -55,11 +52,11 @@ def path_clearance(scene: Scene, positions: Floats, tolerance_m: float = _TOLERA
     distance, place, leg = float(free[best]), positions[best], max(min(best, len(positions) - 2), 0)
     pieces = _Pieces.of(positions, free)
     while len(pieces.leg):
-        pieces = pieces.rows(pieces.bound_m() < distance - tolerance_m).halved(scene)
+        pieces = pieces.rows(pieces.bound_m() < distance - _TOLERANCE_M).halved(scene)
         if len(pieces.leg) and pieces.free_b.min() < distance:
             best = int(pieces.free_b.argmin())
             distance, place, leg = float(pieces.free_b[best]), pieces.b[best], int(pieces.leg[best])
-    return Nearest(distance, np.array(place), leg, tolerance_m)
+    return Nearest(distance, np.array(place), leg)
 
 
 def at_least(scene: Scene, points: Floats, limit_m: float) -> Bools:
@@ -81,18 +78,16 @@ def at_least(scene: Scene, points: Floats, limit_m: float) -> Bools:
     return np.asarray(far, bool)
 
 
-def legs_below(
-    scene: Scene, start: Floats, end: Floats, limit_m: float, tolerance_m: float = _TOLERANCE_M
-) -> Bools:
+def legs_below(scene: Scene, start: Floats, end: Floats, limit_m: float) -> Bools:
     """Which straight legs come nearer to the structure than a limit, (N,).
 
-    A leg that stays within `tolerance_m` above the limit may be called too near, never the reverse.
+    A leg that stays within 5 mm above the limit may be called too near, never the reverse.
 
     Parameters
     ----------
     scene : Scene
     start, end : array, shape (N, 3), m, structure frame
-    limit_m, tolerance_m : float
+    limit_m : float
     """
     if np.array_equal(start[1:], end[:-1]):  # the legs of a path share their ends
         along = scene.distance(np.concatenate([start, end[-1:]]))
@@ -104,7 +99,7 @@ def legs_below(
     pieces = _Pieces(start, end, free_a, free_b, np.arange(len(start)))
     while len(pieces.leg):
         pieces = pieces.rows((pieces.bound_m() < limit_m) & ~below[pieces.leg])
-        below[pieces.leg[pieces.length_m() <= tolerance_m]] = True
+        below[pieces.leg[pieces.length_m() <= _TOLERANCE_M]] = True
         pieces = pieces.rows(~below[pieces.leg]).halved(scene)
         below[pieces.leg[pieces.free_b < limit_m]] = True
     return below

@@ -41,9 +41,9 @@ def icp(
     return rotation, translation
 
 
-def rigid_fit(a: Floats, b: Floats, weights: Floats | None = None) -> tuple[Floats, Floats]:
-    """Rotation and translation with the least ``sum w |rotation @ a + translation - b|^2`` (Kabsch)."""
-    share = np.full(len(a), 1 / len(a)) if weights is None else weights / weights.sum()
+def rigid_fit(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Rotation and translation with the least ``sum |rotation @ a + translation - b|^2`` (Kabsch)."""
+    share = np.full(len(a), 1 / len(a))
     mean_a, mean_b = share @ a, share @ b
     u, _, vt = np.linalg.svd(((a - mean_a) * share[:, None]).T @ (b - mean_b))
     proper = np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])
