@@ -1,7 +1,7 @@
-"""What speaks for and against a transfer, found of the inspected region and its surroundings before planning.
+"""Evidence for and against a transfer: how the inspected region and what is around it correspond.
 
 A whole may differ elsewhere, in its superstructure or where a rotor stopped, and a hull or a tower still be
-inspected alike; and a stranger may fill the same box. So what is asked is asked of what the flight was about.
+inspected alike; and another thing may fill the same box. So the evidence is of what the flight was about.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Evidence(Record):
     uneven: float  # how unevenly patches are stretched: spread of the logarithm of the local scale
     bent: float  # what no scaling along the axes explains, over the region's size
     crowded: float  # share that meets on the same target samples, beyond what sampling explains
-    back: float  # share of the answering target surface that leads elsewhere on the source
+    back: float  # share of the corresponding target surface that leads elsewhere on the source
     gap: float  # mean distance of the registered surfaces, over the region's size
     around: float  # the same of the surroundings
     misfit: float  # of the wholes, `Registration.acceptance`

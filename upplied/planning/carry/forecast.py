@@ -1,7 +1,7 @@
 """Would this transfer show what the expert inspected? A probability from evidence, before planning.
 
 The probability is logistic in the evidence of the inspected region and its surroundings. Each weight is
-at least 0: nothing that speaks against a transfer ever speaks for it.
+at least 0: no evidence against a transfer ever raises its probability.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ class Forecast(Record):
     """Whether most of what was inspected can be shown on a target."""
 
     probability: float  # 0 to 1
-    evidence: str  # what speaks for and against it, in words
+    evidence: str  # its figures, in words
 
 
 def forecast_of(takes: Sequence[Take]) -> Forecast:
-    """The forecast of a demonstration on its target; of several takes the first speaks."""
+    """The forecast of a demonstration on its target; of several takes that of the first."""
     found = evidence_of(takes[0])
     return Forecast(probability_of(found), in_words(found))
 

@@ -25,13 +25,13 @@ from upplied.vectors import with_normals
 _CONTROLS, _ANCHORS = 200, 450  # points of the source that move, points of the target that pull
 _TRIED, _NEARER = 300, 0.7  # samples of a part, and how much nearer a drift must bring them
 _GONE = 0.05  # of the diagonal: a point that stays this far from the target has no counterpart there
-_SAME_FACE = 0.3  # least cosine between a normal and its counterpart's, for a part that has no partner
+_SAME_FACE = 0.3  # least cosine between a normal and its counterpart's, for a part without counterpart
 _FACES_AWAY, _ADJACENT = (
     0.7,
     0.5,
 )  # cosine of normals; how much nearer, normals counted, a face of an adjacent part is
 _CLAIM = 1.5  # spacings: how near a counterpart of a matched part makes a target sample taken
-_WHOLE = 0.6  # least share of a part without a partner that must find its like, or all of it has none
+_WHOLE = 0.6  # least share of a part without counterpart that must have a near surface, or all of it has none
 
 
 def by_parts(
@@ -104,7 +104,7 @@ def _off(patch: Patch, fixed: Patch, diagonal_m: float) -> float:
 
 
 def facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
-    """For each point the sample of its partner part that is near and faces the same way."""
+    """For each point the sample of its counterpart that is near and faces the same way."""
     weight = FACING * diagonal_m
     index = np.full(len(warped), -1)
     for label in np.unique(warped.label):
@@ -119,7 +119,7 @@ def facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
 def _on_adjacent_parts(
     warped: Patch, fixed: Patch, index: Ints, part: Ints, parts: Parts, diagonal_m: float
 ) -> Ints:
-    """The counterparts, but of a part that touches the partner where that alone has such a face.
+    """The counterparts, but of a part adjacent to it where that alone has such a face.
 
     Modellers cut where it suits them: what is a strip of the fuselage's side in one wing's mesh is
     the fuselage's in another, and nothing of the other wing faces that way.
@@ -130,8 +130,8 @@ def _on_adjacent_parts(
     index = index.copy()
     for label in np.unique(warped.label[faces_away & (warped.label >= 0)]):
         mine = np.flatnonzero(faces_away & (warped.label == label))
-        partners = np.unique(part[fixed.label == label])
-        adjacent = parts.touching[partners].any(axis=0)
+        counterparts = np.unique(part[fixed.label == label])
+        adjacent = parts.touching[counterparts].any(axis=0)
         theirs = np.flatnonzero(adjacent[part] & (fixed.label != label))
         if len(theirs) == 0:
             continue

@@ -3,7 +3,7 @@
 Two questions are asked. Does this part correspond to that one? Then a smooth displacement without any parts
 should bring one onto the other. Is this part another one of its kind, an outer engine beside the inner
 one? Then it should have its shape and its size. Each is logistic in its evidence, and each weight is at least
-0: nothing that speaks against a part ever speaks for it.
+0: no evidence against a part ever raises its probability.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def evidence_of_counterpart(
     inferred: bool,
     carried: Ints,
 ) -> Floats:
-    """What speaks against parts of the target corresponding to a part of the source, (6,); 0 is perfect.
+    """Evidence against parts of the target corresponding to a part of the source, (6,); 0 is perfect.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def evidence_of_counterpart(
 def evidence_of_same_kind(
     registered: Cloud, counterpart: int, other: int, wholes: float, inferred: bool
 ) -> Floats:
-    """What speaks against a part of the target being of the kind of another, (6,); 0 is perfect."""
+    """Evidence against a part of the target being of the kind of another, (6,); 0 is perfect."""
     one, two = (labels_of(registered) == part for part in (counterpart, other))
     area = registered.areas
     ratio = abs(np.log(max(area[two].sum(), 1e-12) / max(area[one].sum(), 1e-12)))

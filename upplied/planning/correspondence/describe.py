@@ -25,7 +25,7 @@ def place_of(parts: Parts, part: int) -> str:
 
 
 def summary_of(source: Parts, matching: Matching, label: Ints, gone: Bools, target: Parts) -> str:
-    """Which parts found a partner, and which have no counterpart, in words."""
+    """Which parts have a counterpart, and which have none, in words."""
     text = f"{int((matching.source_class >= 0).sum())} of {len(source)} parts matched one to one"
     count = np.bincount(label, minlength=len(source))
     lost = np.bincount(label, weights=gone, minlength=len(source)) / np.maximum(count, 1)

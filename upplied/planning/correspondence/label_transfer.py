@@ -1,6 +1,6 @@
 """Parts of a surface of one piece, from a structure of the same kind whose pieces tell its parts.
 
-A scan, a photogrammetric model or a cloud is one piece. Its skin still goes on over a nacelle and ends where
+A scan, a photogrammetric model or a cloud is one piece. Its skin continues over a nacelle and ends where
 that meets the wing (`surface.skin`), and another structure of the kind says what lies about there. So
 stretches of skin are named after the part that a smooth displacement brings onto them, stretches of one
 name that touch are one part, and what has the shape of a part found already is another one of its kind,

@@ -118,7 +118,7 @@ def _alike(source: Parts, part: int, target: Parts) -> list[int]:
 def _comparable(source: Parts, part: int, target: Parts, other: int) -> bool:
     """Whether a part of the target may be meant by somebody who names a part of the source.
 
-    Far more unlike parts than those that are matched are believed, but not an engine and a whole airliner.
+    Parts may differ far more than those that are matched, but not as an engine and a whole airliner do.
     """
     ratio = target.area[other] / max(source.area[part], 1e-12)
     return bool(1 / _UNLIKE < ratio < _UNLIKE)

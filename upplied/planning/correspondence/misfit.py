@@ -56,7 +56,7 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
     `words` (3, 3) turns the source to the axes in which places are named.
 
     Long parts that point another way on the target, as the blades of a rotor that stopped elsewhere
-    do, are turned along their partners first.
+    do, are turned along their counterparts first.
     """
     registered = in_source_frame(target, registration)
     here = _with_blades_turned(source, registered)

@@ -23,7 +23,7 @@ from upplied.provenance import method
 from upplied.records import Cloud, Correspondences, Floats, Frame, Ints, Record, Registration, Structure
 from upplied.scene import Scene, scene_of
 
-_EXPLAINED = 0.5  # share of the surface on matched parts, from which the meshes' pieces are believed
+_EXPLAINED = 0.5  # share of the surface on matched parts, from which the meshes' pieces are its parts
 _BETTER = 0.2  # how much more of it must be matched with parts found by geometry
 _SOME = 0.01  # share of the surface from which a part tells how far a structure was taken apart
 _CIRCLE = 2**32  # distinct headings

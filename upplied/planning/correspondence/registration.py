@@ -198,7 +198,7 @@ def _aligned(source: Cloud, target: Cloud, start: Registration) -> Registration:
 
 
 def _doubt(turn: Floats, gap: float) -> str:
-    """What speaks against the declared heading, in words; empty where nothing does."""
+    """Evidence against the declared heading, in words; empty where nothing does."""
     angle = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
     if abs(angle) < _SAME_DEG or not gap > _STRONG:
         return ""

@@ -3,7 +3,7 @@
 Most of what a flight sees it does not mean: behind an engine stand wing and fuselage, near enough to be
 sharp. What tells a subject from its background is how completely its part of the skin was gazed at.
 
-1. Parts: where the skin goes on (`surface.skin`).
+1. Parts: where the skin continues (`surface.skin`).
 2. Depth of the subject, pose by pose: where the middle of the picture rests.
 3. Gaze: the time for which the middle of the picture rested on a sample at the subject's depth, sharply.
 4. Completeness of a part: the mean gaze of all its outside samples, over the flight's own.

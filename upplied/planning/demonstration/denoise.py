@@ -41,7 +41,7 @@ _HOVER_M = 0.06  # within which one stands
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Smoothed(Record):
-    """A flight without jitter, and where it goes on after a gap in the log."""
+    """A flight without jitter, and where it continues after a gap in the log."""
 
     flight: Trajectory  # no roll; two poses at one place where it hovers
     breaks: Ints  # first pose of each part but the first

@@ -30,7 +30,7 @@ from upplied.polylines import chosen_evenly
 from upplied.poses import yaw_pitch
 from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
 
-_LIKELY = 0.5  # probability from which what corresponds to what is believed, whatever the wholes say
+_LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
 _ASKED = 200  # viewpoints, at most, whose stand-off is asked for
 _ALMOST_DEG = 2.0  # beyond a limit, that jitter of the hand explains
 

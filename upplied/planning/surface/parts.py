@@ -2,7 +2,7 @@
 
 Real meshes come in a hundred pieces and more, cut where it suited the modeller. Small pieces join
 their neighbours and pieces of one compact body (the front and the rear of a nacelle) each other.
-What pieces there are then is only a proposal: `correspondence.part_assignment` believes a part where
+What pieces there are then is only a proposal: `correspondence.part_assignment` accepts a part where
 the other structure has one like it.
 """
 

@@ -16,7 +16,7 @@ def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
     ----------
     points : array, shape (N, 3), m
     normals : array, shape (N, 3)
-        Samples whose normals point apart do not crowd each other: the two sides of a sheet.
+        Samples whose normals point apart may lie near each other: the two sides of a sheet.
     number : int
     area : float
         Of the surface that the candidates cover, m^2.

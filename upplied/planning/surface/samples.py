@@ -1,7 +1,7 @@
 """Samples with normals on the outside surface of a structure.
 
 Real meshes carry hidden interiors, duplicate faces and flipped patches, and few are watertight. So
-neither winding nor inside tests are believed: a side of a surface counts where rays from it escape.
+neither winding nor inside tests are used: a side of a surface counts where rays from it escape.
 """
 
 from __future__ import annotations

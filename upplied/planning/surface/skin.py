@@ -1,4 +1,4 @@
-"""Parts of a structure's skin: where a surface goes on without a crease inwards, a step or a border.
+"""Parts of a structure's skin: surface that continues without a concave crease, a step or a border.
 
 The parts that `surface.parts` makes of a mesh's pieces are what the modeller cut. What a pilot looks at
 is a stretch of skin: a nacelle, a wing, the walls of a hull, whether it was modelled in one piece,
@@ -154,7 +154,7 @@ def _basins(one: Ints, other: Ints, depth: Floats) -> Ints:
     Parameters
     ----------
     one, other : array of int, shape (E,)
-        Neighbours between which the skin goes on.
+        Neighbours between which the skin continues.
     depth : array, shape (F,)
         Distance from the nearest rim; what lies on it (0) joins nothing.
     """
@@ -189,7 +189,7 @@ def _flooded(one: Ints, other: Ints, saddle: Floats, depth: Floats) -> Ints:
 
 
 def _cuts(points: Floats, normals: Floats, piece: Ints, one: Ints, other: Ints) -> Bools:
-    """Between which neighbours the skin does not go on."""
+    """Between which neighbours the skin does not continue."""
     way = points[other] - points[one]
     way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
     rises = np.einsum("ij,ij->i", way, normals[one])
