@@ -200,7 +200,7 @@ def test_other_stretches_like_the_inspected_piece_of_a_part_are_counted() -> Non
     assert (
         within([1], places=[([20, 9, 0], [17, 2, 2]), ([20, -11, 0], [17, 2, 2])]) == 0
     )  # as long as a hull
-    assert within([1], places=[([20, 9, 0], [14, 2, 2]), ([20, -11, 0], [14, 2, 2])]) == 1
+    assert within([1], places=[([20, 9, 0], [11, 2, 2]), ([20, -11, 0], [11, 2, 2])]) == 1
     pieces = take(weight=np.zeros(180), skin=SOURCE.part)
     assert _others_within(pieces, 0, side(SOURCE, pieces=False)) == 0
 

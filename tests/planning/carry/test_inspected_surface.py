@@ -9,7 +9,6 @@ from upplied.planning.carry.inspected_surface import (
     InspectedSurface,
     coverage,
     inspected_surface,
-    together,
 )
 from upplied.planning.visibility.path_views import Views
 from upplied.records import Cloud, Correspondences, Trajectory
@@ -55,10 +54,10 @@ def test_who_saw_nothing_was_about_nothing() -> None:
 def test_several_flights_add_their_needs() -> None:
     one = InspectedSurface(THERE, np.array([3.0, 0, 1]), np.array([10.0, np.nan, 4]), 2.0)
     two = InspectedSurface(THERE, np.array([1.0, 0, 0]), np.array([2.0, np.nan, np.nan]), 0.5)
-    both = together([one, two])
+    both = InspectedSurface.together([one, two])
     assert both.need.tolist() == [4, 0, 1] and both.without == 2.5
     assert both.standoff_m[[0, 2]] == pytest.approx([8.0, 4.0]) and np.isnan(both.standoff_m[1])
-    assert together([one]) is one
+    assert InspectedSurface.together([one]) is one
 
 
 def test_coverage_is_the_share_of_the_need() -> None:

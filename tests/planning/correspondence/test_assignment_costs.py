@@ -42,16 +42,16 @@ def cost(source: Parts, target: Parts, partner: Sequence[int]) -> float:
     total = 0.0
     for a, b in enumerate(partner):
         if b < 0:
-            total += min(0.5, 2 * np.sqrt(source.area[a]))
+            total += 2 * np.sqrt(source.area[a])
             continue
         mine, theirs = source.high[a] - source.low[a], target.high[b] - target.low[b]
-        ratio = np.abs(np.log(np.maximum(mine, 1.5) / np.maximum(theirs, 1.5)))
+        ratio = np.abs(np.log(np.maximum(mine, 1.0) / np.maximum(theirs, 1.0)))
         coarse = np.abs(np.log(np.maximum(mine, 5.0) / np.maximum(theirs, 5.0)))
         size = abs(np.log(source.area[a] / target.area[b]))
         distance = apart(source, a, target, b)
-        if ratio.max() >= np.log(3) or coarse.max() >= np.log(1.8) or distance >= 0.15 or size >= np.log(4):
+        if ratio.max() >= np.log(3) or coarse.max() >= np.log(1.8) or distance >= 0.2 or size >= np.log(3):
             return np.inf
-        total += distance + 0.05 * ratio.mean() + 0.02 * size
+        total += distance
     for a, c in itertools.combinations(range(len(partner)), 2):
         b, d = partner[a], partner[c]
         if source.touching[a, c]:
@@ -141,17 +141,17 @@ def test_boxes_of_like_extents_are_alike(size: list[float], alike: bool) -> None
 
 
 def test_small_extents_are_compared_to_a_floor() -> None:
-    """An extent of 1 counts as 1.5 of 100 in the coarse test, and as 5 in the fine one."""
-    agrees = [1.0, 6, 6], [4.4, 6, 6]
+    """An extent of 0.5 counts as 1 of 100 in the coarse test, and as 5 in the fine one."""
+    agrees = [0.5, 6, 6], [2.9, 6, 6]
     assert counterparts(match_parts(one_box(agrees[0]), one_box(agrees[1]), DIAGONAL, never), 1) == [1]
-    thick = one_box([4.6, 6, 6])
+    thick = one_box([3.1, 6, 6])
     assert counterparts(match_parts(one_box(agrees[0]), thick, DIAGONAL, lambda *_: True), 1) == []
 
 
-def test_areas_differ_by_less_than_four() -> None:
+def test_areas_differ_by_less_than_three() -> None:
     source = one_box([10.0, 6, 6], 0.2)
-    assert counterparts(match_parts(source, one_box([10.0, 6, 6], 0.79), DIAGONAL, never), 1) == [1]
-    assert counterparts(match_parts(source, one_box([10.0, 6, 6], 0.81), DIAGONAL, never), 1) == []
+    assert counterparts(match_parts(source, one_box([10.0, 6, 6], 0.59), DIAGONAL, never), 1) == [1]
+    assert counterparts(match_parts(source, one_box([10.0, 6, 6], 0.61), DIAGONAL, never), 1) == []
 
 
 def test_pins_overrule_likeness() -> None:

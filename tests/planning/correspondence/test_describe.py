@@ -48,7 +48,7 @@ def test_a_section_is_the_third_with_most_weight() -> None:
 
 def test_the_summary_tells_what_was_matched_and_what_is_left() -> None:
     source = parts_at([(0, 0, 0), (9, 0, 0), (0, 9, 0)], [0.7, 0.1, 0.2])
-    target = parts_at([(0, 0, 0), (9, 0, 0), (0, 0, 9), (0, -9, 0)], [0.9, 0.004, 0.05, 0.006])
+    target = parts_at([(0, 0, 0), (9, 0, 0), (0, 0, 9), (0, -9, 0)], [0.9, 0.009, 0.05, 0.011])
     matching = Matching(np.array([0, -1, -1]), np.array([0, -1, -1, -1]))
     label = np.repeat([0, 1, 2], [4, 4, 2])
     gone = np.array([1, 1, 0, 0, 1, 1, 1, 0, 1, 1], bool)

@@ -114,11 +114,11 @@ def test_blades_are_long_several_and_not_the_body() -> None:
         False,
     ]
     assert not flat_parts([long, long, short], [0.7, 0.1, 0.2]).blade.any()  # one alone is none
-    assert not flat_parts([long, long, [26.0, 2, 1]], [0.6, 0.2, 0.2]).blade.any()  # not of one length
-    near = flat_parts([long, long, [24.0, 2, 1]], [0.6, 0.2, 0.2]).blade
+    assert not flat_parts([long, long, [31.0, 2, 1]], [0.6, 0.2, 0.2]).blade.any()  # not of one length
+    near = flat_parts([long, long, [29.0, 2, 1]], [0.6, 0.2, 0.2]).blade
     assert near.tolist() == [False, True, True]
-    assert flat_parts([long, long, long], [0.95, 0.03, 0.02]).blade.tolist() == [False, False, False]
-    assert flat_parts([long, long, long], [0.94, 0.03, 0.03]).blade.tolist() == [False, True, True]
+    assert flat_parts([long, long, long], [0.96, 0.03, 0.01]).blade.tolist() == [False, False, False]
+    assert flat_parts([long, long, long], [0.949, 0.04, 0.011]).blade.tolist() == [False, True, True]
     assert not flat_parts([long, [8.0, 2, 1], [8.0, 2, 1]], [0.6, 0.2, 0.2]).blade.any()
 
 

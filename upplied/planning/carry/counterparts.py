@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from upplied.config import Settings
+from upplied.planning.constants import COMPACT, MOSTLY
 from upplied.planning.correspondence.certainty import (
     COUNTERPART,
     SAME_KIND,
@@ -29,12 +30,6 @@ from upplied.planning.surface.parts import Parts, labels_of, parts_of
 from upplied.records import Counterpart, Ints, Record
 
 _REFUSED = 0.25  # share of what was inspected from which a doubt about it refuses the plan
-_LOOKED_AT = 0.4  # mean weight from which a stretch of skin was inspected
-_COMPACT = (
-    0.25  # of the diagonal: longest edge of a stretch of skin that may be a part of its own, not a hull
-)
-_LESSER = 0.4  # share of a part up to which what was inspected may be a part of its own
-_WHOLE = 0.5  # share of the surface from which a stretch of skin of a one-piece structure is the structure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -161,12 +156,12 @@ def _others_within(take: Take, part: int, source: _Side) -> int:
     cloud, found = take.pair.surface.source, take.inspection.attention
     skin, area = found.part, cloud.areas
     mine = source.label == part
-    inspected = np.bincount(skin, area * found.weight) > _LOOKED_AT * np.bincount(skin, area)
-    if area[mine & inspected[skin]].sum() > _LESSER * area[mine].sum():
+    inspected = np.bincount(skin, area * found.weight) > (1 - MOSTLY) * np.bincount(skin, area)
+    if area[mine & inspected[skin]].sum() > (1 - MOSTLY) * area[mine].sum():
         return 0
     stretches = parts_of(replace(cloud, part=skin))
     most = int(np.bincount(skin[mine], (area * found.weight)[mine]).argmax())
-    if (stretches.high - stretches.low)[most].max() > _COMPACT * diagonal_of(cloud.points):
+    if (stretches.high - stretches.low)[most].max() > COMPACT * diagonal_of(cloud.points):
         return 0
     alike = choices_for(stretches, most, stretches, [most])
     return int((~inspected[alike]).sum())
@@ -243,7 +238,7 @@ def _matched_parts(take: Take, part: int, source: _Side) -> list[int]:
     if source.pieces:
         return match.target_parts(part).tolist()
     # The one piece is matched as a whole, which tells nothing of less than the whole.
-    return match.target_parts(0).tolist() if source.parts.area[part] > _WHOLE else []
+    return match.target_parts(0).tolist() if source.parts.area[part] > MOSTLY else []
 
 
 def _source(take: Take) -> _Side:

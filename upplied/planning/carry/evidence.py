@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.planning.constants import SAME_FACE
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.boxes import spacing
 from upplied.planning.geometry.percentile import weighted_percentile
@@ -18,7 +19,6 @@ from upplied.polylines import chosen_evenly
 from upplied.records import Cloud, Floats, Ints, Record
 from upplied.vectors import with_normals
 
-_FACES_AWAY = 0.5  # cosine of normals below which a counterpart faces another way
 _FACING = 0.1  # of the region's size: what turning a normal by a right angle counts beside distance
 _AROUND = 0.3  # of the region's size: how far its surroundings reach
 _NEIGHBOURS = 8  # neighbours of a patch by which its stretch is judged
@@ -65,7 +65,7 @@ def evidence_of(take: Take) -> Evidence:
     own = share / np.maximum(area, 1e-12)
     return Evidence(
         without=without,
-        facing_away=float(mine[facing < _FACES_AWAY].sum() / mine.sum()),
+        facing_away=float(mine[facing < SAME_FACE].sum() / mine.sum()),
         turned=float(np.average(np.arccos(np.clip(facing, -1, 1)), weights=mine)),
         uneven=_uneven(source.points[known], match.target_points[known], mine),
         bent=_bent(source.points[known], match.target_points[known], mine),

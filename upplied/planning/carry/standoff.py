@@ -17,13 +17,14 @@ from scipy.spatial.distance import cdist
 
 from upplied.config import TransferSettings, focal_px
 from upplied.planning.carry.affine import AxisMap
+from upplied.planning.constants import FOVEA
 from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
 KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LEAST_M2 = 1e-6  # squared distance, so that nothing is divided by none
+_MARGIN = 0.1  # of the stand-off, kept from the ends of the range
 _SEEN = 32  # counterparts that speak for what a viewpoint sees
-_MIDDLE = 0.1  # tangent, 6 deg: deviation of what counts as the middle of a picture
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -169,8 +170,8 @@ def counted(
     else:
         sight = carrier.matrix
         wanted = median_distance(positions @ sight.T, here @ sight.T, weight)
-    lowest = max(nearest_m, camera.min_range_m) * 1.15  # so that the middle of the view is not too near
-    wanted = np.clip(wanted, lowest, max(0.9 * camera.max_range_m, lowest))
+    lowest = max(nearest_m, camera.min_range_m) * (1 + _MARGIN)  # so that the middle of the view is in range
+    wanted = np.clip(wanted, lowest, max((1 - _MARGIN) * camera.max_range_m, lowest))
     return Counted(weight, there, middle, wanted)
 
 
@@ -194,7 +195,7 @@ def _nearness(positions: Floats, towards: Floats, points: Floats, seen: Bools) -
     tangent = cdist(positions, points, "sqeuclidean") / np.maximum(ahead, 1e-9) ** 2 - 1
     tangent = np.where(seen & (ahead > 0), tangent, np.inf)
     least = tangent.min(axis=1, keepdims=True, initial=1e18)
-    return np.asarray(np.exp(-(tangent - least) / (2 * _MIDDLE**2)))
+    return np.asarray(np.exp(-(tangent - least) / (2 * (FOVEA / 2) ** 2)))
 
 
 def carried_sight(carrier: AxisMap, settings: TransferSettings) -> Floats:

@@ -12,10 +12,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.planning.constants import FACING, FAR, MOSTLY, SAME_FACE, TOUCH, WORTH
 from upplied.planning.correspondence.coherent_point_drift import Patch, drift, farthest_points
 from upplied.planning.correspondence.describe import summary_of
 from upplied.planning.correspondence.misfit import UNTURNED
-from upplied.planning.correspondence.part_alignment import FACING, aligned_parts, matched, patches
+from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import Parts, labels_of, parts_of, parts_of_both
@@ -23,15 +24,8 @@ from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Registr
 from upplied.vectors import with_normals
 
 _CONTROLS, _ANCHORS = 200, 450  # points of the source that move, points of the target that pull
-_TRIED, _NEARER = 300, 0.7  # samples of a part, and how much nearer a drift must bring them
-_GONE = 0.05  # of the diagonal: a point that stays this far from the target has no counterpart there
-_SAME_FACE = 0.3  # least cosine between a normal and its counterpart's, for a part without counterpart
-_FACES_AWAY, _ADJACENT = (
-    0.7,
-    0.5,
-)  # cosine of normals; how much nearer, normals counted, a face of an adjacent part is
-_CLAIM = 1.5  # spacings: how near a counterpart of a matched part makes a target sample taken
-_WHOLE = 0.6  # least share of a part without counterpart that must have a near surface, or all of it has none
+_TRIED = 300  # samples of a part by which it is judged whether a drift brings it nearer
+_FACES_AWAY, _ADJACENT = 0.7, 0.5  # cosine of normals; how much nearer, with normals, an adjacent part is
 
 
 def by_parts(
@@ -91,7 +85,7 @@ def _warped(aligned: Patch, fixed: Patch, diagonal_m: float) -> Patch:
         mine = np.flatnonzero(aligned.label == label)
         tried = mine[:: max(1, len(mine) // _TRIED)]
         before = _off(aligned.rows(tried), fixed, diagonal_m)
-        if _off(drifted.rows(tried), fixed, diagonal_m) < _NEARER * before:
+        if _off(drifted.rows(tried), fixed, diagonal_m) < WORTH * before:
             points[mine] = drifted.points[mine]
     return replace(aligned, points=points)
 
@@ -147,7 +141,7 @@ def _claimed(on_skin: Floats, label: Ints, fixed: Patch, step_m: float) -> Bools
     for part in np.unique(label[label >= 0]):
         theirs = np.flatnonzero(fixed.label == part)
         reach = cKDTree(on_skin[label == part]).query(fixed.points[theirs])[0]
-        claimed[theirs] = reach < _CLAIM * step_m
+        claimed[theirs] = reach < TOUCH * step_m
     return claimed
 
 
@@ -164,11 +158,11 @@ def _without(warped: Patch, fixed: Patch, index: Ints, taken: Bools, part: Ints,
     """Which samples have no counterpart: far from everything, or of a part without counterpart."""
     free = warped.label < 0
     distance = np.linalg.norm(warped.points - fixed.points[index], axis=1)
-    same_face = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) > _SAME_FACE
+    same_face = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) > SAME_FACE
     count = np.maximum(np.bincount(part), 1)
-    found = same_face & (distance < _GONE / 2 * diagonal_m) & ~taken
+    found = same_face & (distance < FAR / 2 * diagonal_m) & ~taken
     share = np.bincount(part, weights=found) / count
-    return free & ((distance > _GONE * diagonal_m) | (share[part] < _WHOLE))
+    return free & ((distance > FAR * diagonal_m) | (share[part] < MOSTLY))
 
 
 def _on_skin(points: Floats, fixed: Patch, index: Ints, step_m: float) -> Floats:

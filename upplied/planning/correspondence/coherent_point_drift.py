@@ -3,8 +3,8 @@
 After Myronenko and Song (2010), with three changes that inspected structures ask for. Points whose
 normals disagree hardly pull. Only the pull along the target's normal counts, so that featureless
 skins do not creep (soft assignment point to point moves a box that fits already by 2 % of its
-diagonal, this by 0.02 %). Points of matched parts pull only each other, and the displacement may
-differ between parts that lie close together, an engine and its wing.
+diagonal, this by 0.02 %). Points of matched parts pull only each other, and each part has a
+displacement of its own, an engine beside its wing.
 """
 
 from __future__ import annotations
@@ -18,12 +18,8 @@ from scipy.spatial.distance import cdist
 
 from upplied.records import Cloud, Floats, Ints, Record, Rows
 
-_REACH = 0.12  # of the diagonal: how far a displacement is felt
-_ACROSS = 0.3  # share of it that is felt in other parts
-_STIFF, _LOOSE = (
-    3.0,
-    0.5,
-)  # resistance in parts that were aligned before, and elsewhere
+_REACH = 0.12  # of the diagonal: how far a displacement is felt in the same part
+_STIFF = 1.0  # resistance of the displacement
 _NORMALS = 4.0  # weight of one minus the cosine between normals
 _START, _END, _STEPS = 0.04, 0.006, 16  # width of the soft assignment over the diagonal, and iterations
 _OUTLIERS = 1e-3
@@ -70,7 +66,6 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
     prior = np.where(apart, 0.0, np.exp(_NORMALS * (moving.normals @ fixed.normals.T - 1)))
     outer = (fixed.normals[:, :, None] * fixed.normals[:, None, :]).reshape(len(fixed), 9)
     pull = np.einsum("nij,nj->ni", outer.reshape(-1, 3, 3), fixed.points)
-    resistance = np.where(moving.label >= 0, _STIFF, _LOOSE)
     felt = np.repeat(np.repeat(kernel, 3, axis=0), 3, axis=1)
     weights, here = np.zeros((number, 3)), moving.points
     for width in np.geomspace(_START, _END, _STEPS) * diagonal_m:
@@ -78,16 +73,16 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
         share /= share.sum(axis=0) + _OUTLIERS
         metric = (share @ outer).reshape(number, 3, 3)
         wanted = share @ pull - np.einsum("mij,mj->mi", metric, moving.points)
-        weights = _weights(metric, wanted, felt, resistance)
+        weights = _weights(metric, wanted, felt)
         here = moving.points + kernel @ weights
     return Drift(moving, weights, reach)
 
 
-def _weights(metric: Floats, wanted: Floats, felt: Floats, resistance: Floats) -> Floats:
-    """Weights w (M, 3) with ``metric_m (kernel @ w)_m + resistance_m w_m = wanted_m`` for every point m.
+def _weights(metric: Floats, wanted: Floats, felt: Floats) -> Floats:
+    """Weights w (M, 3) with ``metric_m (kernel @ w)_m + stiffness w_m = wanted_m`` for every point m.
 
-    With ``metric_m = resistance_m H_m H_m'`` this becomes ``(1 + H' kernel H) z = H' kernel wanted /
-    resistance`` and ``w = wanted / resistance - H z``: symmetric, and so half the work of the plain system.
+    With ``metric_m = stiffness H_m H_m'`` this becomes ``(1 + H' kernel H) z = H' kernel wanted /
+    stiffness`` and ``w = wanted / stiffness - H z``: symmetric, and so half the work of the plain system.
 
     Parameters
     ----------
@@ -95,10 +90,9 @@ def _weights(metric: Floats, wanted: Floats, felt: Floats, resistance: Floats) -
     wanted : array, shape (M, 3)
     felt : array, shape (3 M, 3 M)
         The kernel, each entry nine times.
-    resistance : array, shape (M,)
     """
-    free = wanted / resistance[:, None]
-    strength, axes = np.linalg.eigh(metric / resistance[:, None, None])
+    free = wanted / _STIFF
+    strength, axes = np.linalg.eigh(metric / _STIFF)
     root = axes * np.sqrt(np.maximum(strength, 0))[:, None, :]  # H
     rows = root.transpose(0, 2, 1).reshape(-1, 3)
     system = (rows @ rows.T) * felt
@@ -155,4 +149,4 @@ def farthest_points(points: Floats, number: int) -> np.ndarray:
 
 def _kernel(points: Floats, label: Ints, control: Floats, control_label: Ints, reach_m: float) -> Floats:
     near = np.exp(-cdist(points, control, "sqeuclidean") / (2 * reach_m**2))
-    return near * np.where(label[:, None] == control_label[None, :], 1.0, _ACROSS)
+    return np.where(label[:, None] == control_label[None, :], near, 0.0)

@@ -14,25 +14,15 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from upplied.planning.constants import COMPACT, FACING, FAR, FRAGMENT, MOSTLY, SAME_FACE, SAME_SIZE, TOUCH
 from upplied.planning.correspondence.coherent_point_drift import Patch, drift, spread_over
-from upplied.planning.correspondence.part_alignment import FACING
 from upplied.planning.geometry.boxes import diagonal_of, spacing
 from upplied.planning.surface.parts import labels_of, part_labels
 from upplied.records import Bools, Cloud, Floats, Ints
 from upplied.vectors import with_normals
 
+_LEAST_SAMPLES = 15  # of a part that is compared with others
 _CONTROLS, _ANCHORS = 200, 450  # points that move, and points that pull (`correspondence.by_parts`)
-_PURE = 0.6  # least share of a stretch of skin with one name, to be all of that name
-_TOUCH = 2.0  # spacings: samples this near touch
-_COMPACT = 0.25  # of the diagonal: the longest edge of a part of which there may be others elsewhere
-_FRAGMENT = 0.002  # share of the samples below which a stretch is no part of its own
-_ALIKE = 1.6  # ratio of areas, either way, of two parts of one kind on one structure
-_TOLERANCE, _FACES, _SCORE = (
-    0.06,
-    0.6,
-    0.6,
-)  # of a part's size; cosine of normals; share of its samples that fit
-_LEAST_SAMPLES = 15  # samples, at least, of a part that is compared with others
 
 
 def has_parts(cloud: Cloud) -> bool:
@@ -62,15 +52,15 @@ def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
 
 def _floating(whole: Cloud) -> Bools:
     """Which samples lie on fragments that touch nothing: birds, cables, reflections in a scan."""
-    pairs = cKDTree(whole.points).query_pairs(_TOUCH * spacing(whole), output_type="ndarray")
+    pairs = cKDTree(whole.points).query_pairs(TOUCH * spacing(whole), output_type="ndarray")
     piece = _connected(pairs, np.zeros(len(whole), np.int64))
     count = np.bincount(piece)[piece]
-    return np.asarray(count < np.minimum(max(_LEAST_SAMPLES, _FRAGMENT * len(whole)), count.max()), bool)
+    return np.asarray(count < np.minimum(max(_LEAST_SAMPLES, FRAGMENT * len(whole)), count.max()), bool)
 
 
 def _parts_of_solid(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
     name = carried(whole, known)
-    step, reach = spacing(whole), _TOUCH * spacing(whole)
+    step, reach = spacing(whole), TOUCH * spacing(whole)
     stretch = _named_stretches(whole, skin, name)
     pairs = cKDTree(whole.points).query_pairs(reach, output_type="ndarray")
     label = _connected(pairs, stretch)
@@ -97,7 +87,7 @@ def _named_stretches(whole: Cloud, skin: Ints, name: Ints) -> Ints:
     """A name for each sample: its stretch's, or where that has none its own."""
     area = np.zeros((int(skin.max()) + 1, int(name.max()) + 1))
     np.add.at(area, (skin, name), whole.areas)
-    pure = area.max(axis=1) >= _PURE * area.sum(axis=1)
+    pure = area.max(axis=1) >= MOSTLY * area.sum(axis=1)
     return np.where(pure[skin], area.argmax(axis=1)[skin], name)
 
 
@@ -114,11 +104,11 @@ def _others_alike(whole: Cloud, skin: Ints, label: Ints, step_m: float) -> Ints:
     diagonal = diagonal_of(whole.points)
     label = label.copy()
     templates = _compact(whole, label, diagonal)
-    for stretch in np.flatnonzero(np.bincount(skin) >= max(_LEAST_SAMPLES, _FRAGMENT * len(skin))):
+    for stretch in np.flatnonzero(np.bincount(skin) >= max(_LEAST_SAMPLES, FRAGMENT * len(skin))):
         mine = skin == stretch
-        if np.ptp(whole.points[mine], axis=0).max() > _COMPACT * diagonal:
+        if np.ptp(whole.points[mine], axis=0).max() > COMPACT * diagonal:
             continue
-        if (np.bincount(label[mine]).max() > 0.5 * mine.sum()) and _is_alone(label, mine):
+        if (np.bincount(label[mine]).max() > MOSTLY * mine.sum()) and _is_alone(label, mine):
             continue  # a part of its own already
         if any(_alike(whole, template, mine, step_m) for template in templates):
             label[mine] = label.max() + 1
@@ -128,20 +118,20 @@ def _others_alike(whole: Cloud, skin: Ints, label: Ints, step_m: float) -> Ints:
 def _compact(whole: Cloud, label: Ints, diagonal: float) -> list[Bools]:
     """Which samples lie on each part that is small enough for others of its kind to stand elsewhere."""
     count = np.bincount(label)
-    found = [label == part for part in np.flatnonzero(count >= max(_LEAST_SAMPLES, _FRAGMENT * len(label)))]
-    return [mine for mine in found if np.ptp(whole.points[mine], axis=0).max() < _COMPACT * diagonal]
+    found = [label == part for part in np.flatnonzero(count >= max(_LEAST_SAMPLES, FRAGMENT * len(label)))]
+    return [mine for mine in found if np.ptp(whole.points[mine], axis=0).max() < COMPACT * diagonal]
 
 
 def _is_alone(label: Ints, mine: Bools) -> bool:
     """Whether most of the part that a stretch lies in is that stretch."""
     part = np.bincount(label[mine]).argmax()
-    return bool(mine[label == part].mean() > 0.5)
+    return bool(mine[label == part].mean() > MOSTLY)
 
 
 def _alike(whole: Cloud, template: Bools, mine: Bools, step_m: float) -> bool:
     """Whether a stretch of skin has the shape of a part, shifted, or mirrored left for right."""
     ratio = whole.areas[mine].sum() / whole.areas[template].sum()
-    if not 1 / _ALIKE < ratio < _ALIKE or (template & mine).any():
+    if not 1 / SAME_SIZE < ratio < SAME_SIZE or (template & mine).any():
         return False
     here, facing = whole.points[template], whole.outward[template]
     there, faces = whole.points[mine], whole.outward[mine]
@@ -158,6 +148,6 @@ def _fits(here: Floats, facing: Floats, there: Floats, faces: Floats, step_m: fl
     shares = []
     for one, normals, other, others in ((moved, facing, there, faces), (there, faces, moved, facing)):
         apart, index = cKDTree(other).query(one)
-        near = apart < max(_TOLERANCE * size, step_m)
-        shares.append(float((near & ((normals * others[index]).sum(axis=1) > _FACES)).mean()))
-    return min(shares) > _SCORE
+        near = apart < max(FAR * size, step_m)
+        shares.append(float((near & ((normals * others[index]).sum(axis=1) > SAME_FACE)).mean()))
+    return min(shares) > MOSTLY

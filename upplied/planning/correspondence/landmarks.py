@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
+from upplied.planning.constants import LIKE, SAME_SIZE, SIDE
 from upplied.planning.correspondence.misfit import UNTURNED
 from upplied.planning.correspondence.part_assignment import like_shape
 from upplied.planning.geometry.boxes import in_source_frame
@@ -17,9 +18,6 @@ from upplied.records import Cloud, Floats, Ints, Registration
 Landmarks = Mapping[str, tuple[float, float, float]]
 
 _WORDS = ("left", "right", "inner", "outer", "front", "rear", "high", "low")
-_UNLIKE = 8.0  # ratio of shares of the surface from which a part that was named is not that part alone
-_SAME_SIZE = 1.5  # ratio of areas up to which parts of a structure are of one kind: decks 1.3, abutments 1.8
-_SIDE = 0.05  # of the width: nearer to the middle a part is on neither side
 
 
 def pinned_parts(
@@ -82,7 +80,7 @@ def choices_for(source: Parts, part: int, target: Parts, known: Sequence[int] = 
     alike = _alike(source, part, target)
     if len(known) == 1:
         size = target.area[known[0]]
-        alike = [other for other in alike if 1 / _SAME_SIZE < target.area[other] / size < _SAME_SIZE]
+        alike = [other for other in alike if 1 / SAME_SIZE < target.area[other] / size < SAME_SIZE]
     return np.array(
         sorted(alike, key=lambda other: side_of(target, other) != side_of(source, part)), np.int64
     )
@@ -118,10 +116,10 @@ def _alike(source: Parts, part: int, target: Parts) -> list[int]:
 def _comparable(source: Parts, part: int, target: Parts, other: int) -> bool:
     """Whether a part of the target may be meant by somebody who names a part of the source.
 
-    Parts may differ far more than those that are matched, but not as an engine and a whole airliner do.
+    As much larger along both sides as a matched part may be along one, but not an engine and an airliner.
     """
     ratio = target.area[other] / max(source.area[part], 1e-12)
-    return bool(1 / _UNLIKE < ratio < _UNLIKE)
+    return bool(1 / LIKE**2 < ratio < LIKE**2)
 
 
 def _beside(source: Parts, part: int, target: Parts, other: int) -> str:
@@ -159,7 +157,7 @@ def _offsets(parts: Parts) -> Floats:
 def side_of(parts: Parts, part: int) -> int:
     """Side on which a part lies: 1 left (+Y), -1 right, 0 in the middle."""
     offset = _offsets(parts)[part, 1]
-    return 0 if abs(offset) < _SIDE else int(np.sign(offset))
+    return 0 if abs(offset) < SIDE else int(np.sign(offset))
 
 
 def _unknown(name: str, which: str, landmarks: Landmarks, number: int, places: str) -> SettingsError:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from upplied.planning.constants import FAR, SOME
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.describe import place_in
 from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
@@ -25,8 +26,7 @@ from upplied.vectors import with_normals
 
 _CELLS = 16  # along each axis of the common box
 _SAMPLES = 1000  # of each structure, asked for their distance
-_FACING = 0.05  # of the diagonal: what turning a normal by a right angle counts beside distance
-_FAR = 0.06  # of the diagonal: a sample this far from the other structure does not fit
+FACING = 0.05  # of the diagonal: what turning a normal by a right angle counts beside distance
 _WEIGHTS = (
     1 / 0.45,
     1 / 0.09,
@@ -105,7 +105,7 @@ def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> Floats:
 
     A surface that faces another way is farther.
     """
-    weight = _FACING * diagonal_m
+    weight = FACING * diagonal_m
     asked = spread_over(cloud, _SAMPLES)
     tree = cKDTree(with_normals(other.points, other.outward, weight))
     found = tree.query(with_normals(cloud.points[asked], cloud.outward[asked], weight))[0]
@@ -124,8 +124,8 @@ def _worst(
     for name, cloud, distance in (("source", source, forth), ("target", registered, back)):
         asked = spread_over(cloud, _SAMPLES)
         share = cloud.areas[asked] / cloud.areas[asked].sum()
-        far = distance > _FAR
-        if share[far].sum() < 0.01:
+        far = distance > FAR
+        if share[far].sum() < SOME:
             continue
         named = cloud.points @ words.T
         centre, region = place_in(named, named[asked][far], share[far])

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from upplied.planning.constants import FACING, SAME_TURN_DEG, WORTH
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.geometry.boxes import box_scale, diagonal_of
 from upplied.planning.geometry.icp import icp
@@ -26,10 +27,7 @@ _STEP_DEG = 10.0  # between headings
 _COARSE, _FINE = 250, 700  # samples by which all candidates and by which the best are judged
 _REFINED = 6  # candidates
 _ITERATIONS = 15
-_SAME_DEG = 25.0  # candidates this near are one orientation
 _SLIGHT = 0.95  # ICP must lower the cost to this share, or the candidate stays as it is
-_SURE = 0.15  # least relative gap between the best and the next orientation
-_TURNED_NORMAL, _STRETCH = 0.03, 0.03  # what a reversed normal and a stretch by e count, over the diagonal
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,8 +86,8 @@ def _chosen(turns: Floats, costs: Floats, tried: int, declared: Floats) -> Orien
     gap = float(1 - costs[0] / max(costs[1], 1e-12)) if len(costs) > 1 else float("nan")
     angle = np.degrees(Rotation.from_matrix(turns @ declared.T).magnitude())
     said = f"{tried} orientations tried"
-    if gap < _SURE:
-        alike = costs <= costs[0] / (1 - _SURE)
+    if gap < 1 - WORTH:
+        alike = costs <= costs[0] / WORTH
         nearest = int(np.argmin(np.where(alike, angle, np.inf)))
         said += (
             f"; {int(alike.sum())} of them fit alike (the next best {100 * max(gap, 0):.0f} % worse), "
@@ -117,9 +115,9 @@ def _cost(source: _Few, target: _Few, turn: Floats) -> float:
     ):
         distance, index = tree.query(a)
         facing = np.einsum("ij,ij->i", na, nb[index])
-        total += float(np.mean(distance) / diagonal + _TURNED_NORMAL * np.mean(1 - facing) / 2) / 2
+        total += float(np.mean(distance) / diagonal + FACING * np.mean(1 - facing) / 2) / 2
     logs = np.sort(np.log(scale))
-    return total + _STRETCH * float(np.abs(logs - logs[1]).max())
+    return total + FACING * float(np.abs(logs - logs[1]).max())
 
 
 def _in_box(source: _Few, target: _Few, turn: Floats) -> tuple[Floats, Floats, Floats]:
@@ -167,7 +165,7 @@ def _principal(cloud: Cloud) -> Floats:
 def _distinct(turns: Floats) -> Ints:
     """Indices of the turns, in their order, without those near an earlier one that is kept."""
     cosine = (np.einsum("aij,bij->ab", turns, turns) - 1) / 2  # of the angle between two turns
-    apart = cosine < np.cos(np.radians(_SAME_DEG))
+    apart = cosine < np.cos(np.radians(SAME_TURN_DEG))
     kept: list[int] = []
     for index in range(len(turns)):
         if apart[index, kept].all():

@@ -9,6 +9,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from upplied.config import CloudSettings, Settings, digest, settings_for
+from upplied.planning.constants import MOSTLY, SOME, WORTH
 from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.registration import Declared, register
@@ -23,11 +24,8 @@ from upplied.provenance import method
 from upplied.records import Cloud, Correspondences, Floats, Frame, Ints, Record, Registration, Structure
 from upplied.scene import Scene, scene_of
 
-_EXPLAINED = 0.5  # share of the surface on matched parts, from which the meshes' pieces are its parts
-_BETTER = 0.2  # how much more of it must be matched with parts found by geometry
-_SOME = 0.01  # share of the surface from which a part tells how far a structure was taken apart
 _CIRCLE = 2**32  # distinct headings
-METHOD_VERSION = "10"  # raised with every change that alters a result, for people; keys hold the sources too
+METHOD_VERSION = "11"  # raised with every change that alters a result, for people; keys hold the sources too
 
 R = TypeVar("R")
 
@@ -222,10 +220,10 @@ def _surface_fit(
     if known[0] == known[1]:
         both = _matched(clouds, structures, found, unasked, declared, memo, facts)
         fit = replace(fit, correspondences=both)
-    if any(known) and _explained(fit) < _EXPLAINED:
+    if any(known) and _explained(fit) < MOSTLY:
         one = int(_number(clouds[1]) <= _number(clouds[0]))  # a scan falls into few pieces
         inferred = _fit_inferred(fit, one, structures, scenes, unasked, declared, memo, facts)
-        if known[0] != known[1] or _explained(inferred) > _explained(fit) + _BETTER:
+        if known[0] != known[1] or WORTH * _explained(inferred) > _explained(fit):
             fit, facts = inferred, ("parts inferred", *facts)
     if settings.correspondence.counterparts:
         asked = _matched(
@@ -275,7 +273,7 @@ def _explained(fit: Fit) -> float:
 
 def _number(cloud: Cloud) -> int:
     """How many parts of some size there are."""
-    return int((parts_of(cloud).area > _SOME).sum())
+    return int((parts_of(cloud).area > SOME).sum())
 
 
 def _with_carried(fit: Fit, memo: Memo, facts: tuple[Any, ...]) -> Fit:

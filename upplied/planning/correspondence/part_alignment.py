@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.planning.constants import FACING, SLENDER
 from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.part_assignment import Matching, match_parts
 from upplied.planning.geometry.boxes import box_scale, diagonal_of
@@ -14,10 +15,8 @@ from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.records import Bools, Cloud, Floats
 from upplied.vectors import scaled_normals, with_normals
 
-FACING = 0.03  # of the diagonal: what turning a normal by a right angle counts beside distance
 _MISFIT = 0.022  # largest mean distance, both ways, in these units, of parts whose boxes are not alike
 _TRIED = 150  # samples by which that is judged
-_LONG = 3.0  # length over width of a part whose direction is its own: a blade
 _OUTWARD = 0.25  # of its length: how far from the structure's middle such a part lies, along itself
 _STRAY, _FAR = 0.05, 8.0  # share of a part's samples at either end, and how far they must stick out
 _TURNED = np.cos(np.radians(10))
@@ -64,7 +63,7 @@ def _turned(
     """The part aligned with the direction of its counterpart, None unless both are long and point apart."""
     axis, length, width, outward = _direction(part, whole)
     other_axis, other_length, other_width, other_outward = _direction(partner, other_whole)
-    pointing = outward and other_outward and length > _LONG * width and other_length > _LONG * other_width
+    pointing = outward and other_outward and length > SLENDER * width and other_length > SLENDER * other_width
     if not pointing or axis @ other_axis > _TURNED:
         return None
     turn = _smallest_turn(axis, other_axis)

@@ -15,19 +15,15 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from upplied.planning.constants import FAR, LIKE, MOSTLY, SOME
 from upplied.planning.surface.parts import Parts, sides
 from upplied.records import Bools, Floats, Ints, Record
 
-# Largest ratio of extents along an axis, after the boxes of the structures were matched, with the
-# extent (over the diagonal) below which nothing is compared.
-_LIKE, _ALIKE = (0.015, 3.0), (0.05, 1.8)
-_LARGER = 4.0  # largest ratio of areas: a fairing is no engine, however small both are beside the wing
-_ACROSS = 0.6  # how unlike two parts may lie about the middles of mirrored structures
+_ALIKE = 1.8  # ratio of extents along an axis, boxes matched, up to which parts surely correspond
+_APART = 0.2  # of the diagonal: farthest that a part may lie from its partner, boxes matched
 _PART_OF = 0.2  # least share of the common surface, for each of two parts that make up one
+_NEIGHBOURS = 0.6  # weight of lost contact, and of changed places, of parts that touch
 _TRIES = 3
-_APART = (0.2, 0.15)  # of the diagonal: farthest that a blade may have moved, and any other part
-_SHAPE, _SIZE, _NEIGHBOURS = 0.05, 0.02, 0.6  # weights beside the distance over the diagonal
-_UNMATCHED = 0.5  # of a large part
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,7 +62,7 @@ def match_parts(
     """
     pinned = dict(pinned or {})
     cost, allowed = _costs(source, target, diagonal_m)
-    for one, other in np.argwhere(allowed & ~_alike(source, target, diagonal_m, *_ALIKE)).tolist():
+    for one, other in np.argwhere(allowed & ~_alike(source, target, diagonal_m, FAR, _ALIKE)).tolist():
         allowed[one, other] = fits([one], [other])
     for one, other in pinned.items():
         allowed[one, :], allowed[:, other] = False, False
@@ -87,23 +83,22 @@ def match_parts(
 
 def _unmatched(source: Parts) -> Floats:
     """What it costs that a part has no partner, (K,): by its size, so that a fairing displaces no engine."""
-    return np.minimum(_UNMATCHED, 2 * np.sqrt(source.area))
+    return 2 * np.sqrt(source.area)
 
 
 def like_shape(source: Parts, part: int, target: Parts, diagonal_m: float) -> Ints:
     """The target parts that have the shape and size of a source part, wherever they are."""
-    alike = _alike(source, target, diagonal_m, *_LIKE) & _alike(source, target, diagonal_m, *_ALIKE)
+    alike = _alike(source, target, diagonal_m, SOME, LIKE) & _alike(source, target, diagonal_m, FAR, _ALIKE)
     return np.flatnonzero(alike[part])
 
 
 def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Bools]:
     apart = cdist(source.middle, target.middle) / diagonal_m
-    ratio = _ratios(source.high - source.low, target.high - target.low, _LIKE[0] * diagonal_m)
     size = np.abs(np.log(source.area[:, None] / target.area[None, :]))
-    near = apart < np.where(_both_blades(source, target), *_APART)
-    allowed = _alike(source, target, diagonal_m, *_LIKE) & near & (size < np.log(_LARGER))
+    near = apart < _APART
+    allowed = _alike(source, target, diagonal_m, SOME, LIKE) & near & (size < np.log(LIKE))
     allowed &= ~_across(source, target)
-    return apart + _SHAPE * ratio.mean(axis=2) + _SIZE * size, allowed
+    return apart, allowed
 
 
 def _alike(source: Parts, target: Parts, diagonal_m: float, floor: float, most: float) -> Bools:
@@ -124,7 +119,7 @@ def _both_blades(source: Parts, target: Parts) -> Bools:
 def _across(source: Parts, target: Parts) -> Bools:
     """Which parts (K, L) lie on different sides of structures that are their own mirror images."""
     apart = np.abs(source.side[:, None] - target.side[None, :])
-    return np.asarray((apart > _ACROSS).any(axis=2) & ~_both_blades(source, target))
+    return np.asarray((apart > MOSTLY).any(axis=2) & ~_both_blades(source, target))
 
 
 def _ratios(one: Floats, other: Floats, floor: float) -> Floats:

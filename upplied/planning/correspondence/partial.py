@@ -13,23 +13,19 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.planning.constants import MOSTLY
 from upplied.planning.correspondence.coherent_point_drift import spread_over
+from upplied.planning.correspondence.misfit import FACING
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
 from upplied.records import Cloud, Floats, Registration
 from upplied.vectors import scaled_normals, with_normals
 
 _SAMPLES = 700  # of each surface
-_FACING = 0.05  # of the diagonal: what turning a normal by a right angle counts beside distance
 _FAR = 0.06  # of the diagonal: farther surfaces are not on both, and count no more
 _REFINED, _ROUNDS = 4, 12  # ways that are refined, and how often
 _NEAREST = 0.015  # of the diagonal: what counts as on both in the last round; the first takes `_FAR`
 _LEAST_SAMPLES = 50  # samples, at least, that are on both
 _STEP = 1.25  # largest change of a scale in a round
-# How far, of the diagonal, the target must move from where its box lies for another way to be taken, or else
-# to what share the surfaces must come nearer. Of twelve structures that nobody built, scanned whole or but
-# for 10 to 40 % of their surface, those whose boxes were right moved by 2.7 % at most and came nearer to no
-# less than 0.75 (where the boxes fit well nothing is tried), those whose boxes were wrong moved by 16 %.
-_MOVED, _CLEARLY = 0.06, 0.6
 
 
 def registered_partly(source: Cloud, target: Cloud, box: Registration) -> Registration | None:
@@ -49,7 +45,10 @@ def registered_partly(source: Cloud, target: Cloud, box: Registration) -> Regist
     scale, shift = min((both.refined(*way) for way in ways[:_REFINED]), key=lambda way: both.apart(*way))
     apart, before = both.apart(scale, shift), both.apart(np.ones(3), np.zeros(3))
     moved = np.linalg.norm(both.points * (scale - 1) + shift, axis=1).mean() / both.diagonal
-    if apart >= before or (moved < _MOVED and apart > _CLEARLY * before):
+    # Of twelve structures that nobody built, scanned whole or but for 10 to 40 % of their surface, those
+    # whose boxes were right moved by 2.7 % at most and came nearer to no less than 0.75 (where the boxes fit
+    # well nothing is tried), those whose boxes were wrong moved by 16 %.
+    if apart >= before or (moved < _FAR and apart > MOSTLY * before):
         return None
     return Registration(
         scale * box.scale,
@@ -67,7 +66,7 @@ class _Both:
     def __init__(self, source: Cloud, target: Cloud, box: Registration) -> None:
         registered = in_source_frame(target, box)
         self.diagonal, self.slack = diagonal_of(source.points), spacing(source)
-        self.weight = _FACING * self.diagonal
+        self.weight = FACING * self.diagonal
         mine, theirs = spread_over(source, _SAMPLES), spread_over(target, _SAMPLES)
         self.fixed = with_normals(source.points[mine], source.outward[mine], self.weight)
         self.tree = cKDTree(self.fixed)

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from upplied.config import RegistrationSettings
+from upplied.planning.constants import SAME_TURN_DEG, WORTH
 from upplied.planning.correspondence.misfit import UNTURNED, Misfit, misfit_of
 from upplied.planning.correspondence.orientation import find_orientation
 from upplied.planning.correspondence.partial import registered_partly
@@ -16,18 +17,12 @@ from upplied.planning.geometry.icp import icp, mean_squared_nn_distance
 from upplied.planning.surface.parts import blades_of, labels_of, parts_of
 from upplied.records import Bools, Cloud, Floats, Record, Registration
 
-_BETTER = (
-    0.8  # a registration that leaves the declared orientation or the boxes must lower the misfit to this
-)
-_HOPELESS = 2.0  # gates: a misfit that no fine alignment mends
-_DOUBTFUL = 0.3  # gates: a misfit from which something may be missing that the boxes were made equal by
 # Where the boxes alone would refuse: how well, in gates, the target's surface must lie on the source, and how
 # much of the source it must cover. Of 38 real meshes, of which 0, 20 or 40 % were left out, on 4 samples and
 # 3 real meshes: 0 of 460 pairs of other kinds are accepted so, 0 of 17 of the same kind by a wrong way, and
 # 8 of 13 by a right one. From 0.25 on the block of a hotel lies on the hull of a ship.
+# At a smaller misfit of the boxes nothing else is tried.
 _PARTLY, _COVERED = 0.2, 0.5
-_NO_WORSE = 1.2  # what is missing counts more where the rest is no longer stretched to make up for it
-_SAME_DEG, _STRONG = 25.0, 0.25  # how far off, and how much better, a heading must be to be mentioned
 _ICP_POINTS = 700  # points of the cloud that fine alignment moves
 
 
@@ -144,19 +139,18 @@ def _best_registration(
     """The target, turned, on the source: box on box, or a way that fits much better, and which."""
     start = box_on_box(source, target, turn)
     best, misfit, chosen = start, misfit_of(source, target, start, words), ""
-    others = {}
-    if misfit.value < _HOPELESS * gate:
-        others["aligned by ICP"] = _aligned(source, target, start)
+    others = {"aligned by ICP": _aligned(source, target, start)}
     if blades_of(source).any() and blades_of(target).any():
         others["laid body on body, since blades may have turned"] = body_on_body(source, target, turn)
     for how, other in others.items():
         judgement = misfit_of(source, target, other, words)
-        if judgement.value < _BETTER * misfit.value:
+        if judgement.value < WORTH * misfit.value:
             best, misfit, chosen = other, judgement, f"; {how}"
-    if misfit.value > _DOUBTFUL * gate and (partly := registered_partly(source, target, start)) is not None:
+    if misfit.value > _PARTLY * gate and (partly := registered_partly(source, target, start)) is not None:
         judgement = misfit_of(source, target, partly, words)
         lies_well = judgement.scanned < _PARTLY * gate and judgement.common > _COVERED
-        if judgement.value < _NO_WORSE * misfit.value if misfit.value < gate else lies_well:
+        # What is missing counts more where the rest is no longer stretched to make up for it.
+        if WORTH * judgement.value < misfit.value if misfit.value < gate else lies_well:
             best, misfit, chosen = partly, judgement, "; laid by what is on both structures"
     return best, misfit, chosen
 
@@ -200,7 +194,7 @@ def _aligned(source: Cloud, target: Cloud, start: Registration) -> Registration:
 def _doubt(turn: Floats, gap: float) -> str:
     """Evidence against the declared heading, in words; empty where nothing does."""
     angle = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
-    if abs(angle) < _SAME_DEG or not gap > _STRONG:
+    if abs(angle) < SAME_TURN_DEG or not gap > 1 - WORTH:
         return ""
     return (
         f"; turned by {angle:.0f} deg about the vertical the target would fit {100 * gap:.0f} % better "

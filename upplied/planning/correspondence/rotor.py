@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.planning.constants import FAR
 from upplied.planning.geometry.boxes import box_scale, diagonal_of
 from upplied.planning.surface.parts import blades_of, labels_of
 from upplied.records import Cloud, Floats
 from upplied.vectors import scaled_normals
 
 _STEP_DEG = 7.5  # a blade is about as wide, seen from its hub, at half its length
-_FAR = 0.05  # of the diagonal: farther from the surface a sample of a blade counts no more
 _ASKED = 400  # samples of the blades that are asked
 
 
@@ -46,7 +46,7 @@ def rotor_turned(known: Cloud, whole: Cloud) -> Cloud:
         normals[blades] = normals[blades] @ turn.T
         fitted = _in_box_of(replace(known, points=points, normals=normals), whole.points)
         some = fitted.points[blades][:: max(1, int(blades.sum()) // _ASKED)]
-        off = float(np.minimum(tree.query(some)[0], _FAR * diagonal).mean())
+        off = float(np.minimum(tree.query(some)[0], FAR * diagonal).mean())
         if off < least:
             best, least = fitted, off
     return best

@@ -18,19 +18,18 @@ import numpy as np
 from numba import njit
 
 from upplied.config import InspectionSettings
+from upplied.planning.constants import FOVEA, MOSTLY
 from upplied.planning.visibility.dwell import stations_at
 from upplied.planning.visibility.moments import Moments, moments, motion_of, sight_to
 from upplied.planning.visibility.path_views import Views
 from upplied.poses import matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
-FOVEA = 0.2  # tangent, 11 deg: deviation of the gaze about the middle of the picture
 _NEAREST = 0.3  # quantile of the depth in the gaze, that is the subject's
-_DEPTH = 1.3  # of the subject's depth, up to which a sample belongs to it: the front of a round body
-_APPROACH = 1.5  # of the flight's depth, beyond which a pose is on its way
-_CREEP_MPS = 0.1  # that a hovering pose counts as: hovering shows nothing new
+_DEPTH = 1.3  # of the subject's depth, up to which a sample or a pose belongs to it: a round body's front
+
 _GAZE_S, _SHOWN_S = 4.0, 1.0  # of gaze, of being shown, after which the weight is 63 %
-_COMPLETE = (0.4, 0.6)  # completeness over the flight's own: below is background, above is subject
+_CREEP_MPS = 0.1  # that a hovering pose counts as: hovering shows nothing new
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,25 +80,25 @@ def attention(
     area = cloud.areas
     rows = shown.seen[stations_at(shown, steps)]
     arguments = _facts(steps, camera, cloud, rows)
-    depth = _depths(*arguments)
+    depth = _depths(*arguments, FOVEA, _NEAREST)
     known = np.isfinite(depth)
     if not known.any():
         return Attention(np.zeros(number), part, np.zeros(parts), float("nan"))
     subject = _subject(steps, depth, known)
     limit = np.full(len(depth), np.inf)
     if zone is None:
-        limit = np.where(known & (depth <= _APPROACH * subject), _DEPTH * depth, 0.0)
+        limit = np.where(known & (depth <= _DEPTH * subject), _DEPTH * depth, 0.0)
     sharp = np.full(len(steps), settings.sharp_radps(camera.hfov_deg))
     if steps.poses.fov_deg is not None:
         sharp = np.array([settings.sharp_radps(float(angle)) for angle in steps.poses.fov_deg[:, 0]])
-    gaze, time = _gazed(*arguments, limit, steps.step_s, *_motion(steps), sharp)
+    gaze, time = _gazed(*arguments, limit, steps.step_s, *_motion(steps), sharp, FOVEA)
     gazed, seen = 1 - np.exp(-gaze / _GAZE_S), 1 - np.exp(-time / _SHOWN_S)
     complete = np.bincount(part, area * gazed, parts) / np.maximum(np.bincount(part, area, parts), 1e-300)
     whole = float((area * gazed).sum())
     if whole <= 0:
         return Attention(np.zeros(number), part, np.zeros(parts), subject)
     complete /= float((area * gazed) @ complete[part]) / whole
-    share = np.clip((complete - _COMPLETE[0]) / (_COMPLETE[1] - _COMPLETE[0]), 0, 1)
+    share = np.clip((complete - (1 - MOSTLY)) / (2 * MOSTLY - 1), 0, 1)
     meant = (share**2 * (3 - 2 * share))[part] if zone is None else zone.astype(float)
     weight = meant * seen
     looks = _looks(*arguments, step_s=steps.step_s, moving=_motion(steps), weight=weight, area=area)
@@ -184,7 +183,9 @@ def _subject(steps: Moments, depth: Floats, known: Bools) -> float:
 
 
 @njit(cache=True)
-def _depths(positions: Floats, axes: Floats, points: Floats, areas: Floats, seen: Bools) -> Floats:
+def _depths(
+    positions: Floats, axes: Floats, points: Floats, areas: Floats, seen: Bools, fovea: float, nearest: float
+) -> Floats:
     """Depth of the subject in each picture (K,), m; inf where the picture shows nothing."""
     depths = np.full(len(positions), np.inf)
     place, weight = np.empty(len(points)), np.empty(len(points))
@@ -207,7 +208,7 @@ def _depths(positions: Floats, axes: Floats, points: Floats, areas: Floats, seen
             if x <= 0 or facing <= 0:
                 continue
             place[count] = x
-            weight[count] = np.exp(-(y * y + z * z) / (2 * FOVEA * FOVEA)) * facing / (squared * distance)
+            weight[count] = np.exp(-(y * y + z * z) / (2 * fovea * fovea)) * facing / (squared * distance)
             whole += weight[count]
             count += 1
         if whole <= 0:
@@ -215,7 +216,7 @@ def _depths(positions: Floats, axes: Floats, points: Floats, areas: Floats, seen
         share = 0.0
         for index in np.argsort(place[:count]):
             share += weight[index]
-            if share >= _NEAREST * whole:
+            if share >= nearest * whole:
                 depths[pose] = place[index]
                 break
     return depths
@@ -233,6 +234,7 @@ def _gazed(
     velocity: Floats,
     turn: Floats,
     sharp: Floats,
+    fovea: float,
 ) -> tuple[Floats, Floats]:
     """Seconds for which each sample (N,) was gazed at, and shown, sharply and at the subject's depth."""
     gaze, time = np.zeros(len(points)), np.zeros(len(points))
@@ -255,6 +257,6 @@ def _gazed(
             moved = motion_of(ray, np.sqrt(squared), velocity[pose], turn[pose])
             held = step_s[pose] * min(1.0, sharp[pose] / max(moved, 1e-12))
             y, z = across / x, up / x
-            gaze[index] += held * np.exp(-(y * y + z * z) / (2 * FOVEA * FOVEA))
+            gaze[index] += held * np.exp(-(y * y + z * z) / (2 * fovea * fovea))
             time[index] += held
     return gaze, time

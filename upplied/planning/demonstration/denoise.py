@@ -18,25 +18,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import convolve1d, gaussian_filter1d, minimum_filter1d
 
+from upplied.planning.constants import JITTER_M, SMOOTH_S
 from upplied.planning.demonstration.pauses import pauses
-from upplied.planning.demonstration.stations import axes_of, looking, stations_of
+from upplied.planning.demonstration.stations import axes_of, jitter_m, looking, stations_of
 from upplied.polylines import interpolated, leg_lengths
 from upplied.poses import fov_at, in_a_row
 from upplied.records import Floats, Ints, Record, Trajectory
 
 _GRID_S = 0.05  # shortest step of the even times that a log is brought to
 _WIDTHS_S = (0.1, 0.2, 0.4, 0.8, 1.6)  # standard deviations of the averages
-_BLEND_S = 0.3  # over which one width goes over into another
-_AGREE = 2.5  # times the noise that two averages may keep: beyond, it is no noise
-_SPIKE = 6.0  # times the noise that one pose may be out of place
 _WILD_MPS2 = 30.0  # no camera vehicle accelerates like that
 _NOISE = 1 / (
     np.sqrt(6) * 1.538
 )  # median norm of the second difference in 3D to its standard deviation per axis
-_JITTER_M, _JITTER = 0.02, 0.002  # m, and of the flight's extent: what no flight means, noise or not
+_AGREE = 2.5  # times the noise that two averages may keep: beyond, it is no noise
 _JITTER_RAD = np.radians(0.5)
 _HOVER_S = 2.0  # standing still for so long is a place of its own
-_HOVER_M = 0.06  # within which one stands
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,7 +84,7 @@ def _steady(flight: Trajectory, extent: float) -> Trajectory:
         return Trajectory(flight.t_s, flight.positions, looking(axes_of(flight)))
     times, values = _at_even_times(flight)
     tick = float(times[1] - times[0])
-    positions = _averaged(_without_spikes(values[:, :3], tick), tick, min(_JITTER_M, _JITTER * extent))
+    positions = _averaged(_without_spikes(values[:, :3], tick), tick, jitter_m(extent))
     axes = np.hstack([_averaged(values[:, side], tick, _JITTER_RAD) for side in (slice(3, 6), slice(6, 9))])
     for begin, end in pauses(flight, _HOVER_S):
         _stand(times, positions, max(int(np.searchsorted(times, begin, "right")) - 1, 0), end)
@@ -98,7 +95,7 @@ def _stand(times: Floats, positions: Floats, first: int, end: float) -> None:
     """Make a pause one place, in which all of it is spent; the way into it and out of it stays as flown."""
     last = min(int(np.searchsorted(times, end)), len(times) - 1)
     place = _middle(positions[first : last + 1])
-    there = np.linalg.norm(positions[first : last + 1] - place, axis=1) <= _HOVER_M
+    there = np.linalg.norm(positions[first : last + 1] - place, axis=1) <= 3 * JITTER_M
     change = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int))).reshape(-1, 2)
     if len(change) == 0:
         return
@@ -149,7 +146,7 @@ def _without_spikes(values: Floats, tick: float) -> Floats:
     bend[1:-1] = np.diff(values, 2, axis=0)
     total = bend + np.roll(bend, 1, axis=0) + np.roll(bend, -1, axis=0)
     size = np.linalg.norm(bend, axis=1)
-    wild = size / 2 > max(_SPIKE * noise_of(values), _WILD_MPS2 * tick**2)
+    wild = size / 2 > max(2 * _AGREE * noise_of(values), _WILD_MPS2 * tick**2)
     spike = np.flatnonzero(wild & (np.linalg.norm(total, axis=1) < 0.3 * size))
     calm = np.array(values)
     calm[spike] = (values[spike - 1] + values[spike + 1]) / 2
@@ -169,7 +166,7 @@ def _averaged(values: Floats, tick: float, jitter: float) -> Floats:
     `jitter` is what may change besides.
     """
     noise = noise_of(values)
-    values = _with_calm_ends(values, round(0.4 / tick), noise)
+    values = _with_calm_ends(values, round(SMOOTH_S / tick), noise)
     found, spread = [values], [noise]
     for width in _WIDTHS_S:
         sigma = width / tick
@@ -184,9 +181,9 @@ def _averaged(values: Floats, tick: float, jitter: float) -> Floats:
             apart = np.linalg.norm(found[wide] - found[narrow], axis=1)
             agrees &= apart <= _AGREE * np.sqrt(3) * (spread[wide] + spread[narrow]) + jitter
         level[agrees] = wide
-    level = minimum_filter1d(level, 2 * round(_BLEND_S / tick) + 1, mode="nearest")
+    level = minimum_filter1d(level, 2 * round(SMOOTH_S / tick) + 1, mode="nearest")
     shares = np.stack([level == index for index in range(len(found))]).astype(float)
-    shares = gaussian_filter1d(shares, _BLEND_S / 3 / tick, axis=1, mode="nearest")
+    shares = gaussian_filter1d(shares, SMOOTH_S / 3 / tick, axis=1, mode="nearest")
     return np.asarray(np.einsum("kn,knj->nj", shares, np.stack(found)))
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from upplied.planning.constants import SMOOTH_S, STILL
 from upplied.polylines import interpolated, leg_lengths
 from upplied.records import Bools, Floats, Trajectory
 
-_TICK_S, _AVERAGE_S = 0.1, 0.4
-_STILL, _STOPS = 0.25, 0.3  # of the usual speed
+_TICK_S = 0.1
 _MOST_TICKS = 100_000
 _SURE_S = 1.0  # at the very same place for so long is no rounding of the log
 
@@ -17,8 +17,8 @@ _SURE_S = 1.0  # at the very same place for so long is no rounding of the log
 def pauses(flight: Trajectory, least_s: float = 3.0) -> list[tuple[float, float]]:
     """Begin and end, s, of each time in which the pilot stood still, start and landing apart.
 
-    He stands where the steadied position moves at less than a quarter of his usual speed, from where it
-    falls below three tenths of it on, or where poses one after another are at the very same place.
+    He stands where the steadied position moves at less than a quarter of his usual speed, or where poses
+    one after another are at the very same place.
 
     Parameters
     ----------
@@ -39,12 +39,7 @@ def pauses(flight: Trajectory, least_s: float = 3.0) -> list[tuple[float, float]
         for begin, end in _runs(legs == 0, flight.t_s)
         if end - begin >= max(_SURE_S, least_s / 2)
     ]
-    stood = speed < _STILL * usual
-    slow = [
-        (begin, end)
-        for begin, end in _runs((speed < _STOPS * usual)[:-1], times)
-        if stood[(times >= begin) & (times <= end)].any()
-    ]
+    slow = _runs((speed < STILL * usual)[:-1], times)
     found = [(begin, end) for begin, end in slow if not any(begin < b and a < end for a, b in known)]
     return [
         (begin, end)
@@ -65,4 +60,4 @@ def steadied(flight: Trajectory) -> tuple[Floats, Floats]:
     count = int(np.clip((end - begin) / _TICK_S, 2, _MOST_TICKS))
     times = np.linspace(begin, end, count + 1)
     even = interpolated(times, flight.t_s, flight.positions)
-    return times, gaussian_filter1d(even, _AVERAGE_S / (times[1] - times[0]), axis=0, mode="nearest")
+    return times, gaussian_filter1d(even, SMOOTH_S / (times[1] - times[0]), axis=0, mode="nearest")

@@ -6,16 +6,20 @@ import itertools
 
 import numpy as np
 
+from upplied.planning.constants import JITTER, JITTER_M
 from upplied.polylines import cumulated, interpolated, leg_lengths
 from upplied.poses import facing, matrices
 from upplied.records import Floats, Ints, Trajectory
 
-_CHORD_M = 0.03  # lines between stations leave the flight by less
-_CHORD = 0.002  # and by less than this share of its extent
 _SHORTEST = 0.1  # of the usual spacing: stations are no denser
 _TURNED_RAD = np.radians(6.0)  # of the camera's axis from station to station, about
-_SHARP_RAD = 0.8  # turned from one short line to the next: there is a station right there
 _FEWEST = 160  # stations of a flight; those of a longer one are `spacing_m` apart
+_SHARP_RAD = 0.8  # turned from one short line to the next: there is a station right there
+
+
+def jitter_m(extent_m: float) -> float:
+    """What no flight of some extent means, whether it is noise or not, m."""
+    return min(JITTER_M, JITTER * extent_m)
 
 
 def axes_of(flight: Trajectory) -> Floats:
@@ -46,7 +50,7 @@ def stations_of(flight: Trajectory, spacing_m: float, extent_m: float, length_m:
     if len(flight) < 3:
         return flight
     spacing = min(spacing_m, max(length_m, 1e-9) / _FEWEST)
-    chord = min(_CHORD_M, _CHORD * extent_m)
+    chord = jitter_m(extent_m)  # lines between stations leave the flight by less
     at, axes = flight.positions, axes_of(flight)
     step = leg_lengths(at)
     along = cumulated(step)
@@ -76,12 +80,6 @@ def stations_of(flight: Trajectory, spacing_m: float, extent_m: float, length_m:
     return Trajectory(np.interp(stations, index, flight.t_s), there(at), looking(there(axes)))
 
 
-def _peaks(values: Floats, least: float) -> Ints:
-    """Where values (K,) are largest among their neighbours and more than `least`."""
-    inner = (values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:]) & (values[1:-1] > least)
-    return np.flatnonzero(inner) + 1
-
-
 def _evenly(progress: Floats, first: int, last: int, pieces: int) -> tuple[Floats, Floats, Floats]:
     """Even steps of progress between two poses, but for the first; progress, and number, of the poses."""
     part = progress[first : last + 1] + 1e-12 * np.arange(last - first + 1)
@@ -101,3 +99,9 @@ def _curvature(at: Floats, along: Floats, apart: float) -> tuple[Floats, Floats]
     bend = np.zeros(len(places))
     bend[1:-1] = angle / ((length[1:] + length[:-1]) / 2)
     return places, bend
+
+
+def _peaks(values: Floats, least: float) -> Ints:
+    """Where values (K,) are largest among their neighbours and more than `least`."""
+    inner = (values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:]) & (values[1:-1] > least)
+    return np.flatnonzero(inner) + 1

@@ -15,19 +15,16 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from upplied.planning.constants import COMPACT, MOSTLY, SAME_FACE, SAME_SIZE, SIDE, SLENDER, SOME
 from upplied.planning.geometry.boxes import spacing
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 
 _SMALLEST = 0.003  # share of the surface below which a piece joins its neighbour
 _MANY = 40  # pieces; a mesh of fewer keeps small ones too, down to this many samples
 _LEAST_SAMPLES = 6
-_COMPACT = 0.2  # longest edge over the structure's diagonal: engines, not wings
-_CONTACT = 0.015  # of the diagonal: pieces this close touch
-_SLENDER, _BLADE, _EQUAL = 4.0, 0.02, 0.2  # length over width, share of the surface, |log| of lengths
-_TWIN, _MIRRORED = 0.02, 0.8  # of the diagonal: how near an image must lie, and for what share of the samples
-_MIDDLE = 0.05  # of the structure's half width: no side this near the middle
-_ALIKE_FACES, _CONTINUED = 0.7, 0.3  # cosine of normals; share of the near pairs by which a skin is continued
-_CLOSED = 0.4  # length of the mean normal below which a part is no patch of a skin
+_CONTACT = 0.015  # of the diagonal: pieces this close touch, and a surface lies on its mirror image
+_MIRRORED = 0.8  # share of the samples whose mirror images lie on the surface, if it is its own mirror image
+_CONTINUED = 0.3  # share of the near pairs that face the same way, by which a skin is continued
 _TOUCHING = 0.15  # least share of the smaller piece that touches the other, to be one body with it
 
 
@@ -75,9 +72,9 @@ class Parts(Record):
     def blade(self) -> Bools:
         """(K,) long parts of which there are several, that may point anywhere."""
         length, width = self.extent[:, 0], self.extent[:, 1]
-        blade = (length > _SLENDER * width) & (self.area > _BLADE) & (np.arange(len(self)) > 0)
+        blade = (length > SLENDER * width) & (self.area > SOME) & (np.arange(len(self)) > 0)
         log = np.log(np.maximum(length, 1e-9))
-        alike = np.abs(log[:, None] - log[None, :]) < _EQUAL
+        alike = np.abs(log[:, None] - log[None, :]) < np.log(SAME_SIZE)
         return np.asarray(blade & ((alike & blade[None, :]).sum(axis=1) > 1), bool)
 
 
@@ -88,7 +85,7 @@ def sides(low: Floats, high: Floats, whole_low: Floats, whole_high: Floats) -> F
     """
     middle, half = (whole_low + whole_high)[:2] / 2, (whole_high - whole_low)[:2] / 2
     low, high = low[:, :2] - middle, high[:, :2] - middle
-    reach = np.maximum(np.abs(low), np.abs(high)) + _MIDDLE * half
+    reach = np.maximum(np.abs(low), np.abs(high)) + SIDE * half
     return np.asarray((low + high) / np.maximum(reach, 1e-9))
 
 
@@ -172,7 +169,7 @@ def _mirrored(cloud: Cloud, label: Ints, area: Floats) -> Bools:
     """Which parts (K, 2) have a mirror image on a structure that is mostly its own mirror image."""
     points, tree = cloud.points, cKDTree(cloud.points)
     low, high = points.min(axis=0), points.max(axis=0)
-    reach = max(_TWIN * float(np.linalg.norm(high - low)), spacing(cloud))
+    reach = max(_CONTACT * float(np.linalg.norm(high - low)), spacing(cloud))
     found = np.empty((int(label.max()) + 1, 2), bool)
     for axis in (0, 1):
         image = points.copy()
@@ -185,8 +182,7 @@ def _mirrored(cloud: Cloud, label: Ints, area: Floats) -> Bools:
 
 def _joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
     share = np.bincount(label, weights=area) / area.sum()
-    count = np.bincount(label)
-    keep = share >= _SMALLEST if len(share) > _MANY else count >= _LEAST_SAMPLES
+    keep = share >= _SMALLEST if len(share) > _MANY else np.bincount(label) >= _LEAST_SAMPLES
     kept = keep[label]
     if kept.all() or not kept.any():
         return label
@@ -205,7 +201,7 @@ def _joined_bodies(points: Floats, label: Ints) -> Ints:
         return label
     diagonal = np.linalg.norm(np.ptp(points, axis=0))
     size = np.array([np.ptp(points[label == part], axis=0).max() for part in range(number)])
-    compact = size < _COMPACT * diagonal
+    compact = size < COMPACT * diagonal
     near, count = _contacts(_near_others(points, label), label)
     of_smaller = near / np.minimum(count[:, None], count[None, :])
     # Both ways, so that the smaller one's share counts whichever of the two it is.
@@ -244,6 +240,6 @@ def _bodies(cloud: Cloud, label: Ints, pairs: Ints) -> Bools:
     count = np.bincount(label)
     facing = np.column_stack([np.bincount(label, weights=axis) for axis in cloud.normals.T])
     one, other = cloud.normals[pairs[:, 0]], cloud.normals[pairs[:, 1]]
-    alike = pairs[np.einsum("ij,ij->i", one, other) > _ALIKE_FACES]
+    alike = pairs[np.einsum("ij,ij->i", one, other) > SAME_FACE]
     near, continued = (np.bincount(label[ends].reshape(-1), minlength=number) for ends in (pairs, alike))
-    return (np.linalg.norm(facing, axis=1) < _CLOSED * count) | (continued <= _CONTINUED * near)
+    return (np.linalg.norm(facing, axis=1) < (1 - MOSTLY) * count) | (continued <= _CONTINUED * near)

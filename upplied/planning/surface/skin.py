@@ -16,6 +16,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from upplied.planning.constants import FRAGMENT, SAME_FACE, TOUCH
 from upplied.planning.surface.floor import floor_of
 from upplied.planning.surface.parts import mesh_pieces
 from upplied.planning.surface.samples import lets_out, points_on_triangles
@@ -25,15 +26,9 @@ from upplied.vectors import area_vectors, plane_normals, with_normals
 
 _FINE = 40_000  # samples that are joined
 _DRAWN = 1.6  # candidates for each of them
-_REACH = 3.0  # sample spacings: samples this near are neighbours
+_REACH = 3.0  # sample spacings: samples this near are asked whether the skin goes on between them
 _RISE = 0.25  # sine of the angle at which a neighbour stands out of the tangent plane: 14.5 deg
-_FLUSH = 0.2  # sine by which a border of two pieces may leave the arc that joins them
 _NECK = 0.5  # of the narrower part's half width: what is joined by less is two parts
-_SMALLEST = 0.002  # share of the samples below which what is joined is a fragment
-_LEAST_SAMPLES = 6  # samples, at least, of a part
-_NORMAL = 2.0  # sample spacings that opposite normals count when fragments join the nearest part
-_FRAGMENT = 0.002  # share of the area below which a mesh piece says nothing about borders
-_ALIKE = 0.5  # cosine between a candidate's normal and an outside sample's near it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -61,13 +56,13 @@ def skin_parts(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) 
     PartLabels
     """
     points, normals, piece = _fine_samples(structure, scene, cloud, seed)
-    if len(points) < 2 * _LEAST_SAMPLES:
+    if len(points) < 2 / FRAGMENT:
         return PartLabels(np.zeros(len(cloud), np.int64))
     area = float(np.sum(cloud.area_m2)) if cloud.area_m2 is not None else len(cloud) * 1.0
     spacing = float(np.sqrt(area / len(points)))
     label = _joined(points, normals, piece, spacing)
-    place = cKDTree(with_normals(points, normals, _NORMAL * spacing))
-    nearest = place.query(with_normals(cloud.points, cloud.outward, _NORMAL * spacing))[1]
+    place = cKDTree(with_normals(points, normals, TOUCH * spacing))
+    nearest = place.query(with_normals(cloud.points, cloud.outward, TOUCH * spacing))[1]
     return PartLabels(np.unique(label[nearest], return_inverse=True)[1].reshape(-1).astype(np.int64))
 
 
@@ -95,7 +90,7 @@ def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud, seed: int) -
 
 def _sides(agrees: Floats) -> tuple[Ints, Floats]:
     """Which sides of candidates face as an outside sample near them does: index, and +1 or -1."""
-    ahead, behind = (agrees > _ALIKE).any(axis=1), (agrees < -_ALIKE).any(axis=1)
+    ahead, behind = (agrees > SAME_FACE).any(axis=1), (agrees < -SAME_FACE).any(axis=1)
     both = np.stack([ahead, behind], axis=1)
     index, side = np.nonzero(both)
     return index, np.where(side == 0, 1.0, -1.0)
@@ -120,7 +115,7 @@ def _known_pieces(structure: Structure) -> Ints:
     corners = structure.vertices[structure.triangles]
     area = np.linalg.norm(area_vectors(corners), axis=1)
     share = np.bincount(piece, weights=area) / max(float(area.sum()), 1e-300)
-    return np.where(share[piece] >= _FRAGMENT, piece, -1)
+    return np.where(share[piece] >= FRAGMENT, piece, -1)
 
 
 def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Ints:
@@ -131,10 +126,10 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     rim: Bools = np.bincount(np.concatenate([one[cut], other[cut]]), minlength=number) > 0
     one, other = one[~cut], other[~cut]
     label = _basins(one, other, _from_rim(points, one, other, rim))
-    body = (np.bincount(label)[label] >= max(_LEAST_SAMPLES, _SMALLEST * number)) & ~rim
+    body = (np.bincount(label)[label] >= FRAGMENT * number) & ~rim
     if not body.any():
         return np.zeros(number, np.int64)
-    place = with_normals(points, normals, _NORMAL * spacing)
+    place = with_normals(points, normals, TOUCH * spacing)
     label[~body] = label[body][cKDTree(place[body]).query(place[~body])[1]]
     return label
 
@@ -161,11 +156,11 @@ def _basins(one: Ints, other: Ints, depth: Floats) -> Ints:
     saddle = np.minimum(depth[one], depth[other])
     order = np.argsort(-saddle, kind="stable")
     order = order[saddle[order] > 0]
-    return np.asarray(_flooded(one[order], other[order], saddle[order], depth), np.int64)
+    return np.asarray(_flooded(one[order], other[order], saddle[order], depth, _NECK), np.int64)
 
 
 @njit(cache=True)
-def _flooded(one: Ints, other: Ints, saddle: Floats, depth: Floats) -> Ints:
+def _flooded(one: Ints, other: Ints, saddle: Floats, depth: Floats, neck: float) -> Ints:
     root, peak = np.arange(len(depth)), depth.copy()
     for edge in range(len(one)):
         a, b = one[edge], other[edge]
@@ -175,7 +170,7 @@ def _flooded(one: Ints, other: Ints, saddle: Floats, depth: Floats) -> Ints:
         while root[b] != b:
             root[b] = root[root[b]]
             b = root[b]
-        if a == b or saddle[edge] < _NECK * min(peak[a], peak[b]):
+        if a == b or saddle[edge] < neck * min(peak[a], peak[b]):
             continue
         if peak[b] > peak[a]:
             a, b = b, a
@@ -196,4 +191,4 @@ def _cuts(points: Floats, normals: Floats, piece: Ints, one: Ints, other: Ints) 
     falls = -np.einsum("ij,ij->i", way, normals[other])
     concave = np.maximum(rises, falls) > _RISE
     border = (piece[one] != piece[other]) & (piece[one] >= 0) & (piece[other] >= 0)
-    return np.asarray(concave | (border & (np.maximum(np.abs(rises), np.abs(falls)) > _FLUSH)), bool)
+    return np.asarray(concave | (border & (np.maximum(np.abs(rises), np.abs(falls)) > _RISE)), bool)

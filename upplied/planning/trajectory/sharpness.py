@@ -13,6 +13,7 @@ from numba import njit
 
 from upplied.config import Settings
 from upplied.planning.carry.inspected_surface import InspectedSurface
+from upplied.planning.constants import MOSTLY
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.demonstration.sharp_looks import look_limits, steady_radps
 from upplied.planning.trajectory.retime import Sharp
@@ -24,8 +25,6 @@ from upplied.poses import angle_between, fov_at, matrices
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 _SAMPLES = 600  # of the inspected surface, that are asked for
-_SHARP = 0.7  # share of what is inspected in a picture that is to be sharp: its rim moves faster, and is
-# shown near the middle of other pictures
 MARGIN = 0.95  # of the limit, for what speeds differ within a leg
 _SLOWEST_MPS = 0.1
 
@@ -91,7 +90,7 @@ def _sharp_speeds(
     coarse = coarseness(camera, fov_deg)
     coarse = np.ones(len(path)) if coarse is None else coarse
     angle = moved_in_picture(
-        path.positions, matrices(path.quat_xyzw), part.points, seen, coarse, farthest_m, _SHARP
+        path.positions, matrices(path.quat_xyzw), part.points, seen, coarse, farthest_m, MOSTLY
     )
     leg = leg_lengths(path.positions)
     with np.errstate(divide="ignore", invalid="ignore"):

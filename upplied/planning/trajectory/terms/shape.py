@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.planning.constants import LIKE
 from upplied.planning.geometry.frechet import spread
 from upplied.planning.trajectory.state import Flown
 from upplied.records import Floats, Record
 
-STRETCH = (0.4, 2.5)  # along an axis, that still counts as the same shape
 _LEVEL = 0.1  # of the largest deviation: a path with less along an axis is level and is not stretched there
 
 
@@ -50,4 +50,4 @@ class Shape(Record):
         square = np.maximum((own**2).mean(axis=0), 1e-12)
         wide = np.sqrt(square) > _LEVEL * np.sqrt(square.max())
         stretch = ((turned - middle) * own).mean(axis=0) / square
-        return np.asarray(middle + np.where(wide, np.clip(stretch, *STRETCH), 1.0) * own)
+        return np.asarray(middle + np.where(wide, np.clip(stretch, 1 / LIKE, LIKE), 1.0) * own)
