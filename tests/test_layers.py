@@ -61,6 +61,7 @@ ALLOWED = {
 }
 # The rooms of planning in the order of the method: each may use those before it.
 ROOMS = (
+    "constants",
     "geometry",
     "surface",
     "visibility",
