@@ -17,6 +17,7 @@ from upplied.planning.carry.counterparts import (
     _counterpart,
     _doubt,
     _matched_parts,
+    _no_part_twice,
     _not_repeated,
     _others_within,
     _probability,
@@ -229,3 +230,16 @@ def test_the_most_inspected_part_comes_first() -> None:
     second = take(weight=weight, skin=SOURCE.part, part=1, choice=2, carried=False)
     twice = counterparts_of([only, second], SETTINGS)
     assert len(twice) == 1 and len(twice[0].flown) == 2 and twice[0].left_out == ()
+
+
+def test_one_part_of_the_target_is_not_flown_for_two_of_the_source() -> None:
+    left = replace(ONE, part="part_1 (left)", flown=("part_7 (left)", "part_5 (low)"))
+    right = replace(ONE, part="part_2 (right)", flown=("part_6 (right)", "part_5 (low)"))
+    other = replace(ONE, part="part_3", flown=("part_8",))
+    found = _no_part_twice({one.part: one for one in (left, right, other)}, "there")
+    said = "part_5 (low) of there is taken for several parts of the source"
+    assert [one.doubt for one in found.values()] == [said, said, ""]
+    known = {"a": replace(left, doubt="known before"), "b": right}
+    assert _no_part_twice(known, "there")["a"].doubt == "known before"
+    apart = {"a": left, "b": replace(right, flown=("part_6 (right)",))}
+    assert _no_part_twice(apart, "there") is apart

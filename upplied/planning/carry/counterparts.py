@@ -7,6 +7,7 @@ good figures, of the wrong engine. So a plan asks here first.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -58,9 +59,26 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
             known = found.get(one.part)
             found[one.part] = one if known is None else _both(known, one)
     if settings.correspondence.repeat == "each":
+        found = _no_part_twice(found, takes[0].pair.target.structure_id)
         for one in _not_repeated(takes):
             found.setdefault(one.part, one)
     return tuple(sorted(_without_flown(list(found.values()), settings), key=lambda one: -one.inspected_pct))
+
+
+def _no_part_twice(found: dict[str, Counterpart], there: str) -> dict[str, Counterpart]:
+    """The same, in doubt where one part of the target is flown for two parts of the source.
+
+    It lies in the middle, where the source has none of the kind: two in one, or what is left of another.
+    """
+    times = Counter(name for one in found.values() for name in one.flown)
+    twice = [name for name, count in times.items() if count > 1]
+    if not twice:
+        return found
+    doubt = f"{twice[0]} of {there} is taken for several parts of the source"
+    return {
+        name: replace(one, doubt=doubt) if set(one.flown) & set(twice) and not one.doubt else one
+        for name, one in found.items()
+    }
 
 
 def _not_repeated(takes: Sequence[Take]) -> list[Counterpart]:
