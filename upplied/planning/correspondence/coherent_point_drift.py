@@ -19,7 +19,7 @@ from scipy.spatial.distance import cdist
 from upplied.records import Cloud, Floats, Ints, Record, Rows
 
 _REACH = 0.12  # of the diagonal: how far a displacement is felt in the same part
-_STIFF = 1.0  # resistance of the displacement
+_STIFF = 3.0  # resistance of the displacement
 _NORMALS = 4.0  # weight of one minus the cosine between normals
 _START, _END, _STEPS = 0.04, 0.006, 16  # width of the soft assignment over the diagonal, and iterations
 _OUTLIERS = 1e-3
