@@ -35,8 +35,8 @@ def test_a_shift_is_followed() -> None:
     found = drift(patch, moved(patch, [0.5, 0, 0]), 17.0)
     there = patch.points + found.at(patch.points, patch.label)
     off = np.abs(np.linalg.norm(there - [0.5, 0, 0], axis=1) - 5)
-    assert np.mean(off) < 0.06  # on the moved sphere, from 0.25 m off on average
-    assert (found.at(patch.points[np.abs(patch.points[:, 0]) > 4], np.full(1, -1))[:, 0] > 0.28).all()
+    assert np.mean(off) < 0.05  # on the moved sphere, from 0.25 m off on average
+    assert (found.at(patch.points[np.abs(patch.points[:, 0]) > 4], np.full(1, -1))[:, 0] > 0.3).all()
 
 
 def test_featureless_skin_does_not_creep() -> None:

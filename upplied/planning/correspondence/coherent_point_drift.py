@@ -19,7 +19,7 @@ from scipy.spatial.distance import cdist
 from upplied.records import Cloud, Floats, Ints, Record, Rows
 
 _REACH = 0.12  # of the diagonal: how far a displacement is felt in the same part
-_STIFF = 3.0  # resistance of the displacement
+_STIFF, _LOOSE = 3.0, 0.5  # stiffness of parts that were aligned before, and of what belongs to none
 _NORMALS = 4.0  # weight of one minus the cosine between normals
 _START, _END, _STEPS = 0.04, 0.006, 16  # width of the soft assignment over the diagonal, and iterations
 _OUTLIERS = 1e-3
@@ -66,6 +66,7 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
     prior = np.where(apart, 0.0, np.exp(_NORMALS * (moving.normals @ fixed.normals.T - 1)))
     outer = (fixed.normals[:, :, None] * fixed.normals[:, None, :]).reshape(len(fixed), 9)
     pull = np.einsum("nij,nj->ni", outer.reshape(-1, 3, 3), fixed.points)
+    stiffness = np.where(moving.label >= 0, _STIFF, _LOOSE)
     felt = np.repeat(np.repeat(kernel, 3, axis=0), 3, axis=1)
     weights, here = np.zeros((number, 3)), moving.points
     for width in np.geomspace(_START, _END, _STEPS) * diagonal_m:
@@ -73,15 +74,15 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
         share /= share.sum(axis=0) + _OUTLIERS
         metric = (share @ outer).reshape(number, 3, 3)
         wanted = share @ pull - np.einsum("mij,mj->mi", metric, moving.points)
-        weights = _weights(metric, wanted, felt)
+        weights = _weights(metric, wanted, felt, stiffness)
         here = moving.points + kernel @ weights
     return Drift(moving, weights, reach)
 
 
-def _weights(metric: Floats, wanted: Floats, felt: Floats) -> Floats:
-    """Weights w (M, 3) with ``metric_m (kernel @ w)_m + stiffness w_m = wanted_m`` for every point m.
+def _weights(metric: Floats, wanted: Floats, felt: Floats, stiffness: Floats) -> Floats:
+    """Weights w (M, 3) with ``metric_m (kernel @ w)_m + stiffness_m w_m = wanted_m`` for every point m.
 
-    With ``metric_m = stiffness H_m H_m'`` this becomes ``(1 + H' kernel H) z = H' kernel wanted /
+    With ``metric_m = stiffness_m H_m H_m'`` this becomes ``(1 + H' kernel H) z = H' kernel wanted /
     stiffness`` and ``w = wanted / stiffness - H z``: symmetric, and so half the work of the plain system.
 
     Parameters
@@ -90,9 +91,10 @@ def _weights(metric: Floats, wanted: Floats, felt: Floats) -> Floats:
     wanted : array, shape (M, 3)
     felt : array, shape (3 M, 3 M)
         The kernel, each entry nine times.
+    stiffness : array, shape (M,)
     """
-    free = wanted / _STIFF
-    strength, axes = np.linalg.eigh(metric / _STIFF)
+    free = wanted / stiffness[:, None]
+    strength, axes = np.linalg.eigh(metric / stiffness[:, None, None])
     root = axes * np.sqrt(np.maximum(strength, 0))[:, None, :]  # H
     rows = root.transpose(0, 2, 1).reshape(-1, 3)
     system = (rows @ rows.T) * felt
