@@ -23,27 +23,24 @@ def python(server: Server, place: Path, code: str) -> subprocess.CompletedProces
 
 
 def prefect(server: Server, *command: str, timeout: float = 900) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "prefect", *command],
-        env=server.environment,
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=timeout,
-    )
+    """A command of Prefect, in the folder of the project."""
+    return _module("prefect", *command, server=server, place=ROOT, timeout=timeout)
 
 
 def upplied(server: Server, place: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """A command of ours, in the folder of the catalog."""
+    return _module("upplied", *words, server=server, place=place, timeout=300)
+
+
+def _module(*command: str, server: Server, place: Path, timeout: float) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "upplied", *words],
+        [sys.executable, "-m", *command],
         env=server.environment,
         cwd=place,
         capture_output=True,
         text=True,
         check=False,
-        timeout=300,
+        timeout=timeout,
     )
 
 

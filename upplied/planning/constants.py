@@ -7,19 +7,19 @@ from __future__ import annotations
 
 # Surfaces and their parts.
 FRAGMENT = 0.002  # share of the surface below which a piece or stretch is no part of its own
-SOME = 0.01  # share of the surface from which a part counts when parts are counted, and may be a blade
+LEAST_PART = 0.01  # share of the surface from which a part counts when parts are counted, and may be a blade
 TOUCH = 2.0  # sample spacings up to which samples are neighbours, on one surface or on two that touch
 SAME_FACE = 0.5  # cosine of two normals from which surfaces face the same way: 60 deg
-MOSTLY = 0.6  # share from which most of something is so
+MAJORITY = 0.6  # share from which most of something is so
 COMPACT = 0.2  # longest edge over the structure's diagonal, of parts of which there may be others: engines
 SLENDER = 4.0  # length over width from which a part may point anywhere: blades
 SAME_SIZE = 1.5  # ratio up to which parts of one structure are of one kind: decks 1.3, abutments 1.8
 SIDE = 0.05  # of the width: nearer to the middle a part lies on neither side
 # Two structures.
-FAR = 0.05  # of the diagonal: what is this far from the other structure has no counterpart there
-LIKE = 3.0  # ratio of extents, or of areas, up to which parts may correspond and paths have the same shape
+TOLERANCE = 0.05  # of a size: what lies farther off does not correspond, smaller extents are not compared
+MOST_RATIO = 3.0  # of extents or areas of parts that may correspond, and by which a path may be stretched
 FACING = 0.03  # of the diagonal: what turning a normal by a right angle counts beside distance
-WORTH = 0.8  # share to which another answer must lower a misfit to be taken instead of the plain one
+CLEARLY_BETTER = 0.8  # share to which a misfit must fall for another registration to be taken
 SAME_TURN_DEG = 25.0  # orientations nearer to each other than this are one
 # Demonstrations.
 JITTER_M = 0.02  # what no flight means, whether it is noise or not

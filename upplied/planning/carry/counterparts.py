@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.constants import COMPACT, MOSTLY
+from upplied.planning.constants import COMPACT, MAJORITY
 from upplied.planning.correspondence.certainty import (
     COUNTERPART,
     SAME_KIND,
@@ -174,8 +174,8 @@ def _others_within(take: Take, part: int, source: _Side) -> int:
     cloud, found = take.pair.surface.source, take.inspection.attention
     skin, area = found.part, cloud.areas
     mine = source.label == part
-    inspected = np.bincount(skin, area * found.weight) > (1 - MOSTLY) * np.bincount(skin, area)
-    if area[mine & inspected[skin]].sum() > (1 - MOSTLY) * area[mine].sum():
+    inspected = np.bincount(skin, area * found.weight) > (1 - MAJORITY) * np.bincount(skin, area)
+    if area[mine & inspected[skin]].sum() > (1 - MAJORITY) * area[mine].sum():
         return 0
     stretches = parts_of(replace(cloud, part=skin))
     most = int(np.bincount(skin[mine], (area * found.weight)[mine]).argmax())
@@ -256,7 +256,7 @@ def _matched_parts(take: Take, part: int, source: _Side) -> list[int]:
     if source.pieces:
         return match.target_parts(part).tolist()
     # The one piece is matched as a whole, which tells nothing of less than the whole.
-    return match.target_parts(0).tolist() if source.parts.area[part] > MOSTLY else []
+    return match.target_parts(0).tolist() if source.parts.area[part] > MAJORITY else []
 
 
 def _source(take: Take) -> _Side:

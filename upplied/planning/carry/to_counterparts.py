@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 from upplied.config import TransferSettings
 from upplied.planning.carry.affine import AxisMap, aimed
 from upplied.planning.carry.standoff import Counted, counted, picture_share
-from upplied.planning.constants import LIKE
+from upplied.planning.constants import MOST_RATIO
 from upplied.planning.geometry.frechet import spread
 from upplied.planning.visibility.frustum import coarseness
 from upplied.polylines import interpolated, leg_lengths
@@ -134,7 +134,7 @@ def _stretched(carried: Floats, positions: Floats) -> Floats:
     most = np.maximum((offset**2).sum(axis=0), 1e-12)
     stretch = np.einsum("ij,ij->j", offset, positions - positions.mean(axis=0)) / most
     wide = offset.std(axis=0) > 0.5 * spread(carried)[1]
-    return np.asarray(middle + np.where(wide, np.clip(stretch, 1 / LIKE, LIKE), 1.0) * offset)
+    return np.asarray(middle + np.where(wide, np.clip(stretch, 1 / MOST_RATIO, MOST_RATIO), 1.0) * offset)
 
 
 def _stood_off(positions: Floats, aim: Floats, asked: Counted, smoothing: float) -> Floats:

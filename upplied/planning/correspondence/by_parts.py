@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import FACING, FAR, MOSTLY, SAME_FACE, TOUCH, WORTH
+from upplied.planning.constants import CLEARLY_BETTER, FACING, MAJORITY, SAME_FACE, TOLERANCE, TOUCH
 from upplied.planning.correspondence.coherent_point_drift import Patch, drift, farthest_points
 from upplied.planning.correspondence.describe import summary_of
 from upplied.planning.correspondence.misfit import UNTURNED
@@ -85,7 +85,7 @@ def _warped(aligned: Patch, fixed: Patch, diagonal_m: float) -> Patch:
         mine = np.flatnonzero(aligned.label == label)
         tried = mine[:: max(1, len(mine) // _TRIED)]
         before = _off(aligned.rows(tried), fixed, diagonal_m)
-        if _off(drifted.rows(tried), fixed, diagonal_m) < WORTH * before:
+        if _off(drifted.rows(tried), fixed, diagonal_m) < CLEARLY_BETTER * before:
             points[mine] = drifted.points[mine]
     return replace(aligned, points=points)
 
@@ -160,9 +160,9 @@ def _without(warped: Patch, fixed: Patch, index: Ints, taken: Bools, part: Ints,
     distance = np.linalg.norm(warped.points - fixed.points[index], axis=1)
     same_face = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) > SAME_FACE
     count = np.maximum(np.bincount(part), 1)
-    found = same_face & (distance < FAR / 2 * diagonal_m) & ~taken
+    found = same_face & (distance < TOLERANCE / 2 * diagonal_m) & ~taken
     share = np.bincount(part, weights=found) / count
-    return free & ((distance > FAR * diagonal_m) | (share[part] < MOSTLY))
+    return free & ((distance > TOLERANCE * diagonal_m) | (share[part] < MAJORITY))
 
 
 def _on_skin(points: Floats, fixed: Patch, index: Ints, step_m: float) -> Floats:

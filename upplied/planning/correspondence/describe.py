@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from upplied.planning.constants import SOME
+from upplied.planning.constants import LEAST_PART
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.surface.parts import Parts
 from upplied.records import Bools, Floats, Ints
@@ -38,7 +38,7 @@ def summary_of(source: Parts, matching: Matching, label: Ints, gone: Bools, targ
         ]
         more = len(without) - len(named)
         text += "; no counterpart on the target: " + ", ".join(named) + (f" and {more} more" if more else "")
-    unused = [part for part in np.flatnonzero(matching.target_class < 0) if target.area[part] > SOME]
+    unused = [part for part in np.flatnonzero(matching.target_class < 0) if target.area[part] > LEAST_PART]
     if unused and len(matching):
         places = [f"part_{part} ({place_of(target, int(part))})" for part in unused[:_NAMED]]
         text += "; only on the target: " + ", ".join(places)

@@ -14,7 +14,16 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import COMPACT, FACING, FAR, FRAGMENT, MOSTLY, SAME_FACE, SAME_SIZE, TOUCH
+from upplied.planning.constants import (
+    COMPACT,
+    FACING,
+    FRAGMENT,
+    MAJORITY,
+    SAME_FACE,
+    SAME_SIZE,
+    TOLERANCE,
+    TOUCH,
+)
 from upplied.planning.correspondence.coherent_point_drift import Patch, drift, spread_over
 from upplied.planning.geometry.boxes import diagonal_of, spacing
 from upplied.planning.surface.parts import labels_of, part_labels
@@ -87,7 +96,7 @@ def _named_stretches(whole: Cloud, skin: Ints, name: Ints) -> Ints:
     """A name for each sample: its stretch's, or where that has none its own."""
     area = np.zeros((int(skin.max()) + 1, int(name.max()) + 1))
     np.add.at(area, (skin, name), whole.areas)
-    pure = area.max(axis=1) >= MOSTLY * area.sum(axis=1)
+    pure = area.max(axis=1) >= MAJORITY * area.sum(axis=1)
     return np.where(pure[skin], area.argmax(axis=1)[skin], name)
 
 
@@ -108,7 +117,7 @@ def _others_alike(whole: Cloud, skin: Ints, label: Ints, step_m: float) -> Ints:
         mine = skin == stretch
         if np.ptp(whole.points[mine], axis=0).max() > COMPACT * diagonal:
             continue
-        if (np.bincount(label[mine]).max() > MOSTLY * mine.sum()) and _is_alone(label, mine):
+        if (np.bincount(label[mine]).max() > MAJORITY * mine.sum()) and _is_alone(label, mine):
             continue  # a part of its own already
         if any(_alike(whole, template, mine, step_m) for template in templates):
             label[mine] = label.max() + 1
@@ -125,7 +134,7 @@ def _compact(whole: Cloud, label: Ints, diagonal: float) -> list[Bools]:
 def _is_alone(label: Ints, mine: Bools) -> bool:
     """Whether most of the part that a stretch lies in is that stretch."""
     part = np.bincount(label[mine]).argmax()
-    return bool(mine[label == part].mean() > MOSTLY)
+    return bool(mine[label == part].mean() > MAJORITY)
 
 
 def _alike(whole: Cloud, template: Bools, mine: Bools, step_m: float) -> bool:
@@ -148,6 +157,6 @@ def _fits(here: Floats, facing: Floats, there: Floats, faces: Floats, step_m: fl
     shares = []
     for one, normals, other, others in ((moved, facing, there, faces), (there, faces, moved, facing)):
         apart, index = cKDTree(other).query(one)
-        near = apart < max(FAR * size, step_m)
+        near = apart < max(TOLERANCE * size, step_m)
         shares.append(float((near & ((normals * others[index]).sum(axis=1) > SAME_FACE)).mean()))
-    return min(shares) > MOSTLY
+    return min(shares) > MAJORITY

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
-from upplied.planning.constants import LIKE, SAME_SIZE, SIDE
+from upplied.planning.constants import MOST_RATIO, SAME_SIZE, SIDE
 from upplied.planning.correspondence.misfit import UNTURNED
 from upplied.planning.correspondence.part_assignment import like_shape
 from upplied.planning.geometry.boxes import in_source_frame
@@ -119,7 +119,7 @@ def _comparable(source: Parts, part: int, target: Parts, other: int) -> bool:
     As much larger along both sides as a matched part may be along one, but not an engine and an airliner.
     """
     ratio = target.area[other] / max(source.area[part], 1e-12)
-    return bool(1 / LIKE**2 < ratio < LIKE**2)
+    return bool(1 / MOST_RATIO**2 < ratio < MOST_RATIO**2)
 
 
 def _beside(source: Parts, part: int, target: Parts, other: int) -> str:

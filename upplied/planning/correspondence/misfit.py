@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import FAR, SOME
+from upplied.planning.constants import LEAST_PART, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.describe import place_in
 from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
@@ -124,8 +124,8 @@ def _worst(
     for name, cloud, distance in (("source", source, forth), ("target", registered, back)):
         asked = spread_over(cloud, _SAMPLES)
         share = cloud.areas[asked] / cloud.areas[asked].sum()
-        far = distance > FAR
-        if share[far].sum() < SOME:
+        far = distance > TOLERANCE
+        if share[far].sum() < LEAST_PART:
             continue
         named = cloud.points @ words.T
         centre, region = place_in(named, named[asked][far], share[far])

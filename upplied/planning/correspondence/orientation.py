@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from upplied.planning.constants import FACING, SAME_TURN_DEG, WORTH
+from upplied.planning.constants import CLEARLY_BETTER, FACING, SAME_TURN_DEG
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.geometry.boxes import box_scale, diagonal_of
 from upplied.planning.geometry.icp import icp
@@ -86,8 +86,8 @@ def _chosen(turns: Floats, costs: Floats, tried: int, declared: Floats) -> Orien
     gap = float(1 - costs[0] / max(costs[1], 1e-12)) if len(costs) > 1 else float("nan")
     angle = np.degrees(Rotation.from_matrix(turns @ declared.T).magnitude())
     said = f"{tried} orientations tried"
-    if gap < 1 - WORTH:
-        alike = costs <= costs[0] / WORTH
+    if gap < 1 - CLEARLY_BETTER:
+        alike = costs <= costs[0] / CLEARLY_BETTER
         nearest = int(np.argmin(np.where(alike, angle, np.inf)))
         said += (
             f"; {int(alike.sum())} of them fit alike (the next best {100 * max(gap, 0):.0f} % worse), "

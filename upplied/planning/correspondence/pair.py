@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from upplied.config import CloudSettings, Settings, digest, settings_for
-from upplied.planning.constants import MOSTLY, SOME, WORTH
+from upplied.planning.constants import CLEARLY_BETTER, LEAST_PART, MAJORITY
 from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.registration import Declared, register
@@ -220,10 +220,10 @@ def _surface_fit(
     if known[0] == known[1]:
         both = _matched(clouds, structures, found, unasked, declared, memo, facts)
         fit = replace(fit, correspondences=both)
-    if any(known) and _explained(fit) < MOSTLY:
+    if any(known) and _explained(fit) < MAJORITY:
         one = int(_number(clouds[1]) <= _number(clouds[0]))  # a scan falls into few pieces
         inferred = _fit_inferred(fit, one, structures, scenes, unasked, declared, memo, facts)
-        if known[0] != known[1] or WORTH * _explained(inferred) > _explained(fit):
+        if known[0] != known[1] or CLEARLY_BETTER * _explained(inferred) > _explained(fit):
             fit, facts = inferred, ("parts inferred", *facts)
     if settings.correspondence.counterparts:
         asked = _matched(
@@ -273,7 +273,7 @@ def _explained(fit: Fit) -> float:
 
 def _number(cloud: Cloud) -> int:
     """How many parts of some size there are."""
-    return int((parts_of(cloud).area > SOME).sum())
+    return int((parts_of(cloud).area > LEAST_PART).sum())
 
 
 def _with_carried(fit: Fit, memo: Memo, facts: tuple[Any, ...]) -> Fit:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from upplied.planning.constants import FAR, LIKE, MOSTLY, SOME
+from upplied.planning.constants import LEAST_PART, MAJORITY, MOST_RATIO, TOLERANCE
 from upplied.planning.surface.parts import Parts, sides
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -62,7 +62,7 @@ def match_parts(
     """
     pinned = dict(pinned or {})
     cost, allowed = _costs(source, target, diagonal_m)
-    for one, other in np.argwhere(allowed & ~_alike(source, target, diagonal_m, FAR, _ALIKE)).tolist():
+    for one, other in np.argwhere(allowed & ~_alike(source, target, diagonal_m, TOLERANCE, _ALIKE)).tolist():
         allowed[one, other] = fits([one], [other])
     for one, other in pinned.items():
         allowed[one, :], allowed[:, other] = False, False
@@ -88,7 +88,9 @@ def _unmatched(source: Parts) -> Floats:
 
 def like_shape(source: Parts, part: int, target: Parts, diagonal_m: float) -> Ints:
     """The target parts that have the shape and size of a source part, wherever they are."""
-    alike = _alike(source, target, diagonal_m, SOME, LIKE) & _alike(source, target, diagonal_m, FAR, _ALIKE)
+    alike = _alike(source, target, diagonal_m, LEAST_PART, MOST_RATIO) & _alike(
+        source, target, diagonal_m, TOLERANCE, _ALIKE
+    )
     return np.flatnonzero(alike[part])
 
 
@@ -96,7 +98,7 @@ def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Boo
     apart = cdist(source.middle, target.middle) / diagonal_m
     size = np.abs(np.log(source.area[:, None] / target.area[None, :]))
     near = apart < _APART
-    allowed = _alike(source, target, diagonal_m, SOME, LIKE) & near & (size < np.log(LIKE))
+    allowed = _alike(source, target, diagonal_m, LEAST_PART, MOST_RATIO) & near & (size < np.log(MOST_RATIO))
     allowed &= ~_across(source, target)
     return apart, allowed
 
@@ -119,7 +121,7 @@ def _both_blades(source: Parts, target: Parts) -> Bools:
 def _across(source: Parts, target: Parts) -> Bools:
     """Which parts (K, L) lie on different sides of structures that are their own mirror images."""
     apart = np.abs(source.side[:, None] - target.side[None, :])
-    return np.asarray((apart > MOSTLY).any(axis=2) & ~_both_blades(source, target))
+    return np.asarray((apart > MAJORITY).any(axis=2) & ~_both_blades(source, target))
 
 
 def _ratios(one: Floats, other: Floats, floor: float) -> Floats:

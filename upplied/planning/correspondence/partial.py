@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import MOSTLY
+from upplied.planning.constants import MAJORITY
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.misfit import FACING
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
@@ -48,7 +48,7 @@ def registered_partly(source: Cloud, target: Cloud, box: Registration) -> Regist
     # Of twelve structures that nobody built, scanned whole or but for 10 to 40 % of their surface, those
     # whose boxes were right moved by 2.7 % at most and came nearer to no less than 0.75 (where the boxes fit
     # well nothing is tried), those whose boxes were wrong moved by 16 %.
-    if apart >= before or (moved < _FAR and apart > MOSTLY * before):
+    if apart >= before or (moved < _FAR and apart > MAJORITY * before):
         return None
     return Registration(
         scale * box.scale,

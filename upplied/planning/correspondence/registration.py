@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from upplied.config import RegistrationSettings
-from upplied.planning.constants import SAME_TURN_DEG, WORTH
+from upplied.planning.constants import CLEARLY_BETTER, SAME_TURN_DEG
 from upplied.planning.correspondence.misfit import UNTURNED, Misfit, misfit_of
 from upplied.planning.correspondence.orientation import find_orientation
 from upplied.planning.correspondence.partial import registered_partly
@@ -144,13 +144,13 @@ def _best_registration(
         others["laid body on body, since blades may have turned"] = body_on_body(source, target, turn)
     for how, other in others.items():
         judgement = misfit_of(source, target, other, words)
-        if judgement.value < WORTH * misfit.value:
+        if judgement.value < CLEARLY_BETTER * misfit.value:
             best, misfit, chosen = other, judgement, f"; {how}"
     if misfit.value > _PARTLY * gate and (partly := registered_partly(source, target, start)) is not None:
         judgement = misfit_of(source, target, partly, words)
         lies_well = judgement.scanned < _PARTLY * gate and judgement.common > _COVERED
         # What is missing counts more where the rest is no longer stretched to make up for it.
-        if WORTH * judgement.value < misfit.value if misfit.value < gate else lies_well:
+        if CLEARLY_BETTER * judgement.value < misfit.value if misfit.value < gate else lies_well:
             best, misfit, chosen = partly, judgement, "; laid by what is on both structures"
     return best, misfit, chosen
 
@@ -194,7 +194,7 @@ def _aligned(source: Cloud, target: Cloud, start: Registration) -> Registration:
 def _doubt(turn: Floats, gap: float) -> str:
     """Evidence against the declared heading, in words; empty where nothing does."""
     angle = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
-    if abs(angle) < SAME_TURN_DEG or not gap > 1 - WORTH:
+    if abs(angle) < SAME_TURN_DEG or not gap > 1 - CLEARLY_BETTER:
         return ""
     return (
         f"; turned by {angle:.0f} deg about the vertical the target would fit {100 * gap:.0f} % better "

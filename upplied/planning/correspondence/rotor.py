@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import FAR
+from upplied.planning.constants import TOLERANCE
 from upplied.planning.geometry.boxes import box_scale, diagonal_of
 from upplied.planning.surface.parts import blades_of, labels_of
 from upplied.records import Cloud, Floats
@@ -46,7 +46,7 @@ def rotor_turned(known: Cloud, whole: Cloud) -> Cloud:
         normals[blades] = normals[blades] @ turn.T
         fitted = _in_box_of(replace(known, points=points, normals=normals), whole.points)
         some = fitted.points[blades][:: max(1, int(blades.sum()) // _ASKED)]
-        off = float(np.minimum(tree.query(some)[0], FAR * diagonal).mean())
+        off = float(np.minimum(tree.query(some)[0], TOLERANCE * diagonal).mean())
         if off < least:
             best, least = fitted, off
     return best

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from upplied.config import InspectionSettings
-from upplied.planning.constants import FOVEA, MOSTLY
+from upplied.planning.constants import FOVEA, MAJORITY
 from upplied.planning.visibility.dwell import stations_at
 from upplied.planning.visibility.moments import Moments, moments, motion_of, sight_to
 from upplied.planning.visibility.path_views import Views
@@ -98,7 +98,7 @@ def attention(
     if whole <= 0:
         return Attention(np.zeros(number), part, np.zeros(parts), subject)
     complete /= float((area * gazed) @ complete[part]) / whole
-    share = np.clip((complete - (1 - MOSTLY)) / (2 * MOSTLY - 1), 0, 1)
+    share = np.clip((complete - (1 - MAJORITY)) / (2 * MAJORITY - 1), 0, 1)
     meant = (share**2 * (3 - 2 * share))[part] if zone is None else zone.astype(float)
     weight = meant * seen
     looks = _looks(*arguments, step_s=steps.step_s, moving=_motion(steps), weight=weight, area=area)

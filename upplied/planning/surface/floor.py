@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from upplied.planning.constants import SOME
+from upplied.planning.constants import LEAST_PART
 from upplied.records import Bools, Floats, Record, Structure
 
 _CELLS = 256  # along the longer side of the plan
@@ -51,7 +51,7 @@ class Floor(Record):
 def floor_of(structure: Structure) -> Floor:
     """The lid at the foot of a mesh, found by cutting it there and filling what the cut encloses."""
     low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
-    z = float(low[2] + SOME * (high[2] - low[2]))
+    z = float(low[2] + LEAST_PART * (high[2] - low[2]))
     first, last = _cut(structure, z)
     size = (high - low)[:2]
     cell = float(size.max()) / _CELLS

@@ -15,7 +15,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import COMPACT, MOSTLY, SAME_FACE, SAME_SIZE, SIDE, SLENDER, SOME
+from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY, SAME_FACE, SAME_SIZE, SIDE, SLENDER
 from upplied.planning.geometry.boxes import spacing
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 
@@ -72,7 +72,7 @@ class Parts(Record):
     def blade(self) -> Bools:
         """(K,) long parts of which there are several, that may point anywhere."""
         length, width = self.extent[:, 0], self.extent[:, 1]
-        blade = (length > SLENDER * width) & (self.area > SOME) & (np.arange(len(self)) > 0)
+        blade = (length > SLENDER * width) & (self.area > LEAST_PART) & (np.arange(len(self)) > 0)
         log = np.log(np.maximum(length, 1e-9))
         alike = np.abs(log[:, None] - log[None, :]) < np.log(SAME_SIZE)
         return np.asarray(blade & ((alike & blade[None, :]).sum(axis=1) > 1), bool)
@@ -242,4 +242,4 @@ def _bodies(cloud: Cloud, label: Ints, pairs: Ints) -> Bools:
     one, other = cloud.normals[pairs[:, 0]], cloud.normals[pairs[:, 1]]
     alike = pairs[np.einsum("ij,ij->i", one, other) > SAME_FACE]
     near, continued = (np.bincount(label[ends].reshape(-1), minlength=number) for ends in (pairs, alike))
-    return (np.linalg.norm(facing, axis=1) < (1 - MOSTLY) * count) | (continued <= _CONTINUED * near)
+    return (np.linalg.norm(facing, axis=1) < (1 - MAJORITY) * count) | (continued <= _CONTINUED * near)

@@ -13,7 +13,7 @@ from numba import njit
 
 from upplied.config import Settings
 from upplied.planning.carry.inspected_surface import InspectedSurface
-from upplied.planning.constants import MOSTLY
+from upplied.planning.constants import MAJORITY
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.demonstration.sharp_looks import look_limits, steady_radps
 from upplied.planning.trajectory.retime import Sharp
@@ -90,7 +90,7 @@ def _sharp_speeds(
     coarse = coarseness(camera, fov_deg)
     coarse = np.ones(len(path)) if coarse is None else coarse
     angle = moved_in_picture(
-        path.positions, matrices(path.quat_xyzw), part.points, seen, coarse, farthest_m, MOSTLY
+        path.positions, matrices(path.quat_xyzw), part.points, seen, coarse, farthest_m, MAJORITY
     )
     leg = leg_lengths(path.positions)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.planning.constants import LIKE
+from upplied.planning.constants import MOST_RATIO
 from upplied.planning.geometry.frechet import spread
 from upplied.planning.trajectory.state import Flown
 from upplied.records import Floats, Record
@@ -50,4 +50,4 @@ class Shape(Record):
         square = np.maximum((own**2).mean(axis=0), 1e-12)
         wide = np.sqrt(square) > _LEVEL * np.sqrt(square.max())
         stretch = ((turned - middle) * own).mean(axis=0) / square
-        return np.asarray(middle + np.where(wide, np.clip(stretch, 1 / LIKE, LIKE), 1.0) * own)
+        return np.asarray(middle + np.where(wide, np.clip(stretch, 1 / MOST_RATIO, MOST_RATIO), 1.0) * own)
