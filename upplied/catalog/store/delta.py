@@ -250,8 +250,11 @@ class StoredTable(TableLog):
 
 
 def _encoded(rows: pa.Table) -> pa.Table:
-    """Rows with their texts as dictionaries, but for those that name a row each."""
+    """Rows with their texts as dictionaries, but for those that name a row each.
+
+    Copied: a column as it was read keeps ten times its bytes in memory, those it was decoded in.
+    """
     for at, field in enumerate(rows.schema):
         if pa.types.is_string(field.type) and field.name not in _NAMES:
             rows = rows.set_column(at, field.name, rows.column(at).dictionary_encode())
-    return rows
+    return rows.take(pa.array(range(len(rows)), pa.int64()))

@@ -44,17 +44,17 @@ def owned_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[p
 
 
 def stored_steps(
-    catalog: Catalog, name: str, owners: pd.DataFrame
+    catalog: Catalog, name: str, owners: pd.DataFrame, most: int = CHUNK
 ) -> Iterator[tuple[pd.DataFrame, pa.Table]]:
     """Some of the given rows at a time, with what is stored of their steps, in order: all of it or not."""
     id_name, count_name = TABLES[name].names[0], f"n_{name}"
     owners = owners.sort_values([id_name, "commit_id"])
-    chunk_of = owners[count_name].cumsum() // CHUNK
+    chunk_of = owners[count_name].cumsum() // most
     for _, chunk in owners.groupby(chunk_of, sort=True):
         first, last = chunk[id_name].iloc[0], chunk[id_name].iloc[-1]
         ids = list(chunk[id_name])
         within = (pc.field(id_name) >= first) & (pc.field(id_name) <= last) & pc.field(id_name).isin(ids)
-        stored = catalog.tables[name].read(within)
+        stored = pa.concat_tables(catalog.tables[name].batches(TABLES[name].names, within))
         wanted = pa.table({id_name: ids, "commit_id": list(chunk["commit_id"])})
         owned = stored.join(wanted, [id_name, "commit_id"], join_type="left semi")
         yield chunk, owned.sort_by([(column, "ascending") for column in (id_name, "commit_id", "seq")])
