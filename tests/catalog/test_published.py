@@ -185,6 +185,8 @@ while True:
 """
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_publisher_that_is_killed_leaves_one_generation_whole(catalog, tmp_path):
     place, rng = tmp_path / "out", random.Random(0)
     export_tables(catalog, place)

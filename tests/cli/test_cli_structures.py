@@ -111,6 +111,8 @@ def test_missions_are_written_for_the_vehicle_and_clearance_that_the_plan_was_ma
     assert as_settled({}, MissionOptions()) == as_settled({"settings_json": "{"}, MissionOptions())
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_the_user_says_which_engine_is_meant(tmp_path, monkeypatch):
     a320, b747 = member("a320-v1").structure, member("b747-v1").structure
     catalog = open_catalog(tmp_path / "catalog")

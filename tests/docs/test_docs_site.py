@@ -97,6 +97,8 @@ def test_the_reference_tells_what_planning_returns(site):
     assert "Plan the demonstrated inspection of one structure on another" in planning
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_examples_run(example, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -38,6 +38,8 @@ def place(tmp_path_factory) -> Path:
     return place
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_the_readme_python_says_what_it_claims(place):
     (code,) = blocks("python")
     claims = [

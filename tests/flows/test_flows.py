@@ -43,6 +43,8 @@ print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
     assert (place / "reports" / "index.html").is_file()
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_maintenance_checks_the_catalog_and_says_what_is_wrong_with_it(server, place):
     code = """
 from upplied.flows.maintain_catalog import maintain_catalog
@@ -182,6 +184,8 @@ WRONG = (
 )
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_wrong_parameters_are_refused_before_anything_runs(server, place):
     calls = "\n".join(f"attempt(lambda: transfer_fleet({wrong}))" for wrong in WRONG)
     code = f"""
@@ -242,6 +246,8 @@ say(transfer_fleet(**asked, logs=["mixed"], retry_failed=True, return_state=True
     assert "2 ok" in told[4][1], "what could be planned was not"
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_runs_keep_to_the_declared_roots(server, place, tmp_path):
     code = """
 from upplied.flows.maintain_catalog import maintain_catalog

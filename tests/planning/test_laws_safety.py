@@ -32,9 +32,10 @@ def assert_keeps_its_limits(number: int) -> bool:
     return True
 
 
-def test_no_plan_breaks_its_own_limits() -> None:
-    accepted = sum(assert_keeps_its_limits(number) for number in range(12))
-    assert accepted >= 6  # a planner that refuses everything breaks nothing either
+@pytest.mark.parametrize("first", [0, pytest.param(6, marks=[pytest.mark.slow, pytest.mark.ci])])
+def test_no_plan_breaks_its_own_limits(first: int) -> None:
+    accepted = sum(assert_keeps_its_limits(number) for number in range(first, first + 6))
+    assert accepted >= 3  # a planner that refuses everything breaks nothing either
 
 
 @pytest.mark.slow

@@ -91,6 +91,7 @@ def without_ground(structure):
     return replace(structure, surroundings=type(structure.surroundings)())
 
 
+@pytest.mark.anew
 def test_the_same_inputs_give_the_same_bytes(fleet, around_cube):
     first = plan_transfer(around_cube, fleet["cube-v1"], fleet["cuboid-v1"], settings_for("recommended"))
     again = plan_transfer(around_cube, fleet["cube-v1"], fleet["cuboid-v1"], settings_for("recommended"))

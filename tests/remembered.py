@@ -1,0 +1,50 @@
+"""Planning that finds out once what many tests ask about the same structures and flights.
+
+A plan follows from its inputs alone, which `tests/planning/test_plan.py` asks of plans that are made twice.
+So tests of one process share what was found out about equal inputs: stages by the memo of the planner, keyed
+by the content of the records in place of the hash that they say, and whole plans. Where a test changes the
+program under it (`monkeypatch`), or is marked `anew`, everything is computed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from upplied.planning import plan as planning
+from upplied.planning.correspondence.pair import no_memo
+
+KEPT = 400  # stages and plans at once
+
+_made = planning._planned
+_store: OrderedDict[tuple[str, str], Any] = OrderedDict()
+
+
+def content(*records: Any) -> str:
+    """Hash of all fields; equal content may have two, two contents never have one."""
+    return hashlib.sha256(pickle.dumps(records)).hexdigest()
+
+
+def once(stage: str, record_type: type, key: str, compute: Callable[[], Any]) -> Any:
+    """The memo."""
+    if (stage, key) not in _store:
+        _store[stage, key] = compute()
+        if len(_store) > KEPT:
+            _store.popitem(last=False)
+    _store.move_to_end((stage, key))
+    return _store[stage, key]
+
+
+def planned(demonstration, source, target, settings, memo, required):
+    """A plan in the frames of its structures, as `plan_transfer` asks for it."""
+    if memo is not no_memo:  # the test brings its own
+        return _made(demonstration, source, target, settings, memo, required)
+    demonstration, source, target = (
+        replace(record, sha256=content(record)) for record in (demonstration, source, target)
+    )
+    given = demonstration, source, target, settings
+    return once("plan", object, content(*given, required), lambda: _made(*given, once, required))
