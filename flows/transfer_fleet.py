@@ -9,6 +9,7 @@ from prefect.states import State
 
 from upplied import fleet
 from upplied.catalog import open_catalog
+from upplied.errors import CatalogError
 
 from . import tasks
 from .artifacts import transfer_artifacts
@@ -18,7 +19,7 @@ from .ingest_structures import ingest_structures
 from .lineage import asset, making
 from .parameters import Changes, Id, Location, Presets, Resources, wish_of
 from .roots import check_roots
-from .states import planned, told_in_words, troubles_of
+from .states import ended, planned, told_in_words, troubles_of
 
 NO_CHANGES, ALL_CORES = Changes(), Resources()
 BOTH: Presets = ["recommended", "baseline"]
@@ -74,13 +75,18 @@ def transfer_fleet(
         read.append(ingest_demonstrations(logs, catalog, resources.workers, return_state=True))
     plan_request = wish_of(presets, changes, demonstrations, targets, retry_failed, experiment or "")
     kept = open_catalog(catalog)
+    if unread := troubles_of(read):
+        try:
+            kept.identity.required()
+        except CatalogError as error:  # the first night: why there is no catalog is what was not read
+            return ended(str(error), unread, all_failed=True)
     inputs = [asset(catalog, name) for name in ("structures", "demonstrations")]
     made = asset(catalog, "transfers")
     record = making(tasks.record_plans, made, inputs)
     publish = making(tasks.publish_reports, asset(reports, "reports"), [made])
     night = Night()
     # A structure that was read just now may not be what the plan in force was judged on.
-    problems = [*tasks.recheck_plans(catalog, resources.timeout_s), *troubles_of(read)]
+    problems = [*tasks.recheck_plans(catalog, resources.timeout_s), *unread]
     # What lands while this run plans or publishes is planned by it as well: a run that is started
     # meanwhile is cancelled.
     while night.goes_on(fleet.decide(kept, plan_request)):

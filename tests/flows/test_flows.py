@@ -227,6 +227,8 @@ hasty = {"timeout_s": 0.001, "workers": 1}
 asked = {"reports": "", "presets": ["paper"], "changes": {"viewpoints": {"shared": 0.6}}}
 say(transfer_fleet(**asked, resources=hasty, return_state=True))
 say(transfer_fleet(**asked, logs=["mixed"], retry_failed=True, return_state=True))
+open("wrong.toml", "w").write("[[structures]]")
+say(transfer_fleet("not-yet", manifest="wrong.toml", return_state=True))
 """,
     )
     told = [line.split(" | ") for line in done.stdout.splitlines()]
@@ -236,10 +238,11 @@ say(transfer_fleet(**asked, logs=["mixed"], retry_failed=True, return_state=True
         "FAILED Failed",
         "FAILED Failed",
         "COMPLETED CompletedWithFailures",
+        "FAILED Failed",
     ], done.stdout + done.stderr
     for (_, message), words in zip(
         told,
-        ("broken.mcap", "broken.mcap", "does not exist", "took longer than 0.001 s", "broken.mcap"),
+        ("broken.mcap", "broken.mcap", "does not exist", "longer than 0.001 s", "broken.mcap", "wrong.toml"),
         strict=True,
     ):
         assert words in message
