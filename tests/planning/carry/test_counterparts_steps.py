@@ -133,6 +133,27 @@ def test_a_counterpart_is_told_with_its_like() -> None:
     assert one.probability is None and one.doubt == ""
 
 
+def test_a_kind_of_which_fewer_lie_on_the_own_side_is_doubted_where_one_of_several_is_asked_for() -> None:
+    third = boxes(HULL, LEFT, RIGHT, ([40, 9, 0], POD), number=60)
+    each = settings_for("recommended", correspondence={"repeat": "each"})
+    named = settings_for("recommended", correspondence={"counterparts": (("part_2", "outer"),)})
+    known = take(third, np.array([0, 1, 2]), carried=False)
+    for settings in (each, named):
+        doubt = _counterpart(known, 2, 0.4, side(SOURCE), side(third), settings).doubt
+        assert doubt.startswith(
+            "1 of the parts like part_2 (rear right low) lie on its side of there and 2 on"
+        )
+        # The left one has more: which of them is asked for is known.
+        assert _counterpart(known, 1, 0.4, side(SOURCE), side(third), settings).doubt == ""
+    assert _counterpart(known, 2, 0.4, side(SOURCE), side(third), SETTINGS).doubt == ""
+    even = take(carried=False)
+    assert _counterpart(even, 2, 0.4, side(SOURCE), side(SOURCE), each).doubt == ""
+    # The right one is half gone and of no such size any more, but it was matched with the right one.
+    cut = boxes(HULL, LEFT, ([20, -11, 0], [3, 2, 1]), number=60)
+    for part in (1, 2):
+        assert _counterpart(take(cut, carried=False), part, 0.4, side(SOURCE), side(cut), each).doubt == ""
+
+
 def test_a_chosen_part_is_flown_where_its_own_part_is_repeated() -> None:
     target = boxes(HULL, LEFT, RIGHT, ([40, 9, 0], POD), number=60)
     for repeated, flown in ((1, "part_2"), (2, "part_3")):

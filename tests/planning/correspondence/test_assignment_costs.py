@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from made_clouds import counterparts
 
-from upplied.planning.correspondence.part_assignment import like_shape, match_parts
-from upplied.planning.surface.parts import Parts, sides
+from upplied.planning.correspondence.part_assignment import Matching, like_shape, match_parts, with_named
+from upplied.planning.surface.parts import Parts, blades, sides
 from upplied.records import Floats
 
 DIAGONAL = 100.0
@@ -27,9 +27,9 @@ def parts(
         near[one, other] = near[other, one] = True
     side = sides(low, high, low.min(axis=0), high.max(axis=0)) * np.nan
     extent = np.sort(size, axis=1)[:, ::-1]
-    return Parts(
-        low, high, faces / faces.sum() if area is None else area, near, extent, np.ones(number, bool), side
-    )
+    share = faces / faces.sum() if area is None else area
+    blade = blades(extent, share, low + size / 2)
+    return Parts(low, high, share, near, extent, np.ones(number, bool), side, blade)
 
 
 def apart(one: Parts, a: int, other: Parts, b: int) -> float:
@@ -161,3 +161,26 @@ def test_pins_overrule_likeness() -> None:
     crossed = match_parts(source, target, DIAGONAL, never, {1: 0})
     assert counterparts(crossed, 1) == [0] and counterparts(crossed, 0) == []
     assert len(crossed) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "pinned", "source", "target"),
+    [
+        ([0, 0, -1, 2], {}, [0, 1, 2], [0, 0, 1, 2]),  # two pieces of a hull, and what boxes left alone
+        ([0, 0, -1, -1], {}, [0, 1, -1], [0, 0, 1, -1]),
+        ([1, 0, -1, 2], {}, [0, 1, 2], [0, -1, 1, 2]),  # what boxes matched is named otherwise
+        ([0, 1, -1, 2], {}, [0, 1, 2], [0, -1, 1, 2]),  # the same of a part that is named by nothing
+        ([0, 0, -1, 2], {0: 0, 2: 0}, [0, 1, -1], [0, -1, 1, -1]),  # the user said something else
+    ],
+)
+def test_what_boxes_leave_is_matched_by_name(
+    name: list[int], pinned: dict[int, int], source: list[int], target: list[int]
+) -> None:
+    known = Matching(np.array([0, 1, -1]), np.array([0, -1, 1, -1]))
+    found = with_named(known, np.array(name), pinned)
+    assert found.source_class.tolist() == source and found.target_class.tolist() == target
+
+
+def test_two_pieces_of_one_name_are_one_class() -> None:
+    found = with_named(Matching(np.array([-1, 0]), np.array([-1, 0, -1])), np.array([0, 1, 0]), {})
+    assert counterparts(found, 0) == [0, 2] and counterparts(found, 1) == [1]

@@ -35,7 +35,8 @@ def parts(touching: Bools, body: Bools | None = None) -> Parts:
     number = len(touching)
     zeros = np.zeros((number, 3))
     stands = np.ones(number, bool) if body is None else body
-    return Parts(zeros, zeros + 1, np.full(number, 1 / number), touching, zeros + 1, stands, zeros[:, :2])
+    area, none = np.full(number, 1 / number), np.zeros(number, bool)
+    return Parts(zeros, zeros + 1, area, touching, zeros + 1, stands, zeros[:, :2], none)
 
 
 def apart(one: Patch, here: int, other: Patch, there: int) -> float:

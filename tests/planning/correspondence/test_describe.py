@@ -16,7 +16,7 @@ def parts_at(middles: list[tuple[float, float, float]], area: list[float], half:
     at = np.array(middles, float)
     number = len(at)
     return Parts(at - half, at + half, np.array(area), np.zeros((number, number), bool), np.ones((number, 3)),
-                 np.ones(number, bool), np.zeros((number, 2)))  # fmt: skip
+                 np.ones(number, bool), np.zeros((number, 2)), np.zeros(number, bool))  # fmt: skip
 
 
 def test_a_place_is_named_beyond_a_twelfth_from_the_middle() -> None:

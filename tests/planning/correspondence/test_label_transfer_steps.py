@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,11 +11,12 @@ from upplied.planning.correspondence.label_transfer import (
     _alike,
     _compact,
     _connected,
+    _covered,
     _fits,
     _floating,
-    _is_alone,
-    _named_stretches,
-    _others_alike,
+    _named,
+    _size_and_reach,
+    _with_others,
 )
 from upplied.records import Cloud, Floats, Ints
 
@@ -44,11 +47,16 @@ def test_crumbs_that_touch_nothing_float() -> None:
     assert np.array_equal(_floating(large), piece == 1)  # a five-hundredth, of many
 
 
-def test_a_stretch_has_one_name_from_three_fifths_of_its_area_on() -> None:
-    area = np.array([0.59, 0.41, 0.6, 0.2, 0.2, 5.0])
-    skin, name = np.array([0, 0, 1, 1, 1, 2]), np.array([0, 1, 2, 0, 1, 1])
-    whole = Cloud(np.zeros((6, 3)), None, area)
-    assert _named_stretches(whole, skin, name).tolist() == [0, 1, 2, 2, 2, 1]
+def test_few_samples_of_a_stretch_are_named_as_most_of_it() -> None:
+    skin = np.repeat([0, 1, 2], [100, 600, 20])
+    name = np.concatenate([np.repeat([0, 1], [86, 14]), np.repeat([1, 2, 0], [540, 31, 29]), np.full(20, 2)])
+    found = _named(skin, name)
+    assert (found[skin == 0] == 0).all()  # fourteen are few of any stretch
+    assert np.array_equal(found[skin == 1], np.repeat([1, 2, 1], [540, 31, 29]))  # a twentieth of a large one
+    assert (found[skin == 2] == 2).all()
+    name[:15] = 1
+    name[86:] = 0
+    assert np.array_equal(_named(skin, name)[:100], name[:100])  # fifteen are not
 
 
 def test_samples_of_one_name_that_touch_are_one_part() -> None:
@@ -63,16 +71,9 @@ def test_a_part_up_to_a_fifth_of_the_diagonal_may_stand_elsewhere_as_well() -> N
     whole, label = cloud(
         patch((0, 0, 0), 100, 1), patch((0, 5, 0), 20, 1), patch((40, 5, 0), 22, 1), patch((80, 5, 0), 14, 1)
     )
-    found = _compact(whole, label, 100.0)
-    assert [np.unique(label[mine]).tolist() for mine in found] == [[1]]
-    assert [np.unique(label[mine]).tolist() for mine in _compact(whole, label, 110.0)] == [[1], [2]]
-
-
-def test_a_stretch_is_alone_where_it_is_most_of_its_part() -> None:
-    label = np.array([0, 0, 0, 0, 0, 1, 1])
-    assert _is_alone(label, np.array([1, 1, 1, 1, 0, 0, 0], bool))
-    assert not _is_alone(label, np.array([1, 1, 1, 0, 0, 0, 0], bool))
-    assert _is_alone(label, np.array([1, 0, 0, 0, 0, 1, 1], bool))  # two of three lie in the other part
+    assert [np.unique(label[mine]).tolist() for mine in _compact(whole, label)] == [[1]]
+    wider = replace(whole, points=whole.points * np.where(label == 0, 1.1, 1.0)[:, None])
+    assert [np.unique(label[mine]).tolist() for mine in _compact(wider, label)] == [[1], [2]]
 
 
 def ell(at: tuple[float, float, float], flip: tuple[float, float, float] = (1, 1, 1)) -> Floats:
@@ -87,8 +88,8 @@ def ell(at: tuple[float, float, float], flip: tuple[float, float, float] = (1, 1
 )
 def test_likeness_is_up_to_a_shift_and_a_mirror(flip: tuple[float, float, float], alike: bool) -> None:
     whole, label = cloud(ell((0, 0, 0)), ell((50, 30, 7), flip))
-    assert _alike(whole, label == 0, label == 1, 0.5) == alike
-    assert not _alike(whole, label == 0, np.ones(len(whole), bool), 0.5)  # it would be like itself
+    assert _alike(whole, label == 0, label == 1) == alike
+    assert not _alike(whole, label == 0, np.ones(len(whole), bool))  # it would be like itself
 
 
 @pytest.mark.parametrize(
@@ -97,7 +98,7 @@ def test_likeness_is_up_to_a_shift_and_a_mirror(flip: tuple[float, float, float]
 def test_what_is_alike_has_an_area_within_a_ratio(area: float, alike: bool) -> None:
     points, label = cloud(ell((0, 0, 0)), ell((50, 0, 0)))
     whole = Cloud(points.points, points.normals, np.where(label == 1, area, 1.0))
-    assert _alike(whole, label == 0, label == 1, 0.5) == alike
+    assert _alike(whole, label == 0, label == 1) == alike
 
 
 @pytest.mark.parametrize(("off", "fits"), [(38, True), (41, False)])
@@ -115,32 +116,45 @@ def test_most_samples_either_way_must_lie_near_and_face_alike(off: int, fits: bo
     assert _fits(here, facing, there, near, 0.5)
 
 
-def test_near_is_a_twentieth_of_the_size_or_a_spacing() -> None:
-    here = patch((0, 0, 0), 11, 11)
-    size = np.hypot(10, 10)
-    lifted = here.copy()
-    inner = (np.abs(here[:, :2] - 5) <= 4.5).all(axis=1)
-    for height, step, fits in (
-        (0.045 * size, 0.1, True),
-        (0.075 * size, 0.1, False),
-        (0.075 * size, 1.2, True),
-    ):
-        lifted[inner, 2] = height
-        # The middle of the boxes is laid on the middle, so that half of the height is left on either side.
-        frame = np.vstack([lifted, [[0, 0, -height]]])
-        ends = np.vstack([here, [[0, 0, -height], [0, 0, height]]])
-        up = np.tile(UP, (len(ends), 1))
-        assert _fits(frame, up[: len(frame)], ends, up, step) == fits, (height, step)
+@pytest.mark.parametrize(
+    ("spread", "area", "reach"), [(100.0, 0.25, 5.0), (10.0, 0.25, 0.5), (10.0, 4.0, 2.0)]
+)
+def test_near_is_a_twentieth_of_the_size_or_a_spacing(spread: float, area: float, reach: float) -> None:
+    points = np.array([[0.0, 0, 0], [spread, 0, 0], [0, 0, 400.0]])
+    mine = np.array([True, True, False])
+    assert _size_and_reach(Cloud(points, None, np.full(3, area)), mine) == pytest.approx((spread, reach))
 
 
-def test_stretches_like_a_compact_part_become_parts_of_their_own() -> None:
-    """An engine was named, its like lies unnamed on a large hull, and so does something else."""
-    hull = patch((0, 0, 0), 80, 40)
-    pieces = hull, ell((5, 60, 9)), ell((60, 60, 9)), patch((30, 60, 9), 3, 12), ell((90, 0, 9))
-    whole, skin = cloud(*pieces)
+HULL = patch((0, 0, 0), 80, 40)
+
+
+def others(found: Ints, skin: Ints, before: Ints) -> list[list[int]]:
+    """Of which stretches the parts are that are new."""
+    new = [part for part in np.unique(found) if (before[found == part] != part).any()]
+    return sorted(np.unique(skin[found == part]).tolist() for part in new)
+
+
+def test_what_lies_far_and_is_like_a_compact_part_is_another_of_its_kind() -> None:
+    """An engine was named; its likes lie about, one of them in two stretches, and so does something else."""
+    whole, skin = cloud(HULL, ell((5, 60, 9)), ell((60, 60, 9)), patch((30, 60, 9), 3, 12), ell((90, 0, 9)))
     label = np.where(skin == 1, 1, 0)
-    found = _others_alike(whole, skin, label, 0.5)
-    assert np.array_equal(found == 1, skin == 1)
-    assert np.array_equal(found == 0, (skin == 0) | (skin == 3))
-    assert len(np.unique(found[skin == 2])) == 1 and len(np.unique(found[skin == 4])) == 1
-    assert found[skin == 2][0] != found[skin == 4][0]
+    skin = np.where((skin == 4) & (whole.points[:, 1] > 1.5), 5, skin)  # the arm is a stretch of its own
+    found = _with_others(whole, skin, label, skin >= 2)
+    assert others(found, skin, label) == [[2], [4, 5]]
+    assert np.array_equal(found == 1, label == 1)
+    # What the displacement brings something onto is no other one, whatever its shape.
+    assert others(_with_others(whole, skin, label, skin == 3), skin, label) == []
+    half = (skin == 2) & (np.cumsum(skin == 2) <= 0.5 * (skin == 2).sum())
+    assert others(_with_others(whole, skin, label, half), skin, label) == []
+
+
+def test_what_a_part_covers_of_a_larger_stretch_is_no_part() -> None:
+    """A tail lies on a wing as well as on another tail, and a pylon may be a piece of the wing's skin."""
+    tail, wing = patch((0, 0, 0), 12, 6), patch((40, 0, 0), 40, 20)
+    whole, skin = cloud(tail, wing, patch((100, 0, 0), 12, 5), patch((100, 5, 0), 12, 1))
+    template, taken = skin == 0, skin == 0
+    skin = np.where(skin == 3, 1, skin)  # a strip beside another tail is of the wing's stretch
+    found = _covered(whole, skin, template, skin == 2, taken)
+    assert np.array_equal(found, whole.points[:, 0] >= 100)
+    edge = skin == 2
+    assert np.array_equal(_covered(whole, np.where(edge, 1, skin), template, edge, taken), edge)

@@ -59,6 +59,23 @@ def test_the_other_side_is_the_other_sides() -> None:
     assert pinned(("mine", "outer"), ("part_2", "inner")) == {1: 2, 2: 3}
 
 
+def test_no_place_means_a_part_that_is_named_by_another_kind_or_of_another_size() -> None:
+    """The outer left part is of an engine's shape, but a displacement brings a piece of the hull onto it."""
+    marks, outer = {"mine": (42.0, 21.0, 1.0)}, (("mine", "outer"),)
+    label = TARGET.part
+    assert label is not None
+
+    def meant(names: list[int], target: Cloud = TARGET) -> dict[int, int]:
+        return pinned_parts(SOURCE, target, SAME, outer, marks, {}, named=np.array(names)[target.part])
+
+    assert meant([0, 1, -1, 2, -1, 3, -1]) == {1: 2}  # nothing came near it: another one of its kind
+    assert meant([0, 1, 2, 2, -1, 3, -1]) == {1: 2}  # its mirrored one is of its kind
+    assert meant([0, 1, 0, 2, -1, 3, -1]) == {1: 1}
+    small = boxes(HULL, ((50, 12, 0), SIZE), ((30, 30, 0), (4.0, 2.2, 2.2)), ((50, -15, 0), SIZE))
+    assert meant([-1, -1, -1, -1], small) == {1: 2}
+    assert meant([0, 1, -1, 2], small) == {1: 1}  # half the size of the one that corresponds
+
+
 def test_places_are_asked_where_the_target_is_laid() -> None:
     half_turn = np.diag([-1.0, -1.0, 1.0])
     turned = Cloud(TARGET.points @ half_turn, TARGET.normals @ half_turn, TARGET.area_m2, TARGET.part)  # type: ignore[operator]

@@ -8,7 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from upplied.planning.correspondence.by_parts import by_parts, facing_nearest
 from upplied.planning.correspondence.coherent_point_drift import Patch, farthest_points, spread_over
-from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like
+from upplied.planning.correspondence.label_transfer import (
+    carried,
+    has_parts,
+    parts_like,
+    pieces_tell_parts,
+)
 from upplied.records import Cloud, Floats, Ints, Registration
 
 Box = tuple[list[float], list[float]]
@@ -47,6 +52,24 @@ def test_what_is_nearest_after_the_displacement_gives_the_name() -> None:
     assert has_parts(known) and not has_parts(whole)
     assert not has_parts(Cloud(known.points, part=np.zeros(len(known), int)))
     assert (carried(whole, known) == label).mean() > 0.99
+
+
+def test_what_nothing_comes_near_has_no_name() -> None:
+    known, label = cloud(BODY, LEFT, RIGHT)
+    whole, there = cloud(BODY, LEFT, RIGHT, ([10, 30, 1], [8, 5, 4]), labelled=False)
+    found = carried(whole, known)
+    assert (found[there == 3] == -1).mean() > 0.9
+    assert (found[there < 3] == label).mean() > 0.95
+
+
+def test_pieces_that_lie_apart_tell_no_parts() -> None:
+    """A scan of which the middle is missing is two pieces, which say no more of its parts than one."""
+    assert pieces_tell_parts(cloud(BODY, ([30, 4, 1], [8, 5, 4]), ([30, -9, 1], [8, 5, 4]))[0])
+    assert not pieces_tell_parts(cloud(BODY)[0])
+    assert not pieces_tell_parts(cloud(([0, -4, 0], [25, 8, 6]), ([35, -4, 0], [25, 8, 6]))[0])
+    pod, other = ([30, 4, 1], [2, 1, 2]), ([30, 60, 1], [60, 8, 6])
+    assert pieces_tell_parts(cloud(BODY, pod, other)[0])  # more than two fifths touch
+    assert not pieces_tell_parts(cloud(BODY, pod, other, ([30, 90, 1], [60, 8, 6]))[0])
 
 
 def test_stretches_are_named_and_parted() -> None:

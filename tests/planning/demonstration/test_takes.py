@@ -20,6 +20,7 @@ from upplied.planning.demonstration.repetition import (
     _shows_each,
     begins_of,
     breaks_of,
+    choices_in,
     demonstrated_part,
     inspected_parts,
     inspected_states,
@@ -27,6 +28,7 @@ from upplied.planning.demonstration.repetition import (
     mirrored,
     takes_of,
 )
+from upplied.planning.surface.parts import parts_of
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import (
     Cloud,
@@ -201,6 +203,27 @@ def test_a_part_is_repeated_on_its_side_and_in_the_middle() -> None:
     found = about({1: 1.0}, [0, 1, 2])
     assert sorted(_on_this_side(1, cast(Pair, found.pair))) == [1, 3]
     assert sorted(_on_this_side(2, cast(Pair, found.pair))) == [2, 3]
+
+
+def test_what_corresponds_to_another_kind_is_no_choice() -> None:
+    """A third pod of the target is the hull's tail, which has the size of a pod."""
+    source, target = pods(LEFT, RIGHT), pods(LEFT, RIGHT, TOP)
+    here, there = parts_of(source), parts_of(target).on(parts_of(source))
+
+    def choices(part: int, *classes: int) -> list[int]:
+        known = {"source_class": np.array(classes[:3]), "target_class": np.array(classes[3:])}
+        pair = take(source=source, target=target, **known).pair
+        return sorted(choices_in(pair, here, part, there, [1]).tolist())
+
+    assert choices(1, 0, 1, 2, 0, 1, 2, -1) == [1, 2, 3]
+    assert choices(1, 0, 1, 2, 0, 1, 2, 0) == [1, 2]  # with the hull
+    assert choices(1, 0, 1, 2, 0, 1, 2, 2) == [1, 2, 3]  # with the other pod
+    assert choices(1, -1, 1, 2, 0, 1, 2, -1) == [1, 2, 3]  # the hull corresponds to nothing
+    assert sorted(choices_in(take(source=source, target=target).pair, here, 1, there, [1]).tolist()) == [
+        1,
+        2,
+        3,
+    ]
 
 
 def flown_again(

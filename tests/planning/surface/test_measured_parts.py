@@ -7,10 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.planning.surface.parts import (
-    Parts,
+    blades,
     blades_of,
     labels_of,
     mesh_pieces,
+    names_of,
     part_labels,
     parts_of,
     sides,
@@ -98,28 +99,41 @@ def test_parts_turn_with_their_axes(quarter: int) -> None:
     assert found.side == pytest.approx(there.side, nan_ok=True)
 
 
-def flat_parts(extent: list[list[float]], area: list[float]) -> Parts:
-    number = len(area)
-    apart, body = np.zeros((number, number), bool), np.ones(number, bool)
-    low, side = np.zeros((number, 3)), np.zeros((number, 2))
-    return Parts(low, low + 1, np.array(area), apart, np.array(extent), body, side)
+def are_blades(extent: list[list[float]], area: list[float], apart: float = 0.3) -> list[bool]:
+    """Whether parts are blades whose middles lie so far from their hub, of the length of the first."""
+    angle = 2 * np.pi * np.arange(len(area)) / (len(area) - 1)
+    middle = apart * extent[1][0] * np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
+    return blades(np.array(extent), np.array(area), middle).tolist()
 
 
 def test_blades_are_long_several_and_not_the_body() -> None:
     long, short = [20.0, 2, 1], [6.0, 2, 1]
-    assert flat_parts([long, long, long, short], [0.7, 0.1, 0.1, 0.1]).blade.tolist() == [
-        False,
-        True,
-        True,
-        False,
-    ]
-    assert not flat_parts([long, long, short], [0.7, 0.1, 0.2]).blade.any()  # one alone is none
-    assert not flat_parts([long, long, [31.0, 2, 1]], [0.6, 0.2, 0.2]).blade.any()  # not of one length
-    near = flat_parts([long, long, [29.0, 2, 1]], [0.6, 0.2, 0.2]).blade
-    assert near.tolist() == [False, True, True]
-    assert flat_parts([long, long, long], [0.96, 0.03, 0.01]).blade.tolist() == [False, False, False]
-    assert flat_parts([long, long, long], [0.949, 0.04, 0.011]).blade.tolist() == [False, True, True]
-    assert not flat_parts([long, [8.0, 2, 1], [8.0, 2, 1]], [0.6, 0.2, 0.2]).blade.any()
+    assert are_blades([long, long, long, short], [0.7, 0.1, 0.1, 0.1]) == [False, True, True, False]
+    assert not any(are_blades([long, long, short], [0.7, 0.1, 0.2]))  # one alone is none
+    assert not any(are_blades([long, long, [31.0, 2, 1]], [0.6, 0.2, 0.2], 1.0))  # not of one length
+    assert are_blades([long, long, [29.0, 2, 1]], [0.6, 0.2, 0.2], 1.0) == [False, True, True]
+    assert are_blades([long, long, long], [0.96, 0.03, 0.01]) == [False, False, False]
+    assert are_blades([long, long, long], [0.949, 0.04, 0.011]) == [False, True, True]
+    assert not any(are_blades([long, [8.0, 2, 1], [8.0, 2, 1]], [0.6, 0.2, 0.2]))
+
+
+def test_what_lies_side_by_side_is_no_blade() -> None:
+    """The parapets of a bridge, the floats of a seaplane."""
+    long = [20.0, 2, 1]
+    assert are_blades([long, long, long], [0.6, 0.2, 0.2], 0.26) == [False, True, True]
+    assert are_blades([long, long, long], [0.6, 0.2, 0.2], 0.24) == [False, False, False]
+    deck = ([-40.0, -5, 0], [80.0, 10, 2])
+    bridge = cloud(deck, ([-40.0, -5, 2], [80.0, 1, 1]), ([-40.0, 4, 2], [80.0, 1, 1]))
+    assert not blades_of(bridge).any()
+
+
+def test_a_part_has_the_name_of_most_of_what_has_one_unless_little_has() -> None:
+    label = np.repeat([0, 1, 2, 3], 10)
+    named = np.array([5] * 5 + [-1] * 5 + [5] * 4 + [-1] * 6 + [3] * 6 + [5] * 4 + [3] * 7 + [5] * 3)
+    known = Cloud(np.zeros((40, 3)), None, np.ones(40), label)
+    assert names_of(known, named).tolist() == [5, -1, -1, 3]
+    heavy = np.where(np.arange(40) == 10, 2.0, 1.0)  # by area, not by number
+    assert names_of(Cloud(known.points, None, heavy, label), named).tolist() == [5, 5, -1, 3]
 
 
 def test_samples_on_blades() -> None:

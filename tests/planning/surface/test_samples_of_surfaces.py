@@ -81,6 +81,16 @@ def hull(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return points, ConvexHull(points).simplices  # of arbitrary winding
 
 
+def ball(number: int) -> tuple[np.ndarray, np.ndarray]:
+    """A unit sphere, wound outwards."""
+    points = np.random.default_rng(1).normal(size=(number, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    faces = ConvexHull(points).simplices
+    corners = points[faces]
+    inward = np.linalg.det(corners) < 0
+    return points, np.where(inward[:, None], faces[:, ::-1], faces)
+
+
 AREA = 2 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0])
 
 
@@ -160,6 +170,39 @@ def test_open_top_shows_its_inside() -> None:
     found = sample(mesh((points, shell)))
     inside = np.einsum("ij,ij->i", found.normals, found.points - SIZE / 2) < 0
     assert found.area_m2[inside].sum() == pytest.approx(AREA - SIZE[0] * SIZE[1], rel=0.05)
+
+
+@pytest.mark.parametrize("cut", [0.1, 0.3])
+@pytest.mark.parametrize("flip", [False, True])
+def test_what_was_never_scanned_does_not_show_the_inside_of_the_rest(cut: float, flip: bool) -> None:
+    points, faces = ball(2000)
+    points = points * [12.0, 1.0, 1.0]
+    faces = faces[points[faces].mean(axis=1)[:, 0] < 12 - 24 * cut]
+    corners = points[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    found = sample(mesh((points, faces[:, ::-1] if flip else faces)))
+    outward = np.einsum("ij,ij->i", found.normals, found.points * [0, 1, 1])
+    assert (outward > 0).mean() > 0.95
+    assert found.area_m2.sum() == pytest.approx(area.sum() / 2, rel=0.05)
+
+
+def test_a_duct_that_touches_another_piece_shows_its_inside() -> None:
+    points, faces = ball(2000)
+    corners = points[faces].mean(axis=1)[:, 0]
+    duct = points * [10.0, 1.0, 1.0], faces[np.abs(corners) < 0.8]
+    found = sample(mesh(duct, box(SIZE, np.array([-5.0, 0.95, -2.0]))))
+    mine = np.linalg.norm(found.points[:, 1:], axis=1) < 1.01
+    inward = np.einsum("ij,ij->i", found.normals, found.points * [0, 1, 1])[mine] < 0
+    assert inward.mean() > 0.1
+
+
+def test_a_plate_welded_to_a_shell_keeps_both_sides() -> None:
+    points, faces = box()
+    fin = np.array([[0.0, 0, 4], [10, 0, 4], [10, 0, 7], [0, 0, 7]])
+    found = sample(mesh((np.vstack([points, fin]), np.vstack([faces, [[8, 9, 10], [8, 10, 11]]]))))
+    above = found.points[:, 2] > 4.01
+    for sign in (1, -1):
+        assert found.area_m2[above & (sign * found.normals[:, 1] > 0.9)].sum() == pytest.approx(30, rel=0.06)
 
 
 def test_samples_keep_apart() -> None:

@@ -1,8 +1,7 @@
 """Which part of the target corresponds to each inspected part, and how certain that is.
 
-An engine has a twin under the other wing, and may have four on the target. Where the parts of a structure
-are not known, as on a scan of one piece, its points still have nearest neighbours and a plan still has
-good figures, of the wrong engine. So a plan asks here first.
+An engine has a twin under the other wing, and may have four on the target. Where parts are not known, as
+on scans, points have nearest neighbours still and a plan good figures, of the wrong engine. So it asks first.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from upplied.planning.correspondence.certainty import (
 )
 from upplied.planning.correspondence.describe import place_of
 from upplied.planning.correspondence.landmarks import choices_for, side_of
-from upplied.planning.demonstration.repetition import Take, inspected_parts
+from upplied.planning.demonstration.repetition import Take, choices_in, inspected_parts
 from upplied.planning.geometry.boxes import diagonal_of
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
@@ -142,16 +141,17 @@ def _counterpart(
 ) -> Counterpart:
     name = _name(source.parts, part)
     matched = [take.choice] if take.choice >= 0 and part == take.part else _matched_parts(take, part, source)
-    alike = choices_for(source.parts, part, target.parts, matched).tolist() if target.pieces else []
+    alike = choices_in(take.pair, source.parts, part, target.parts, matched).tolist()
+    alike = alike if target.pieces else []
     twins = choices_for(source.parts, part, source.parts, [part])
     known = _probability(take, part, matched, alike, settings) if matched and source.pieces else None
     others = _others_within(take, part, source)
     doubt = _doubt(take, name, share, target, known, settings) if not matched or known is not None else ""
     if others and not doubt:
-        doubt = (
-            f"what was inspected of {name} is a part of its own, of which the source has {others} more, and "
-            f"it is not told apart on {take.pair.target.structure_id}"
-        )
+        apart = f"a part of its own, of which the source has {others} more, and it is not told apart"
+        doubt = f"what was inspected of {name} is {apart} on {take.pair.target.structure_id}"
+    if settings.correspondence.repeat == "each" or settings.correspondence.counterparts:
+        doubt = doubt or _lopsided(take, part, source, target, {*alike, *matched})
     return Counterpart(
         part=name,
         inspected_pct=round(100 * share, 2),
@@ -161,6 +161,26 @@ def _counterpart(
         left_out=tuple(_name(target.parts, other) for other in alike if other not in matched),
         probability=None if known is None else round(known, 4),
         doubt=doubt,
+    )
+
+
+def _lopsided(take: Take, part: int, source: _Side, target: _Side, found: set[int]) -> str:
+    """What is odd where fewer of a kind lie on a part's side of the target than on the other; or empty.
+
+    Where the source has as many on either side, one was not scanned or is not told apart: which is left?
+    """
+    kind, own = choices_for(source.parts, part, source.parts, [part]).tolist(), side_of(source.parts, part)
+    for twin in kind:
+        found = found | set(take.pair.surface.correspondences.target_parts(twin).tolist())
+    (here, across), (there, beyond) = (
+        [sum(side_of(parts, one) == side for one in some) for side in (own, -own)]
+        for parts, some in ((source.parts, kind), (target.parts, found))
+    )
+    if not own or here != across or there >= beyond:
+        return ""
+    return (
+        f"{there} of the parts like {_name(source.parts, part)} lie on its side of "
+        f"{take.pair.target.structure_id} and {beyond} on the other: some were not scanned or not told apart"
     )
 
 

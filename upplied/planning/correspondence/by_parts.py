@@ -34,6 +34,7 @@ def by_parts(
     registration: Registration,
     pinned: Mapping[int, int] | None = None,
     words: Floats = UNTURNED,
+    named: Ints | None = None,
 ) -> Correspondences:
     """Counterparts of all samples of the source.
 
@@ -46,12 +47,14 @@ def by_parts(
         Source part to target part, as the user said.
     words : array, shape (3, 3), optional
         Quarter turns of the source to the axes in which places are named.
+    named : array of int, shape (M,), optional
+        The source's part that the parts of either were inferred by, of each target sample; -1 none.
     """
     if source.normals is None or target.normals is None:
         raise ValueError("correspondences by parts need normals")
     diagonal = diagonal_of(source.points)
     registered = in_source_frame(target, registration)
-    matching = matched(source, registered, pinned)
+    matching = matched(source, registered, pinned, named)
     moving, fixed = patches(source, registered, matching)
     warped = _warped(aligned_parts(moving, fixed), fixed, diagonal)
     index = facing_nearest(warped, fixed, diagonal)

@@ -2,9 +2,9 @@
 
 A scan, a photogrammetric model or a cloud is one piece. Its skin continues over a nacelle and ends where
 that meets the wing (`surface.skin`), and another structure of the kind says what lies about there. So
-stretches of skin are named after the part that a smooth displacement brings onto them, stretches of one
-name that touch are one part, and what has the shape of a part found already is another one of its kind,
-whatever lies near it: the outer engine of an airliner beside the inner one that the other has alone.
+samples of a stretch of skin are named after the part that a smooth displacement brings onto them, samples of
+one name that touch are one part, and where the displacement brings nothing, what has the shape of a part
+found already is another one of its kind: the outer engine of an airliner beside the inner one.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from upplied.planning.constants import (
     FACING,
     FRAGMENT,
     MAJORITY,
+    MOST_RATIO,
     SAME_FACE,
     SAME_SIZE,
     TOLERANCE,
@@ -26,17 +27,27 @@ from upplied.planning.constants import (
 )
 from upplied.planning.correspondence.coherent_point_drift import Patch, drift, spread_over
 from upplied.planning.geometry.boxes import diagonal_of, spacing
-from upplied.planning.surface.parts import labels_of, part_labels
+from upplied.planning.surface.parts import by_size, joined_small, labels_of, parts_of
 from upplied.records import Bools, Cloud, Floats, Ints
 from upplied.vectors import with_normals
 
 _LEAST_SAMPLES = 15  # of a part that is compared with others
 _CONTROLS, _ANCHORS = 200, 450  # points that move, and points that pull (`correspondence.by_parts`)
+_ROUNDS = 6  # in which a part is shifted to where it lies best
 
 
 def has_parts(cloud: Cloud) -> bool:
     """Whether the samples of a surface are known to lie on more than one part."""
     return bool(labels_of(cloud).max(initial=0) > 0)
+
+
+def pieces_tell_parts(cloud: Cloud) -> bool:
+    """Whether the pieces of a surface are parts: enough of it lies on pieces that touch others.
+
+    A scan of which much is missing falls into pieces that lie apart, as little as one piece tells parts.
+    """
+    parts = parts_of(cloud)
+    return bool(parts.area[parts.touching.any(axis=1)].sum() > 1 - MAJORITY)
 
 
 def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
@@ -68,17 +79,24 @@ def _floating(whole: Cloud) -> Bools:
 
 
 def _parts_of_solid(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
-    name = carried(whole, known)
-    step, reach = spacing(whole), TOUCH * spacing(whole)
-    stretch = _named_stretches(whole, skin, name)
-    pairs = cKDTree(whole.points).query_pairs(reach, output_type="ndarray")
-    label = _connected(pairs, stretch)
-    label = _others_alike(whole, skin, label, max(step, 1e-9))
-    return part_labels(whole.points, whole.areas, label)
+    name, far = _nearest_moved(whole, known)
+    pairs = cKDTree(whole.points).query_pairs(TOUCH * spacing(whole), output_type="ndarray")
+    label = _connected(pairs, _named(skin, name))
+    label = _with_others(whole, skin, label, far)
+    return by_size(whole.areas, joined_small(whole.points, whole.areas, label))
 
 
 def carried(whole: Cloud, known: Cloud) -> Ints:
-    """The part (N,) of `known` that lies nearest to each sample, faces alike, after a smooth displacement."""
+    """The part (N,) of `known` that a smooth displacement brings onto each sample, -1 where none is near."""
+    name, far = _nearest_moved(whole, known)
+    return np.where(far, -1, name)
+
+
+def _nearest_moved(whole: Cloud, known: Cloud) -> tuple[Ints, Bools]:
+    """The part (N,) of `known` nearest to each sample, after a smooth displacement, and whether it is far.
+
+    Farther than what turning a normal by a right angle counts.
+    """
     diagonal = diagonal_of(whole.points)
     none = np.full(len(known), -1), np.full(len(whole), -1)
     moving = Patch(known.points, known.outward, none[0])
@@ -89,15 +107,17 @@ def carried(whole: Cloud, known: Cloud) -> Ints:
     moved = moving.points + found.at(moving.points, moving.label)
     weight = FACING * diagonal
     tree = cKDTree(with_normals(moved, known.outward, weight))
-    return labels_of(known)[tree.query(with_normals(whole.points, whole.outward, weight))[1]]
+    distance, index = tree.query(with_normals(whole.points, whole.outward, weight))
+    return labels_of(known)[index], distance > weight
 
 
-def _named_stretches(whole: Cloud, skin: Ints, name: Ints) -> Ints:
-    """A name for each sample: its stretch's, or where that has none its own."""
-    area = np.zeros((int(skin.max()) + 1, int(name.max()) + 1))
-    np.add.at(area, (skin, name), whole.areas)
-    pure = area.max(axis=1) >= MAJORITY * area.sum(axis=1)
-    return np.where(pure[skin], area.argmax(axis=1)[skin], name)
+def _named(skin: Ints, name: Ints) -> Ints:
+    """A name for each sample: its own, or where few of its stretch have that one, what most of them have."""
+    number = int(name.max()) + 1
+    each = skin * number + name
+    count = np.bincount(each, minlength=(int(skin.max()) + 1) * number)
+    few = count[each] < np.maximum(_LEAST_SAMPLES, TOLERANCE * np.bincount(skin)[skin])
+    return np.where(few, count.reshape(-1, number).argmax(axis=1)[skin], name)
 
 
 def _connected(pairs: Ints, name: Ints) -> Ints:
@@ -108,55 +128,96 @@ def _connected(pairs: Ints, name: Ints) -> Ints:
     return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 
 
-def _others_alike(whole: Cloud, skin: Ints, label: Ints, step_m: float) -> Ints:
-    """The parts, and beside them stretches of skin that look like one of the compact parts found already."""
-    diagonal = diagonal_of(whole.points)
-    label = label.copy()
-    templates = _compact(whole, label, diagonal)
-    for stretch in np.flatnonzero(np.bincount(skin) >= max(_LEAST_SAMPLES, FRAGMENT * len(skin))):
-        mine = skin == stretch
-        if np.ptp(whole.points[mine], axis=0).max() > COMPACT * diagonal:
+def _with_others(whole: Cloud, skin: Ints, label: Ints, far: Bools) -> Ints:
+    """The parts, and beside them others of the kind of a compact one, of samples that mostly lie far.
+
+    Each is looked for about a compact stretch of skin, the largest first.
+    """
+    templates = [mine for mine in _compact(whole, label) if far[mine].mean() <= MAJORITY]
+    label, count = label.copy(), np.bincount(skin)
+    taken = np.any(templates, axis=0) if templates else np.zeros(len(whole), bool)
+    for stretch in np.argsort(-count, kind="stable")[: int((count >= _LEAST_SAMPLES).sum())]:
+        mine = (skin == stretch) & ~taken
+        if 2 * mine.sum() < count[stretch] or not _is_compact(whole, mine):
             continue
-        if (np.bincount(label[mine]).max() > MAJORITY * mine.sum()) and _is_alone(label, mine):
-            continue  # a part of its own already
-        if any(_alike(whole, template, mine, step_m) for template in templates):
-            label[mine] = label.max() + 1
+        for template in templates:
+            if not 1 / MOST_RATIO < mine.sum() / template.sum() < SAME_SIZE:
+                continue
+            found = _covered(whole, skin, template, mine, taken)
+            if far[found].mean() > MAJORITY and _alike(whole, template, found):
+                label[found] = label.max() + 1
+                taken = taken | found
+                break
     return label
 
 
-def _compact(whole: Cloud, label: Ints, diagonal: float) -> list[Bools]:
+def _covered(whole: Cloud, skin: Ints, template: Bools, mine: Bools, taken: Bools) -> Bools:
+    """What a part covers, shifted or mirrored to where it lies best about a stretch of skin.
+
+    Stretches that it mostly covers count whole, and must be most of it: on a scan another engine may be two
+    of them, and its pylon a piece of the wing's, but what covers a piece of a wing alone is none. Then the
+    stretch is asked alone.
+    """
+    size, reach = _size_and_reach(whole, template)
+    weight = FACING * diagonal_of(whole.points)
+    middle = whole.points[mine].mean(axis=0)
+    about = np.flatnonzero((np.linalg.norm(whole.points - middle, axis=1) < size) & ~taken)
+    there = with_normals(whole.points[about], whole.outward[about], weight)
+    tree, most = cKDTree(there), np.zeros(len(whole), bool)
+    for flip in _FLIPS:
+        moved = with_normals(whole.points[template] * flip, whole.outward[template] * flip, weight)
+        moved[:, :3] += middle - moved[:, :3].mean(axis=0)
+        for _ in range(_ROUNDS):
+            apart, index = tree.query(moved)
+            near = apart < size / 2
+            if near.any():
+                moved[:, :3] += (there[index[near], :3] - moved[near, :3]).mean(axis=0)
+        index = cKDTree(moved).query(there)[1]
+        near = np.linalg.norm(there[:, :3] - moved[index, :3], axis=1) < reach
+        near &= (there[:, 3:] * moved[index, 3:]).sum(axis=1) > SAME_FACE * weight**2
+        if near.sum() > most.sum():
+            most = np.zeros(len(whole), bool)
+            most[about[near]] = True
+    mostly = (np.bincount(skin, weights=most) > MAJORITY * np.bincount(skin))[skin] & ~taken
+    return most | mostly if (most & mostly).sum() > MAJORITY * most.sum() else mine
+
+
+def _compact(whole: Cloud, label: Ints) -> list[Bools]:
     """Which samples lie on each part that is small enough for others of its kind to stand elsewhere."""
     count = np.bincount(label)
     found = [label == part for part in np.flatnonzero(count >= max(_LEAST_SAMPLES, FRAGMENT * len(label)))]
-    return [mine for mine in found if np.ptp(whole.points[mine], axis=0).max() < COMPACT * diagonal]
+    return [mine for mine in found if _is_compact(whole, mine)]
 
 
-def _is_alone(label: Ints, mine: Bools) -> bool:
-    """Whether most of the part that a stretch lies in is that stretch."""
-    part = np.bincount(label[mine]).argmax()
-    return bool(mine[label == part].mean() > MAJORITY)
+def _is_compact(whole: Cloud, mine: Bools) -> bool:
+    return bool(np.ptp(whole.points[mine], axis=0).max() < COMPACT * diagonal_of(whole.points))
 
 
-def _alike(whole: Cloud, template: Bools, mine: Bools, step_m: float) -> bool:
-    """Whether a stretch of skin has the shape of a part, shifted, or mirrored left for right."""
+def _size_and_reach(whole: Cloud, mine: Bools) -> tuple[float, float]:
+    """The diagonal of a part, and how near another of its kind lies to it, m."""
+    size = float(np.linalg.norm(np.ptp(whole.points[mine], axis=0)))
+    return size, max(TOLERANCE * size, spacing(whole), 1e-9)
+
+
+def _alike(whole: Cloud, template: Bools, mine: Bools) -> bool:
+    """Whether some samples have the shape of a part, shifted, or mirrored left for right."""
     ratio = whole.areas[mine].sum() / whole.areas[template].sum()
     if not 1 / SAME_SIZE < ratio < SAME_SIZE or (template & mine).any():
         return False
     here, facing = whole.points[template], whole.outward[template]
     there, faces = whole.points[mine], whole.outward[mine]
-    return any(_fits(here * flip, facing * flip, there, faces, step_m) for flip in _FLIPS)
+    reach = _size_and_reach(whole, mine)[1]
+    return any(_fits(here * flip, facing * flip, there, faces, reach) for flip in _FLIPS)
 
 
 _FLIPS = np.array([[1.0, 1, 1], [1, -1, 1], [-1, 1, 1]])
 
 
-def _fits(here: Floats, facing: Floats, there: Floats, faces: Floats, step_m: float) -> bool:
+def _fits(here: Floats, facing: Floats, there: Floats, faces: Floats, reach: float) -> bool:
     """Whether most samples of either surface lie near the other, once their middles are made equal."""
-    size = float(np.linalg.norm(np.ptp(there, axis=0)))
     moved = here + (there.min(axis=0) + there.max(axis=0) - here.min(axis=0) - here.max(axis=0)) / 2
     shares = []
     for one, normals, other, others in ((moved, facing, there, faces), (there, faces, moved, facing)):
         apart, index = cKDTree(other).query(one)
-        near = apart < max(TOLERANCE * size, step_m)
-        shares.append(float((near & ((normals * others[index]).sum(axis=1) > SAME_FACE)).mean()))
+        shares.append(float(((apart < reach) & ((normals * others[index]).sum(axis=1) > SAME_FACE)).mean()))
     return min(shares) > MAJORITY

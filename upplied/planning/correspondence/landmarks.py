@@ -12,7 +12,7 @@ from upplied.planning.constants import MOST_RATIO, SAME_SIZE, SIDE
 from upplied.planning.correspondence.misfit import UNTURNED
 from upplied.planning.correspondence.part_assignment import like_shape
 from upplied.planning.geometry.boxes import in_source_frame
-from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
+from upplied.planning.surface.parts import Parts, labels_of, names_of, parts_of_both
 from upplied.records import Cloud, Floats, Ints, Registration
 
 Landmarks = Mapping[str, tuple[float, float, float]]
@@ -28,6 +28,7 @@ def pinned_parts(
     source_landmarks: Landmarks,
     target_landmarks: Landmarks,
     words: Floats = UNTURNED,
+    named: Ints | None = None,
 ) -> dict[int, int]:
     """Source part to target part for each pair of names.
 
@@ -44,6 +45,8 @@ def pinned_parts(
     source_landmarks, target_landmarks : mapping of name to x y z, m, frame of each structure
     words : array, shape (3, 3), optional
         Quarter turns of the source to the axes in which places are named: +X front, +Y left.
+    named : array of int, shape (M,), optional
+        The source's part by which each target sample is named, -1 for none: no place means another kind.
 
     Raises
     ------
@@ -52,7 +55,9 @@ def pinned_parts(
     RefusedError
         If a name is known and the parts of the target, as they were found, do not tell what it means.
     """
-    here, there = parts_of_both(source, in_source_frame(target, registration), words)
+    registered = in_source_frame(target, registration)
+    here, there = parts_of_both(source, registered, words)
+    names = np.full(len(there), -1) if named is None else names_of(registered, named)
     pinned = {}
     for name, name_there in pairs:
         one = _named(name, source, here, source_landmarks)
@@ -60,7 +65,7 @@ def pinned_parts(
             raise _unknown(name, "source", source_landmarks, len(here), "")
         other = _named(name_there, target, there, target_landmarks)
         if other is None and set(name_there.split("_")) <= set(_WORDS):
-            other = _by_place(name_there.split("_"), here, one, there)
+            other = _by_place(name_there.split("_"), here, one, there, names)
             if other is None:
                 raise _not_told_apart(name, name_there, "no part of the target has the shape and size of it")
         elif other is not None and not _comparable(here, one, there, other):
@@ -96,8 +101,10 @@ def _named(name: str, cloud: Cloud, parts: Parts, landmarks: Landmarks) -> int |
     return None
 
 
-def _by_place(words: list[str], source: Parts, part: int, target: Parts) -> int | None:
-    candidates = _alike(source, part, target)
+def _by_place(words: list[str], source: Parts, part: int, target: Parts, names: Ints) -> int | None:
+    kind = [-1, part, *_alike(source, part, source)]
+    alike = choices_for(source, part, target, np.flatnonzero(names == part).tolist()).tolist()
+    candidates = [other for other in alike if names[other] in kind]
     side = {"left": 1, "right": -1}.get(next((word for word in words if word in ("left", "right")), ""), 0)
     side = side or side_of(source, part)
     candidates = [other for other in candidates if side_of(target, other) == side] or candidates

@@ -9,7 +9,7 @@ from upplied.config import CorrespondenceSettings
 from upplied.planning.correspondence.by_parts import by_parts
 from upplied.planning.correspondence.landmarks import Landmarks, pinned_parts
 from upplied.planning.correspondence.misfit import UNTURNED
-from upplied.records import Cloud, Correspondences, Floats, Registration
+from upplied.records import Cloud, Correspondences, Floats, Ints, Registration
 
 
 def correspond(
@@ -20,6 +20,7 @@ def correspond(
     source_landmarks: Landmarks | None = None,
     target_landmarks: Landmarks | None = None,
     words: Floats = UNTURNED,
+    named: Ints | None = None,
 ) -> Correspondences:
     """Counterparts of all points of the demonstration's cloud.
 
@@ -34,6 +35,8 @@ def correspond(
         What the names in `settings.counterparts` may refer to.
     words : array, shape (3, 3), optional
         Quarter turns of the source to the axes in which places such as ``left`` are named.
+    named : array of int, shape (M,), optional
+        The source's part that the parts of either were inferred by, of each target sample; -1 none.
 
     Returns
     -------
@@ -47,8 +50,10 @@ def correspond(
     if settings.method == "nearest" or source.normals is None or target.normals is None:
         return nearest(source, target, registration)
     landmarks = (source_landmarks or {}, target_landmarks or {})
-    pinned = pinned_parts(source, target, registration, settings.counterparts, *landmarks, words=words)
-    return by_parts(source, target, registration, pinned, words)
+    pinned = pinned_parts(
+        source, target, registration, settings.counterparts, *landmarks, words=words, named=named
+    )
+    return by_parts(source, target, registration, pinned, words, named)
 
 
 def nearest(source: Cloud, target: Cloud, registration: Registration) -> Correspondences:

@@ -10,7 +10,7 @@ import numpy as np
 
 from upplied.config import CloudSettings, Settings, digest, settings_for
 from upplied.planning.constants import CLEARLY_BETTER, LEAST_PART, MAJORITY
-from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like
+from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like, pieces_tell_parts
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.registration import Declared, register
 from upplied.planning.correspondence.rotor import rotor_turned
@@ -59,7 +59,7 @@ class Fit(Record):
     registration: Registration
     correspondences: Correspondences  # from source to target
     inferred: int = -1  # 0 or 1: the parts of the source or the target were inferred from those of the other
-    # (M,) the source's part that a smooth displacement alone brings onto each of the target's samples
+    # (M,) the source's part that a smooth displacement alone brings onto each target sample, -1 where none
     carried: Ints | None = None
 
     @property
@@ -192,13 +192,14 @@ def _matched(
     declared: Declared,
     memo: Memo,
     facts: tuple[Any, ...],
+    named: Ints | None = None,
 ) -> Correspondences:
     landmarks = structures[0].landmarks, structures[1].landmarks
     return memo(
         "correspondences",
         Correspondences,
         content_key("correspond", *facts, settings.correspondence),
-        lambda: correspond(*clouds, found, settings.correspondence, *landmarks, declared.words),
+        lambda: correspond(*clouds, found, settings.correspondence, *landmarks, declared.words, named),
     )
 
 
@@ -215,22 +216,23 @@ def _surface_fit(
     # Which parts there are does not depend on what a user says of them.
     unasked = replace(settings, correspondence=replace(settings.correspondence, counterparts=()))
     found = _registered(clouds, settings, declared, memo, facts)
-    known = [has_parts(cloud) for cloud in clouds]
+    known = [pieces_tell_parts(cloud) for cloud in clouds]
     fit = Fit(*clouds, found, _NOTHING)
     if known[0] == known[1]:
         both = _matched(clouds, structures, found, unasked, declared, memo, facts)
         fit = replace(fit, correspondences=both)
     if any(known) and _explained(fit) < MAJORITY:
-        one = int(_number(clouds[1]) <= _number(clouds[0]))  # a scan falls into few pieces
+        fewer = _number(clouds[1]) <= _number(clouds[0])  # where both have parts: one of few pieces is a scan
+        one = int(fewer if known[0] == known[1] else known[0])
         inferred = _fit_inferred(fit, one, structures, scenes, unasked, declared, memo, facts)
         if known[0] != known[1] or CLEARLY_BETTER * _explained(inferred) > _explained(fit):
             fit, facts = inferred, ("parts inferred", *facts)
     if settings.correspondence.counterparts:
-        asked = _matched(
-            (fit.source, fit.target), structures, fit.registration, settings, declared, memo, facts
-        )
+        of = fit.source, fit.target
+        asked = _matched(of, structures, fit.registration, settings, declared, memo, facts, fit.carried)
         fit = replace(fit, correspondences=asked)
-    return _with_carried(fit, memo, facts) if has_parts(fit.source) and has_parts(fit.target) else fit
+    unknown = fit.carried is None and has_parts(fit.source) and has_parts(fit.target)
+    return _with_carried(fit, memo, facts) if unknown else fit
 
 
 def _fit_inferred(
@@ -257,7 +259,9 @@ def _fit_inferred(
     facts = ("parts inferred", *facts)
     if blades_of(known).any():  # a rotor that stopped otherwise is registered body on body
         found = _registered(clouds, settings, declared, memo, facts)
-    return Fit(*clouds, found, _matched(clouds, structures, found, settings, declared, memo, facts), one)
+    fit = _with_carried(Fit(*clouds, found, _NOTHING, one), memo, facts)
+    both = _matched(clouds, structures, found, settings, declared, memo, facts, fit.carried)
+    return replace(fit, correspondences=both)
 
 
 def _explained(fit: Fit) -> float:

@@ -9,10 +9,10 @@ from scipy.spatial import cKDTree
 
 from upplied.planning.constants import FACING, SLENDER
 from upplied.planning.correspondence.coherent_point_drift import Patch
-from upplied.planning.correspondence.part_assignment import Matching, match_parts
+from upplied.planning.correspondence.part_assignment import Matching, match_parts, with_named
 from upplied.planning.geometry.boxes import box_scale, diagonal_of
-from upplied.planning.surface.parts import labels_of, parts_of
-from upplied.records import Bools, Cloud, Floats
+from upplied.planning.surface.parts import labels_of, names_of, parts_of
+from upplied.records import Bools, Cloud, Floats, Ints
 from upplied.vectors import scaled_normals, with_normals
 
 _MISFIT = 0.022  # largest mean distance, both ways, in these units, of parts whose boxes are not alike
@@ -22,15 +22,23 @@ _STRAY, _FAR = 0.05, 8.0  # share of a part's samples at either end, and how far
 _TURNED = np.cos(np.radians(10))
 
 
-def matched(source: Cloud, registered: Cloud, pinned: Mapping[int, int] | None = None) -> Matching:
-    """Match the parts of two clouds, the target's already in the frame and at the scale of the source."""
+def matched(
+    source: Cloud, registered: Cloud, pinned: Mapping[int, int] | None = None, named: Ints | None = None
+) -> Matching:
+    """Match the parts of two clouds, the target's already in the frame and at the scale of the source.
+
+    Where parts were inferred by the names (M,) of the target's samples, what boxes leave is matched by name.
+    """
     diagonal = diagonal_of(source.points)
 
     def fits(parts: Sequence[int], partners: Sequence[int]) -> bool:
         mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(registered), partners)
         return _misfit(source, mine, registered, theirs, diagonal) < _MISFIT
 
-    return match_parts(parts_of(source), parts_of(registered), diagonal, fits, pinned)
+    matching = match_parts(parts_of(source), parts_of(registered), diagonal, fits, pinned)
+    if named is None:
+        return matching
+    return with_named(matching, names_of(registered, named), pinned or {})
 
 
 def patches(source: Cloud, registered: Cloud, matching: Matching) -> tuple[Patch, Patch]:

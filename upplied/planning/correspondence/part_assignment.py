@@ -216,6 +216,29 @@ def _with_unions(
     return Matching(source_class, target_class)
 
 
+def with_named(matching: Matching, name: Ints, pinned: Mapping[int, int]) -> Matching:
+    """Let parts of the target that were matched with none correspond to the source part they are named by.
+
+    A fuselage of which the middle was never scanned is two parts, a pier without its cap has another box.
+
+    Parameters
+    ----------
+    matching : Matching
+    name : array of int, shape (L,)
+        The source part that each target part is named by, -1 where it is by none.
+    pinned : mapping
+        Source part to target part, as the user said: these stay.
+    """
+    source_class, target_class = matching.source_class.copy(), matching.target_class.copy()
+    for other in np.flatnonzero((target_class < 0) & (name >= 0)):
+        part = int(name[other])
+        if source_class[part] < 0 and part not in pinned:
+            source_class[part] = max(source_class.max(), target_class.max()) + 1
+        if part not in pinned and (name[target_class == source_class[part]] == part).all():
+            target_class[other] = source_class[part]
+    return Matching(source_class, target_class)
+
+
 def _unions_like(one: Parts, part: int, other: Parts, free: Ints, diagonal_m: float) -> list[list[int]]:
     """Pairs of parts whose common box is like that of a part, the most alike first."""
     pairs = np.array(list(combinations(free.tolist(), 2)), np.int64).reshape(-1, 2)
@@ -234,5 +257,5 @@ def _unions_like(one: Parts, part: int, other: Parts, free: Ints, diagonal_m: fl
 def _boxes(low: Floats, high: Floats, area: Floats, side: Floats) -> Parts:
     """Parts known by their boxes alone."""
     extent = np.sort(high - low, axis=1)[:, ::-1]
-    alone = np.zeros((len(low), len(low)), bool)
-    return Parts(low, high, area, alone, extent, np.ones(len(low), bool), side)
+    alone, none = np.zeros((len(low), len(low)), bool), np.zeros(len(low), bool)
+    return Parts(low, high, area, alone, extent, ~none, side, none)

@@ -17,7 +17,7 @@ from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.pair import Memo, Pair, content_key, no_memo, remembering
 from upplied.planning.demonstration.inspection import Inspection, inspect_demonstration
 from upplied.planning.surface.frames import named_axes
-from upplied.planning.surface.parts import labels_of, parts_of_both
+from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
 from upplied.poses import from_yaw_pitch, in_a_row, yaw_pitch
 from upplied.records import (
     Correspondences,
@@ -86,7 +86,7 @@ def _shows_each(take: Take) -> bool:
     part, counterparts = demonstrated_part(take), fit.correspondences.target_parts
     shown = [mine for mine, _ in inspected_parts(take, labels_of(fit.source))]
     source, target = parts_of_both(fit.source, fit.registered, words)
-    choices = choices_for(source, part, target, counterparts(part).tolist()).tolist()
+    choices = choices_in(take.pair, source, part, target, counterparts(part).tolist()).tolist()
     matched = {other for mine in shown for other in counterparts(mine).tolist()}
     return len(shown) > 1 and part in shown and len(choices) > 0 and set(choices) <= matched
 
@@ -109,6 +109,7 @@ def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
             pair.source.landmarks,
             pair.target.landmarks,
             named_axes(pair.source.frame),
+            fit.carried if fit.inferred >= 0 else None,
         ),
     )
     return replace(pair, surface=replace(fit, correspondences=found))
@@ -187,10 +188,22 @@ def begins_of(takes: Sequence[Take], flight: Trajectory) -> Floats:
     return flight.t_s[np.cumsum([0, *lengths[:-1]])]
 
 
+def choices_in(pair: Pair, source: Parts, part: int, target: Parts, known: Sequence[int]) -> Ints:
+    """Parts of the target like a source part (`choices_for`), but those that correspond to another kind.
+
+    The nose of a fuselage that was scanned in two pieces may have the size of an engine.
+    """
+    choices, match = choices_for(source, part, target, known), pair.surface.correspondences
+    if match.source_class is None or match.target_class is None:
+        return choices
+    others = np.delete(match.source_class, choices_for(source, part, source, [part]))
+    return choices[~np.isin(match.target_class[choices], others[others >= 0])]
+
+
 def _on_this_side(part: int, pair: Pair) -> list[int]:
     """Target parts like a source part, on its side or in the middle."""
     words, fit = named_axes(pair.source.frame), pair.surface
     source, target = parts_of_both(fit.source, fit.registered, words)
     side = side_of(source, part)
-    choices = choices_for(source, part, target, fit.correspondences.target_parts(part).tolist())
+    choices = choices_in(pair, source, part, target, fit.correspondences.target_parts(part).tolist())
     return [int(choice) for choice in choices if side_of(target, int(choice)) in (0, side)]

@@ -39,6 +39,7 @@ class Parts(Record):
     extent: Floats  # (K, 3) m, along its own principal axes, longest first
     body: Bools  # (K,) stands on its neighbours; others continue their skin, as a belly fairing does
     side: Floats  # (K, 2) where it lies from front to rear and from left to right, see `sides`
+    blade: Bools  # (K,) see `blades`
     registered: Floats | None = None  # (2, 3) m, box of the structure on which they are registered
 
     def __len__(self) -> int:
@@ -67,15 +68,6 @@ class Parts(Record):
     def on(self, source: Parts) -> Parts:
         """The same parts, registered on a source: what was never scanned of them shifts no middle."""
         return replace(self, registered=source.box)
-
-    @property
-    def blade(self) -> Bools:
-        """(K,) long parts of which there are several, that may point anywhere."""
-        length, width = self.extent[:, 0], self.extent[:, 1]
-        blade = (length > SLENDER * width) & (self.area > LEAST_PART) & (np.arange(len(self)) > 0)
-        log = np.log(np.maximum(length, 1e-9))
-        alike = np.abs(log[:, None] - log[None, :]) < np.log(SAME_SIZE)
-        return np.asarray(blade & ((alike & blade[None, :]).sum(axis=1) > 1), bool)
 
 
 def sides(low: Floats, high: Floats, whole_low: Floats, whole_high: Floats) -> Floats:
@@ -109,9 +101,12 @@ def part_labels(points: Floats, area: Floats, piece: Ints) -> Ints:
     area : array, shape (N,), m^2
     piece : array, shape (N,)
     """
-    label = np.unique(piece, return_inverse=True)[1].reshape(-1)
-    label = _joined_small(points, area, label)
-    label = _joined_bodies(points, label)
+    label = joined_small(points, area, piece)
+    return by_size(area, _joined_bodies(points, label))
+
+
+def by_size(area: Floats, label: Ints) -> Ints:
+    """The same parts (N,), numbered from the one with the largest area."""
     size = np.bincount(label, weights=area)
     rank = np.empty(len(size), np.int64)
     rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
@@ -133,14 +128,17 @@ def _measured(cloud: Cloud) -> Parts:
     low, high = (of.reduceat(points[order], first, axis=0) for of in (np.minimum, np.maximum))
     side = sides(low, high, points.min(axis=0), points.max(axis=0))
     pairs = _near_others(points, label)
+    share = np.bincount(label, weights=area) / area.sum()
+    extent = np.array([_extent(points[label == part]) for part in range(number)])
     return Parts(
         low=low,
         high=high,
-        area=np.bincount(label, weights=area) / area.sum(),
+        area=share,
         touching=_contacts(pairs, label)[0] > 0,
         body=_bodies(cloud, label, pairs),
-        extent=np.array([_extent(points[label == part]) for part in range(number)]),
+        extent=extent,
         side=np.where(_mirrored(cloud, label, area), side, np.nan),
+        blade=blades(extent, share, (low + high) / 2),
     )
 
 
@@ -148,6 +146,27 @@ def parts_of_both(source: Cloud, registered: Cloud, words: Floats) -> tuple[Part
     """The parts of a source and of a registered target, in the axes (3, 3) in which places are named."""
     here = parts_of(source).in_axes(words)
     return here, parts_of(registered).in_axes(words).on(here)
+
+
+def blades(extent: Floats, area: Floats, middle: Floats) -> Bools:
+    """Which parts (K,) are blades: long ones of one length that lie round a hub, and may point anywhere.
+
+    Parameters
+    ----------
+    extent : array, shape (K, 3), m
+        Longest first.
+    area : array, shape (K,)
+        Share of the surface.
+    middle : array, shape (K, 3), m
+    """
+    length, width = extent[:, 0], extent[:, 1]
+    slender = (length > SLENDER * width) & (area > LEAST_PART) & (np.arange(len(area)) > 0)
+    log = np.log(np.maximum(length, 1e-9))
+    alike = (np.abs(log[:, None] - log[None, :]) < np.log(SAME_SIZE)) & slender
+    number = alike.sum(axis=1)
+    away = np.linalg.norm(middle - alike @ middle / np.maximum(number, 1)[:, None], axis=1)
+    # The parapets of a bridge are as long as each other as well, but lie side by side.
+    return np.asarray(slender & (number > 1) & (away > length / SLENDER), bool)
 
 
 def blades_of(cloud: Cloud) -> Bools:
@@ -158,6 +177,23 @@ def blades_of(cloud: Cloud) -> Bools:
 def labels_of(cloud: Cloud) -> Ints:
     """The part of each sample, all 0 where the cloud has none."""
     return np.zeros(len(cloud), np.int64) if cloud.part is None else cloud.part
+
+
+def names_of(cloud: Cloud, named: Ints) -> Ints:
+    """What most of each part (K,) of a cloud is named, of what has a name; -1 where too little has one.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        With parts.
+    named : array of int, shape (N,)
+        The name of each sample, -1 for none.
+    """
+    label, known = labels_of(cloud), named >= 0
+    area = np.zeros((int(label.max()) + 1, int(named.max(initial=0)) + 1))
+    np.add.at(area, (label[known], named[known]), cloud.areas[known])
+    some = area.sum(axis=1) > (1 - MAJORITY) * np.bincount(label, weights=cloud.areas)
+    return np.where(some & (area.max(axis=1) > MAJORITY * area.sum(axis=1)), area.argmax(axis=1), -1)
 
 
 def _extent(points: Floats) -> Floats:
@@ -180,7 +216,9 @@ def _mirrored(cloud: Cloud, label: Ints, area: Floats) -> Bools:
     return found
 
 
-def _joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
+def joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
+    """Parts (N,), 0 .. K - 1, where those that are too small to be one joined what lies nearest to them."""
+    label = np.unique(label, return_inverse=True)[1].reshape(-1)
     share = np.bincount(label, weights=area) / area.sum()
     keep = share >= _SMALLEST if len(share) > _MANY else np.bincount(label) >= _LEAST_SAMPLES
     kept = keep[label]

@@ -1,7 +1,8 @@
 """Samples with normals on the outside surface of a structure.
 
 Real meshes carry hidden interiors, duplicate faces and flipped patches, and few are watertight. So
-neither winding nor inside tests are used: a side of a surface counts where rays from it escape.
+neither winding nor inside tests are used: a side of a surface counts where rays from it escape. Of shells
+that are open where nothing was scanned the inside does not count (`surface.open_shell`).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from upplied.config import CloudSettings
 from upplied.planning.surface.floor import Floor, floor_of
+from upplied.planning.surface.open_shell import inside_open_shell
 from upplied.planning.surface.parts import mesh_pieces, part_labels
 from upplied.planning.surface.poisson import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
@@ -49,9 +51,9 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
     wanted = int(_SPARE * settings.surface_samples)
     floor = floor_of(structure)
     drawn, points, normals, triangle = 0, np.empty((0, 3)), np.empty((0, 3)), np.empty(0, np.int64)
-    batch = wanted
+    batch, piece = wanted, mesh_pieces(structure)
     for _ in range(3):
-        found = _outside(*points_on_triangles(structure, batch, rng), structure, scene, floor)
+        found = _outside(*points_on_triangles(structure, batch, rng), piece, structure, scene, floor)
         drawn += batch
         points, normals = np.concatenate([points, found[0]]), np.concatenate([normals, found[1]])
         triangle = np.concatenate([triangle, found[2]])
@@ -60,7 +62,7 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
             break
         batch = int(min(missing * drawn / max(len(points), 1), 4 * wanted))
     area = np.full(len(points), _total_area(structure) / drawn)
-    return _thinned(points, normals, area, mesh_pieces(structure)[triangle], settings)
+    return _thinned(points, normals, area, piece[triangle], settings)
 
 
 def points_on_triangles(structure: Structure, number: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
@@ -76,7 +78,7 @@ def points_on_triangles(structure: Structure, number: int, rng: np.random.Genera
 
 
 def _outside(
-    points: Floats, triangle: Ints, structure: Structure, scene: Scene, floor: Floor
+    points: Floats, triangle: Ints, piece: Ints, structure: Structure, scene: Scene, floor: Floor
 ) -> tuple[Floats, Floats, Ints]:
     """The candidates' sides that count: points, outward normals and triangles."""
     normals = area_vectors(structure.vertices[structure.triangles[triangle]])
@@ -92,6 +94,9 @@ def _outside(
         owner.append(mine[free])
         side.append(np.full(len(owner[-1]), sign))
     index, sign_of = np.concatenate(owner), np.concatenate(side)
+    both = np.bincount(index, minlength=len(points))[index] > 1
+    inside = inside_open_shell(points[index], triangle[index], sign_of, both, piece, structure, scene)
+    index, sign_of = index[~inside], sign_of[~inside]
     return points[index], sign_of[:, None] * normals[index], triangle[index]
 
 
