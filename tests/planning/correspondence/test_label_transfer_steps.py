@@ -47,16 +47,30 @@ def test_crumbs_that_touch_nothing_float() -> None:
     assert np.array_equal(_floating(large), piece == 1)  # a five-hundredth, of many
 
 
+def named(stretch: Ints, name: Ints, at: tuple[float, float] = (0.0, 50.0)) -> Ints:
+    """Names after `_named` where the parts 0 and 1 lie about two places of the x-axis, and samples on their own."""
+    number = len(name)
+    where = np.array(at)[name]
+    points = np.column_stack([where, np.arange(number) % 10, np.arange(number) // 10 % 10]).astype(float)
+    whole = Cloud(points, np.tile(UP, (number, 1)), np.ones(number))
+    return _named(whole, stretch, name, replace(whole, part=name))
+
+
 def test_few_samples_of_a_stretch_are_named_as_most_of_it() -> None:
     skin = np.repeat([0, 1, 2], [100, 600, 20])
-    name = np.concatenate([np.repeat([0, 1], [86, 14]), np.repeat([1, 2, 0], [540, 31, 29]), np.full(20, 2)])
-    found = _named(skin, name)
+    name = np.concatenate([np.repeat([0, 1], [86, 14]), np.repeat([1, 0], [571, 29]), np.ones(20, int)])
+    found = named(skin, name)
     assert (found[skin == 0] == 0).all()  # fourteen are few of any stretch
-    assert np.array_equal(found[skin == 1], np.repeat([1, 2, 1], [540, 31, 29]))  # a twentieth of a large one
-    assert (found[skin == 2] == 2).all()
-    name[:15] = 1
-    name[86:] = 0
-    assert np.array_equal(_named(skin, name)[:100], name[:100])  # fifteen are not
+    assert (found[skin == 1] == 1).all()  # and fewer than a twentieth of a large one
+    assert (found[skin == 2] == 1).all()
+    name[85], name[670] = 1, 0
+    assert np.array_equal(named(skin, name), name)  # fifteen are not, nor thirty of six hundred
+
+
+def test_what_lies_hardly_farther_from_what_most_are_named_is_named_so_as_well() -> None:
+    skin, name = np.zeros(100, int), np.repeat([0, 1], [60, 40])
+    assert np.array_equal(named(skin, name, (0.0, 2.1)), name)
+    assert (named(skin, name, (0.0, 1.9)) == 0).all()  # within two spacings
 
 
 def test_samples_of_one_name_that_touch_are_one_part() -> None:

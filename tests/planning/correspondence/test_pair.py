@@ -133,11 +133,17 @@ def told_by(one: int, monkeypatch: pytest.MonkeyPatch, blades: bool = False) -> 
         return replace(FIT, acceptance=0.5)
 
     def matched(both: Any, structures: Any, found: Registration, *rest: Any) -> Correspondences:
-        asked["matched"].append((both, found, rest[-1]))
+        asked["matched"].append((both, found, rest[3], rest[4]))
         return Correspondences(np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
 
     monkeypatch.setattr(pair, "parts_like", parts_like)
+
+    def with_carried(fit: Fit, memo: Any, facts: Any) -> Fit:
+        asked["carried"] = np.arange(len(fit.target))
+        return replace(fit, carried=asked["carried"])
+
     monkeypatch.setattr(pair, "rotor_turned", rotor_turned)
+    monkeypatch.setattr(pair, "_with_carried", with_carried)
     monkeypatch.setattr(pair, "skin_of", lambda *of: SimpleNamespace(label=(of[0].sha256, of[2])))
     monkeypatch.setattr(pair, "blades_of", lambda cloud: np.full(len(cloud), blades))
     monkeypatch.setattr(pair, "_registered", registered)
@@ -176,8 +182,9 @@ def test_the_parts_of_one_are_told_in_the_frame_of_the_source(
     both = found.source, found.target
     assert np.array_equal(both[one].part, asked["label"]) and both[1 - one] is clouds[1 - one]
     assert np.array_equal(both[one].points, clouds[one].points)
-    ((given, fit, facts),) = asked["matched"]
+    ((given, fit, facts, named),) = asked["matched"]
     assert given == both and fit is FIT and facts == ("parts inferred", "facts")
+    assert np.array_equal(named, asked["carried"]) and found.carried is named
 
 
 def test_where_a_rotor_stopped_otherwise_the_registration_is_made_anew(
@@ -210,12 +217,13 @@ def told_or_not(
         return replace(fit, inferred=one)
 
     def matched(both: Any, structures: Any, found: Registration, settings: Settings, *rest: Any) -> Any:
-        calls.append(("matched", settings.correspondence.counterparts, rest[-1][0]))
+        calls.append(("matched", settings.correspondence.counterparts, rest[2][0]))
         return pair._NOTHING
 
     monkeypatch.setattr(pair, "_registered", lambda *_: FIT)
     monkeypatch.setattr(pair, "_matched", matched)
     monkeypatch.setattr(pair, "_fit_inferred", fit_told)
+    monkeypatch.setattr(pair, "pieces_tell_parts", pair.has_parts)
     monkeypatch.setattr(pair, "_explained", lambda _: next(shares))
     monkeypatch.setattr(pair, "_with_carried", lambda fit, *_: replace(fit, carried=np.zeros(1, np.int64)))
     settings = settings_for("recommended", correspondence=asked)

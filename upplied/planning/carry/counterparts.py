@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from upplied.planning.correspondence.certainty import (
     probability,
 )
 from upplied.planning.correspondence.describe import place_of
-from upplied.planning.correspondence.landmarks import choices_for, side_of
+from upplied.planning.correspondence.landmarks import choices_for, on_sides, side_of
 from upplied.planning.demonstration.repetition import Take, choices_in, inspected_parts
 from upplied.planning.geometry.boxes import diagonal_of
 from upplied.planning.surface.frames import named_axes
@@ -141,8 +142,8 @@ def _counterpart(
 ) -> Counterpart:
     name = _name(source.parts, part)
     matched = [take.choice] if take.choice >= 0 and part == take.part else _matched_parts(take, part, source)
-    alike = choices_in(take.pair, source.parts, part, target.parts, matched).tolist()
-    alike = alike if target.pieces else []
+    choices = partial(choices_in, take.pair) if source.pieces else choices_for
+    alike = choices(source.parts, part, target.parts, matched).tolist() if target.pieces else []
     twins = choices_for(source.parts, part, source.parts, [part])
     known = _probability(take, part, matched, alike, settings) if matched and source.pieces else None
     others = _others_within(take, part, source)
@@ -170,12 +171,10 @@ def _lopsided(take: Take, part: int, source: _Side, target: _Side, found: set[in
     Where the source has as many on either side, one was not scanned or is not told apart: which is left?
     """
     kind, own = choices_for(source.parts, part, source.parts, [part]).tolist(), side_of(source.parts, part)
-    for twin in kind:
-        found = found | set(take.pair.surface.correspondences.target_parts(twin).tolist())
-    (here, across), (there, beyond) = (
-        [sum(side_of(parts, one) == side for one in some) for side in (own, -own)]
-        for parts, some in ((source.parts, kind), (target.parts, found))
-    )
+    of_kind = [set(take.pair.surface.correspondences.target_parts(twin).tolist()) for twin in kind]
+    lone = [*(min(each) for each in of_kind if each), *found.difference(*of_kind)]  # a part in pieces is one
+    here, across = on_sides(source.parts, kind, own)
+    there, beyond = on_sides(target.parts, lone, own)
     if not own or here != across or there >= beyond:
         return ""
     return (

@@ -9,6 +9,8 @@ found already is another one of its kind: the outer engine of an airliner beside
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -79,45 +81,71 @@ def _floating(whole: Cloud) -> Bools:
 
 
 def _parts_of_solid(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
-    name, far = _nearest_moved(whole, known)
+    moved = _moved(whole, known)
+    name, far = _nearest(whole, moved)
     pairs = cKDTree(whole.points).query_pairs(TOUCH * spacing(whole), output_type="ndarray")
-    label = _connected(pairs, _named(skin, name))
+    label = _connected(pairs, _named(whole, skin, name, moved))
     label = _with_others(whole, skin, label, far)
     return by_size(whole.areas, joined_small(whole.points, whole.areas, label))
 
 
 def carried(whole: Cloud, known: Cloud) -> Ints:
     """The part (N,) of `known` that a smooth displacement brings onto each sample, -1 where none is near."""
-    name, far = _nearest_moved(whole, known)
+    name, far = _nearest(whole, _moved(whole, known))
     return np.where(far, -1, name)
 
 
-def _nearest_moved(whole: Cloud, known: Cloud) -> tuple[Ints, Bools]:
-    """The part (N,) of `known` nearest to each sample, after a smooth displacement, and whether it is far.
-
-    Farther than what turning a normal by a right angle counts.
-    """
-    diagonal = diagonal_of(whole.points)
+def _moved(whole: Cloud, known: Cloud) -> Cloud:
+    """A structure with parts, by a smooth displacement brought onto another."""
     none = np.full(len(known), -1), np.full(len(whole), -1)
     moving = Patch(known.points, known.outward, none[0])
     fixed = Patch(whole.points, whole.outward, none[1])
     found = drift(
-        moving.rows(spread_over(known, _CONTROLS)), fixed.rows(spread_over(whole, _ANCHORS)), diagonal
+        moving.rows(spread_over(known, _CONTROLS)),
+        fixed.rows(spread_over(whole, _ANCHORS)),
+        diagonal_of(whole.points),
     )
-    moved = moving.points + found.at(moving.points, moving.label)
+    return replace(known, points=moving.points + found.at(moving.points, moving.label))
+
+
+def _nearest(whole: Cloud, moved: Cloud) -> tuple[Ints, Bools]:
+    """The part (N,) of `moved` that lies nearest to each sample, and whether it is far.
+
+    Farther than what turning a normal by a right angle counts.
+    """
+    distance, index = _apart(whole, moved, diagonal_of(whole.points))
+    return labels_of(moved)[index], distance > FACING * diagonal_of(whole.points)
+
+
+def _apart(whole: Cloud, moved: Cloud, diagonal: float) -> tuple[Floats, Ints]:
+    """How far (N,) the nearest sample is, m, unlike normals counted, and which it is."""
     weight = FACING * diagonal
-    tree = cKDTree(with_normals(moved, known.outward, weight))
+    tree = cKDTree(with_normals(moved.points, moved.outward, weight))
     distance, index = tree.query(with_normals(whole.points, whole.outward, weight))
-    return labels_of(known)[index], distance > weight
+    return distance, index
 
 
-def _named(skin: Ints, name: Ints) -> Ints:
-    """A name for each sample: its own, or where few of its stretch have that one, what most of them have."""
-    number = int(name.max()) + 1
-    each = skin * number + name
-    count = np.bincount(each, minlength=(int(skin.max()) + 1) * number)
-    few = count[each] < np.maximum(_LEAST_SAMPLES, TOLERANCE * np.bincount(skin)[skin])
-    return np.where(few, count.reshape(-1, number).argmax(axis=1)[skin], name)
+def _named(whole: Cloud, skin: Ints, name: Ints, moved: Cloud) -> Ints:
+    """A name for each sample: what most of its stretch have, unless its own lies clearly nearer.
+
+    What is no farther than neighbours are is not clearer: decks lie close, and so does what a displacement
+    brings a step too far. Nor do few samples of a stretch make a part.
+    """
+    number, diagonal, slack = int(name.max()) + 1, diagonal_of(whole.points), TOUCH * spacing(whole)
+    of_stretch, found = _counted(skin, name, number).argmax(axis=1)[skin], name.copy()
+    for part in np.unique(of_stretch[name != of_stretch]):
+        asked = np.flatnonzero((of_stretch == part) & (name != part))
+        some = whole.at(asked)
+        own, other = (_apart(some, one, diagonal)[0] for one in (moved, moved.at(labels_of(moved) == part)))
+        found[asked[other - own < slack]] = part
+    few = np.maximum(_LEAST_SAMPLES, TOLERANCE * np.bincount(skin))[skin]
+    return np.where(_counted(skin, found, number)[skin, found] < few, of_stretch, found)
+
+
+def _counted(skin: Ints, name: Ints, number: int) -> Ints:
+    """How many samples of each stretch (row) have each name (column)."""
+    count = np.bincount(skin * number + name, minlength=(int(skin.max()) + 1) * number)
+    return np.asarray(count.reshape(-1, number), np.int64)
 
 
 def _connected(pairs: Ints, name: Ints) -> Ints:

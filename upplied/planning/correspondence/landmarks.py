@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -165,6 +165,12 @@ def side_of(parts: Parts, part: int) -> int:
     """Side on which a part lies: 1 left (+Y), -1 right, 0 in the middle."""
     offset = _offsets(parts)[part, 1]
     return 0 if abs(offset) < SIDE else int(np.sign(offset))
+
+
+def on_sides(parts: Parts, some: Iterable[int], side: int) -> tuple[int, int]:
+    """How many of some parts lie on a side (1 left, -1 right), and how many on the other."""
+    each = [side_of(parts, part) for part in some]
+    return each.count(side), each.count(-side)
 
 
 def _unknown(name: str, which: str, landmarks: Landmarks, number: int, places: str) -> SettingsError:
