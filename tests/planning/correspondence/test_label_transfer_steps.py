@@ -48,10 +48,10 @@ def test_crumbs_that_touch_nothing_float() -> None:
 
 
 def named(stretch: Ints, name: Ints, at: tuple[float, float] = (0.0, 50.0)) -> Ints:
-    """Names after `_named` where the parts 0 and 1 lie about two places of the x-axis, and samples on their own."""
+    """Names after `_named` where the parts 0 and 1 lie at two places of the x-axis, and samples on their own."""
     number = len(name)
     where = np.array(at)[name]
-    points = np.column_stack([where, np.arange(number) % 10, np.arange(number) // 10 % 10]).astype(float)
+    points = np.column_stack([where, np.arange(number) % 10, np.arange(number) // 10 % 2]).astype(float)
     whole = Cloud(points, np.tile(UP, (number, 1)), np.ones(number))
     return _named(whole, stretch, name, replace(whole, part=name))
 
