@@ -12,22 +12,34 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-import numpy as np
 from real_data import real_folder, real_structure
 
 from upplied.fleet.admission import shape_of
 from upplied.fleet.members import Member, judged
 from upplied.inputs.known_kinds import unlike_its_kind
+from upplied.inputs.meshes import turn
 from upplied.inputs.structure_rules import StructureSettings
 from upplied.recommend.features import turned
 from upplied.samples.fleet import sample_structures
 
-_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-_FACTORS = {
-    "millimetres as metres": 1000, "inches as metres": 39.37, "feet as metres": 3.2808, "ten times": 10,
-    "a model of 3 to 10": 0.3, "a model of 1 to 10": 0.1, "metres as inches": 0.0254,
-    "metres as millimetres": 0.001,
-}  # fmt: skip
+#: By how much too large a structure comes in, and what must be proposed.
+_UNITS = {
+    "mm as m": (1000, "units = mm"),
+    "cm as m": (100, "units = cm"),
+    "inches as m": (39.37, "units = in"),
+    "feet as m": (3.2808, "units = ft"),
+    "m as feet": (0.3048, "units = m"),
+    "m as inches": (0.0254, "units = m"),
+    "m as cm": (0.01, "units = m"),
+    "m as mm, km as m": (0.001, "units = m"),
+}
+_SIZES = {"ten times": 10, "a model of 3 to 10": 0.3, "a model of 1 to 10": 0.1}
+#: Which axis of the file is read as up (and as forward), and what must be proposed.
+_AXES = {
+    **{f"{up} up read as Z up": (up, "z" if "x" in up else "x", "up") for up in ("x", "-x", "y", "-y", "-z")},
+    "heading 180 off": ("z", "-x", "forward"),
+    "heading 90 off": ("z", "y", "forward"),
+}
 
 
 def members() -> Iterator[Member]:
@@ -46,22 +58,31 @@ def scaled(factor: float) -> Callable[[Member], Member]:
     return lambda one: replace(one, shape=replace(one.shape, extent_m=one.shape.extent_m * factor))
 
 
-def on_side(turn: np.ndarray) -> Callable[[Member], Member]:
-    """A structure with another axis up."""
-    return lambda one: replace(one, shape=turned(one.shape, turn))
+def standing(up: str, forward: str) -> Callable[[Member], Member]:
+    """A structure that stands in its file with these axes up and forward, read as Z up and X forward."""
+    return lambda one: replace(one, shape=turned(one.shape, turn(up, forward).T))
+
+
+def mistakes() -> Iterator[tuple[str, Callable[[Member], Member], str]]:
+    """Name, what it makes of a structure, and words of the right proposal; none where none can be right."""
+    yield "right", lambda one: one, ""
+    for name, (factor, unit) in _UNITS.items():
+        yield name, scaled(factor), unit
+    for name, factor in _SIZES.items():
+        yield name, scaled(factor), ""
+    for name, (up, forward, asked) in _AXES.items():
+        yield name, standing(up, forward), f"{asked} = {(up if asked == 'up' else forward)!r}"
+    yield "declared as an airliner", lambda one: replace(one, kind="airliner"), ""
 
 
 def main() -> None:
     """Print the table."""
     every, bounds = list(members()), StructureSettings()
-    mistakes: dict[str, Callable[[Member], Member]] = {"right": lambda one: one}
-    mistakes |= {name: scaled(factor) for name, factor in _FACTORS.items()}
-    mistakes |= {"Y up read as Z up": on_side(_UP), "Z up read as Y up": on_side(_UP.T)}
-    mistakes["declared as an airliner"] = lambda one: replace(one, kind="airliner")
     print(f"{len(every)} structures of {len({one.kind for one in every})} kinds")
-    print(f"{'':26}{'refused':>9}{'warned':>9}{'taken':>9}")
-    for name, change in mistakes.items():
+    print(f"{'':26}{'refused':>9}{'warned':>9}{'taken':>9}{'proposed right':>16}  taken without a word")
+    for name, change, words in mistakes():
         found: Counter[str] = Counter()
+        taken = []
         for one in every:
             if name.startswith("declared") and one.kind == "airliner":
                 continue
@@ -72,7 +93,12 @@ def main() -> None:
             )
             refused = any(verdict.severity == "refuse" for verdict in verdicts)
             found["refused" if refused else "warned" if verdicts else "taken"] += 1
-        print(f"{name:26}{found['refused']:9}{found['warned']:9}{found['taken']:9}")
+            found["proposed"] += any(words in f"{verdict} {verdict.remedy}" for verdict in verdicts)
+            if not verdicts and name != "right":
+                taken.append(one.structure_id)
+        proposed = f"{found['proposed']:16}" if words else f"{'':16}"
+        counted = f"{found['refused']:9}{found['warned']:9}{found['taken']:9}{proposed}"
+        print(f"{name:26}{counted}  {' '.join(taken)}")
 
 
 if __name__ == "__main__":

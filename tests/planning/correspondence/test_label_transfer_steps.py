@@ -48,7 +48,7 @@ def test_crumbs_that_touch_nothing_float() -> None:
 
 
 def named(stretch: Ints, name: Ints, at: tuple[float, float] = (0.0, 50.0)) -> Ints:
-    """Names after `_named` where the parts 0 and 1 lie at two places of the x-axis, and samples on their own."""
+    """Names after `_named`; the parts 0 and 1 lie at two places of the x-axis, and samples on their own."""
     number = len(name)
     where = np.array(at)[name]
     points = np.column_stack([where, np.arange(number) % 10, np.arange(number) // 10 % 2]).astype(float)
