@@ -140,9 +140,7 @@ def test_a_kind_of_which_fewer_lie_on_the_own_side_is_doubted_where_one_of_sever
     known = take(third, np.array([0, 1, 2]), carried=False)
     for settings in (each, named):
         doubt = _counterpart(known, 2, 0.4, side(SOURCE), side(third), settings).doubt
-        assert doubt.startswith(
-            "1 of the parts like part_2 (rear right low) lie on its side of there and 2 on"
-        )
+        assert doubt.startswith("of parts like the inspected one 1 lie on its side of there and 2 on")
         # The left one has more: which of them is asked for is known.
         assert _counterpart(known, 1, 0.4, side(SOURCE), side(third), settings).doubt == ""
     assert _counterpart(known, 2, 0.4, side(SOURCE), side(third), SETTINGS).doubt == ""

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from upplied.config import Settings
+from upplied.planning.carry.number_of_kind import odd_number
 from upplied.planning.constants import COMPACT, MAJORITY
 from upplied.planning.correspondence.certainty import (
     COUNTERPART,
@@ -23,7 +24,7 @@ from upplied.planning.correspondence.certainty import (
     probability,
 )
 from upplied.planning.correspondence.describe import place_of
-from upplied.planning.correspondence.landmarks import choices_for, on_sides, side_of
+from upplied.planning.correspondence.landmarks import choices_for, side_of
 from upplied.planning.demonstration.repetition import Take, choices_in, inspected_parts
 from upplied.planning.geometry.boxes import diagonal_of
 from upplied.planning.surface.frames import named_axes
@@ -152,7 +153,7 @@ def _counterpart(
         apart = f"a part of its own, of which the source has {others} more, and it is not told apart"
         doubt = f"what was inspected of {name} is {apart} on {take.pair.target.structure_id}"
     if settings.correspondence.repeat == "each" or settings.correspondence.counterparts:
-        doubt = doubt or _lopsided(take, part, source, target, {*alike, *matched})
+        doubt = doubt or odd_number(take, part, source.parts, target.parts, {*alike, *matched})
     return Counterpart(
         part=name,
         inspected_pct=round(100 * share, 2),
@@ -162,24 +163,6 @@ def _counterpart(
         left_out=tuple(_name(target.parts, other) for other in alike if other not in matched),
         probability=None if known is None else round(known, 4),
         doubt=doubt,
-    )
-
-
-def _lopsided(take: Take, part: int, source: _Side, target: _Side, found: set[int]) -> str:
-    """What is odd where fewer of a kind lie on a part's side of the target than on the other; or empty.
-
-    Where the source has as many on either side, one was not scanned or is not told apart: which is left?
-    """
-    kind, own = choices_for(source.parts, part, source.parts, [part]).tolist(), side_of(source.parts, part)
-    of_kind = [set(take.pair.surface.correspondences.target_parts(twin).tolist()) for twin in kind]
-    lone = [*(min(each) for each in of_kind if each), *found.difference(*of_kind)]  # a part in pieces is one
-    here, across = on_sides(source.parts, kind, own)
-    there, beyond = on_sides(target.parts, lone, own)
-    if not own or here != across or there >= beyond:
-        return ""
-    return (
-        f"{there} of the parts like {_name(source.parts, part)} lie on its side of "
-        f"{take.pair.target.structure_id} and {beyond} on the other: some were not scanned or not told apart"
     )
 
 

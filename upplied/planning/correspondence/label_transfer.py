@@ -179,6 +179,26 @@ def _with_others(whole: Cloud, skin: Ints, label: Ints, far: Bools) -> Ints:
     return label
 
 
+def unnamed_like(whole: Cloud, named: Ints, template: Bools) -> bool:
+    """Whether something on a larger part, that nothing explains, is of the size of one: another, perhaps.
+
+    Samples without a name (N,), -1, that touch; what is much of its part was asked as a part.
+    """
+    label, lone = labels_of(whole), np.minimum(named, 0)
+    pairs = cKDTree(whole.points).query_pairs(TOUCH * spacing(whole), output_type="ndarray")
+    piece, area, most = _connected(pairs, lone), whole.areas, SAME_SIZE**2
+    size = np.ptp(whole.points[template], axis=0)
+    for each in np.unique(piece[lone < 0]):
+        mine = piece == each
+        theirs = label == np.bincount(label[mine]).argmax()
+        if area[mine & theirs].sum() > (1 - MAJORITY) * area[theirs].sum():
+            continue
+        ratio = np.append(np.ptp(whole.points[mine], axis=0) / size, area[mine].sum() / area[template].sum())
+        if ratio.min() > 1 / most and ratio.max() < most:
+            return True
+    return False
+
+
 def _covered(whole: Cloud, skin: Ints, template: Bools, mine: Bools, taken: Bools) -> Bools:
     """What a part covers, shifted or mirrored to where it lies best about a stretch of skin.
 
