@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import pyarrow as pa
-from catalog_records import key_of, plan
+from dataclasses import replace
 
-from upplied.catalog import open_catalog
+import pyarrow as pa
+from catalog_records import demonstration, key_of, plan, structure
+
+from upplied.catalog import open_catalog, verify
 
 
 def test_rows_that_are_held_take_their_own_bytes_alone(tmp_path):
@@ -21,3 +23,13 @@ def test_rows_that_are_held_take_their_own_bytes_alone(tmp_path):
     held = table.narrow(["transfer_id", "waypoints_sha256", "settings_json", "target_id"])
     assert len(held) == len(names) + 1
     assert pa.total_allocated_bytes() - before < 1.5 * held.nbytes
+
+
+def test_steps_are_found_in_whatever_order_their_owners_came(tmp_path):
+    catalog = open_catalog(tmp_path)
+    catalog.add_structures([structure("boxy"), structure("target", 1)])
+    for number, name in enumerate(("second", "first", "third")):
+        catalog.add_demonstrations([replace(demonstration(), demonstration_id=name, sha256="")])
+        catalog.add_plans([(key_of(number), plan("target", number), {})])
+    found = [each for each in verify(catalog) if "is not in" not in each.found]
+    assert found == []

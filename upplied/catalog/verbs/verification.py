@@ -197,9 +197,11 @@ def _settings(transfers: pa.Table) -> Iterator[Finding]:
 def _steps(catalog: Catalog, name: str, rows: pa.Table) -> Iterator[Finding]:
     """Steps that are missing, too many, out of order, or not those whose hash the row keeps."""
     key, count = TABLES[name].names[0], f"n_{name}"
-    owning = rows.filter(pc.greater(rows[count], 0))
-    owners = _frame(owning.select([key, "commit_id", count, f"{name}_sha256"]))
-    owners = owners.drop_duplicates([key, "commit_id"])
+    owning = rows.filter(pc.greater(rows[count], 0)).select([key, "commit_id", count, f"{name}_sha256"])
+    # As texts: a dictionary's would be sorted as they stand in it.
+    texts = pa.schema([TABLES[name].schema.field(column) for column in (key, "commit_id")])
+    texts = pa.schema([*texts, (count, pa.int64()), (f"{name}_sha256", pa.string())])
+    owners = _frame(owning.cast(texts)).drop_duplicates([key, "commit_id"])
     for chunk, steps in stored_steps(catalog, name, owners, _STEPS):
         grouped = steps.group_by([key, "commit_id"]).aggregate([([], "count_all")])
         counts = {(row[key], row["commit_id"]): row["count_all"] for row in grouped.to_pylist()}
