@@ -112,9 +112,11 @@ class StoredTable(TableLog):
             return
         present = [name for name in wanted.names if name in dataset.schema.names]
         # A row of plans takes kilobytes: few are read ahead. With threads up to a gibibyte is decoded ahead
-        # of whoever asks (Acero's backpressure starts there), whatever the readahead says.
+        # of whoever asks (Acero's backpressure starts there), whatever the readahead says; and with buffers
+        # filled beforehand, which spares round trips to an object store, as long as nobody asks.
         scanner = dataset.scanner(
             columns=present,
+            fragment_scan_options=ds.ParquetFragmentScanOptions(pre_buffer=not self._files.local),
             filter=where,
             batch_size=_ROW_GROUP,
             batch_readahead=1,
