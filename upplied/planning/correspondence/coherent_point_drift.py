@@ -23,6 +23,7 @@ _STIFF, _LOOSE = 3.0, 0.5  # stiffness of parts that were aligned before, and of
 _NORMALS = 4.0  # weight of one minus the cosine between normals
 _START, _END, _STEPS = 0.04, 0.006, 16  # width of the soft assignment over the diagonal, and iterations
 _OUTLIERS = 1e-3
+_LEAST_MODE = 0.01  # of a point's own pull: a weaker mode follows by less than a fiftieth, however loose
 _MOST_SPREAD = 1000  # points of a cloud that are put in order
 
 
@@ -59,49 +60,55 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
     diagonal_m : float
         Size of the whole, by which all widths are measured.
     """
-    number = len(moving)
     reach = _REACH * diagonal_m
-    kernel = _kernel(moving.points, moving.label, moving.points, moving.label, reach)
+    modes = _modes(_kernel(moving.points, moving.label, moving.points, moving.label, reach))
     apart = (moving.label[:, None] != fixed.label[None, :]) & (moving.label[:, None] >= 0)
     prior = np.where(apart, 0.0, np.exp(_NORMALS * (moving.normals @ fixed.normals.T - 1)))
-    outer = (fixed.normals[:, :, None] * fixed.normals[:, None, :]).reshape(len(fixed), 9)
-    pull = np.einsum("nij,nj->ni", outer.reshape(-1, 3, 3), fixed.points)
-    stiffness = np.where(moving.label >= 0, _STIFF, _LOOSE)
-    felt = np.repeat(np.repeat(kernel, 3, axis=0), 3, axis=1)
-    weights, here = np.zeros((number, 3)), moving.points
+    outer = fixed.normals[:, :, None] * fixed.normals[:, None, :]
+    pull = np.einsum("nij,nj->ni", outer, fixed.points)
+    stiffness = np.where(moving.label >= 0, _STIFF, _LOOSE)[:, None]
+    weights, here = np.zeros_like(moving.points), moving.points
     for width in np.geomspace(_START, _END, _STEPS) * diagonal_m:
         share = prior * np.exp(-cdist(here, fixed.points, "sqeuclidean") / (2 * width**2))
-        share /= share.sum(axis=0) + _OUTLIERS
-        metric = (share @ outer).reshape(number, 3, 3)
+        share /= (share.sum(axis=0) + _OUTLIERS) * stiffness
+        metric = (share @ outer.reshape(-1, 9)).reshape(-1, 3, 3)
         wanted = share @ pull - np.einsum("mij,mj->mi", metric, moving.points)
-        weights = _weights(metric, wanted, felt, stiffness)
-        here = moving.points + kernel @ weights
+        moved = modes @ _strengths(metric, wanted, modes)
+        weights = wanted - np.einsum("mij,mj->mi", metric, moved)
+        here = moving.points + moved
     return Drift(moving, weights, reach)
 
 
-def _weights(metric: Floats, wanted: Floats, felt: Floats, stiffness: Floats) -> Floats:
-    """Weights w (M, 3) with ``metric_m (kernel @ w)_m + stiffness_m w_m = wanted_m`` for every point m.
+def _modes(kernel: Floats) -> Floats:
+    """Displacements (M, R) of the control points whose outer product is the kernel (M, M).
 
-    With ``metric_m = stiffness_m H_m H_m'`` this becomes ``(1 + H' kernel H) z = H' kernel wanted /
-    stiffness`` and ``w = wanted / stiffness - H z``: symmetric, and so half the work of the plain system.
+    A kernel as wide as a part's neighbourhood has far fewer modes that matter than control points.
+    """
+    strength, modes = np.linalg.eigh(kernel)
+    kept = strength > _LEAST_MODE
+    return np.asarray(modes[:, kept] * np.sqrt(strength[kept]))
+
+
+def _strengths(metric: Floats, wanted: Floats, modes: Floats) -> Floats:
+    """How much of each mode (R, 3): c with ``(1 + modes' metric modes) c = modes' wanted``.
+
+    That is ``metric_m (kernel @ w)_m + w_m = wanted_m`` for every point m, with ``kernel = modes modes'``
+    and ``c = modes' w``.
 
     Parameters
     ----------
     metric : array, shape (M, 3, 3), symmetric
     wanted : array, shape (M, 3)
-    felt : array, shape (3 M, 3 M)
-        The kernel, each entry nine times.
-    stiffness : array, shape (M,)
+    modes : array, shape (M, R)
     """
-    free = wanted / stiffness[:, None]
-    strength, axes = np.linalg.eigh(metric / stiffness[:, None, None])
-    root = axes * np.sqrt(np.maximum(strength, 0))[:, None, :]  # H
-    rows = root.transpose(0, 2, 1).reshape(-1, 3)
-    system = (rows @ rows.T) * felt
-    system[np.diag_indices_from(system)] += 1
-    pulled = np.einsum("mij,mi->mj", root, felt[::3, ::3] @ free)
-    solved = cho_solve(cho_factor(system, overwrite_a=True, check_finite=False), pulled.reshape(-1))
-    return free - np.einsum("mij,mj->mi", root, solved.reshape(-1, 3))
+    number = modes.shape[1]
+    system = np.eye(3 * number)
+    for one in range(3):
+        for other in range(one, 3):
+            block = (modes * metric[:, one, other, None]).T @ modes
+            system[one * number : (one + 1) * number, other * number : (other + 1) * number] += block
+    solved = cho_solve(cho_factor(system, overwrite_a=True, check_finite=False), (modes.T @ wanted).T.ravel())
+    return np.asarray(solved.reshape(3, number).T)
 
 
 def spread_over(cloud: Cloud, number: int) -> Ints:

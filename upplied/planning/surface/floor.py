@@ -42,6 +42,10 @@ class Floor(Record):
         index = np.where(inside[:, None], cell, 0).astype(int)
         return np.asarray(inside & self.enclosed[index[:, 0], index[:, 1]], bool)
 
+    def grid(self, origin: Floats) -> tuple[float, Floats, float, Bools]:
+        """Height, corner (2,) and cells (X, Y) of the lid from an origin (3,), for compiled code."""
+        return self.z_m - float(origin[2]), self.low - origin[:2], self.cell_m, self.enclosed
+
     @classmethod
     def none(cls) -> Floor:
         """No floor at all."""

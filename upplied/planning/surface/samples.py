@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import CloudSettings
+from upplied.planning.surface.escape import ESCAPE, lets_out
 from upplied.planning.surface.floor import Floor, floor_of
 from upplied.planning.surface.open_shell import inside_open_shell
 from upplied.planning.surface.parts import mesh_pieces, part_labels
@@ -21,7 +22,6 @@ from upplied.vectors import area_vectors, plane_normals, sphere
 
 _DIRECTIONS = 64  # over the whole sphere: half of them for each side of a surface
 _FIRST = 16  # of those, cast for every candidate; the others only where the first leave doubt
-_ESCAPE = 0.06  # least share of a side's rays that escape: inlets reach 0.1, cabins behind a hole 0.03
 _POINTS = 60_000  # of a cloud, that are asked: fifteen for each sample
 _SPARE = 2.5  # candidates on the outside per sample that is kept, so that thinning can space them
 
@@ -111,31 +111,12 @@ def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
     return starts
 
 
-def lets_out(
-    origins: Floats, normals: Floats, reach: float, scene: Scene, floor: Floor, few: bool = False
-) -> Bools:
-    """Whether enough rays from just above each side escape, (N,); casts only as many rays as it takes.
-
-    With `few`, what the first rays leave in doubt counts as inside: for samples whose neighbours were
-    asked thoroughly.
-    """
-    directions = sphere(_DIRECTIONS)
-    first = np.arange(_DIRECTIONS) % (_DIRECTIONS // _FIRST) == 0
-    cast, free = np.zeros(len(origins), np.int64), np.zeros(len(origins), np.int64)
-    for some in (*np.split(directions[first], 4), *([] if few else [directions[~first]])):
-        doubt = np.flatnonzero(free < 2)  # two of the first settle it
-        more_cast, more_free = _count(origins[doubt], normals[doubt], some, reach, scene, floor)
-        cast[doubt] += more_cast
-        free[doubt] += more_free
-    return np.asarray(free >= _ESCAPE * cast, bool) & (cast > 0)
-
-
 def _escapes(origins: Floats, normals: Floats, reach: float, scene: Scene, floor: Floor) -> Floats:
     """Share of the rays from just above each side that leave the structure, (N,)."""
     directions = sphere(_DIRECTIONS)
     few = np.arange(_DIRECTIONS) % (_DIRECTIONS // _FIRST) == 0
     cast, free = _count(origins, normals, directions[few], reach, scene, floor)
-    doubt = np.flatnonzero(free < np.maximum(2, 2 * _ESCAPE * cast))
+    doubt = np.flatnonzero(free < np.maximum(2, 2 * ESCAPE * cast))
     more_cast, more_free = _count(origins[doubt], normals[doubt], directions[~few], reach, scene, floor)
     cast[doubt] += more_cast
     free[doubt] += more_free
@@ -179,7 +160,7 @@ def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) ->
     ahead = _escapes(points + gap * normals, normals, reach, scene, nowhere)
     behind = _escapes(points - gap * normals, -normals, reach, scene, nowhere)
     outward = np.where((behind > ahead)[:, None], -normals, normals)
-    seen: Bools = np.maximum(ahead, behind) >= _ESCAPE
+    seen: Bools = np.maximum(ahead, behind) >= ESCAPE
     return _thinned(points[seen], outward[seen], area[seen], whole[seen], settings)
 
 

@@ -19,7 +19,8 @@ from scipy.spatial import cKDTree
 from upplied.planning.constants import FRAGMENT, SAME_FACE, TOUCH
 from upplied.planning.surface.floor import floor_of
 from upplied.planning.surface.parts import mesh_pieces
-from upplied.planning.surface.samples import lets_out, points_on_triangles
+from upplied.planning.surface.escape import lets_out
+from upplied.planning.surface.samples import points_on_triangles
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 from upplied.scene import Scene
 from upplied.vectors import area_vectors, plane_normals, with_normals
@@ -121,11 +122,12 @@ def _known_pieces(structure: Structure) -> Ints:
 def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Ints:
     """The part (F,) of each fine sample."""
     number = len(points)
-    one, other = cKDTree(points).query_pairs(_REACH * spacing, output_type="ndarray").T
-    cut = _cuts(points, normals, piece, one, other)
-    rim: Bools = np.bincount(np.concatenate([one[cut], other[cut]]), minlength=number) > 0
-    one, other = one[~cut], other[~cut]
-    label = _basins(one, other, _from_rim(points, one, other, rim))
+    pairs = cKDTree(points).query_pairs(_REACH * spacing, output_type="ndarray")
+    length = _lengths(points, normals, piece, pairs)
+    goes_on = length > 0
+    rim: Bools = np.bincount(pairs[~goes_on].reshape(-1), minlength=number) > 0
+    pairs, length = pairs[goes_on], length[goes_on]
+    label = _basins(pairs, _from_rim(pairs, length, rim))
     body = (np.bincount(label)[label] >= FRAGMENT * number) & ~rim
     if not body.any():
         return np.zeros(number, np.int64)
@@ -134,61 +136,82 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     return label
 
 
-def _from_rim(points: Floats, one: Ints, other: Ints, rim: Bools) -> Floats:
+@njit(cache=True)
+def _lengths(points: Floats, normals: Floats, piece: Ints, pairs: Ints) -> Floats:
+    """Distance (E,) of neighbours (E, 2), m, > 0; 0 of those between which the skin does not continue."""
+    length = np.zeros(len(pairs))
+    for edge in range(len(pairs)):
+        one, other = pairs[edge]
+        x, y, z = (
+            points[other, 0] - points[one, 0],
+            points[other, 1] - points[one, 1],
+            points[other, 2] - points[one, 2],
+        )
+        far = max(np.sqrt(x * x + y * y + z * z), 1e-9)
+        rises = (x * normals[one, 0] + y * normals[one, 1] + z * normals[one, 2]) / far
+        falls = -(x * normals[other, 0] + y * normals[other, 1] + z * normals[other, 2]) / far
+        border = piece[one] != piece[other] and piece[one] >= 0 and piece[other] >= 0
+        stands_out = max(abs(rises), abs(falls)) if border else max(rises, falls)  # the latter where concave
+        length[edge] = 0.0 if stands_out > _RISE else far
+    return length
+
+
+def _from_rim(pairs: Ints, length: Floats, rim: Bools) -> Floats:
     """Distance (F,) of each sample from the nearest rim along the skin, m; inf where there is none."""
     if not rim.any():
-        return np.full(len(points), np.inf)
-    length = np.maximum(np.linalg.norm(points[one] - points[other], axis=1), 1e-9)
-    graph = coo_matrix((length, (one, other)), (len(points),) * 2).tocsr()
+        return np.full(len(rim), np.inf)
+    graph = coo_matrix((length, pairs.T), (len(rim),) * 2).tocsr()
     return np.asarray(dijkstra(graph, directed=False, indices=np.flatnonzero(rim), min_only=True))
 
 
-def _basins(one: Ints, other: Ints, depth: Floats) -> Ints:
+def _basins(pairs: Ints, depth: Floats) -> Ints:
     """Parts (F,) by watershed: two meet where the way between them is wide, as wide as they are.
 
     Parameters
     ----------
-    one, other : array of int, shape (E,)
+    pairs : array of int, shape (E, 2)
         Neighbours between which the skin continues.
     depth : array, shape (F,)
         Distance from the nearest rim; what lies on it (0) joins nothing.
     """
-    saddle = np.minimum(depth[one], depth[other])
-    order = np.argsort(-saddle, kind="stable")
-    order = order[saddle[order] > 0]
-    return np.asarray(_flooded(one[order], other[order], saddle[order], depth, _NECK), np.int64)
+    rank = np.empty(len(depth), np.int64)
+    rank[np.argsort(-depth, kind="stable")] = np.arange(len(depth))
+    return np.asarray(_flooded(pairs, rank, depth, _NECK), np.int64)
 
 
 @njit(cache=True)
-def _flooded(one: Ints, other: Ints, saddle: Floats, depth: Floats, neck: float) -> Ints:
-    root, peak = np.arange(len(depth)), depth.copy()
-    for edge in range(len(one)):
-        a, b = one[edge], other[edge]
+def _flooded(pairs: Ints, rank: Ints, depth: Floats, neck: float) -> Ints:
+    number = len(depth)
+    # A way is as wide as its shallower end: the widest first, by counting how many have which end.
+    first = np.zeros(number + 1, np.int64)
+    for edge in range(len(pairs)):
+        first[max(rank[pairs[edge, 0]], rank[pairs[edge, 1]]) + 1] += 1
+    first = np.cumsum(first)
+    order = np.empty(len(pairs), np.int64)
+    for edge in range(len(pairs)):
+        end = max(rank[pairs[edge, 0]], rank[pairs[edge, 1]])
+        order[first[end]] = edge
+        first[end] += 1
+    root, peak = np.arange(number), depth.copy()
+    for edge in order:
+        a, b = pairs[edge]
+        saddle = min(depth[a], depth[b])
+        if saddle <= 0:
+            break
         while root[a] != a:
             root[a] = root[root[a]]
             a = root[a]
         while root[b] != b:
             root[b] = root[root[b]]
             b = root[b]
-        if a == b or saddle[edge] < neck * min(peak[a], peak[b]):
+        if a == b or saddle < neck * min(peak[a], peak[b]):
             continue
         if peak[b] > peak[a]:
             a, b = b, a
         root[b] = a
-    for index in range(len(root)):
+    for index in range(number):
         top = index
         while root[top] != top:
             top = root[top]
         root[index] = top
     return root
-
-
-def _cuts(points: Floats, normals: Floats, piece: Ints, one: Ints, other: Ints) -> Bools:
-    """Between which neighbours the skin does not continue."""
-    way = points[other] - points[one]
-    way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
-    rises = np.einsum("ij,ij->i", way, normals[one])
-    falls = -np.einsum("ij,ij->i", way, normals[other])
-    concave = np.maximum(rises, falls) > _RISE
-    border = (piece[one] != piece[other]) & (piece[one] >= 0) & (piece[other] >= 0)
-    return np.asarray(concave | (border & (np.maximum(np.abs(rises), np.abs(falls)) > _RISE)), bool)
