@@ -95,8 +95,9 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     def terms(path: Flown, width: float) -> list[tuple[float, Term]]:
         """The terms, with what stands in the way and what is near from this path."""
         oblique = replace(problem.view.settings, max_incidence_deg=_OBLIQUE_DEG)
-        anywhere = replace(problem.view, farthest_m=np.full(len(problem.view.need), np.inf))
-        free = anywhere.reach(path.positions[::stride], asked, oblique, np.arange(0, len(path), stride))
+        # As far again as the widest border reaches: the path moves until lines of sight are asked for again.
+        nearly = replace(problem.view, farthest_m=(1 + 2 * _WIDEST) * problem.view.farthest_m)
+        free = nearly.reach(path.positions[::stride], asked, oblique, np.arange(0, len(path), stride))
         clearance = Clearance.of(problem.airspace, path)
         return [
             (1.0, Coverage.of(problem.view, asked, need * urgent, free, width, stride)),

@@ -72,7 +72,9 @@ class View(Record):
         settings: VisibilitySettings,
         fov_deg: Floats | None = None,
     ) -> Bools:
-        part = self.cloud.at(asked)
+        part, farthest_m = self.cloud.at(asked), float(self.farthest_m[asked].max(initial=0.0))
+        if fov_deg is None and self.fov_deg is None and farthest_m > camera.min_range_m:  # fewer rays
+            camera = replace(camera, max_range_m=min(camera.max_range_m, farthest_m))
         return visible(positions, quat_xyzw, part, camera, settings, self.scene, fov_deg=fov_deg).seen
 
     def _near(self, seen: Bools, positions: Floats, asked: Ints, coarse: Floats | None) -> Bools:

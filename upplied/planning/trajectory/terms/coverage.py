@@ -113,7 +113,7 @@ def _missed(
     # Of the pairs that are shown at all, one after another: what is not shown is not written either.
     shown, slopes = np.empty(len(sample)), np.empty((len(sample), 5))
     what, first, count = np.empty(len(sample), np.int64), np.zeros(len(positions) + 1, np.int64), 0
-    left = np.ones(len(need))
+    left, outside = np.ones(len(need)), width * width / 4
     for m in range(len(positions)):
         first[m + 1] = first[m]
         if start[m] == start[m + 1]:
@@ -129,25 +129,26 @@ def _missed(
                 points[i, 1] - positions[m, 1],
                 points[i, 2] - positions[m, 2],
             )
-            d = max(np.sqrt(ux * ux + uy * uy + uz * uz), 1e-9)
-            ux, uy, uz = ux / d, uy / d, uz / d
-            facing = -(ux * normals[i, 0] + uy * normals[i, 1] + uz * normals[i, 2])
-            a, da = _step(facing - least_cosine[i], width)
-            if a == 0.0:
-                continue
-            b, db = _step(1.0 - d * coarse[m] / farthest_m[i], width)
-            if b == 0.0:
-                continue
             level = cy * ux + sy * uy
             x, y, z = cp * level + sp * uz, cy * uy - sy * ux, cp * uz - sp * level  # in the camera's frame
-            side = 1.0 if y >= 0 else -1.0
-            c, dc = _step(x * sin_h - side * y * cos_h, width)  # sine of the angle to the border's plane
-            if c == 0.0:
+            side, above = 1.0 if y >= 0 else -1.0, 1.0 if z >= 0 else -1.0
+            squared = ux * ux + uy * uy + uz * uz
+            # Most lie outside of the picture: by more than the step's half width, no root is needed.
+            h = x * sin_h - side * y * cos_h
+            if h < 0 and h * h >= outside * squared:
                 continue
-            above = 1.0 if z >= 0 else -1.0
             ahead = np.sqrt(x * x + y * y) if round_ else x
-            e, de = _step(ahead * sin_v - above * z * cos_v, width)
-            if e == 0.0:
+            v = ahead * sin_v - above * z * cos_v
+            if v < 0 and v * v >= outside * squared:
+                continue
+            d = max(np.sqrt(squared), 1e-9)
+            ux, uy, uz, level, x, y, z, ahead = ux / d, uy / d, uz / d, level / d, x / d, y / d, z / d, ahead / d
+            facing = -(ux * normals[i, 0] + uy * normals[i, 1] + uz * normals[i, 2])
+            a, da = _step(facing - least_cosine[i], width)
+            b, db = _step(1.0 - d * coarse[m] / farthest_m[i], width)
+            c, dc = _step(h / d, width)  # sine of the angle to the border's plane
+            e, de = _step(v / d, width)
+            if a * b * c * e == 0.0:
                 continue
             share = _MOST * a * b * c * e
             shown[count], what[count] = share, i
