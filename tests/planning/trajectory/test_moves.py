@@ -57,8 +57,8 @@ def price(of: float) -> Aside:
 
 def shown(view: View, path: Flown) -> float:
     everything = np.arange(len(view.need))
-    seen = view.sees(path.positions, from_yaw_pitch(path.yaw, path.pitch), everything)
-    return float(view.need[seen.any(axis=0)].sum())
+    seen = view.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch), everything)
+    return float(view.need[seen].sum())
 
 
 def test_no_look_from_the_path_shows_the_roof(roof: View) -> None:

@@ -186,6 +186,6 @@ def test_a_look_that_costs_more_than_it_shows_is_not_taken(wall: View):
 
 def test_what_is_shown_already_asks_for_no_look(wall: View):
     path = along()
-    blind = replace(wall, need=np.where(wall.sees(path.positions, from_yaw_pitch(path.yaw, path.pitch),
-                    np.arange(len(wall.need))).any(axis=0), 1.0, 0.0))  # fmt: skip
+    blind = replace(wall, need=np.where(wall.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch),
+                    np.arange(len(wall.need))), 1.0, 0.0))  # fmt: skip
     assert looks_aside(path, blind, 0.0, 1.0) is path

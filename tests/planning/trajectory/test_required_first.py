@@ -80,11 +80,11 @@ def test_a_pixel_and_an_incidence_are_asked_of_each_sample():
     frontal = first(view, required(view, zone, incidence_deg=30.0), path())
     at, every = np.array([[5.0, -4.0, 4.0]]), np.arange(len(zone))
     ahead = from_yaw_pitch(np.array([np.pi / 2]), np.zeros(1))
-    seen = frontal.sees(at, ahead, every)[0]
+    seen = frontal.shown(at, ahead, every)
     off = np.degrees(np.arctan2(np.hypot(view.cloud.points[:, 0] - 5, view.cloud.points[:, 2] - 4), 4.0))
-    assert seen[zone].tolist() == (view.sees(at, ahead, every)[0] & (off <= 30))[zone].tolist()
+    assert seen[zone].tolist() == (view.shown(at, ahead, every) & (off <= 30))[zone].tolist()
     assert seen[zone].any() and not seen[zone].all()
-    assert (seen[~zone] == view.sees(at, ahead, every)[0][~zone]).all()
+    assert (seen[~zone] == view.shown(at, ahead, every)[~zone]).all()
 
 
 def test_what_the_flight_does_not_come_by_is_left_to_another():

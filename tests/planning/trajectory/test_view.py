@@ -22,11 +22,10 @@ AHEAD = from_yaw_pitch(np.zeros(2), np.zeros(2))
 
 
 def test_a_sample_is_seen_from_near_enough_alone() -> None:
-    assert VIEW.sees(AT, AHEAD, np.arange(4)).tolist() == [
-        [True, False, False, False],
-        [True, True, False, False],
-    ]
-    assert VIEW.sees(AT, AHEAD, np.array([1, 0])).tolist() == [[False, True], [True, True]]
+    assert VIEW.shown(AT[:1], AHEAD[:1], np.arange(4)).tolist() == [True, False, False, False]
+    assert VIEW.shown(AT[1:], AHEAD[1:], np.arange(4)).tolist() == [True, True, False, False]
+    assert VIEW.shown(AT[:1], AHEAD[:1], np.array([1, 0])).tolist() == [False, True]
+    assert VIEW.shown(AT, AHEAD, np.array([1, 0])).tolist() == [True, True]
 
 
 def test_reach_is_what_a_camera_turned_anywhere_would_see() -> None:
@@ -53,4 +52,4 @@ def test_points_without_normals_are_seen_from_any_side() -> None:
         VIEW.limits,
         FAR,
     )
-    assert plain.sees(AT, AHEAD, np.arange(4))[0].tolist() == [True, False, False, True]
+    assert plain.shown(AT[:1], AHEAD[:1], np.arange(4)).tolist() == [True, False, False, True]

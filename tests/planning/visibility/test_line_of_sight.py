@@ -228,3 +228,25 @@ def test_impossible_cameras_are_refused_in_words(camera: Camera) -> None:
 def test_occlusion_needs_a_scene() -> None:
     with pytest.raises(SettingsError, match="scene"):
         visible(np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]]), Cloud(np.ones((1, 3))), Camera(), TRUE)
+
+
+@pytest.mark.parametrize("grain_m", [0.0, 0.3])
+def test_what_any_pose_sees_is_what_all_of_them_see(grain_m: float) -> None:
+    rng = np.random.default_rng(3)
+    cloud = faces_of_box(3.0, 9)
+    vertices, triangles = box([-3.0, -3, -3], [3.0, 3, 3])
+    screens = [box(low, low + [0.1, 2.0, 6.0]) for low in rng.uniform(-9, 7, (12, 3))]
+    for corners, faces in screens:
+        triangles = np.concatenate([triangles, faces + len(vertices)])
+        vertices = np.concatenate([vertices, corners])
+    scene = Scene(vertices, triangles, 1, grain_m=grain_m)
+    positions = rng.uniform(-12, 12, (12, 3))
+    quats = look_at(positions, rng.uniform(-3, 3, (12, 3)))
+    asked = positions, quats, cloud, Camera(50, 40, 0.5, 40), TRUE, scene
+    every = visible(*asked).seen
+    few = visibility.seen_by_any(*asked)
+    assert 0.2 < few.mean() < 0.95 and (every.sum(axis=0) == 1).any()
+    assert few.tolist() == every.any(axis=0).tolist()
+    odd = visibility.seen_by_any(*asked, counts=lambda pose, point: (pose + point) % 2 == 1)
+    parity = (np.arange(12)[:, None] + np.arange(len(cloud))) % 2 == 1
+    assert odd.tolist() == (every & parity).any(axis=0).tolist()

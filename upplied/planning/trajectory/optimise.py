@@ -163,7 +163,7 @@ class _Judged(Record):
         """(m,) which of the samples some station sees."""
         path = self.state.flown(variables)
         quats = from_yaw_pitch(path.yaw, path.pitch)
-        return np.asarray(self.view.sees(path.positions, quats, self.asked).any(axis=0))
+        return self.view.shown(path.positions, quats, self.asked)
 
     def shares(self, seen: Bools) -> Floats:
         """(2,) share of the need that was inspected, and of what lay behind it, of samples (m,)."""

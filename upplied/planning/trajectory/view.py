@@ -8,7 +8,7 @@ import numpy as np
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.line_of_sight import seen_by_any, visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 from upplied.scene import Scene
 
@@ -28,11 +28,17 @@ class View(Record):
     fov_deg: Floats | None = None  # (M, 2) of each station of the path, where the camera zooms
     least_cosine: Floats | None = None  # (N,) of the incidence, where single samples ask for more
 
-    def sees(self, positions: Floats, quat_xyzw: Floats, asked: Ints) -> Bools:
-        """(M, m) which of these samples each station's pose truly sees from near enough."""
-        seen = self._visible(positions, quat_xyzw, asked, self.camera, self.settings, self.fov_deg)
-        near = self._near(seen, positions, asked, coarseness(self.camera, self.fov_deg))
-        return self._frontal(near, positions, asked)
+    def shown(self, positions: Floats, quat_xyzw: Floats, asked: Ints) -> Bools:
+        """(m,) which of these samples some station's pose truly sees from near enough."""
+        coarse = coarseness(self.camera, self.fov_deg)
+
+        def counts(pose: Ints, sample: Ints) -> Bools:
+            near = self._near(pose, sample, positions, asked, coarse)
+            return near & self._frontal(pose, sample, positions, asked)
+
+        part, camera = self.cloud.at(asked), self._as_far_as(asked, self.camera)
+        poses = positions, quat_xyzw
+        return seen_by_any(*poses, part, camera, self.settings, self.scene, self.fov_deg, counts)
 
     def reach(
         self,
@@ -47,15 +53,20 @@ class View(Record):
         """
         camera = replace(self.camera, hfov_deg=360.0, vfov_deg=180.0)
         level = np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
-        seen = self._visible(positions, level, asked, camera, settings or self.settings)
+        part, camera = self.cloud.at(asked), self._as_far_as(asked, camera)
+        seen = visible(positions, level, part, camera, settings or self.settings, self.scene).seen
+        pose, sample = np.nonzero(seen)
         fov_deg = self.fov_deg if self.fov_deg is None or station is None else self.fov_deg[station]
-        near = self._near(seen, positions, asked, coarseness(self.camera, fov_deg))
-        return near if settings else self._frontal(near, positions, asked)
+        counts = self._near(pose, sample, positions, asked, coarseness(self.camera, fov_deg))
+        if not settings:
+            counts &= self._frontal(pose, sample, positions, asked)
+        seen[pose, sample] = counts
+        return seen
 
     def missed(self, positions: Floats, quat_xyzw: Floats) -> Ints:
         """The needed samples that none of these poses truly sees from near enough."""
         needed = np.flatnonzero(self.need > 0)
-        return needed[~self.sees(positions, quat_xyzw, needed).any(axis=0)]
+        return needed[~self.shown(positions, quat_xyzw, needed)]
 
     def halves_rad(self, stations: int) -> Floats:
         """Half the field of view of each station (M, 2), across and up."""
@@ -63,34 +74,27 @@ class View(Record):
             return np.radians(self.fov_deg) / 2
         return np.tile(np.radians([self.camera.hfov_deg, self.camera.vfov_deg]) / 2, (stations, 1))
 
-    def _visible(
-        self,
-        positions: Floats,
-        quat_xyzw: Floats,
-        asked: Ints,
-        camera: Camera,
-        settings: VisibilitySettings,
-        fov_deg: Floats | None = None,
-    ) -> Bools:
-        part, farthest_m = self.cloud.at(asked), float(self.farthest_m[asked].max(initial=0.0))
-        if fov_deg is None and self.fov_deg is None and farthest_m > camera.min_range_m:  # fewer rays
-            camera = replace(camera, max_range_m=min(camera.max_range_m, farthest_m))
-        return visible(positions, quat_xyzw, part, camera, settings, self.scene, fov_deg=fov_deg).seen
+    def _as_far_as(self, asked: Ints, camera: Camera) -> Camera:
+        """The camera with no more range than any of these samples asks for: fewer rays."""
+        farthest_m = float(self.farthest_m[asked].max(initial=0.0))
+        if self.fov_deg is not None or farthest_m <= camera.min_range_m:
+            return camera
+        return replace(camera, max_range_m=min(camera.max_range_m, farthest_m))
 
-    def _near(self, seen: Bools, positions: Floats, asked: Ints, coarse: Floats | None) -> Bools:
-        pose, sample = np.nonzero(seen)
+    def _near(self, pose: Ints, sample: Ints, positions: Floats, asked: Ints, coarse: Floats | None) -> Bools:
         ray = self.cloud.points[asked][sample] - positions[pose]
         squared = np.einsum("ij,ij->i", ray, ray) * (1.0 if coarse is None else coarse[pose] ** 2)
-        seen[pose, sample] = squared <= self.farthest_m[asked][sample] ** 2
-        return seen
+        return np.asarray(squared <= self.farthest_m[asked][sample] ** 2)
 
-    def _frontal(self, seen: Bools, positions: Floats, asked: Ints) -> Bools:
+    def _frontal(self, pose: Ints, sample: Ints, positions: Floats, asked: Ints) -> Bools:
+        """Those that are seen as frontally as single samples ask for."""
+        frontal = np.ones(len(pose), bool)
         if self.least_cosine is None or self.cloud.normals is None:
-            return seen
-        strict = self.least_cosine[asked] > np.cos(np.radians(self.settings.max_incidence_deg))
-        pose, sample = np.nonzero(seen & strict)
+            return frontal
+        own = self.least_cosine[asked][sample]
+        strict = own > np.cos(np.radians(self.settings.max_incidence_deg))
+        pose, sample = pose[strict], sample[strict]
         ray = positions[pose] - self.cloud.points[asked][sample]
         along = np.einsum("ij,ij->i", ray, self.cloud.normals[asked][sample])
-        least = self.least_cosine[asked][sample] * np.linalg.norm(ray, axis=1)
-        seen[pose, sample] = along >= least
-        return seen
+        frontal[strict] = along >= own[strict] * np.linalg.norm(ray, axis=1)
+        return frontal

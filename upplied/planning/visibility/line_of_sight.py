@@ -7,16 +7,20 @@ are decided first, for all pairs in one compiled pass, so that rays are cast onl
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from upplied.config import VisibilitySettings
 from upplied.errors import SettingsError
 from upplied.planning.visibility.frustum import bunches_of, gather_rays, in_view, limits_of, mark_free
 from upplied.poses import matrices
-from upplied.records import Camera, Cloud, Floats, Visibility
+from upplied.records import Bools, Camera, Cloud, Floats, Ints, Visibility
 from upplied.scene import Scene
 
 _BLOCK = 200_000  # rays at a time: 5 MB
+_SOME = (0.5, 0.25, 0.75)  # of the poses that may see a point, asked before all of them
 
 
 def visible(
@@ -71,27 +75,83 @@ def visible(
     """
     if settings.occlusion and scene is None:
         raise SettingsError("visibility", "occlusion without a scene", "a scene says what stands in the way")
-    limits = limits_of(camera, settings, cloud, fov_deg)
-    origin = np.zeros(3) if scene is None else scene.origin
-    sorted_cloud = bunches_of(cloud, origin, limits, len(positions))
-    bunches = (
-        sorted_cloud.points,
-        sorted_cloud.normals,
-        sorted_cloud.order,
-        sorted_cloud.start,
-        sorted_cloud.bounds,
-    )
-    limits = np.repeat(limits[None], len(positions), axis=0) if limits.ndim == 1 else limits
-    cameras = np.ascontiguousarray(positions, float) - origin
-    axes = np.ascontiguousarray(matrices(quat_xyzw))
-    seen = np.zeros((len(cameras), len(cloud)), bool)
+    asked = _asked(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg)
+    seen = np.zeros((len(positions), len(cloud)), bool)
     if not settings.occlusion or scene is None:
-        in_view(cameras, axes, limits, *bunches, seen)
+        in_view(*asked, seen)
         return Visibility(seen)
     rays = np.empty((max(_BLOCK, len(cloud)) + 1, 6), np.float32)
     pairs = np.empty(len(rays), np.int64)
     pose = 0
-    while pose < len(cameras):
-        pose, count = gather_rays(cameras, axes, limits, *bunches, scene.grain_m, pose, rays, pairs)
+    while pose < len(seen):
+        pose, count = gather_rays(*asked, scene.grain_m, pose, rays, pairs)
         mark_free(pairs[:count], scene.blocked(rays[:count]), seen.reshape(-1))
     return Visibility(seen)
+
+
+def seen_by_any(
+    positions: Floats,
+    quat_xyzw: Floats,
+    cloud: Cloud,
+    camera: Camera,
+    settings: VisibilitySettings,
+    scene: Scene,
+    fov_deg: Floats | None = None,
+    counts: Callable[[Ints, Ints], Bools] | None = None,
+) -> Bools:
+    """Which points some pose sees: as `visible(...).seen.any(axis=0)`, with a few rays for each point.
+
+    Parameters
+    ----------
+    positions, quat_xyzw, cloud, camera, settings, scene, fov_deg
+        As above; `settings` with occlusion.
+    counts : callable, optional
+        Which pairs of a pose (K,) and a point (K,) are to be asked at all.
+
+    Returns
+    -------
+    array of bool, shape (N,)
+    """
+    may = np.zeros((len(cloud), len(positions)), bool)
+    in_view(*_asked(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg), may.T)
+    point, pose = np.nonzero(may)
+    if counts is not None:
+        kept = counts(pose, point)
+        point, pose = point[kept], pose[kept]
+    first = np.searchsorted(point, np.arange(len(cloud) + 1))
+    number = np.diff(first)
+    seen, tried = np.zeros(len(cloud), bool), np.zeros(len(point), bool)
+    for share in (*_SOME, None):  # of its poses in order: of neighbours one is as good as another
+        open_ = np.flatnonzero(~seen & (number > 0))
+        some = np.flatnonzero(~(tried | seen[point]))
+        if share is not None:
+            some = first[open_] + (share * number[open_]).astype(np.int64)
+        tried[some] = True
+        starts = positions[pose[some]] - scene.origin
+        ways = cloud.points[point[some]] - scene.origin - starts
+        if scene.grain_m:
+            length = np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
+            ways *= np.maximum(1 - scene.grain_m / length, 0.0)
+        free = ~scene.blocked(np.concatenate([starts, ways], axis=1).astype(np.float32))
+        seen[point[some[free]]] = True
+    return seen
+
+
+def _asked(
+    positions: Floats,
+    quat_xyzw: Floats,
+    cloud: Cloud,
+    camera: Camera,
+    settings: VisibilitySettings,
+    scene: Scene | None,
+    fov_deg: Floats | None,
+) -> tuple[Any, ...]:
+    """What the compiled passes over poses and points are told of them, local to the scene."""
+    limits = limits_of(camera, settings, cloud, fov_deg)
+    origin = np.zeros(3) if scene is None else scene.origin
+    bunches = bunches_of(cloud, origin, limits, len(positions))
+    limits = np.repeat(limits[None], len(positions), axis=0) if limits.ndim == 1 else limits
+    cameras = np.ascontiguousarray(positions, float) - origin
+    axes = np.ascontiguousarray(matrices(quat_xyzw))
+    points = bunches.points, bunches.normals, bunches.order, bunches.start, bunches.bounds
+    return cameras, axes, limits, *points
