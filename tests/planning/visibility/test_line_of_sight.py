@@ -235,7 +235,7 @@ def test_what_any_pose_sees_is_what_all_of_them_see(grain_m: float) -> None:
     rng = np.random.default_rng(3)
     cloud = faces_of_box(3.0, 9)
     vertices, triangles = box([-3.0, -3, -3], [3.0, 3, 3])
-    screens = [box(low, low + [0.1, 2.0, 6.0]) for low in rng.uniform(-9, 7, (12, 3))]
+    screens = [box(low, low + np.array([0.1, 2.0, 6.0])) for low in rng.uniform(-9, 7, (12, 3))]
     for corners, faces in screens:
         triangles = np.concatenate([triangles, faces + len(vertices)])
         vertices = np.concatenate([vertices, corners])

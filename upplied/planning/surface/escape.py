@@ -1,7 +1,6 @@
 """Which sides of a surface rays escape from: what can be seen from outside, whatever the mesh's winding.
 
-Rays are cast until the answer is known, those along the normal first: most sides on the outside take
-two. Uses the floor.
+Uses the floor.
 """
 
 from __future__ import annotations
@@ -26,6 +25,9 @@ def lets_out(
 ) -> Bools:
     """Whether enough rays from just above each side escape.
 
+    They are cast until the answer is known, those along the normal first: most sides on the outside
+    take two.
+
     Parameters
     ----------
     origins, normals : array, shape (N, 3), m and unit
@@ -47,17 +49,16 @@ def lets_out(
     need = np.ceil(ESCAPE * left).astype(np.int64)
     need[left == 0] = 1
     order, nearest = np.argsort(-(directions @ directions.T), axis=1, kind="stable"), facing.argmax(axis=1)
-    along, starts = np.zeros(len(origins), np.int64), np.asarray(origins - scene.origin, np.float32)
+    along, local = np.zeros(len(origins), np.int64), np.ascontiguousarray(origins - scene.origin)
     for number in (*_ROUNDS, _DIRECTIONS):
         doubt = np.flatnonzero((need > 0) & (left >= need))
         if not len(doubt):
             break
-        rays, owner = np.empty((len(doubt) * min(number, len(directions)), 6), np.float32), []
+        rays = np.empty((len(doubt) * min(number, len(directions)), 6), np.float32)
         owner = np.empty(len(rays), np.int64)
-        count = _next_rays(
-            doubt, number, starts, normals, directions, order, nearest, along, left,
-            np.float32(reach_m), *floor.grid(scene.origin), rays, owner,
-        )
+        sides = local, normals, nearest, along, left
+        lid = floor.grid(scene.origin)
+        count = _next_rays(doubt, number, *sides, directions, order, reach_m, *lid, rays, owner)
         free = ~scene.blocked(rays[:count], slack=0.0)
         need -= np.bincount(owner[:count][free], minlength=len(need))
     return np.asarray(need <= 0, bool)
@@ -67,14 +68,14 @@ def lets_out(
 def _next_rays(
     doubt: Ints,
     number: int,
-    starts: Floats,
+    local: Floats,
     normals: Floats,
-    directions: Floats,
-    order: Ints,
     nearest: Ints,
     along: Ints,
     left: Ints,
-    reach: float,
+    directions: Floats,
+    order: Ints,
+    reach_m: float,
     lid: float,
     low: Floats,
     cell: float,
@@ -94,14 +95,37 @@ def _next_rays(
                 continue
             asked += 1
             left[side] -= 1
-            start = starts[side]
+            start = local[side]
             if start[2] > lid and way[2] < 0:
                 far = (lid - start[2]) / way[2]
                 x, y = (start[0] + far * way[0] - low[0]) / cell, (start[1] + far * way[1] - low[1]) / cell
                 if 0 <= x < enclosed.shape[0] and 0 <= y < enclosed.shape[1] and enclosed[int(x), int(y)]:
                     continue
             for axis in range(3):
-                rays[count, axis], rays[count, 3 + axis] = start[axis], reach * way[axis]
+                rays[count, axis], rays[count, 3 + axis] = start[axis], reach_m * way[axis]
             owner[count] = side
             count += 1
     return count
+
+
+def escapes(origins: Floats, normals: Floats, reach_m: float, scene: Scene) -> Floats:
+    """Share of the rays from just above each side that leave the structure, (N,)."""
+    directions = sphere(_DIRECTIONS)
+    few = np.arange(_DIRECTIONS) % (_DIRECTIONS // _FEW) == 0
+    cast, free = _count(origins, normals, directions[few], reach_m, scene)
+    doubt = np.flatnonzero(free < np.maximum(2, 2 * ESCAPE * cast))
+    more_cast, more_free = _count(origins[doubt], normals[doubt], directions[~few], reach_m, scene)
+    cast[doubt] += more_cast
+    free[doubt] += more_free
+    return np.asarray(free / np.maximum(cast, 1))
+
+
+def _count(
+    origins: Floats, normals: Floats, directions: Floats, reach_m: float, scene: Scene
+) -> tuple[Ints, Ints]:
+    """How many rays were cast from each side, and how many escaped."""
+    owner, which = np.nonzero(normals @ directions.T > _LEVEL)
+    starts, rays = origins[owner], directions[which]
+    free = ~scene.occluded(starts, starts + reach_m * rays, slack=0.0)
+    number = len(origins)
+    return np.bincount(owner, minlength=number), np.bincount(owner[free], minlength=number)

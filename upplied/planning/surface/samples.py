@@ -11,17 +11,15 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import CloudSettings
-from upplied.planning.surface.escape import ESCAPE, lets_out
+from upplied.planning.surface.escape import ESCAPE, escapes, lets_out
 from upplied.planning.surface.floor import Floor, floor_of
 from upplied.planning.surface.open_shell import inside_open_shell
 from upplied.planning.surface.parts import mesh_pieces, part_labels
 from upplied.planning.surface.poisson import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene
-from upplied.vectors import area_vectors, plane_normals, sphere
+from upplied.vectors import area_vectors, plane_normals
 
-_DIRECTIONS = 64  # over the whole sphere: half of them for each side of a surface
-_FIRST = 16  # of those, cast for every candidate; the others only where the first leave doubt
 _POINTS = 60_000  # of a cloud, that are asked: fifteen for each sample
 _SPARE = 2.5  # candidates on the outside per sample that is kept, so that thinning can space them
 
@@ -61,17 +59,26 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
         if missing <= wanted / 10:
             break
         batch = int(min(missing * drawn / max(len(points), 1), 4 * wanted))
-    area = np.full(len(points), _total_area(structure) / drawn)
+    area = np.full(len(points), float(triangle_areas(structure).sum()) / drawn)
     return _thinned(points, normals, area, piece[triangle], settings)
+
+
+def triangle_areas(structure: Structure) -> Floats:
+    """Area (T,) of each triangle of a mesh, m^2; kept with its record."""
+
+    def areas() -> Floats:
+        corners = structure.vertices[structure.triangles]
+        return np.asarray(np.linalg.norm(area_vectors(corners), axis=1) / 2)
+
+    return structure.derived("triangle areas", areas)
 
 
 def points_on_triangles(structure: Structure, number: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
     """Area-uniform points, stratified along the cumulated area, and the triangle of each."""
-    corners = structure.vertices[structure.triangles]
-    cumulated = np.cumsum(np.linalg.norm(area_vectors(corners), axis=1))
+    cumulated = np.cumsum(triangle_areas(structure))
     along = (np.arange(number) + rng.random(number)) / number * cumulated[-1]
-    triangle = np.minimum(np.searchsorted(cumulated, along, side="right"), len(corners) - 1)
-    chosen = corners[triangle]
+    triangle = np.minimum(np.searchsorted(cumulated, along, side="right"), len(cumulated) - 1)
+    chosen = structure.vertices[structure.triangles[triangle]]
     root, second = np.sqrt(rng.random(number))[:, None], rng.random(number)[:, None]
     points = chosen[:, 0] * (1 - root) + root * (chosen[:, 1] * (1 - second) + chosen[:, 2] * second)
     return points, triangle
@@ -111,30 +118,6 @@ def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
     return starts
 
 
-def _escapes(origins: Floats, normals: Floats, reach: float, scene: Scene, floor: Floor) -> Floats:
-    """Share of the rays from just above each side that leave the structure, (N,)."""
-    directions = sphere(_DIRECTIONS)
-    few = np.arange(_DIRECTIONS) % (_DIRECTIONS // _FIRST) == 0
-    cast, free = _count(origins, normals, directions[few], reach, scene, floor)
-    doubt = np.flatnonzero(free < np.maximum(2, 2 * ESCAPE * cast))
-    more_cast, more_free = _count(origins[doubt], normals[doubt], directions[~few], reach, scene, floor)
-    cast[doubt] += more_cast
-    free[doubt] += more_free
-    return free / np.maximum(cast, 1)
-
-
-def _count(
-    origins: Floats, normals: Floats, directions: Floats, reach: float, scene: Scene, floor: Floor
-) -> tuple[Ints, Ints]:
-    """How many rays were cast from each side, and how many escaped."""
-    owner, which = np.nonzero(normals @ directions.T > 0.1)
-    starts, rays = origins[owner], directions[which]
-    free = ~scene.occluded(starts, starts + reach * rays, slack=0.0)
-    free[free] = ~floor.crossed(starts[free], rays[free])
-    number = len(origins)
-    return np.bincount(owner, minlength=number), np.bincount(owner[free], minlength=number)
-
-
 def _thinned(points: Floats, normals: Floats, area: Floats, piece: Ints, settings: CloudSettings) -> Cloud:
     kept = thin(points, normals, settings.surface_samples, float(area.sum()))
     area = shares(points, normals, area, kept)
@@ -155,14 +138,9 @@ def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) ->
         return _thinned(points, given, area, whole, settings)
     normals = plane_normals(points, neighbours)
     gap = float(np.median(distance[:, 1]))
-    nowhere = Floor.none()
     reach = 2 * structure.diagonal_m
-    ahead = _escapes(points + gap * normals, normals, reach, scene, nowhere)
-    behind = _escapes(points - gap * normals, -normals, reach, scene, nowhere)
+    ahead = escapes(points + gap * normals, normals, reach, scene)
+    behind = escapes(points - gap * normals, -normals, reach, scene)
     outward = np.where((behind > ahead)[:, None], -normals, normals)
     seen: Bools = np.maximum(ahead, behind) >= ESCAPE
     return _thinned(points[seen], outward[seen], area[seen], whole[seen], settings)
-
-
-def _total_area(structure: Structure) -> float:
-    return float(np.linalg.norm(area_vectors(structure.vertices[structure.triangles]), axis=1).sum() / 2)

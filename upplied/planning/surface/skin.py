@@ -17,10 +17,10 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from upplied.planning.constants import FRAGMENT, SAME_FACE, TOUCH
+from upplied.planning.surface.escape import lets_out
 from upplied.planning.surface.floor import floor_of
 from upplied.planning.surface.parts import mesh_pieces
-from upplied.planning.surface.escape import lets_out
-from upplied.planning.surface.samples import points_on_triangles
+from upplied.planning.surface.samples import points_on_triangles, triangle_areas
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 from upplied.scene import Scene
 from upplied.vectors import area_vectors, plane_normals, with_normals
@@ -59,8 +59,7 @@ def skin_parts(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) 
     points, normals, piece = _fine_samples(structure, scene, cloud, seed)
     if len(points) < 2 / FRAGMENT:
         return PartLabels(np.zeros(len(cloud), np.int64))
-    area = float(np.sum(cloud.area_m2)) if cloud.area_m2 is not None else len(cloud) * 1.0
-    spacing = float(np.sqrt(area / len(points)))
+    spacing = float(np.sqrt(cloud.areas.sum() / len(points)))
     label = _joined(points, normals, piece, spacing)
     place = cKDTree(with_normals(points, normals, TOUCH * spacing))
     nearest = place.query(with_normals(cloud.points, cloud.outward, TOUCH * spacing))[1]
@@ -73,8 +72,7 @@ def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud, seed: int) -
     if not len(structure.triangles):
         return _fine_points(structure, cloud, rng)
     points, triangle = points_on_triangles(structure, int(_DRAWN * _FINE), rng)
-    corners = structure.vertices[structure.triangles[triangle]]
-    normals = area_vectors(corners)
+    normals = area_vectors(structure.vertices[structure.triangles[triangle]])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     near = cKDTree(cloud.points).query(points, k=min(6, len(cloud)))[1].reshape(len(points), -1)
     agrees = np.einsum("nkj,nj->nk", cloud.outward[near], normals)
@@ -113,8 +111,7 @@ def _fine_points(structure: Structure, cloud: Cloud, rng: np.random.Generator) -
 def _known_pieces(structure: Structure) -> Ints:
     """The mesh piece of each triangle, -1 on fragments: borders of triangle soup mean nothing."""
     piece = mesh_pieces(structure)
-    corners = structure.vertices[structure.triangles]
-    area = np.linalg.norm(area_vectors(corners), axis=1)
+    area = triangle_areas(structure)
     share = np.bincount(piece, weights=area) / max(float(area.sum()), 1e-300)
     return np.where(share[piece] >= FRAGMENT, piece, -1)
 

@@ -142,7 +142,16 @@ def _missed(
             if v < 0 and v * v >= outside * squared:
                 continue
             d = max(np.sqrt(squared), 1e-9)
-            ux, uy, uz, level, x, y, z, ahead = ux / d, uy / d, uz / d, level / d, x / d, y / d, z / d, ahead / d
+            ux, uy, uz, level, x, y, z, ahead = (
+                ux / d,
+                uy / d,
+                uz / d,
+                level / d,
+                x / d,
+                y / d,
+                z / d,
+                ahead / d,
+            )
             facing = -(ux * normals[i, 0] + uy * normals[i, 1] + uz * normals[i, 2])
             a, da = _step(facing - least_cosine[i], width)
             b, db = _step(1.0 - d * coarse[m] / farthest_m[i], width)
