@@ -126,7 +126,6 @@ _PRESETS: dict[str, Settings] = {
         preset="recommended",
         registration=RegistrationSettings(acceptance=1.0, least_probability=0.6),
         correspondence=CorrespondenceSettings(method="parts", least_probability=0.8),
-        viewpoints=ViewpointSettings(shared=0.9),  # where it looks again, not what it consists of
         visibility=VisibilitySettings(occlusion=True, max_incidence_deg=75.0),
         transfer=TransferSettings(method="counterparts"),
         refine=RefineSettings(method="view"),

@@ -19,7 +19,7 @@ from upplied.polylines import chosen_evenly
 from upplied.records import Cloud, Floats, Ints, Record
 from upplied.vectors import with_normals
 
-_FACING = 0.1  # of the region's size: what turning a normal by a right angle counts beside distance
+_ELSEWHERE = 0.1  # of the region's size: farther is elsewhere, and so much counts turning a normal
 _AROUND = 0.3  # of the region's size: how far its surroundings reach
 _NEIGHBOURS = 8  # neighbours of a patch by which its stretch is judged
 _MOST = 1500  # patches that are asked
@@ -117,7 +117,7 @@ def _back(there: Floats, index: Ints, here: Floats, target: Cloud, size: float) 
     first = np.full(len(target), -1)
     first[index[::-1]] = np.arange(len(index))[::-1]
     off = np.linalg.norm(here[place] - here[first[hit]], axis=1)
-    return float(np.mean(off > 0.1 * size))
+    return float(np.mean(off > _ELSEWHERE * size))
 
 
 def _nearby(points: Floats, own: Floats, size: float) -> Floats:
@@ -135,7 +135,7 @@ def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> floa
     if not len(chosen):
         return 0.0
     chosen = chosen[chosen_evenly(len(chosen), _MOST)]
-    weight = _FACING * size
+    weight = _ELSEWHERE * size
     tree = cKDTree(with_normals(registered.points, registered.outward, weight))
     asked = with_normals(source.points[chosen], source.outward[chosen], weight)
     off = np.maximum(tree.query(asked)[0] - spacing(registered), 0) / size

@@ -17,13 +17,12 @@ from scipy.spatial.distance import cdist
 
 from upplied.config import TransferSettings, focal_px
 from upplied.planning.carry.affine import AxisMap
-from upplied.planning.constants import FOVEA
+from upplied.planning.constants import FOVEA, TOLERANCE
 from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
 KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LEAST_M2 = 1e-6  # squared distance, so that nothing is divided by none
-_MARGIN = 0.1  # of the stand-off, kept from the ends of the range
 _SEEN = 32  # counterparts that speak for what a viewpoint sees
 
 
@@ -170,8 +169,10 @@ def counted(
     else:
         sight = carrier.matrix
         wanted = median_distance(positions @ sight.T, here @ sight.T, weight)
-    lowest = max(nearest_m, camera.min_range_m) * (1 + _MARGIN)  # so that the middle of the view is in range
-    wanted = np.clip(wanted, lowest, max((1 - _MARGIN) * camera.max_range_m, lowest))
+    lowest = max(nearest_m, camera.min_range_m) * (
+        1 + TOLERANCE
+    )  # so that the middle of the view is in range
+    wanted = np.clip(wanted, lowest, max((1 - TOLERANCE) * camera.max_range_m, lowest))
     return Counted(weight, there, middle, wanted)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from upplied.planning.constants import CLEARLY_BETTER, FACING, SAME_TURN_DEG
+from upplied.planning.constants import CLEARLY_BETTER, FACING, SAME_TURN_DEG, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.geometry.boxes import box_scale, diagonal_of
 from upplied.planning.geometry.icp import icp
@@ -27,7 +27,6 @@ _STEP_DEG = 10.0  # between headings
 _COARSE, _FINE = 250, 700  # samples by which all candidates and by which the best are judged
 _REFINED = 6  # candidates
 _ITERATIONS = 15
-_SLIGHT = 0.95  # ICP must lower the cost to this share, or the candidate stays as it is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,7 +135,7 @@ def _refined(source: _Few, target: _Few, turn: Floats, search: str) -> tuple[Flo
         rotation = Rotation.from_euler("z", float(np.arctan2(rotation[1, 0], rotation[0, 0]))).as_matrix()
     candidate = rotation @ turn
     before, after = _cost(source, target, turn), _cost(source, target, candidate)
-    return (candidate, after) if after < _SLIGHT * before else (turn, before)
+    return (candidate, after) if after < (1 - TOLERANCE) * before else (turn, before)
 
 
 def _headings() -> Floats:

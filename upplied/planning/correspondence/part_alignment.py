@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import FACING, SLENDER
+from upplied.planning.constants import FACING, SLENDER, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.part_assignment import Matching, match_parts, with_named
 from upplied.planning.geometry.boxes import box_scale, diagonal_of
@@ -18,7 +18,7 @@ from upplied.vectors import scaled_normals, with_normals
 _MISFIT = 0.022  # largest mean distance, both ways, in these units, of parts whose boxes are not alike
 _TRIED = 150  # samples by which that is judged
 _OUTWARD = 0.25  # of its length: how far from the structure's middle such a part lies, along itself
-_STRAY, _FAR = 0.05, 8.0  # share of a part's samples at either end, and how far they must stick out
+_FAR = 8.0  # how far the last `TOLERANCE` of a part's samples at either end must stick out to be stray
 _TURNED = np.cos(np.radians(10))
 
 
@@ -95,8 +95,8 @@ def _core(part: Floats) -> Floats:
     the outermost samples widen an axis by far more than their number, they do not count.
     """
     low, high = part.min(axis=0), part.max(axis=0)
-    inner_low, inner_high = np.quantile(part, [_STRAY, 1 - _STRAY], axis=0)
-    usual = (inner_high - inner_low) * _STRAY / (1 - 2 * _STRAY)
+    inner_low, inner_high = np.quantile(part, [TOLERANCE, 1 - TOLERANCE], axis=0)
+    usual = (inner_high - inner_low) * TOLERANCE / (1 - 2 * TOLERANCE)
     stray_low, stray_high = inner_low - low > _FAR * usual, high - inner_high > _FAR * usual
     return np.stack(
         [np.where(stray_low, inner_low - usual, low), np.where(stray_high, inner_high + usual, high)]

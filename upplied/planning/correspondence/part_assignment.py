@@ -47,7 +47,7 @@ def match_parts(
     """Match parts one to one.
 
     Boxes of like extents are proof enough. Where they are less alike, a deck that is shorter or a
-    wing modelled whole here and in halves there, the surfaces must agree after box was laid on box.
+    wing modelled whole here and in halves there, the surfaces must agree with box on box.
 
     Parameters
     ----------

@@ -141,7 +141,7 @@ def _best_registration(
     best, misfit, chosen = start, misfit_of(source, target, start, words), ""
     others = {"aligned by ICP": _aligned(source, target, start)}
     if blades_of(source).any() and blades_of(target).any():
-        others["laid body on body, since blades may have turned"] = body_on_body(source, target, turn)
+        others["registered body on body, since blades may have turned"] = body_on_body(source, target, turn)
     for how, other in others.items():
         judgement = misfit_of(source, target, other, words)
         if judgement.value < CLEARLY_BETTER * misfit.value:
@@ -151,7 +151,7 @@ def _best_registration(
         lies_well = judgement.scanned < _PARTLY * gate and judgement.common > _COVERED
         # What is missing counts more where the rest is no longer stretched to make up for it.
         if CLEARLY_BETTER * judgement.value < misfit.value if misfit.value < gate else lies_well:
-            best, misfit, chosen = partly, judgement, "; laid by what is on both structures"
+            best, misfit, chosen = partly, judgement, "; registered by what is on both structures"
     return best, misfit, chosen
 
 

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from upplied.planning.constants import JITTER, JITTER_M
+from upplied.planning.constants import JITTER, JITTER_M, SAME_TURN_DEG
 from upplied.polylines import cumulated, interpolated, leg_lengths
 from upplied.poses import facing, matrices
 from upplied.records import Floats, Ints, Trajectory
@@ -14,7 +14,6 @@ from upplied.records import Floats, Ints, Trajectory
 _SHORTEST = 0.1  # of the usual spacing: stations are no denser
 _TURNED_RAD = np.radians(6.0)  # of the camera's axis from station to station, about
 _FEWEST = 160  # stations of a flight; those of a longer one are `spacing_m` apart
-_SHARP_RAD = 0.8  # turned from one short line to the next: there is a station right there
 
 
 def jitter_m(extent_m: float) -> float:
@@ -64,7 +63,7 @@ def stations_of(flight: Trajectory, spacing_m: float, extent_m: float, length_m:
     ends = [
         run[[0, -1]] + [0, 1] for run in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1) if len(run)
     ]
-    sharp = places[_peaks(curvature, _SHARP_RAD / (_SHORTEST * spacing))]
+    sharp = places[_peaks(curvature, np.radians(SAME_TURN_DEG) / (_SHORTEST * spacing))]
     tips = [np.searchsorted(along, sharp).clip(0, len(flight) - 1)]
     fixed = np.unique(np.concatenate([[0, len(flight) - 1], *ends, *tips]).astype(np.int64))
     chosen = [np.zeros(1)]

@@ -21,7 +21,7 @@ from upplied.poses import from_yaw_pitch, optical_axis, wrapped
 from upplied.records import Bools, Floats, Ints, Record
 
 _STATIONS = 48  # of the path beside which places are tried
-_AWAY = (0.4, 0.8)  # stand-offs, to all sides
+_AWAY = 0.4  # stand-offs, to all sides, and twice that
 _MISSED = 128  # samples, at most, that stand for all that is missed
 _AIMS = 3  # directions from each place, besides that towards the middle of what it reaches
 _LENGTH = 2.0  # of the way back to the path, along it, over the way aside: a gentle bend
@@ -90,7 +90,7 @@ def places_beside(path: Flown, usual_m: float) -> tuple[Ints, Floats]:
     axes = np.stack([ahead, np.cross(up, ahead), np.broadcast_to(up, ahead.shape)], axis=1)
     ways = np.array([way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    steps = usual_m * np.concatenate([length * ways for length in _AWAY])
+    steps = usual_m * np.concatenate([length * ways for length in (_AWAY, 2 * _AWAY)])
     aside = np.einsum("ci,sij->scj", steps, axes).reshape(-1, 3)
     return np.repeat(stations, len(steps)), aside
 
