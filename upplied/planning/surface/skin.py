@@ -190,8 +190,8 @@ def _flooded(pairs: Ints, rank: Ints, depth: Floats, neck: float) -> Ints:
         order[first[end]] = edge
         first[end] += 1
     root, peak = np.arange(number), depth.copy()
-    for edge in order:
-        a, b = pairs[edge]
+    for way in order:
+        a, b = pairs[way]
         saddle = min(depth[a], depth[b])
         if saddle <= 0:
             break
