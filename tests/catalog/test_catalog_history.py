@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from datetime import UTC, datetime
 
 import numpy as np
@@ -97,6 +98,9 @@ def test_settings_come_back_from_their_text(catalog, preset):
     text = catalog.transfer(key_of(preset)[:20])["settings_json"]
     assert settings_of(text) == settings
     assert settings_of(text).sha256 == settings.sha256
+    elsewhere = json.loads(text)
+    elsewhere["optimise"]["of_another_version"] = elsewhere["of_another_version"] = {"weight": 0.002}
+    assert settings_of(json.dumps(elsewhere)) == settings
 
 
 def test_a_recipe_holds_the_versions_that_were_read(catalog):

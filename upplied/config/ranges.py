@@ -62,7 +62,6 @@ RANGES = {
     "optimise.clearance": (0, 1000),
     "optimise.nearness": (0, 1000),
     "optimise.turning": (0, 1000),
-    "optimise.time": (0, 1000),
     "optimise.spacing": (0.05, 10),
     "optimise.rounds": (1, 20),
     "optimise.iterations": (1, 1000),

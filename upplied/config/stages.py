@@ -210,7 +210,6 @@ class OptimiseSettings:
     clearance: float = 5.0  # of lacking a metre of the safety distance, mean square
     nearness: float = 2.0  # of coming a metre nearer than the carried path does anywhere, mean square
     turning: float = 0.005  # of turning the camera by as much again as the demonstration
-    time: float = 0.002  # of flying for as long again
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
     rounds: int = 2  # of casting rays
     iterations: int = 16  # of the solver in each round

@@ -17,7 +17,6 @@ from upplied.planning.trajectory.terms.place import Place
 from upplied.planning.trajectory.terms.shape import Shape
 from upplied.planning.trajectory.terms.smoothness import Smoothness
 from upplied.planning.trajectory.terms.standoff import StandoffKept
-from upplied.planning.trajectory.terms.time import Time
 from upplied.planning.trajectory.terms.turning import Turning
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch
@@ -26,8 +25,7 @@ from upplied.scene import Scene
 
 STATIONS = 14
 NAMES = (
-    "clearance", "coverage", "frontal", "round", "place", "shape", "smoothness", "standoff", "time",
-    "turning",
+    "clearance", "coverage", "frontal", "round", "place", "shape", "smoothness", "standoff", "turning",
 )  # fmt: skip
 
 
@@ -82,7 +80,6 @@ def term(name: str, view: View) -> Term:
         "shape": lambda: Shape.of(other.positions, turned),
         "smoothness": lambda: Smoothness(other.positions, 1.0, 5.0),
         "standoff": lambda: StandoffKept.of(standoff, path, 0.08),
-        "time": lambda: Time.of(replace(other, positions=other.positions / 2), np.linspace(1, 3, STATIONS)),
         "turning": lambda: Turning(other.yaw, other.pitch, 2.0),
     }[name]()
 
@@ -160,14 +157,6 @@ def test_a_camera_turned_aside_once_and_for_all_costs_no_turning():
     aside = path.yaw + 0.5 * (np.arange(STATIONS) == 6)
     there_and_back = one.value(replace(path, yaw=aside, pitch=path.pitch))[0]
     assert there_and_back == pytest.approx(0.5, rel=0.2)  # twice half a radian, over two
-
-
-def test_time_costs_one_for_twice_as_long_a_path_and_nothing_for_a_shorter_one():
-    path = flown()
-    one = Time.of(path, np.full(STATIONS, 2.0))
-    assert one.value(replace(path, positions=2 * path.positions))[0] == pytest.approx(1)
-    value, slope = one.value(replace(path, positions=0.9 * path.positions))
-    assert value == 0 and not slope.positions.any()
 
 
 def test_a_circle_of_the_stand_offs_radius_is_one_unit_of_curving():

@@ -80,13 +80,19 @@ def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
 
 
 def settings_of(text: str) -> Settings:
-    """The settings of their JSON, as `settings_json` holds them."""
+    """The settings of their JSON, as `settings_json` holds them.
+
+    Those of another version that this one does not know are left out: the plan can still be read, and
+    that the method is another one is said where it is to be made again.
+    """
     stages: dict[str, Any] = json.loads(text)
-    preset = stages.pop("preset")
-    return settings_for(
-        preset,
-        **{stage: {name: _tuples(v) for name, v in values.items()} for stage, values in stages.items()},
-    )
+    preset = settings_for(stages.pop("preset"))
+    changes = {
+        stage: {name: _tuples(v) for name, v in values.items() if hasattr(getattr(preset, stage), name)}
+        for stage, values in stages.items()
+        if hasattr(preset, stage)
+    }
+    return settings_for(preset.preset, **changes)
 
 
 def _tuples(value: Any) -> Any:

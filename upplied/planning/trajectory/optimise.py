@@ -26,7 +26,6 @@ from upplied.planning.trajectory.terms.place import Place
 from upplied.planning.trajectory.terms.shape import Shape
 from upplied.planning.trajectory.terms.smoothness import Smoothness
 from upplied.planning.trajectory.terms.standoff import StandoffKept
-from upplied.planning.trajectory.terms.time import Time
 from upplied.planning.trajectory.terms.turning import Turning
 from upplied.planning.trajectory.view import View
 from upplied.polylines import chosen_evenly, leg_lengths
@@ -222,7 +221,6 @@ def _lasting_terms(
         (firmly, StandoffKept.of(problem.standoff, start, weights.standoff_tolerance)),
         (weights.smoothness, Smoothness(problem.flown, max(float(leg.mean()), 1e-3), usual_m)),
         (weights.turning, Turning(carried.yaw, carried.pitch, problem.turned_rad)),
-        (weights.time, Time.of(carried, problem.speed_mps)),
     ]
 
 
