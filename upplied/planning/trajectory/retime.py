@@ -22,6 +22,7 @@ from upplied.records import Bools, Floats, Ints, Record, Rows, Trajectory, Waypo
 
 _STEP_M = 0.5  # largest leg of the result
 _FINE_M, _PIECES = 0.05, 6  # smallest pieces, and most of them, of a leg that begins or ends at rest
+_STILL = 0.25  # of the usual speed of a flight, pose by pose: slower is a pause
 _EVENED_M = 3.0  # along the demonstration, to each side, over which its speed is averaged
 _TRANSIT = 95  # percentile of the demonstrated speed, at which parts of the flight are joined
 _MARGIN = 0.999  # of the limits, for the rounding of what is stored
@@ -202,9 +203,7 @@ def demonstrated_speed(
     speed = np.full(len(t_s), max(transit_mps, *(part.fastest for part in flown)))
     for part in flown:
         inside = (t_s >= part.times[0]) & (t_s <= part.times[-1])
-        speed[inside] = np.maximum(
-            part.speed(t_s[inside]), STILL * mean
-        )  # slower was hesitation: it is not copied
+        speed[inside] = np.maximum(part.speed(t_s[inside]), STILL * mean)
     return speed
 
 
@@ -221,7 +220,7 @@ class _Flown(Record):
     def of(cls, part: Trajectory) -> _Flown:
         times, positions = steadied(part)
         step, tick = leg_lengths(positions), float(times[1] - times[0])
-        moving = step > STILL * float(np.percentile(step, 75))
+        moving = step > _STILL * float(np.percentile(step, 75))
         return cls(
             times,
             cumulated(step),
