@@ -85,7 +85,7 @@ def _real(kind: str, name: str) -> Member:
     if folder is None:
         raise SystemExit("no folder of real data: set UPPLIED_REAL_DATA")
     structure = stamped(replace(real_structure(folder, name), kind=kind))
-    return Member(structure, np.zeros(len(structure.triangles), np.int64), ())
+    return Member(structure, (), np.zeros(len(structure.triangles), np.int64))
 
 
 @cache

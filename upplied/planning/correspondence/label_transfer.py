@@ -166,7 +166,7 @@ def _with_others(whole: Cloud, skin: Ints, label: Ints, far: Bools) -> Ints:
     taken = np.any(templates, axis=0) if templates else np.zeros(len(whole), bool)
     for stretch in np.argsort(-count, kind="stable")[: int((count >= _LEAST_SAMPLES).sum())]:
         mine = (skin == stretch) & ~taken
-        if 2 * mine.sum() < count[stretch] or not _is_compact(whole, mine):
+        if 2 * mine.sum() < count[stretch] or far[mine].mean() <= MAJORITY or not _is_compact(whole, mine):
             continue
         for template in templates:
             if not 1 / MOST_RATIO < mine.sum() / template.sum() < SAME_SIZE:
