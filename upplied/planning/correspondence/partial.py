@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import MAJORITY, TOLERANCE
+from upplied.planning.constants import MAJORITY
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.misfit import FACING
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
@@ -21,8 +21,9 @@ from upplied.records import Cloud, Floats, Registration
 from upplied.vectors import scaled_normals, with_normals
 
 _SAMPLES = 700  # of each surface
+_FAR = 0.06  # of the diagonal: farther surfaces are not on both, and count no more
 _REFINED, _ROUNDS = 4, 12  # ways that are refined, and how often
-_NEAREST = 0.015  # of the diagonal: what counts as on both in the last round; the first takes `TOLERANCE`
+_NEAREST = 0.015  # of the diagonal: what counts as on both in the last round; the first takes `_FAR`
 _LEAST_SAMPLES = 50  # samples, at least, that are on both
 _STEP = 1.25  # largest change of a scale in a round
 
@@ -47,7 +48,7 @@ def registered_partly(source: Cloud, target: Cloud, box: Registration) -> Regist
     # Of twelve structures that nobody built, scanned whole or but for 10 to 40 % of their surface, those
     # whose boxes were right moved by 2.7 % at most and came nearer to no less than 0.75 (where the boxes fit
     # well nothing is tried), those whose boxes were wrong moved by 16 %.
-    if apart >= before or (moved < TOLERANCE and apart > MAJORITY * before):
+    if apart >= before or (moved < _FAR and apart > MAJORITY * before):
         return None
     return Registration(
         scale * box.scale,
@@ -94,10 +95,10 @@ class _Both:
         return with_normals(self.points * scale + shift, normals, self.weight)
 
     def apart(self, scale: Floats, shift: Floats) -> float:
-        """Mean distance of the surfaces, both ways; what is on one alone counts no more than `TOLERANCE`."""
+        """Mean distance of the surfaces, both ways; what is on one alone counts no more than `_FAR`."""
         moved = self.moved(scale, shift)
         ways = self.tree.query(moved)[0], cKDTree(moved).query(self.fixed)[0]
-        far = TOLERANCE * self.diagonal
+        far = _FAR * self.diagonal
         return float(sum(np.clip(way - self.slack, 0, far).mean() for way in ways))
 
     def refined(self, scale: Floats, shift: Floats) -> tuple[Floats, Floats]:
@@ -105,7 +106,7 @@ class _Both:
         for round_ in range(_ROUNDS):
             moved = self.moved(scale, shift)
             (forth, there), (back, here) = self.tree.query(moved), cKDTree(moved).query(self.fixed)
-            near = max(_NEAREST, TOLERANCE * (1 - round_ / _ROUNDS)) * self.diagonal
+            near = max(_NEAREST, _FAR * (1 - round_ / _ROUNDS)) * self.diagonal
             points = np.vstack([self.points[forth < near], self.points[here[back < near]]])
             goals = np.vstack([self.fixed[there[forth < near], :3], self.fixed[back < near, :3]])
             if len(points) < _LEAST_SAMPLES:
