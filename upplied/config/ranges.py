@@ -60,7 +60,6 @@ RANGES = {
     "optimise.standoff_tolerance": (0, 1),
     "optimise.smoothness": (0, 1000),
     "optimise.clearance": (0, 1000),
-    "optimise.nearness": (0, 1000),
     "optimise.turning": (0, 1000),
     "optimise.spacing": (0.05, 10),
     "optimise.rounds": (1, 20),

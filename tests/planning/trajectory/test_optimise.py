@@ -113,7 +113,7 @@ def test_it_comes_no_nearer_to_the_structure_than_the_carried_path(wall: View):
     middle = np.abs(wall.cloud.points[:, 0]) < 3
     strict = replace(wall, need=np.where(middle, 1 / middle.sum(), 0.0), farthest_m=np.full(len(middle), 4.2))
     kept, nearer = (
-        result(strict, problem(strict, path), shape=0.0, place=0.0, standoff=0.0, nearness=weight)
+        result(strict, problem(strict, path), shape=0.0, place=0.0, standoff=0.0, clearance=weight)
         for weight in (50.0, 0.0)
     )
     assert np.abs(kept.positions[:, 1]).min() > 4.7

@@ -56,7 +56,7 @@ def lets_out(
             break
         rays = np.empty((len(doubt) * min(number, len(directions)), 6), np.float32)
         owner = np.empty(len(rays), np.int64)
-        sides = local, normals, nearest, along, left
+        sides = local, origins[:, 2] > floor.z_m, normals, nearest, along, left
         lid = floor.grid(scene.origin)
         count = _next_rays(doubt, number, *sides, directions, order, reach_m, *lid, rays, owner)
         free = ~scene.blocked(rays[:count], slack=0.0)
@@ -69,6 +69,7 @@ def _next_rays(
     doubt: Ints,
     number: int,
     local: Floats,
+    above: Bools,
     normals: Floats,
     nearest: Ints,
     along: Ints,
@@ -96,7 +97,7 @@ def _next_rays(
             asked += 1
             left[side] -= 1
             start = local[side]
-            if start[2] > lid and way[2] < 0:
+            if above[side] and way[2] < 0:
                 far = (lid - start[2]) / way[2]
                 x, y = (start[0] + far * way[0] - low[0]) / cell, (start[1] + far * way[1] - low[1]) / cell
                 if 0 <= x < enclosed.shape[0] and 0 <= y < enclosed.shape[1] and enclosed[int(x), int(y)]:

@@ -101,7 +101,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
         return [
             (1.0, Coverage.of(problem.view, asked, need * urgent, free, width, stride)),
             (weights.clearance, clearance),
-            (weights.nearness, clearance.no_nearer(nearest_m)),
+            (weights.clearance, clearance.no_nearer(nearest_m)),
             *lasting,
         ]
 
