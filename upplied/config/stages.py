@@ -207,7 +207,7 @@ class OptimiseSettings:
     standoff_in_metres: float = 200.0
     standoff_tolerance: float = 0.08  # of the wanted stand-off
     smoothness: float = 0.003  # of curving otherwise by a circle whose radius is the stand-off, mean square
-    # Of lacking a metre of the safety distance, and of coming a metre nearer than the carried path does anywhere.
+    # Of lacking a metre of the safety distance, and of coming a metre nearer than the carried path anywhere.
     clearance: float = 5.0
     turning: float = 0.005  # of turning the camera by as much again as the demonstration
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
