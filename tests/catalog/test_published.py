@@ -131,6 +131,8 @@ def test_an_older_state_never_replaces_a_newer_one(catalog, tmp_path):
     assert whole(place) == 6
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_another_catalog_and_an_empty_one_replace_nothing(catalog, tmp_path, capsys):
     place = tmp_path / "out"
     publish(catalog, place, pictures=0)

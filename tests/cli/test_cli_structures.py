@@ -47,6 +47,8 @@ def test_a_mesh_is_checked_in_words_and_drawn(tmp_path, monkeypatch, capsys):
     assert not Path("bad-check.png").exists()
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_scan_is_written_without_its_ground(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     ground = 40 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
