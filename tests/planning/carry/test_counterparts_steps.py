@@ -234,6 +234,14 @@ def test_parts_on_a_side_for_which_nothing_is_flown_are_told() -> None:
     assert _not_repeated([left, take(part=2, choice=2)]) == [] and _not_repeated([take()]) == []
 
 
+def test_a_side_for_which_nothing_is_flown_is_told_where_nothing_could_be_repeated() -> None:
+    """The flight was flown as it is, since nothing of its kind was found; the other engine is not flown."""
+    one = take(matched=np.array([0, 1, -1]), weight=(SOURCE.part == 1).astype(float))
+    (missing,) = _not_repeated([one])
+    assert missing.part.startswith("part_2 (") and missing.found == 0 and missing.doubt
+    assert _not_repeated([take(matched=np.array([0, -1, -1]), weight=(SOURCE.part == 1).astype(float))]) == []
+
+
 def test_the_most_inspected_part_comes_first() -> None:
     weight = np.repeat([0.0, 0.4, 1.0], 60)
     own = take(weight=weight, skin=SOURCE.part, carried=False)

@@ -112,11 +112,11 @@ def test_stand_offs_keep_to_the_range_and_the_safety_distance() -> None:
     positions = np.array([[1.0, 0, 0], [50, 0, 0], [99, 0, 0]])
     same = AxisMap(np.eye(3), np.zeros(3))
     asked = counted(positions, weight, here, here, same, TransferSettings(), CAMERA, 0.5)
-    assert asked.wanted_m == pytest.approx([1.1, 50, 90])
+    assert asked.wanted_m == pytest.approx([1.05, 50, 95])
     asked = counted(positions, weight, here, here, same, TransferSettings(), CAMERA, 4.0)
-    assert asked.wanted_m == pytest.approx([4.4, 50, 90])
+    assert asked.wanted_m == pytest.approx([4.2, 50, 95])
     asked = counted(positions, weight, here, here, same, TransferSettings(), CAMERA, 100.0)
-    assert asked.wanted_m == pytest.approx([110.0] * 3)
+    assert asked.wanted_m == pytest.approx([105.0] * 3)
 
 
 def test_viewpoints_speak_by_equal_shares_of_their_pictures() -> None:

@@ -83,11 +83,13 @@ def _no_part_twice(found: dict[str, Counterpart], there: str) -> dict[str, Count
 
 
 def _not_repeated(takes: Sequence[Take]) -> list[Counterpart]:
-    """The parts like the repeated ones on a side of the source for which nothing is flown on the target."""
-    take, flown = takes[0], [take.part for take in takes if take.choice >= 0]
+    """The parts like the flown ones on a side of the source for which nothing is flown on the target."""
+    take, source = takes[0], _source(takes[0])
+    shown = [part for part, _ in inspected_parts(take, source.label) if _matched_parts(take, part, source)]
+    flown = [take.part for take in takes if take.choice >= 0] or shown  # nothing like it may have been found
     if not flown:
         return []
-    source, there = _source(take), take.pair.target.structure_id
+    there = take.pair.target.structure_id
     alike = choices_for(source.parts, flown[0], source.parts, [flown[0]]).tolist()
     sides = {side_of(source.parts, part) for part in flown}
     return [
