@@ -211,8 +211,8 @@ class OptimiseSettings:
     clearance: float = 5.0
     turning: float = 0.005  # of turning the camera by as much again as the demonstration
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
-    rounds: int = 2  # of casting rays
-    iterations: int = 16  # of the solver in each round
+    rounds: int = 3  # of casting rays
+    iterations: int = 12  # of the solver in each round
     # Times what was inspected counts surface that must be seen, by area: so much of that may go for it.
     required: float = 10.0
     samples: int = 1600  # of the surface that stand for all, two thirds of them inspected ones
