@@ -14,12 +14,12 @@ import pytest
 from deltalake.exceptions import DeltaError, SchemaMismatchError
 
 from upplied.catalog.store import locking
+from upplied.catalog.store.errors import explained, remedy_of
 from upplied.catalog.store.files import FileStore, replace_file, sync_path
 from upplied.catalog.store.identity import Heads
 from upplied.catalog.store.locking import locked
 from upplied.catalog.store.opening import in_schema, opened
 from upplied.catalog.store.statistics import statistics
-from upplied.catalog.store.telling import remedy_of, told
 from upplied.errors import CatalogError
 
 
@@ -55,9 +55,9 @@ def test_what_the_storage_raises_is_told_in_words() -> None:
         def act() -> None:
             raise error
 
-        told("file:/place", act, KeyError)
+        explained("file:/place", act, KeyError)
 
-    assert told("place", lambda: 3) == 3
+    assert explained("place", lambda: 3) == 3
     with pytest.raises(CatalogError, match="it is so"):
         fails(CatalogError("x", "it is so"))
     with pytest.raises(KeyError):

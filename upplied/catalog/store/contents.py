@@ -8,8 +8,8 @@ from typing import Generic, TypeVar
 import pyarrow as pa
 
 from upplied.catalog.schema.codec import decode, encode, sha256_of
+from upplied.catalog.store.errors import remedy_of
 from upplied.catalog.store.files import FileStore
-from upplied.catalog.store.telling import remedy_of
 from upplied.errors import CatalogError
 
 R = TypeVar("R")

@@ -9,7 +9,7 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.store.telling import told
+from upplied.catalog.store.errors import explained
 from upplied.catalog.verbs import ordering
 
 _MOST_ROWS = 50_000  # kept at hand, a kilobyte each
@@ -36,7 +36,7 @@ class Current:
             return None
         held = self._at_hand
         if held is None or held[0] is not dataset:
-            if told(self._table.uri, dataset.count_rows) > _MOST_ROWS:
+            if explained(self._table.uri, dataset.count_rows) > _MOST_ROWS:
                 newest = ordering.newest_rows(self._table, pc.field(self._name) == name)
                 return newest[0] if newest else None
             held = self._at_hand = dataset, *self._read()

@@ -29,12 +29,12 @@ from deltalake.transaction import AddAction
 from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.migrations import SCHEMA_VERSION, needed, upgraded
 from upplied.catalog.store.clock import Clock
+from upplied.catalog.store.errors import explained
 from upplied.catalog.store.files import sync_path
 from upplied.catalog.store.identity import Identity
 from upplied.catalog.store.log import TableLog
 from upplied.catalog.store.opening import VERSION_KEY, in_schema
 from upplied.catalog.store.statistics import statistics
-from upplied.catalog.store.telling import told
 from upplied.errors import CatalogError
 
 log = logging.getLogger(__name__)
@@ -90,7 +90,7 @@ class StoredTable(TableLog):
         if dataset is None:
             return wanted.empty_table().select(asked)
         present = [name for name in wanted.names if name in dataset.schema.names]
-        found = told(self.uri, partial(dataset.to_table, columns=present, filter=where))
+        found = explained(self.uri, partial(dataset.to_table, columns=present, filter=where))
         return upgraded(self.declared, in_schema(found, wanted)).select(asked)
 
     def narrow(
@@ -124,7 +124,7 @@ class StoredTable(TableLog):
             use_threads=False,
         )
         with closing(scanner.to_batches()) as found:
-            while (batch := told(self.uri, partial(next, found, None))) is not None:
+            while (batch := explained(self.uri, partial(next, found, None))) is not None:
                 rows = in_schema(pa.table(batch), wanted)
                 yield upgraded(self.declared, rows).select(columns)
 
@@ -133,7 +133,7 @@ class StoredTable(TableLog):
         dataset = self.dataset()
         if dataset is None:
             return self.declared.schema.empty_table()
-        found = told(self.uri, partial(dataset.to_table, filter=where))
+        found = explained(self.uri, partial(dataset.to_table, filter=where))
         unknown = [field for field in found.schema if field.name not in self.declared.names]
         known = upgraded(self.declared, in_schema(found, self.declared.schema))
         for field in unknown:
@@ -156,7 +156,7 @@ class StoredTable(TableLog):
         if "commit_version" in self.declared.names:
             self._insist(lambda: self._append_next(rows))
             return
-        added = told(self.uri, lambda: self.new_file(rows))
+        added = explained(self.uri, lambda: self.new_file(rows))
         self._insist(lambda: self._append(added, rows))
 
     def _append(self, added: AddAction, rows: pa.Table) -> None:
@@ -185,7 +185,7 @@ class StoredTable(TableLog):
         give_up = time.monotonic() + _PATIENCE_S
         while True:
             try:
-                return told(self.uri, act, CommitFailedError)
+                return explained(self.uri, act, CommitFailedError)
             except CommitFailedError as conflict:
                 if time.monotonic() > give_up:
                     raise CatalogError(

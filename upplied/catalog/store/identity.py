@@ -15,8 +15,8 @@ from datetime import UTC, datetime
 
 import pyarrow as pa
 
+from upplied.catalog.store.errors import remedy_of
 from upplied.catalog.store.files import FileStore
-from upplied.catalog.store.telling import remedy_of
 from upplied.errors import CatalogError
 
 _FILE = "catalog.json"

@@ -10,10 +10,10 @@ from deltalake import DeltaTable
 
 from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.store.errors import explained
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.identity import Heads, Identity
 from upplied.catalog.store.opening import VERSION_KEY, check_version, opened
-from upplied.catalog.store.telling import told
 from upplied.errors import CatalogError
 
 _PROPERTIES = {
@@ -50,12 +50,12 @@ class TableLog:
 
     def _refreshed(self) -> DeltaTable | None:
         if self._delta is None:
-            seen = told(self.uri, self._heads.seen)  # before the log is read: it never runs ahead of it
-            delta = told(self.uri, lambda: opened(self.uri))
+            seen = explained(self.uri, self._heads.seen)  # before the log is read: it never runs ahead of it
+            delta = explained(self.uri, lambda: opened(self.uri))
             self._check(-1 if delta is None else delta.version(), seen)
             self._delta = delta
         else:
-            told(self.uri, self._delta.update_incremental)
+            explained(self.uri, self._delta.update_incremental)
             check_version(self._delta, self.uri)  # a newer program may have come meanwhile
         return self._delta
 
@@ -88,4 +88,4 @@ class TableLog:
             return None
         if not 0 <= version <= current.version():
             raise CatalogError(f"{self.uri} version {version}", "does not exist", f"0 to {current.version()}")
-        return told(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))
+        return explained(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))

@@ -119,13 +119,13 @@ def camera_of(
         )
     camera, frame, zoom = next(iter(found.values()), (Camera(), "", None))
     notes = [] if found else [NO_CALIBRATION]
-    told: dict[str, Any] = {
+    given: dict[str, Any] = {
         "hfov_deg": facts.camera_hfov_deg,
         "vfov_deg": facts.camera_vfov_deg,
         "min_range_m": facts.camera_min_range_m,
         "max_range_m": facts.camera_max_range_m,
     }
-    camera = replace(camera, **{name: value for name, value in told.items() if value is not None})
+    camera = replace(camera, **{name: value for name, value in given.items() if value is not None})
     if camera.min_range_m >= camera.max_range_m:
         found_range = f"{camera.min_range_m} to {camera.max_range_m} m"
         raise InputError(f"{what}, camera range", f"got {found_range}", "the least range below the greatest")

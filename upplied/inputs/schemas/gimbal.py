@@ -78,5 +78,5 @@ def earth_fixed(tables: Sequence[Table]) -> bool:
 def _from_north(table: Table) -> Bools:
     name = "device_flags" if "device_flags" in table else "flags"
     flags = table.integers(name)
-    told = (flags & (_YAW_IN_VEHICLE | _YAW_IN_EARTH)) != 0
-    return np.where(told, (flags & _YAW_IN_EARTH) != 0, (flags & _YAW_LOCK) != 0)
+    stated = (flags & (_YAW_IN_VEHICLE | _YAW_IN_EARTH)) != 0
+    return np.where(stated, (flags & _YAW_IN_EARTH) != 0, (flags & _YAW_LOCK) != 0)

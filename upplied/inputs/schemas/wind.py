@@ -38,16 +38,16 @@ def wind_of(tables: Sequence[Table], track: Track, heading_deg: float | None) ->
         Of the structure's +X, clockwise from north; without it where the wind blows to is not known.
     """
     found = [(table, _moved(table)) for table in tables if table.schema in _EAST_NORTH and len(table)]
-    told = []
+    usable = []
     for table, air in found:
         during = (table.log_ns >= track.log_ns.min()) & (table.log_ns <= track.log_ns.max())
         speed = np.linalg.norm(air, axis=1)
         good = during & np.isfinite(speed) & (speed <= _MOST_MPS)
         if good.any() and (speed[good] > 0).any():  # an estimate that never began is zero
-            told.append((int(good.sum()), table.channel.topic, air[good]))
-    if not told:
+            usable.append((int(good.sum()), table.channel.topic, air[good]))
+    if not usable:
         return None
-    _, topic, air = max(told, key=lambda each: each[:2])
+    _, topic, air = max(usable, key=lambda each: each[:2])
     speed, mean = np.linalg.norm(air, axis=1), air.mean(axis=0)
     towards = None if heading_deg is None else _from_x(mean, heading_deg)
     return LoggedWind(topic, float(speed.mean()), float(speed.max()), towards)

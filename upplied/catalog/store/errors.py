@@ -17,7 +17,7 @@ T = TypeVar("T")
 _SETTINGS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_REGION")
 
 
-def told(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:
+def explained(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:
     """Do it; what the storage raises becomes an error that people read."""
     try:
         return act()
