@@ -109,6 +109,8 @@ def test_the_fleet_filters_searches_and_sorts(visit, reports):
     assert page.title() == "Inspection fleet" and page.locator("#app img").count() == 0
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_thousands_of_rows_are_drawn_a_screen_at_a_time(visit, tmp_path):
     rows = [
         [
@@ -187,6 +189,8 @@ def test_a_transfer_flies_seen_through_the_camera(visit, reports):
     page.click("#play")
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_planned_and_flown_are_drawn_together(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-0.html").as_uri())
     drawn(page)
@@ -285,6 +289,8 @@ def test_without_webgl_the_picture_and_the_figures_remain(visit, reports, browse
     context.close()
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_dark_mode_is_dark_and_legible(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
     page.emulate_media(color_scheme="dark")
