@@ -24,6 +24,7 @@ _SOURCES = (
     "discs.py",
     "scene.py",
     "threads.py",
+    "triangles.py",
     "vectors.py",
 )
 #: Distributions whose results a plan depends on; of Open3D, whichever is installed.

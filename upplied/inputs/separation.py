@@ -17,7 +17,8 @@ from scipy.spatial import cKDTree
 
 from upplied.polylines import chosen_evenly
 from upplied.records import Bools, Floats, Ints, Record, Structure
-from upplied.vectors import area_vectors, neighbour_spacing
+from upplied.triangles import points_on_triangles, triangle_areas
+from upplied.vectors import neighbour_spacing
 
 CLASSES = ("structure", "ground", "clutter", "neighbour")
 _SAMPLES = 150_000  # points that stand for a surface
@@ -101,16 +102,8 @@ def _samples(structure: Structure) -> tuple[Floats, Ints, Floats]:
         points = structure.vertices[chosen]
         far = cKDTree(points).query(points, k=min(9, len(points)))[0][:, -1]
         return points, chosen, np.pi * far**2 / 8
-    corners = structure.vertices[structure.triangles]
-    area = np.linalg.norm(area_vectors(corners), axis=1) / 2
-    summed = np.cumsum(area)
-    rng = np.random.default_rng(0)
-    along = (np.arange(_SAMPLES) + rng.random(_SAMPLES)) / _SAMPLES * summed[-1]
-    owner = np.minimum(np.searchsorted(summed, along, side="right"), len(area) - 1)
-    root, second = np.sqrt(rng.random(_SAMPLES))[:, None], rng.random(_SAMPLES)[:, None]
-    a, b, c = corners[owner].transpose(1, 0, 2)
-    points = a * (1 - root) + root * (b * (1 - second) + c * second)
-    return points, owner, np.full(_SAMPLES, summed[-1] / _SAMPLES)
+    points, owner = points_on_triangles(structure, _SAMPLES, np.random.default_rng(0))
+    return points, owner, np.full(_SAMPLES, triangle_areas(structure).sum() / _SAMPLES)
 
 
 def _ground(points: Floats) -> tuple[Floats, float]:

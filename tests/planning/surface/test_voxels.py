@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from upplied.config import CloudSettings
-from upplied.planning.surface.voxels import area_uniform, voxel_cloud, voxel_filter
+from upplied.planning.surface.voxels import voxel_cloud, voxel_filter
 from upplied.records import Structure
+from upplied.triangles import points_on_triangles
 
 
 def box(size=(4.0, 2.0, 1.0), shift=(0.0, 0.0, 0.0)):
@@ -43,7 +44,7 @@ def test_a_moved_structure_gives_the_moved_cloud():
 
 def test_points_are_spread_by_area():
     shape = box()
-    points = area_uniform(shape.vertices, shape.triangles, 20_000, seed=0)
+    points, _ = points_on_triangles(shape, 20_000, np.random.default_rng(0))
     top = np.mean(points[:, 2] > 1 - 1e-9)
     assert top == pytest.approx(8 / 28, abs=0.01)  # 4 x 2 of 28 m^2
     assert points[points[:, 2] > 1 - 1e-9][:, :2].mean(axis=0) == pytest.approx([2, 1], abs=0.05)
@@ -58,8 +59,10 @@ def test_a_point_cloud_is_filtered_as_it_is():
 def test_points_on_a_mesh_are_as_many_in_each_triangle_as_its_area_asks() -> None:
     """Two triangles of 1 and 3 m^2 far apart: no place counts but the area that was cumulated before it."""
     vertices = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0], [50, 0, 0], [50, 3, 0], [50, 0, 2]])
-    points = area_uniform(vertices, np.array([[0, 1, 2], [3, 4, 5]]), 400, 0)
+    mesh = Structure("two-v1", "box", vertices, np.array([[0, 1, 2], [3, 4, 5]]))
+    points, owner = points_on_triangles(mesh, 400, np.random.default_rng(0))
     first = points[:, 0] < 10
+    assert owner.tolist() == [0] * 100 + [1] * 300
     assert np.flatnonzero(first).tolist() == list(range(100))  # stratified along the cumulated area
     x, y = points[:100, 0] / 2, points[:100, 1]
     assert (x >= 0).all() and (y >= 0).all() and (x + y <= 1).all()

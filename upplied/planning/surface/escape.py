@@ -14,7 +14,7 @@ from upplied.scene import Scene
 from upplied.vectors import sphere
 
 ESCAPE = 0.06  # least share of a side's rays that escape: inlets reach 0.1, cabins behind a hole 0.03
-_DIRECTIONS = 64  # over the whole sphere: half of them for each side of a surface
+DIRECTIONS = 64  # over the whole sphere: half of them for each side of a surface
 _FEW = 16  # of those, for samples whose neighbours were asked thoroughly
 _LEVEL = 0.1  # least cosine of a ray and the normal
 _ROUNDS = (2, 2, 4, 8, 16)  # rays of each side, cast together
@@ -43,21 +43,21 @@ def lets_out(
     -------
     array of bool, shape (N,)
     """
-    directions = sphere(_DIRECTIONS)[:: _DIRECTIONS // _FEW if few else 1]
+    directions = sphere(DIRECTIONS)[:: DIRECTIONS // _FEW if few else 1]
     facing = normals @ directions.T
     left = (facing > _LEVEL).sum(axis=1)
     need = np.ceil(ESCAPE * left).astype(np.int64)
     need[left == 0] = 1
     order, nearest = np.argsort(-(directions @ directions.T), axis=1, kind="stable"), facing.argmax(axis=1)
     along, local = np.zeros(len(origins), np.int64), np.ascontiguousarray(origins - scene.origin)
-    for number in (*_ROUNDS, _DIRECTIONS):
+    sides = local, origins[:, 2] > floor.z_m, normals, nearest, along, left
+    lid = floor.grid(scene.origin)
+    for number in (*_ROUNDS, DIRECTIONS):
         doubt = np.flatnonzero((need > 0) & (left >= need))
         if not len(doubt):
             break
         rays = np.empty((len(doubt) * min(number, len(directions)), 6), np.float32)
         owner = np.empty(len(rays), np.int64)
-        sides = local, origins[:, 2] > floor.z_m, normals, nearest, along, left
-        lid = floor.grid(scene.origin)
         count = _next_rays(doubt, number, *sides, directions, order, reach_m, *lid, rays, owner)
         free = ~scene.blocked(rays[:count], slack=0.0)
         need -= np.bincount(owner[:count][free], minlength=len(need))
@@ -111,8 +111,8 @@ def _next_rays(
 
 def escapes(origins: Floats, normals: Floats, reach_m: float, scene: Scene) -> Floats:
     """Share of the rays from just above each side that leave the structure, (N,)."""
-    directions = sphere(_DIRECTIONS)
-    few = np.arange(_DIRECTIONS) % (_DIRECTIONS // _FEW) == 0
+    directions = sphere(DIRECTIONS)
+    few = np.arange(DIRECTIONS) % (DIRECTIONS // _FEW) == 0
     cast, free = _count(origins, normals, directions[few], reach_m, scene)
     doubt = np.flatnonzero(free < np.maximum(2, 2 * ESCAPE * cast))
     more_cast, more_free = _count(origins[doubt], normals[doubt], directions[~few], reach_m, scene)

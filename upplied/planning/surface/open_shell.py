@@ -10,11 +10,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.planning.constants import FRAGMENT, MAJORITY, TOUCH
+from upplied.planning.surface.escape import DIRECTIONS
 from upplied.records import Bools, Floats, Ints, Structure
 from upplied.scene import Scene
+from upplied.triangles import triangle_areas
 from upplied.vectors import area_vectors, sphere
-
-_DIRECTIONS = 64  # over the whole sphere, as for samples
 
 
 def inside_open_shell(
@@ -41,8 +41,7 @@ def inside_open_shell(
         Of the same structure.
     """
     inside = np.zeros(len(points), bool)
-    area = np.linalg.norm(area_vectors(structure.vertices[structure.triangles]), axis=1).sum() / 2
-    spacing_m = float(np.sqrt(area / max(len(points), 1)))
+    spacing_m = float(np.sqrt(triangle_areas(structure).sum() / max(len(points), 1)))
     of, number = piece[triangle], int(piece.max()) + 1
     if not both.any() or not _lie_apart(points, of, number, spacing_m):
         return inside
@@ -53,7 +52,7 @@ def inside_open_shell(
     asked = np.flatnonzero(both & (side * front[triangle] < 0))
     outward = area_vectors(structure.vertices[structure.triangles[triangle[asked]]])
     outward *= (side[asked] / np.linalg.norm(outward, axis=1))[:, None]
-    directions = sphere(_DIRECTIONS)
+    directions = sphere(DIRECTIONS)
     owner, which = np.nonzero(outward @ directions.T > 0)
     starts = points[asked] + 1e-5 * structure.diagonal_m * outward
     _, met, wound = scene.cast(starts[owner], directions[which])

@@ -18,6 +18,7 @@ from upplied.planning.surface.parts import mesh_pieces, part_labels
 from upplied.planning.surface.poisson import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene
+from upplied.triangles import points_on_triangles, triangle_areas
 from upplied.vectors import area_vectors, plane_normals
 
 _POINTS = 60_000  # of a cloud, that are asked: fifteen for each sample
@@ -61,27 +62,6 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
         batch = int(min(missing * drawn / max(len(points), 1), 4 * wanted))
     area = np.full(len(points), float(triangle_areas(structure).sum()) / drawn)
     return _thinned(points, normals, area, piece[triangle], settings)
-
-
-def triangle_areas(structure: Structure) -> Floats:
-    """Area (T,) of each triangle of a mesh, m^2; kept with its record."""
-
-    def areas() -> Floats:
-        corners = structure.vertices[structure.triangles]
-        return np.asarray(np.linalg.norm(area_vectors(corners), axis=1) / 2)
-
-    return structure.derived("triangle areas", areas)
-
-
-def points_on_triangles(structure: Structure, number: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
-    """Area-uniform points, stratified along the cumulated area, and the triangle of each."""
-    cumulated = np.cumsum(triangle_areas(structure))
-    along = (np.arange(number) + rng.random(number)) / number * cumulated[-1]
-    triangle = np.minimum(np.searchsorted(cumulated, along, side="right"), len(cumulated) - 1)
-    chosen = structure.vertices[structure.triangles[triangle]]
-    root, second = np.sqrt(rng.random(number))[:, None], rng.random(number)[:, None]
-    points = chosen[:, 0] * (1 - root) + root * (chosen[:, 1] * (1 - second) + chosen[:, 2] * second)
-    return points, triangle
 
 
 def _outside(

@@ -20,9 +20,9 @@ from upplied.planning.constants import FRAGMENT, SAME_FACE, TOUCH
 from upplied.planning.surface.escape import lets_out
 from upplied.planning.surface.floor import floor_of
 from upplied.planning.surface.parts import mesh_pieces
-from upplied.planning.surface.samples import points_on_triangles, triangle_areas
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 from upplied.scene import Scene
+from upplied.triangles import points_on_triangles, triangle_areas
 from upplied.vectors import area_vectors, plane_normals, with_normals
 
 _FINE = 40_000  # samples that are joined

@@ -7,7 +7,7 @@ from numba import njit
 
 from upplied.config import CloudSettings
 from upplied.records import Cloud, Floats, Ints, Structure
-from upplied.vectors import area_vectors
+from upplied.triangles import points_on_triangles
 
 
 def voxel_cloud(structure: Structure, settings: CloudSettings) -> Cloud:
@@ -28,7 +28,8 @@ def voxel_cloud(structure: Structure, settings: CloudSettings) -> Cloud:
         `points` (N, 3), m, structure frame, in the order of their voxels, and `leaf_m`.
     """
     if len(structure.triangles):
-        raw = area_uniform(structure.vertices, structure.triangles, settings.raw_points, settings.seed)
+        rng = np.random.default_rng(settings.seed)
+        raw, _ = points_on_triangles(structure, settings.raw_points, rng)
     else:
         raw = structure.vertices
     leaf = _leaf_for(raw, settings.voxel_points)
@@ -48,29 +49,6 @@ def voxel_filter(points: Floats, leaf_m: float) -> Floats:
     _, member, count = np.unique(voxel, return_inverse=True, return_counts=True)
     sums = np.column_stack([np.bincount(member, weights=points[:, axis]) for axis in range(3)])
     return sums / count[:, None]
-
-
-def area_uniform(vertices: Floats, triangles: Ints, number: int, seed: int) -> Floats:
-    """Points spread evenly by area over a mesh: stratified along the cumulated area.
-
-    Parameters
-    ----------
-    vertices : array, shape (V, 3), m
-    triangles : array, shape (T, 3)
-    number : int
-    seed : int
-
-    Returns
-    -------
-    array, shape (number, 3), m
-    """
-    corners = vertices[triangles]
-    area = np.linalg.norm(area_vectors(corners), axis=1)
-    rng = np.random.default_rng(seed)
-    along = (np.arange(number) + rng.random(number)) / number * area.sum()
-    chosen = corners[np.minimum(np.searchsorted(np.cumsum(area), along, side="right"), len(area) - 1)]
-    root, second = np.sqrt(rng.random(number))[:, None], rng.random(number)[:, None]
-    return chosen[:, 0] * (1 - root) + root * (chosen[:, 1] * (1 - second) + chosen[:, 2] * second)
 
 
 def _voxels(points: Floats, leaf_m: float) -> Ints:
