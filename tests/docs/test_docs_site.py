@@ -100,9 +100,10 @@ def test_the_reference_tells_what_planning_returns(site):
 @pytest.mark.slow
 @pytest.mark.ci
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
-def test_examples_run(example, tmp_path, monkeypatch):
+def test_examples_run(example, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(example), run_name="__main__")
+    assert capsys.readouterr().out.strip() or list(tmp_path.iterdir()), "an example shows what came of it"
 
 
 def test_the_gallery_shows_every_example_in_order(site):

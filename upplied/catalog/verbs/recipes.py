@@ -87,10 +87,15 @@ def settings_of(text: str) -> Settings:
     """
     stages: dict[str, Any] = json.loads(text)
     preset = settings_for(stages.pop("preset"))
+    known = {
+        item.name: {one.name for one in fields(getattr(preset, item.name))}
+        for item in fields(preset)
+        if item.name != "preset"
+    }
     changes = {
-        stage: {name: _tuples(v) for name, v in values.items() if hasattr(getattr(preset, stage), name)}
+        stage: {name: _tuples(value) for name, value in values.items() if name in known[stage]}
         for stage, values in stages.items()
-        if hasattr(preset, stage)
+        if stage in known
     }
     return settings_for(preset.preset, **changes)
 
