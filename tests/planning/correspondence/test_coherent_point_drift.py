@@ -88,3 +88,39 @@ def test_a_displacement_is_felt_in_its_own_part_alone():
     felt = _kernel(points, label, points[:1], label[:1], 2.0)
     own = np.exp(-1 / 8)
     assert felt[:, 0] == pytest.approx([1, own, 0])
+
+
+@pytest.mark.parametrize("labelled", [False, True])
+def test_a_displacement_is_that_of_the_plain_system(labelled: bool) -> None:
+    """All unknowns at once, one equation for each coordinate of each control point, and no modes."""
+    rng = np.random.default_rng(1)
+    one, other = sphere(90), sphere(160, 5.4)
+    stretch = np.array([1.0, 1.2, 0.8])
+    moving = replace(one, label=np.where(labelled & (one.points[:, 0] > 0), 0, -1))
+    fixed = Patch(other.points * stretch + [0.3, 0, 0.2], other.normals, rng.integers(0, 2, 160) - 1)
+    size, number = 17.0, len(moving)
+    kernel = _kernel(moving.points, moving.label, moving.points, moving.label, 0.12 * size)
+    stiffness = np.where(moving.label >= 0, 3.0, 0.5)
+    here, weights = moving.points, np.zeros((number, 3))
+    for width in np.geomspace(0.04, 0.006, 16) * size:
+        share = np.zeros((number, len(fixed)))
+        for m in range(number):
+            for n in range(len(fixed)):
+                if moving.label[m] in (-1, fixed.label[n]):
+                    apart = np.sum((here[m] - fixed.points[n]) ** 2)
+                    alike = moving.normals[m] @ fixed.normals[n]
+                    share[m, n] = np.exp(4 * (alike - 1) - apart / (2 * width**2))
+        share /= share.sum(axis=0) + 1e-3
+        system, wanted = np.zeros((3 * number, 3 * number)), np.zeros((number, 3))
+        for m in range(number):
+            metric = np.einsum("n,ni,nj->ij", share[m], fixed.normals, fixed.normals)
+            pull = np.einsum("n,ni,nj,nj->i", share[m], fixed.normals, fixed.normals, fixed.points)
+            wanted[m] = pull - metric @ moving.points[m]
+            system[3 * m : 3 * m + 3] = np.kron(kernel[m], metric)
+            system[3 * m : 3 * m + 3, 3 * m : 3 * m + 3] += stiffness[m] * np.eye(3)
+        weights = np.linalg.solve(system, wanted.reshape(-1)).reshape(number, 3)
+        here = moving.points + kernel @ weights
+    found = drift(moving, fixed, size).at(moving.points, moving.label)
+    largest = np.linalg.norm(kernel @ weights, axis=1).max()
+    assert largest > 0.3
+    assert np.linalg.norm(found - kernel @ weights, axis=1).max() < 0.005 * largest

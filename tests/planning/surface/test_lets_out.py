@@ -12,6 +12,7 @@ from upplied.planning.surface.escape import lets_out
 from upplied.planning.surface.floor import Floor
 from upplied.records import Bools, Floats
 from upplied.scene import Scene
+from upplied.vectors import sphere
 
 REACH = 50.0
 UP, DOWN = np.array([[0.0, 0, 1]]), np.array([[0.0, 0, -1]])
@@ -70,3 +71,31 @@ def test_a_floor_stops_what_goes_down_through_it() -> None:
     below = Asked(99)
     assert out(below, DOWN, replace(wide, z_m=2.0)) and len(below.rays) == 2
     assert out(Asked(99), UP, wide)
+
+
+@pytest.mark.parametrize("few", [False, True])
+def test_as_many_rays_escape_as_when_all_are_cast(few: bool) -> None:
+    """Between crates on a floor: sides that all, some and none of the rays leave."""
+    rng = np.random.default_rng(5)
+    corners, faces = [], []
+    for low in rng.uniform(-4, 4, (60, 3)):
+        high = low + rng.uniform(0.2, 3.0, 3)
+        base = len(corners)
+        corners += [[(low, high)[bit][axis] for axis, bit in enumerate(bits)] for bits in np.ndindex(2, 2, 2)]
+        sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+        faces += [[base + a, base + b, base + c] for q in sides for a, b, c in (q[:3], (q[0], q[2], q[3]))]
+    scene = Scene(np.array(corners), np.array(faces), 1)
+    enclosed = np.zeros((20, 20), bool)
+    enclosed[4:15, 6:18] = True
+    floor = Floor(-3.0, np.array([-10.0, -10.0]), 1.0, enclosed)
+    origins, normals = rng.uniform(-5, 7, (400, 3)), rng.normal(size=(400, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    directions = sphere(64)[:: 4 if few else 1]
+    free = np.zeros(400, bool)
+    for side in range(400):
+        rays = directions[directions @ normals[side] > 0.1]
+        starts = np.tile(origins[side], (len(rays), 1))
+        escaped = ~scene.occluded(starts, starts + REACH * rays, slack=0.0) & ~floor.crossed(starts, rays)
+        free[side] = escaped.mean() >= 0.06
+    assert 0.2 < free.mean() < 0.9
+    assert lets_out(origins, normals, REACH, scene, floor, few).tolist() == free.tolist()
