@@ -93,6 +93,11 @@ def _tree(kind: str, name: str) -> cKDTree:
     return cKDTree(_visible(kind, name)["op"])
 
 
+def surface_seen(kind: str, name: str) -> Floats:
+    """Samples (N, 3) of what of a structure can be seen from outside, from which its scans are made."""
+    return np.asarray(_visible(kind, name)["op"])
+
+
 def true_parts(kind: str, name: str, points: Floats) -> np.ndarray:
     """The name of the generator's part that lies nearest to each point (N,)."""
     known = _visible(kind, name)

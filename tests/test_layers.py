@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[1]
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
     "errors", "extras", "records", "config", "checks", "polylines", "vectors", "triangles", "poses", "discs",
+    "reconstruction",
     "scene", "threads", "provenance", "guard",
 }  # fmt: skip
 ALLOWED = {
@@ -29,6 +30,7 @@ ALLOWED = {
     "triangles": {"records", "vectors"},
     "poses": {"errors", "records", "config", "checks", "polylines"},
     "discs": {"errors", "records", "vectors"},
+    "reconstruction": {"records", "vectors"},
     "scene": FOUNDATION,
     "threads": set(),
     "provenance": set(),

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from upplied import reconstruction
 from upplied.discs import Discs
 from upplied.records import Bools, Floats, Ints, Structure
 from upplied.threads import ray_threads
@@ -85,8 +86,8 @@ class Scene:
         How coarsely the triangles stand for the surface: 0 for a mesh, the discs' radius for a
         sampled cloud. A sight line that comes this near to its target has arrived.
     error_m : float
-        How much nearer the surface may be than its triangles, see `Discs.error_m`: `distance` and
-        `closest` take it to be so.
+        How much nearer the surface may be than its triangles, as stated, or see `Discs.error_m` and
+        `reconstruction.error_m`: `distance` and `closest` take it to be so.
     """
 
     def __init__(
@@ -192,11 +193,24 @@ def scene_of(structure: Structure, threads: int = 0) -> Scene:
     return structure.derived("scene", lambda: _new_scene(structure, threads))
 
 
+def surface_error_m(structure: Structure) -> float:
+    """How far the surface may lie from where a structure has it, m: as stated, or as its form tells."""
+    if structure.surface_error_m is not None:
+        return structure.surface_error_m
+    return reconstruction.error_m(structure) if len(structure.triangles) else _discs(structure).error_m()
+
+
 def _new_scene(structure: Structure, threads: int) -> Scene:
     if len(structure.triangles):
-        return Scene(structure.vertices, structure.triangles, threads)
-    discs = Discs.of(*_few(structure.vertices, structure.normals))
-    return Scene(*discs.mesh(), threads, discs.grain_m, discs.error_m())
+        error_m = surface_error_m(structure)
+        return Scene(structure.vertices, structure.triangles, threads, error_m=error_m)
+    discs, stated = _discs(structure), structure.surface_error_m
+    error_m = discs.error_m() if stated is None else stated
+    return Scene(*discs.mesh(), threads, discs.grain_m, error_m)
+
+
+def _discs(structure: Structure) -> Discs:
+    return Discs.of(*_few(structure.vertices, structure.normals))
 
 
 _MOST_DISCS = 200_000  # a disc takes about a kilobyte while rays are cast; more stand for no finer surface

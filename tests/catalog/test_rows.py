@@ -33,6 +33,15 @@ def test_bare_structure_round_trip():
     assert differences(Surroundings(), back.surroundings) == []
 
 
+@pytest.mark.parametrize("stated", [0.0, 0.15, None])
+def test_what_is_stated_of_a_surface_comes_back_and_an_older_row_states_nothing(stated: float | None):
+    given = structure(surface_error_m=stated)
+    row = rows.structure_row(given, "0" * 64)
+    assert rows.structure_of(through("structures", row), given).surface_error_m == stated
+    del row["surface_error_m"]
+    assert rows.structure_of(through("structures", row), given).surface_error_m is None
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_demonstration_round_trip(seed: int):
     given = demonstration(seed=seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mesh_files
@@ -43,6 +44,18 @@ def test_an_entry_is_reported_as_it_would_be_ingested(tmp_path: Path) -> None:
     report = health_report(entry)
     assert np.array_equal(report.structure.vertices, read_structure(entry).vertices)
     assert "mm (manifest)" in report.text and not report.warnings and not report.problems
+
+
+def test_the_report_says_how_far_the_surface_is_known(tmp_path: Path) -> None:
+    path = tmp_path / "part.obj"
+    path.write_bytes(mesh_files.write(*mesh_files.shape(), "obj"))
+    entry = StructureEntry("part", "box", path, 1.0)
+    assert "known to    exact: it was drawn" in health_report(entry).text
+    assert "known to    0.10 m, as declared" in health_report(replace(entry, surface_error_m=0.1)).text
+    scan = trimesh.creation.icosphere(5, 6.0)
+    scan.vertices += np.random.default_rng(0).normal(0, 0.03, scan.vertices.shape)
+    path.write_bytes(mesh_files.write(np.asarray(scan.vertices), np.asarray(scan.faces), "obj"))
+    assert "m, as a scan's is (declare surface_error_m" in health_report(entry).text
 
 
 def test_a_size_off_the_nominal_one_is_reported_not_raised(tmp_path: Path) -> None:

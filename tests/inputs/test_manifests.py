@@ -39,6 +39,7 @@ FULL = {
     "ceiling_z": 120.0,
     "landmarks": {"nose": [18.0, 0.0, 3.0]},
     "symmetric": True,
+    "surface_error_m": 0.15,
     "drop_hidden": True,
     "drop_outliers": False,
     "clip_ground": True,
@@ -91,6 +92,7 @@ def test_every_key_is_understood_and_csv_says_what_toml_says(tmp_path: Path) -> 
     assert entry.surroundings.keep_out_m.shape == (1, 2, 3)
     assert entry.surroundings.geofence_m.shape == (3, 2)
     assert entry.landmarks == {"nose": (18.0, 0.0, 3.0)}
+    assert entry.surface_error_m == 0.15
     assert entry.symmetric and entry.clip_ground and not entry.drop_outliers
 
 
@@ -117,6 +119,10 @@ def test_a_symmetric_structure_needs_no_forward_axis(tmp_path: Path) -> None:
         ({"units": "furlong"}, "m, cm, mm, in, ft"),
         ({"units": -1}, "metres per unit"),
         ({"units": float("nan")}, "metres per unit"),
+        ({"surface_error_m": -0.1}, "from 0 to 10000"),
+        ({"surface_error_m": float("nan")}, "from 0 to 10000"),
+        ({"surface_error_m": float("inf")}, "from 0 to 10000"),
+        ({"surface_error_m": "fine"}, "from 0 to 10000"),
         ({"up": "w"}, "x, y, z"),
         ({"up": "z", "forward": "-z"}, "two different axes"),
         ({"scale": 0}, "above 0"),
@@ -141,7 +147,9 @@ def test_a_symmetric_structure_needs_no_forward_axis(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_values_are_refused_with_the_rule(tmp_path: Path, change: dict, message: str) -> None:
-    text = toml(tmp_path / "s.toml", LEAST | change).read_text().replace("NaN", "nan")
+    text = (
+        toml(tmp_path / "s.toml", LEAST | change).read_text().replace("NaN", "nan").replace("Infinity", "inf")
+    )
     (tmp_path / "s.toml").write_text(text)
     with pytest.raises(InputError, match=r"s\.toml") as caught:
         read_manifest(tmp_path / "s.toml")

@@ -111,6 +111,17 @@ def test_nominal_size_is_checked_within_seven_percent(tmp_path: Path) -> None:
     assert len(findings(replace(entry, nominal_m=(length * 2, width / 2, height))).problems) == 2
 
 
+def test_what_is_stated_of_the_surface_is_kept_hashed_and_bounded_by_the_size(tmp_path: Path) -> None:
+    silent = saved(tmp_path, *joined(box((10, 4, 2))))
+    plain = read_structure(silent)
+    assert plain.surface_error_m is None
+    for stated in (0.0, 0.2, 1.0):
+        found = read_structure(replace(silent, surface_error_m=stated))
+        assert found.surface_error_m == stated and found.sha256 != plain.sha256
+    with pytest.raises(InputError, match=r"surface_error_m is 1.2 m.*at most 1.1 m, a tenth of its size"):
+        read_structure(replace(silent, surface_error_m=1.2))
+
+
 def test_the_hash_covers_the_file_and_what_is_said_of_it(tmp_path: Path) -> None:
     entry = saved(tmp_path, *mesh_files.shape())
     changes = {

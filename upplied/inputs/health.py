@@ -15,6 +15,7 @@ from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import normalise
 from upplied.inputs.raw import RawMesh
 from upplied.records import Record, Structure
+from upplied.scene import surface_error_m
 
 _FORWARD = {"x": "y", "y": "z", "z": "x"}  # for each up axis; glTF has Y up and +Z forward
 
@@ -65,6 +66,7 @@ class HealthReport(Record):
                 f"{found.area_m2:.1f} m², {found.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)",
             )
             yield "watertight", _watertight(found)
+        yield "known to", _known(mesh)
         yield "repaired", "; ".join(found.done) or "nothing"
 
 
@@ -109,6 +111,15 @@ def _assumed(path: Path, raw: RawMesh) -> tuple[StructureEntry, tuple[str, ...]]
     said = f"{up} is up, as the file says" if raw.up else f"{up} up assumed"
     assumed.append(f"{said}, {entry.forward} forward assumed; declare `up` and `forward` in the manifest")
     return entry, tuple(assumed)
+
+
+def _known(structure: Structure) -> str:
+    error_m = surface_error_m(structure)
+    if structure.surface_error_m is not None:
+        return f"{error_m:.2f} m, as declared"
+    if error_m == 0:
+        return "exact: it was drawn, not scanned (else declare surface_error_m)"
+    return f"{error_m:.2f} m, as a scan's is (declare surface_error_m where you know better)"
 
 
 def _parts(found: Findings) -> str:

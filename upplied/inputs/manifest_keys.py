@@ -214,6 +214,9 @@ KEYS: dict[str, Key] = {
     "ceiling_z": Key(_number(-1e5, 1e5), "highest allowed z, m, structure frame"),
     "landmarks": Key(_landmarks, "named points, m, structure frame"),
     "symmetric": Key(_flag, "no heading can be told from the shape"),
+    "surface_error_m": Key(
+        _number(0, 1e4), "how far its surface may lie from where the file has it, m; left out: inferred"
+    ),
     "drop_hidden": Key(_flag, "drop parts that cannot be seen from outside"),
     "drop_outliers": Key(_flag, "drop parts far off the rest: billboards, wakes"),
     "clip_ground": Key(_flag, "cut off what lies below ground_z"),

@@ -25,6 +25,7 @@ from upplied.inputs.structure_rules import RULES
 from upplied.inputs.topology import topology_of
 from upplied.records import Bools, Floats, Ints, Structure
 
+_COARSEST = 0.1  # of the size: round a surface of which less is known nothing can be planned
 _FARTHEST_M = 1e9  # beyond, the file is damaged; single precision and squares stay in range below
 
 
@@ -106,7 +107,9 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
         symmetric=entry.symmetric,
         notes="; ".join(filter(None, (entry.notes, *findings.done, *(v.found for v in verdicts)))),
         verdicts_json=to_json(verdicts) if verdicts else "",
+        surface_error_m=entry.surface_error_m,
     )
+    _check_error(structure, entry)
     return structure, findings
 
 
@@ -235,6 +238,17 @@ def _check_left(triangles: Ints, entry: StructureEntry) -> None:
         )
 
 
+def _check_error(structure: Structure, entry: StructureEntry) -> None:
+    stated, most = structure.surface_error_m, _COARSEST * structure.diagonal_m
+    if stated is not None and stated > most:
+        raise InputError(
+            f"{entry.path} ({entry.structure_id})",
+            f"surface_error_m is {stated:g} m, of a structure of {structure.diagonal_m:.3g} m",
+            f"at most {most:.3g} m, a tenth of its size",
+            "give it in metres, or leave it out",
+        )
+
+
 def _declared(raw: RawMesh, entry: StructureEntry) -> dict:
     from_file = entry.unit_m is None
     return {
@@ -253,7 +267,7 @@ def _area(vertices: Floats, triangles: Ints) -> float:
 def _sha256(file: str, entry: StructureEntry) -> str:
     """Of the bytes of the file and of all that the manifest says and a plan may depend on."""
     surroundings, placement = entry.surroundings, entry.placement
-    said = {
+    said: dict[str, object] = {
         "file": file,
         "id": entry.structure_id,
         "kind": entry.kind,
@@ -269,4 +283,6 @@ def _sha256(file: str, entry: StructureEntry) -> str:
         "landmarks": {name: list(xyz) for name, xyz in entry.landmarks.items()},
         "symmetric": entry.symmetric,
     }
+    if entry.surface_error_m is not None:  # so that what states none keeps the hash that it had
+        said["surface_error_m"] = entry.surface_error_m
     return digest(said)

@@ -79,6 +79,8 @@ class Structure(Record):
     notes: str = ""
     # The rules that it broke when it was taken in, and what was overruled.
     verdicts_json: str = field(default="", metadata={"later": True})
+    # Stated: how far its surface may lie from where the file has it, m; None: it is inferred.
+    surface_error_m: float | None = field(default=None, metadata={"later": True})
 
     @property
     def diagonal_m(self) -> float:

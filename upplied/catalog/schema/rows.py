@@ -76,6 +76,7 @@ def structure_row(structure: Structure, mesh_sha256: str) -> Row:
         ),
         "landmarks_json": json_text({name: list(map(float, at)) for name, at in structure.landmarks.items()}),
         "symmetric": structure.symmetric,
+        "surface_error_m": structure.surface_error_m,
         "findings": "; ".join(_found(item) for item in json.loads(structure.verdicts_json or "[]")),
         "verdicts_json": structure.verdicts_json,
         "overruled": _overruled(json.loads(structure.verdicts_json or "[]")),
@@ -114,6 +115,7 @@ def structure_of(row: Row, mesh: Structure) -> Structure:
         symmetric=row["symmetric"],
         notes=row["notes"],
         verdicts_json=row["verdicts_json"],
+        surface_error_m=row["surface_error_m"],
     )
 
 

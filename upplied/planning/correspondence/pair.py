@@ -25,7 +25,7 @@ from upplied.records import Cloud, Correspondences, Floats, Frame, Ints, Record,
 from upplied.scene import Scene, scene_of
 
 _CIRCLE = 2**32  # distinct headings
-METHOD_VERSION = "12"  # raised with every change that alters a result, for people; keys hold the sources too
+METHOD_VERSION = "13"  # raised with every change that alters a result, for people; keys hold the sources too
 
 R = TypeVar("R")
 

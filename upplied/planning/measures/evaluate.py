@@ -133,8 +133,8 @@ def _warnings(found: Measures, seen: InspectedSurface, settings: Settings) -> tu
         said.append(f"{short:.0f} % of what could be seen is missed")
     if found.surface_error_m > 0:
         said.append(
-            f"the target is a cloud, of which what was scanned is known to {found.surface_error_m:.2f} m: "
-            "that is kept beside the clearance"
+            f"the target is a scan, whose surface is known to {found.surface_error_m:.2f} m where it was "
+            "scanned: that is kept beside the clearance"
         )
     return (*said, *_too_near(found, settings))
 
