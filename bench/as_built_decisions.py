@@ -1,6 +1,7 @@
 """What is decided for scans before a plan is made: silently wrong decisions are counted.
 
     python bench/as_built_decisions.py write FILE [--kinds airliner,ship] [--seeds 31-36] [--variants shell]
+                                                  [--siblings samples,real] [--source shell]
     python bench/as_built_decisions.py real FILE [--kinds airliner] [--variants shell,cloud]
     python bench/as_built_decisions.py judge FILE... [--curve PICTURE.svg]
 
@@ -10,6 +11,10 @@ generator, how much of each right part that reaches, how much of it was scanned,
 other kinds are asked for as well. `judge` counts all. A decision is silently wrong where neither a refusal
 nor a warning names the part and less than 80 % of what corresponds, or less than 80 % of what the
 demonstration shows of its part, is on a right one.
+
+With `--siblings` other structures may tell the parts of scans: the samples as modelled, though never the one
+that an airliner was made from (`samples`), others that nobody built (`random`) and real meshes (`real`); of
+all of them the nearest in proportions. With `--source` the source was scanned as well.
 
 `real` takes flights round samples to real meshes, remeshed in the same ways; right is what is decided for the
 mesh as modelled, whose pieces tell its parts.
@@ -31,10 +36,15 @@ from as_built_cases import CASES, RIGHT, SOURCE, Case, flown, learn, present, tr
 from scans import VARIANTS, made, real_names, scan
 
 from upplied.config import settings_for
+from upplied.planning.correspondence.siblings import nearest_in_proportions
 from upplied.planning.plan import decided
+from upplied.records import Structure
+from upplied.samples.fleet import sample_structures
 
 _FOR_STRANGERS = ("shell", "cloud")
 _WHOLE = 0.9  # share of a part that was scanned, from which it is there
+_OTHER_SEEDS = range(101, 111)
+_MOST_SIBLINGS = settings_for("recommended").correspondence.siblings
 _SURE = (0.0, 0.5, 0.8, 0.9, 0.97, 1.01)  # bins of what was said
 
 
@@ -64,8 +74,13 @@ def decisions(options: argparse.Namespace) -> None:
     memo = _Kept()
     with path.open("a", encoding="utf-8") as file:
         for kind, target, variant in targets_of(options):
-            own = [(number, partial(_row, kind, case)) for number, case in enumerate(CASES[kind])]
-            for number, row in [*own, *_strangers(kind, variant)]:
+            siblings, source = siblings_for(kind, target, variant, options.siblings), options.source
+            own = [
+                (number, partial(_row, kind, case, siblings=siblings, source_as=source))
+                for number, case in enumerate(CASES[kind])
+            ]
+            strangers = _strangers(kind, variant, siblings) if source == "model" else ()
+            for number, row in [*own, *strangers]:
                 name = (kind, SOURCE[kind], target, variant, number)
                 if name not in done:
                     file.write(json.dumps({"case": name, **row(target, variant, memo)}) + "\n")
@@ -91,20 +106,29 @@ def real(options: argparse.Namespace) -> None:
             memo.prune()
 
 
-def _strangers(kind: str, variant: str) -> Iterator[tuple[str, Callable[..., dict[str, Any]]]]:
+def _strangers(
+    kind: str, variant: str, siblings: Sequence[Structure]
+) -> Iterator[tuple[str, Callable[..., dict[str, Any]]]]:
     """The flights of the other kinds, on some scans, with names for their rows."""
     for other in CASES if variant in _FOR_STRANGERS else ():
         for inspection in dict.fromkeys(case.inspection for case in CASES[other] if other != kind):
-            yield f"{other} {inspection}", partial(_stranger, kind, other, inspection)
+            yield f"{other} {inspection}", partial(_stranger, kind, other, inspection, siblings)
 
 
 def _stranger(
-    kind: str, other: str, inspection: str, target: str, variant: str, memo: _Kept
+    kind: str,
+    other: str,
+    inspection: str,
+    siblings: Sequence[Structure],
+    target: str,
+    variant: str,
+    memo: _Kept,
 ) -> dict[str, Any]:
     """What is decided for a flight of another kind; asked for all the same, it is to be refused."""
     source, settings = made(other, SOURCE[other]).structure, settings_for("recommended")
     there = replace(scan(kind, target, variant), kind=other)
-    plan, _ = decided(flown(other, inspection), source, there, settings, memo)
+    some = [replace(one, kind=other) for one in siblings]
+    plan, _ = decided(flown(other, inspection), source, there, settings, memo, some)
     return {
         "stranger": True,
         "inspection": inspection,
@@ -124,10 +148,39 @@ def targets_of(options: argparse.Namespace) -> Iterator[tuple[str, str, str]]:
         yield kind, f"r{seed}", variant
 
 
-def _row(kind: str, case: Case, target: str, variant: str, memo: _Kept) -> dict[str, Any]:
-    source = made(kind, SOURCE[kind]).structure
+def siblings_for(kind: str, target: str, variant: str, sorts: str) -> list[Structure]:
+    """Those of a fleet that would be asked about a target, of the sorts that are named."""
+    pool: list[str] = []
+    if "samples" in sorts:
+        first = np.random.default_rng(int(target[1:])).integers(4)  # what `random_airliner` draws first
+        base = ("a320-v1", "beluga-v1", "b747-v1", "b777-v1")[first] if kind == "airliner" else ""
+        samples = [one.structure_id for one in sample_structures() if one.kind == kind]
+        pool += [name for name in samples if name != base]
+    if "random" in sorts:
+        pool += [f"r{seed}" for seed in _OTHER_SEEDS]
+    if "real" in sorts:
+        pool += real_names(kind)
+    some = [made(kind, name).structure for name in pool if name != SOURCE[kind]]
+    sizes = {one.structure_id: np.ptp(one.vertices, axis=0) for one in some}
+    whole = np.ptp(scan(kind, target, variant).vertices, axis=0)
+    chosen = nearest_in_proportions(whole, sizes, _MOST_SIBLINGS)
+    return [one for one in some if one.structure_id in chosen]
+
+
+def _row(
+    kind: str,
+    case: Case,
+    target: str,
+    variant: str,
+    memo: _Kept,
+    siblings: Sequence[Structure] = (),
+    source_as: str = "model",
+) -> dict[str, Any]:
+    source = scan(kind, SOURCE[kind], source_as)
     settings = settings_for("recommended", correspondence=case.asked)
-    plan, takes = decided(flown(kind, case.inspection), source, scan(kind, target, variant), settings, memo)
+    there = scan(kind, target, variant)
+    plan, takes = decided(flown(kind, case.inspection), source, there, settings, memo, siblings)
+    told = takes[0].pair.surface.told if takes else None
     if takes and "/" in target and variant == "model":
         learn(kind, case, target, takes)
     named = any("part_" in warning for warning in plan.warnings)
@@ -141,6 +194,7 @@ def _row(kind: str, case: Case, target: str, variant: str, memo: _Kept) -> dict[
         "forecast": plan.measures.acceptance_probability,
         "sure": None if np.isnan(known) else known,
         "flown": [list(one.flown) for one in plan.counterparts],
+        "told_by": "" if told is None else told.sibling_id,
         **(truth(kind, case, target, variant, takes) if takes else {"right": 0.0, "reach": 0.0}),
     }
 
@@ -245,6 +299,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             command.add_argument("--curve", default="", help="where to draw what was said by what was right")
         if run is decisions:
             command.add_argument("--seeds", default="31-33")
+            command.add_argument("--siblings", default="", help="samples, random, real")
+            command.add_argument("--source", default="model", help="how the source is given: shell, cut20")
         if run is not judge:
             command.add_argument("--kinds", default="")
             command.add_argument("--variants", default="")

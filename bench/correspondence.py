@@ -18,7 +18,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from upplied.config import settings_for
-from upplied.planning.correspondence.pair import Fit, study_pair
+from upplied.planning.correspondence.fit import Fit
+from upplied.planning.correspondence.pair import study_pair
 from upplied.samples.correspondence import true_counterparts
 from upplied.samples.fleet import member, random_member
 from upplied.samples.surfaces import Member

@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import Any
 
 from upplied.planning import plan as planning
-from upplied.planning.correspondence.pair import no_memo
+from upplied.planning.correspondence.memo import no_memo
 
 KEPT = 400  # stages and plans at once
 
@@ -39,12 +39,12 @@ def once(stage: str, record_type: type, key: str, compute: Callable[[], Any]) ->
     return _store[stage, key]
 
 
-def planned(demonstration, source, target, settings, memo, required):
+def planned(demonstration, source, target, settings, memo, required, siblings):
     """A plan in the frames of its structures, as `plan_transfer` asks for it."""
     if memo is not no_memo:  # the test brings its own
-        return _made(demonstration, source, target, settings, memo, required)
+        return _made(demonstration, source, target, settings, memo, required, siblings)
     demonstration, source, target = (
         replace(record, sha256=content(record)) for record in (demonstration, source, target)
     )
-    given = demonstration, source, target, settings
-    return once("plan", object, content(*given, required), lambda: _made(*given, once, required))
+    given, more = (demonstration, source, target, settings), (required, tuple(siblings))
+    return once("plan", object, content(*given, *more), lambda: _made(*given, once, *more))

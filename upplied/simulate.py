@@ -16,7 +16,8 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.errors import RefusedError, SettingsError
-from upplied.planning.correspondence.pair import Memo, no_memo, study_pair
+from upplied.planning.correspondence.memo import Memo, no_memo
+from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.measures.evaluate import judge
 from upplied.planning.surface.frames import (

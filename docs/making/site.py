@@ -30,6 +30,7 @@ MODULES = {
     "Planning": [
         "upplied.planning.plan",
         "upplied.planning.correspondence.pair",
+        "upplied.planning.correspondence.siblings",
         "upplied.planning.correspondence.registration",
         "upplied.planning.correspondence.nearest",
         "upplied.planning.visibility.line_of_sight",

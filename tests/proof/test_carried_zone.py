@@ -10,7 +10,8 @@ import pytest
 
 from upplied.config import CloudSettings, settings_for
 from upplied.errors import SettingsError
-from upplied.planning.correspondence.pair import Fit
+from upplied.planning.correspondence import agreement
+from upplied.planning.correspondence.fit import Fit
 from upplied.planning.demonstration.about import zone_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
@@ -122,8 +123,8 @@ def test_the_least_certain_part_of_a_zone_speaks_for_it(monkeypatch):
         asked.append((part, answers, acceptance, told))
         return part
 
-    monkeypatch.setattr(carrying, "evidence_of_counterpart", evidence)
-    monkeypatch.setattr(carrying, "probability", lambda part, _: {0: 0.9, 1: 0.5, 2: 0.1, 3: 0.7}[part])
+    monkeypatch.setattr(agreement, "evidence_of_counterpart", evidence)
+    monkeypatch.setattr(agreement, "probability", lambda part, _: {0: 0.9, 1: 0.5, 2: 0.1, 3: 0.7}[part])
     here = fit(ROW, ROW, np.arange(20), LINE)
     assert _probability(here, np.arange(20) < 10) == 0.5
     assert asked == [(0, [0], 0.4, True), (1, [1], 0.4, True)]
@@ -133,8 +134,8 @@ def test_the_least_certain_part_of_a_zone_speaks_for_it(monkeypatch):
 
 
 def test_of_a_zone_over_many_parts_the_largest_is_asked_about(monkeypatch):
-    monkeypatch.setattr(carrying, "evidence_of_counterpart", lambda source, part, *_: part)
-    monkeypatch.setattr(carrying, "probability", lambda part, _: 0.3 if part == 18 else 0.0)
+    monkeypatch.setattr(agreement, "evidence_of_counterpart", lambda source, part, *_: part)
+    monkeypatch.setattr(agreement, "probability", lambda part, _: 0.3 if part == 18 else 0.0)
     each = Cloud(LINE, None, None, np.concatenate([np.arange(18), [18, 18]]))
     there = fit(each, ROW, np.arange(20), LINE)
     match = replace(there.correspondences, source_class=np.arange(19), target_class=np.arange(19))

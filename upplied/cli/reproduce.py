@@ -12,7 +12,7 @@ def reproduce(catalog: str, transfer_id: str) -> int:
 
     from upplied.catalog import recipe
     from upplied.fleet.required import required_surface
-    from upplied.planning.correspondence.pair import no_memo
+    from upplied.planning.correspondence.memo import no_memo
     from upplied.planning.plan import METHOD_VERSION, plan_transfer
     from upplied.provenance import causes
 

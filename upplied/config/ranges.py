@@ -46,6 +46,7 @@ RANGES = {
     "registration.least_probability": (0, 1),
     "correspondence.expect": (1, 1000),
     "correspondence.least_probability": (0, 1),
+    "correspondence.siblings": (0, 20),
     "visibility.max_incidence_deg": (1, 90),
     "viewpoints.shared": (0, 1),
     "viewpoints.most_poses": (2, 100_000),

@@ -125,7 +125,7 @@ _PRESETS: dict[str, Settings] = {
         _PAPER,
         preset="recommended",
         registration=RegistrationSettings(acceptance=1.0, least_probability=0.6),
-        correspondence=CorrespondenceSettings(method="parts", least_probability=0.8),
+        correspondence=CorrespondenceSettings(method="parts", least_probability=0.8, siblings=3),
         visibility=VisibilitySettings(occlusion=True, max_incidence_deg=75.0),
         transfer=TransferSettings(method="counterparts"),
         refine=RefineSettings(method="view"),

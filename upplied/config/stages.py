@@ -55,6 +55,9 @@ class CorrespondenceSettings:
     # Least probability that an inspected part's counterpart is the right one (`correspondence.certainty`).
     # Below it a plan is refused where the part was named or has others like it, and warned of otherwise.
     least_probability: float = 0.0
+    # How many structures of the kind, modelled in pieces and nearest in proportions, are asked for the parts
+    # of a scan (`correspondence.siblings`); 0: none.
+    siblings: int = 0
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.decisions import Job
 from upplied.fleet.recent import Recent
 from upplied.fleet.required import required_surface
-from upplied.planning.correspondence.pair import Memo, no_memo
+from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.plan import plan_transfer
 from upplied.records import Demonstration, Plan, Structure
 from upplied.records.required import RequiredSurface

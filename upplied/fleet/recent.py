@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from upplied.planning.correspondence.pair import Memo
+from upplied.planning.correspondence.memo import Memo
 
 R = TypeVar("R")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from upplied.catalog import Catalog
 from upplied.catalog.verbs.required import zones_named
-from upplied.planning.correspondence.pair import Memo
+from upplied.planning.correspondence.memo import Memo
 from upplied.proof.asking import Asking
 from upplied.records import Camera, Structure
 from upplied.records.required import RequiredSurface

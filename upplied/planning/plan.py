@@ -15,7 +15,9 @@ from upplied.planning.carry.counterparts import (
     undecided,
 )
 from upplied.planning.carry.forecast import forecast_of, unlikely
-from upplied.planning.correspondence.pair import METHOD_VERSION, Memo, no_memo, study_pair
+from upplied.planning.correspondence.memo import Memo, no_memo
+from upplied.planning.correspondence.pair import METHOD_VERSION
+from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
 from upplied.planning.measures.evaluate import judge
@@ -44,6 +46,7 @@ def plan_transfer(
     settings: Settings,
     memo: Memo = no_memo,
     required: RequiredSurface | None = None,
+    siblings: Sequence[Structure] = (),
 ) -> Plan:
     """Plan the demonstrated inspection of one structure on another.
 
@@ -58,6 +61,9 @@ def plan_transfer(
         Remembers what is found out about structures and pairs; see `correspondence.pair.Memo`.
     required : RequiredSurface, optional
         Of the target, that is to be shown before all else; `settings.required.zones` names it.
+    siblings : sequence of Structure, optional
+        Of the target's kind and modelled in pieces, that may tell the parts of a scan; in any order
+        (`correspondence.siblings`).
 
     Returns
     -------
@@ -83,6 +89,7 @@ def plan_transfer(
             settings,
             memo,
             None if required is None else required_in(there, required),
+            siblings,
         )
     return replace(
         plan,
@@ -94,7 +101,12 @@ def plan_transfer(
 
 
 def decided(
-    demonstration: Demonstration, source: Structure, target: Structure, settings: Settings, memo: Memo
+    demonstration: Demonstration,
+    source: Structure,
+    target: Structure,
+    settings: Settings,
+    memo: Memo,
+    siblings: Sequence[Structure] = (),
 ) -> tuple[Plan, Sequence[Take]]:
     """What is known before a path is sought: a refusal, or takes to plan from.
 
@@ -117,11 +129,17 @@ def decided(
     plan = replace(plan, warnings=said, not_flyable="; ".join(sizes))
     # Do the structures fit, and what on one corresponds to what on the other? (Algorithm 1)
     try:
-        pair = study_pair(source, target, settings, memo)
+        pair = study(source, target, settings, memo, siblings)
     except RefusedError as refusal:  # a part that was named is ambiguous
         return replace(plan, status="refused", reason=str(refusal)), ()
     found = pair.fit_for(settings).registration
-    plan = replace(plan, registration=found, counterpart_summary=pair.surface.correspondences.summary)
+    told = pair.surface.told
+    plan = replace(
+        plan,
+        registration=found,
+        counterpart_summary=pair.surface.correspondences.summary,
+        parts_told_by="" if told is None else told.sibling_id,
+    )
     least = settings.registration.least_probability
     if not found.accepted and least is None:
         return replace(plan, status="refused", reason=found.reason), ()
@@ -157,8 +175,9 @@ def _planned(
     settings: Settings,
     memo: Memo,
     required: RequiredSurface | None,
+    siblings: Sequence[Structure],
 ) -> Plan:
-    plan, takes = decided(demonstration, source, target, settings, memo)
+    plan, takes = decided(demonstration, source, target, settings, memo, siblings)
     if plan.status != "ok":
         return replace(plan, warnings=(), not_flyable="")
     takes = [replace(take, required=required) for take in takes]
@@ -195,9 +214,17 @@ def _planned(
 
 
 def transfer_key(
-    demonstration: Demonstration, source: Structure, target: Structure, settings: Settings
+    demonstration: Demonstration,
+    source: Structure,
+    target: Structure,
+    settings: Settings,
+    siblings: Sequence[tuple[str, str]] = (),
 ) -> str:
-    """Hex digest of all that a plan depends on: same key, same plan."""
+    """Hex digest of all that a plan depends on: same key, same plan.
+
+    `siblings` are id and hash of each that is given to `plan_transfer`, in any order.
+    """
+    others = {"siblings": sorted([list(one) for one in siblings])} if siblings else {}
     return digest(
         {
             "method": METHOD_VERSION,
@@ -206,5 +233,6 @@ def transfer_key(
             "source": [source.structure_id, source.sha256],
             "target": [target.structure_id, target.sha256],
             "settings": settings.sha256,
+            **others,
         }
     )

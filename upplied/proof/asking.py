@@ -12,7 +12,7 @@ import numpy as np
 from upplied.config import CloudSettings, focal_px, settings_for
 from upplied.errors import SettingsError, UppliedError
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.correspondence.pair import Memo
+from upplied.planning.correspondence.memo import Memo
 from upplied.planning.demonstration.about import Faces, zone_of
 from upplied.planning.measures.attainable import attainable
 from upplied.planning.surface.samples import surface_samples

@@ -8,8 +8,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import Settings
-from upplied.planning.correspondence.certainty import COUNTERPART, evidence_of_counterpart, probability
-from upplied.planning.correspondence.pair import Fit, Memo, no_memo, study_pair
+from upplied.planning.correspondence.agreement import certainty
+from upplied.planning.correspondence.fit import Fit
+from upplied.planning.correspondence.memo import Memo, no_memo
+from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.about import Faces, zone_of
 from upplied.planning.geometry.boxes import spacing
 from upplied.planning.surface.frames import frames_for, structure_in
@@ -102,9 +104,5 @@ def _probability(fit: Fit, zone: Bools) -> float:
         partners = [int(other) for other in fit.correspondences.target_parts(int(part))]
         if not partners:
             return 0.0
-        known = fit.registration.scanned, fit.inferred >= 0
-        evidence = evidence_of_counterpart(
-            fit.source, int(part), fit.registered, partners, *known, fit.carried
-        )
-        found.append(probability(evidence, COUNTERPART))
+        found.append(certainty(fit, int(part), partners))
     return min(found)

@@ -106,6 +106,7 @@ class Plan(Record):
     measures: Measures = field(default_factory=Measures)
     counterpart_summary: str = ""
     counterparts: tuple[Counterpart, ...] = ()  # of each inspected part, the most inspected first
+    parts_told_by: str = ""  # the sibling that told the parts of a scan; empty where none did
     acceptance_evidence: str = ""  # what speaks for and against the transfer, in words
     warnings: tuple[str, ...] = ()
     surface: SurfaceStates | None = None  # what the plan sees of the target, where it was computed

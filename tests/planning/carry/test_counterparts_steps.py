@@ -25,7 +25,8 @@ from upplied.planning.carry.counterparts import (
     _without_flown,
     counterparts_of,
 )
-from upplied.planning.correspondence.pair import Fit
+from upplied.planning.correspondence import agreement
+from upplied.planning.correspondence.fit import Fit
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.surface.parts import parts_of
 from upplied.records import Cloud, Correspondences, Counterpart, Floats, Frame, Ints, Registration
@@ -176,14 +177,13 @@ def certain(of: dict[int, float], others: float, monkeypatch: pytest.MonkeyPatch
     """Probabilities by the target's part, and of another of its kind beside a chosen one; who is asked."""
     asked: list[Any] = []
     monkeypatch.setattr(
-        counterparts,
+        agreement,
         "evidence_of_counterpart",
         lambda *given: asked.append(given[3:6]) or ("answer", given[3]),
     )
     monkeypatch.setattr(counterparts, "evidence_of_same_kind", lambda *given: ("other", given[1:3]))
-    monkeypatch.setattr(
-        counterparts, "probability", lambda found, _: of[found[1][0]] if found[0] == "answer" else others
-    )
+    monkeypatch.setattr(agreement, "probability", lambda found, _: of[found[1][0]])
+    monkeypatch.setattr(counterparts, "probability", lambda found, _: others)
     return asked
 
 

@@ -19,7 +19,7 @@ from upplied.planning.carry.forecast import (
     probability_of,
     unlikely,
 )
-from upplied.planning.correspondence.pair import Fit
+from upplied.planning.correspondence.fit import Fit
 from upplied.planning.demonstration.repetition import Take
 from upplied.records import Cloud, Correspondences, Floats, Ints, Registration
 

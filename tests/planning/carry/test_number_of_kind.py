@@ -10,8 +10,8 @@ import pytest
 from made_clouds import boxes
 
 from upplied.planning.carry.number_of_kind import odd_number
+from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.label_transfer import unnamed_like
-from upplied.planning.correspondence.pair import Fit
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.surface.parts import parts_of
 from upplied.records import Cloud, Correspondences, Ints, Registration

@@ -12,16 +12,10 @@ from made_clouds import boxes
 
 from upplied.config import Settings, settings_for
 from upplied.planning.correspondence import pair
-from upplied.planning.correspondence.pair import (
-    Fit,
-    content_key,
-    no_memo,
-    remembering,
-    study_pair,
-    surface_key,
-    surface_settings,
-    voxel_settings,
-)
+from upplied.planning.correspondence.fit import Fit
+from upplied.planning.correspondence.fit_settings import surface_settings, voxel_settings
+from upplied.planning.correspondence.memo import no_memo, remembering
+from upplied.planning.correspondence.pair import content_key, study_pair, surface_key
 from upplied.planning.correspondence.registration import Declared
 from upplied.planning.geometry.boxes import in_source_frame
 from upplied.records import Cloud, Correspondences, Floats, Frame, Registration, Structure
@@ -100,15 +94,17 @@ def test_explained_is_the_share_on_matched_parts_of_the_structure_with_less_of_i
     cloud = boxes(HULL, FIN, POD)
     area = [2 * (a * b + b * c + c * a) for _, (a, b, c) in (HULL, FIN, POD)]
     whole = sum(area)
-    assert pair._explained(fit_of(cloud, cloud, [0, 1, 2], [0, -1, 1])) == pytest.approx(1 - area[1] / whole)
-    assert pair._explained(fit_of(cloud, cloud, [-1, 0, -1], [0, 1, 2])) == pytest.approx(area[1] / whole)
-    assert pair._explained(fit_of(cloud, cloud, None, None)) == 0
+    assert pair.explained(fit_of(cloud, cloud, [0, 1, 2], [0, -1, 1])) == pytest.approx(1 - area[1] / whole)
+    assert pair.explained(fit_of(cloud, cloud, [-1, 0, -1], [0, 1, 2])) == pytest.approx(area[1] / whole)
+    assert pair.explained(fit_of(cloud, cloud, None, None)) == 0
 
 
 def test_crumbs_are_not_counted_as_parts() -> None:
     crumb = ([90, 0, 0], [1.9, 1.9, 1.9])  # 1.2 % of the hull's area, below 1 % with the fin's
-    assert pair._number(boxes(HULL, FIN, POD)) == 3
-    assert pair._number(boxes(HULL, crumb)) == 2 and pair._number(boxes(HULL, HULL, crumb)) == 2
+    assert pair.number_of_parts(boxes(HULL, FIN, POD)) == 3
+    assert (
+        pair.number_of_parts(boxes(HULL, crumb)) == 2 and pair.number_of_parts(boxes(HULL, HULL, crumb)) == 2
+    )
 
 
 FIT = Registration(np.array([2.0, 1, 1]), np.eye(3), np.array([1.0, 0, 0]), 0.0, True)
@@ -149,7 +145,7 @@ def told_by(one: int, monkeypatch: pytest.MonkeyPatch, blades: bool = False) -> 
     monkeypatch.setattr(pair, "_registered", registered)
     monkeypatch.setattr(pair, "_matched", matched)
     structures = structure("s"), structure("t")
-    fit = Fit(*clouds, FIT, pair._NOTHING)
+    fit = Fit(*clouds, FIT, pair.NOTHING)
     found = pair._fit_inferred(
         fit,
         one,
@@ -218,13 +214,13 @@ def told_or_not(
 
     def matched(both: Any, structures: Any, found: Registration, settings: Settings, *rest: Any) -> Any:
         calls.append(("matched", settings.correspondence.counterparts, rest[2][0]))
-        return pair._NOTHING
+        return pair.NOTHING
 
     monkeypatch.setattr(pair, "_registered", lambda *_: FIT)
     monkeypatch.setattr(pair, "_matched", matched)
     monkeypatch.setattr(pair, "_fit_inferred", fit_told)
     monkeypatch.setattr(pair, "pieces_tell_parts", pair.has_parts)
-    monkeypatch.setattr(pair, "_explained", lambda _: next(shares))
+    monkeypatch.setattr(pair, "explained", lambda _: next(shares))
     monkeypatch.setattr(pair, "_with_carried", lambda fit, *_: replace(fit, carried=np.zeros(1, np.int64)))
     settings = settings_for("recommended", correspondence=asked)
     both = structure("s"), structure("t")
@@ -269,7 +265,7 @@ def test_what_is_published_stands_as_the_surfaces_do(monkeypatch: pytest.MonkeyP
     surface = replace(FIT, rotation=quarter, turn=half)
     monkeypatch.setattr(pair, "scene_of", lambda each: f"scene of {each.sha256}")
     monkeypatch.setattr(pair, "_voxels", lambda each, *_: f"voxels of {each.sha256}")
-    monkeypatch.setattr(pair, "_samples", lambda each, scene, *_: f"samples of {each.sha256} by {scene}")
+    monkeypatch.setattr(pair, "samples_of", lambda each, *_: f"samples of {each.sha256}")
     monkeypatch.setattr(
         pair, "_surface_fit", lambda *of: asked.update(surface=of) or Fit("", "", surface, "")
     )  # type: ignore[arg-type]
@@ -277,7 +273,8 @@ def test_what_is_published_stands_as_the_surfaces_do(monkeypatch: pytest.MonkeyP
     for settings, turn in ((RECOMMENDED, quarter @ half), (PAPER, np.eye(3))):
         found = study_pair(structure("s"), structure("t"), settings)
         assert found.voxels == "published" and found.surface.registration is surface
-        assert asked["surface"][0] == ("samples of s by scene of s", "samples of t by scene of t")
+        assert asked["surface"][0] == ("samples of s", "samples of t")
+        assert asked["surface"][2] == ("scene of s", "scene of t")
         assert asked["voxels"][1] == ("voxels of s", "voxels of t")
         assert np.array_equal(asked["voxels"][4].turn, turn)
         assert np.array_equal(asked["surface"][4].turn, np.eye(3))

@@ -12,7 +12,8 @@ from made_clouds import boxes
 
 from upplied.config import settings_for
 from upplied.errors import SettingsError
-from upplied.planning.correspondence.pair import Fit, Pair
+from upplied.planning.correspondence.fit import Fit
+from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration import repetition
 from upplied.planning.demonstration.repetition import (
     Take,

@@ -16,13 +16,8 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.carry.number_of_kind import odd_number
 from upplied.planning.constants import COMPACT, MAJORITY
-from upplied.planning.correspondence.certainty import (
-    COUNTERPART,
-    SAME_KIND,
-    evidence_of_counterpart,
-    evidence_of_same_kind,
-    probability,
-)
+from upplied.planning.correspondence.agreement import certainty, wholes_of
+from upplied.planning.correspondence.certainty import SAME_KIND, evidence_of_same_kind, probability
 from upplied.planning.correspondence.describe import place_of
 from upplied.planning.correspondence.landmarks import choices_for, side_of
 from upplied.planning.demonstration.repetition import Take, choices_in, inspected_parts
@@ -194,21 +189,15 @@ def _probability(
 ) -> float | None:
     """That these parts of the target are its counterpart, or where one was chosen, one of its kind."""
     fit = take.pair.surface
-    carried = fit.carried
-    if carried is None:
+    if fit.carried is None:
         return None
-    known = fit.registration.scanned, fit.inferred >= 0
-
-    def corresponds(parts: list[int]) -> float:
-        found = evidence_of_counterpart(fit.source, part, fit.registered, parts, *known, carried)
-        return probability(found, COUNTERPART)
-
-    best = corresponds(matched)
+    best = certainty(fit, part, matched)
     if len(matched) == 1 and (take.choice >= 0 or settings.correspondence.counterparts):
         for other in alike:
             if other != matched[0]:
+                known = wholes_of(fit), fit.inferred >= 0
                 found = evidence_of_same_kind(fit.registered, other, matched[0], *known)
-                best = max(best, corresponds([other]) * probability(found, SAME_KIND))
+                best = max(best, certainty(fit, part, [other]) * probability(found, SAME_KIND))
     return best
 
 

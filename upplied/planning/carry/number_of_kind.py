@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from upplied.planning.correspondence.agreement import named_by
 from upplied.planning.correspondence.label_transfer import unnamed_like
 from upplied.planning.correspondence.landmarks import choices_for, on_sides, side_of
 from upplied.planning.demonstration.repetition import Take
@@ -42,7 +43,10 @@ def odd_number(take: Take, part: int, source: Parts, target: Parts, found: set[i
     label, known = labels_of(fit.registered), sorted(found.union(*of_kind))
     if fit.inferred < 0 or fit.carried is None or not known:
         return ""
-    named = np.where(np.isin(label, known), 0, fit.carried)
+    explained = np.isin(label, known)
+    if fit.told is not None:
+        explained |= named_by(fit.told.to_target)
+    named = np.where(explained, 0, fit.carried)
     if unnamed_like(fit.registered, named, np.isin(label, [max(known, key=lambda one: target.area[one])])):
         return f"something on {on} is of the size of the inspected part, and may be another one"
     return ""

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
-from upplied.config import CloudSettings, Settings, digest, settings_for
-from upplied.planning.constants import CLEARLY_BETTER, LEAST_PART, MAJORITY
+from upplied.config import CloudSettings, Settings, digest
+from upplied.planning.constants import CLEARLY_BETTER, MAJORITY
+from upplied.planning.correspondence.fit import NOTHING, Fit, explained, number_of_parts
+from upplied.planning.correspondence.fit_settings import surface_settings, unasked, voxel_settings
 from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like, pieces_tell_parts
+from upplied.planning.correspondence.memo import Memo, no_memo, remembering
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.registration import Declared, register
 from upplied.planning.correspondence.rotor import rotor_turned
-from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.frames import named_axes
-from upplied.planning.surface.parts import blades_of, parts_of
+from upplied.planning.surface.parts import blades_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import PartLabels, skin_parts
 from upplied.planning.surface.voxels import voxel_cloud
@@ -26,46 +27,6 @@ from upplied.scene import Scene, scene_of
 
 _CIRCLE = 2**32  # distinct headings
 METHOD_VERSION = "13"  # raised with every change that alters a result, for people; keys hold the sources too
-
-R = TypeVar("R")
-
-
-class Memo(Protocol):
-    """Remembers results by content: the catalog's cache, or nothing at all."""
-
-    def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
-        """The remembered record of this stage and key, or the computed one."""
-
-
-def no_memo(stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
-    """Computes every time."""
-    return compute()
-
-
-def remembering(memo: Memo, *hashes: str) -> Memo:
-    """The memo where all inputs have a hash to remember them by, else none."""
-    return memo if all(hashes) else no_memo
-
-
-_NOTHING = Correspondences(np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Fit(Record):
-    """Two clouds of one sort, and how one is registered on the other."""
-
-    source: Cloud
-    target: Cloud
-    registration: Registration
-    correspondences: Correspondences  # from source to target
-    inferred: int = -1  # 0 or 1: the parts of the source or the target were inferred from those of the other
-    # (M,) the source's part that a smooth displacement alone brings onto each target sample, -1 where none
-    carried: Ints | None = None
-
-    @property
-    def registered(self) -> Cloud:
-        """The target in the frame and at the scale of the source."""
-        return self.derived("registered", lambda: in_source_frame(self.target, self.registration))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,9 +57,8 @@ def study_pair(source: Structure, target: Structure, settings: Settings, memo: M
     memo = remembering(memo, source.sha256, target.sha256)
     scenes, clouds = (scene_of(source), scene_of(target)), settings.clouds
     voxels = _voxels(source, clouds, memo), _voxels(target, clouds, memo)
-    samples = _samples(source, scenes[0], clouds, memo), _samples(target, scenes[1], clouds, memo)
-    declared = Declared(_declared_turn(source, target), named_axes(source.frame))
-    surface = _surface_fit(samples, (source, target), scenes, surface_settings(settings), declared, memo)
+    declared = declared_for(source, target)
+    surface = surfaces(source, target, settings, memo)
     stood = declared
     if settings.visibility.occlusion:  # what is published knows no turn: it has the one of the surfaces
         stood = replace(declared, turn=surface.registration.rotation @ surface.registration.turn)
@@ -111,25 +71,54 @@ def study_pair(source: Structure, target: Structure, settings: Settings, memo: M
     )
 
 
+def surfaces(source: Structure, target: Structure, settings: Settings, memo: Memo = no_memo) -> Fit:
+    """The fit of the surfaces of a pair, `Pair.surface`, alone."""
+    memo, scenes = remembering(memo, source.sha256, target.sha256), (scene_of(source), scene_of(target))
+    samples = samples_of(source, settings, memo), samples_of(target, settings, memo)
+    declared = declared_for(source, target)
+    return _surface_fit(samples, (source, target), scenes, surface_settings(settings), declared, memo)
+
+
+def told_surfaces(
+    clouds: tuple[Cloud, Cloud],
+    source: Structure,
+    target: Structure,
+    settings: Settings,
+    told_by: str,
+    memo: Memo = no_memo,
+) -> Fit:
+    """The same of surfaces whose parts a sibling told; `told_by` is its hash."""
+    memo, settings = remembering(memo, source.sha256, target.sha256, told_by), surface_settings(settings)
+    both, declared = (source, target), declared_for(source, target)
+    facts = _facts("surface", both, settings, declared)
+    found = _registered(clouds, settings, declared, memo, facts)
+    facts = ("parts told", told_by, *facts)
+    fit = Fit(*clouds, found, NOTHING, 1)
+    fit = _with_parts(fit, both, unasked(settings), declared, memo, facts)
+    return _as_asked(fit, both, settings, declared, memo, facts)
+
+
+def surfaces_registered(
+    source: Structure, target: Structure, settings: Settings, memo: Memo = no_memo
+) -> Registration:
+    """How the surface of a target is registered on that of a source."""
+    memo, settings = remembering(memo, source.sha256, target.sha256), surface_settings(settings)
+    samples = samples_of(source, settings, memo), samples_of(target, settings, memo)
+    declared = declared_for(source, target)
+    facts = _facts("surface", (source, target), settings, declared)
+    return _registered(samples, settings, declared, memo, facts)
+
+
+def declared_for(source: Structure, target: Structure) -> Declared:
+    """What was said of how two structures stand."""
+    return Declared(_declared_turn(source, target), named_axes(source.frame))
+
+
 def _declared_turn(source: Structure, target: Structure) -> Floats:
     """The target's frame to the source's, where both are declared to stand alike."""
     circle = (target.frame.heading_rad - source.frame.heading_rad) / (2 * np.pi)
     # Rounded, so that equal structures in other axes give the same number, and a whole circle none.
     return Frame(2 * np.pi * float(np.round(circle * _CIRCLE) % _CIRCLE / _CIRCLE)).turn
-
-
-def voxel_settings(settings: Settings) -> Settings:
-    """How the paper's clouds are fitted: as the preset says if it plans on them, else as published."""
-    return settings if not settings.visibility.occlusion else _with_clouds("paper", settings)
-
-
-def surface_settings(settings: Settings) -> Settings:
-    """How the surfaces are fitted, the ruler of every preset: as `recommended` does."""
-    if settings.visibility.occlusion:
-        return settings
-    recommended = _with_clouds("recommended", settings)
-    wanted = replace(recommended.correspondence, counterparts=settings.correspondence.counterparts)
-    return replace(recommended, correspondence=wanted)
 
 
 def content_key(*parts: Any) -> str:
@@ -142,18 +131,16 @@ def surface_key(structure_sha256: str, clouds: CloudSettings) -> str:
     return content_key("surface", structure_sha256, clouds)
 
 
-def _with_clouds(preset: str, settings: Settings) -> Settings:
-    return replace(settings_for(preset), clouds=settings.clouds)
-
-
 def _voxels(structure: Structure, clouds: CloudSettings, memo: Memo) -> Cloud:
     key = content_key("voxels", structure.sha256, clouds)
     return memo("clouds", Cloud, key, lambda: voxel_cloud(structure, clouds))
 
 
-def _samples(structure: Structure, scene: Scene, clouds: CloudSettings, memo: Memo) -> Cloud:
+def samples_of(structure: Structure, settings: Settings, memo: Memo = no_memo) -> Cloud:
+    """Samples of a structure's surface, remembered with it."""
+    clouds, memo = settings.clouds, remembering(memo, structure.sha256)
     key = surface_key(structure.sha256, clouds)
-    return memo("clouds", Cloud, key, lambda: surface_samples(structure, scene, clouds))
+    return memo("clouds", Cloud, key, lambda: surface_samples(structure, scene_of(structure), clouds))
 
 
 def _fit(
@@ -214,25 +201,39 @@ def _surface_fit(
     """The fit of the surfaces; where pieces do not tell the parts of one of them, the other one does."""
     facts = _facts("surface", structures, settings, declared)
     # Which parts there are does not depend on what a user says of them.
-    unasked = replace(settings, correspondence=replace(settings.correspondence, counterparts=()))
+    plain = unasked(settings)
     found = _registered(clouds, settings, declared, memo, facts)
     known = [pieces_tell_parts(cloud) for cloud in clouds]
-    fit = Fit(*clouds, found, _NOTHING)
+    fit = Fit(*clouds, found, NOTHING)
     if known[0] == known[1]:
-        both = _matched(clouds, structures, found, unasked, declared, memo, facts)
+        both = _matched(clouds, structures, found, plain, declared, memo, facts)
         fit = replace(fit, correspondences=both)
-    if any(known) and _explained(fit) < MAJORITY:
-        fewer = _number(clouds[1]) <= _number(clouds[0])  # where both have parts: one of few pieces is a scan
+    if any(known) and explained(fit) < MAJORITY:
+        # Where both have parts: one of few pieces is a scan.
+        fewer = number_of_parts(clouds[1]) <= number_of_parts(clouds[0])
         one = int(fewer if known[0] == known[1] else known[0])
-        inferred = _fit_inferred(fit, one, structures, scenes, unasked, declared, memo, facts)
-        if known[0] != known[1] or CLEARLY_BETTER * _explained(inferred) > _explained(fit):
+        inferred = _fit_inferred(fit, one, structures, scenes, plain, declared, memo, facts)
+        if known[0] != known[1] or CLEARLY_BETTER * explained(inferred) > explained(fit):
             fit, facts = inferred, ("parts inferred", *facts)
-    if settings.correspondence.counterparts:
-        of = fit.source, fit.target
-        asked = _matched(of, structures, fit.registration, settings, declared, memo, facts, fit.carried)
-        fit = replace(fit, correspondences=asked)
+    fit = _as_asked(fit, structures, settings, declared, memo, facts)
     unknown = fit.carried is None and has_parts(fit.source) and has_parts(fit.target)
     return _with_carried(fit, memo, facts) if unknown else fit
+
+
+def _as_asked(
+    fit: Fit,
+    structures: tuple[Structure, Structure],
+    settings: Settings,
+    declared: Declared,
+    memo: Memo,
+    facts: tuple[Any, ...],
+) -> Fit:
+    """A fit, matched again where a user says what corresponds to what."""
+    if not settings.correspondence.counterparts:
+        return fit
+    of = fit.source, fit.target
+    asked = _matched(of, structures, fit.registration, settings, declared, memo, facts, fit.carried)
+    return replace(fit, correspondences=asked)
 
 
 def _fit_inferred(
@@ -257,27 +258,24 @@ def _fit_inferred(
     known = replace(clouds[one], part=memo("parts", PartLabels, content_key("parts", *facts), inferred).label)
     clouds = (known, clouds[1]) if one == 0 else (clouds[0], known)
     facts = ("parts inferred", *facts)
-    if blades_of(known).any():  # a rotor that stopped otherwise is registered body on body
+    return _with_parts(Fit(*clouds, found, NOTHING, one), structures, settings, declared, memo, facts)
+
+
+def _with_parts(
+    fit: Fit,
+    structures: tuple[Structure, Structure],
+    settings: Settings,
+    declared: Declared,
+    memo: Memo,
+    facts: tuple[Any, ...],
+) -> Fit:
+    """A fit of which parts were inferred, those of both matched."""
+    clouds, found = (fit.source, fit.target), fit.registration
+    if blades_of(clouds[fit.inferred]).any():  # a rotor that stopped otherwise is registered body on body
         found = _registered(clouds, settings, declared, memo, facts)
-    fit = _with_carried(Fit(*clouds, found, _NOTHING, one), memo, facts)
+    fit = _with_carried(replace(fit, registration=found), memo, facts)
     both = _matched(clouds, structures, found, settings, declared, memo, facts, fit.carried)
     return replace(fit, correspondences=both)
-
-
-def _explained(fit: Fit) -> float:
-    """Share of the surface that lies on parts which were matched, of the structure with less of it."""
-    match = fit.correspondences
-    shares = [
-        float(parts_of(cloud).area[known >= 0].sum())
-        for cloud, known in ((fit.source, match.source_class), (fit.target, match.target_class))
-        if known is not None
-    ]
-    return min(shares, default=0.0)
-
-
-def _number(cloud: Cloud) -> int:
-    """How many parts of some size there are."""
-    return int((parts_of(cloud).area > LEAST_PART).sum())
 
 
 def _with_carried(fit: Fit, memo: Memo, facts: tuple[Any, ...]) -> Fit:

@@ -13,8 +13,9 @@ import numpy as np
 from upplied.config import Settings
 from upplied.errors import SettingsError
 from upplied.planning.correspondence.landmarks import choices_for, side_of
+from upplied.planning.correspondence.memo import Memo, no_memo, remembering
 from upplied.planning.correspondence.nearest import correspond
-from upplied.planning.correspondence.pair import Memo, Pair, content_key, no_memo, remembering
+from upplied.planning.correspondence.pair import Pair, content_key
 from upplied.planning.demonstration.inspection import Inspection, inspect_demonstration
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
@@ -96,7 +97,10 @@ def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
     fit, structures = pair.surface, (pair.source, pair.target)
     memo = remembering(memo, *(each.sha256 for each in structures))
     facts = [(each.sha256, each.frame.heading_rad) for each in structures]
-    key = content_key("repeated", *facts, settings.clouds, settings.registration, settings.correspondence)
+    told = () if fit.told is None else (fit.told.sha256,)
+    key = content_key(
+        "repeated", *facts, *told, settings.clouds, settings.registration, settings.correspondence
+    )
     found = memo(
         "correspondences",
         Correspondences,

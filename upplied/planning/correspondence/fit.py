@@ -1,0 +1,62 @@
+"""Two clouds of one sort, how one is registered on the other, and what corresponds to what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.planning.constants import LEAST_PART
+from upplied.planning.geometry.boxes import in_source_frame
+from upplied.planning.surface.parts import parts_of
+from upplied.records import Cloud, Correspondences, Ints, Record, Registration
+
+NOTHING = Correspondences(np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Record):
+    """Two clouds of one sort, and how one is registered on the other."""
+
+    source: Cloud
+    target: Cloud
+    registration: Registration
+    correspondences: Correspondences  # from source to target
+    # 0 or 1: the parts of the source or the target were inferred, from those of the other or of a sibling
+    inferred: int = -1
+    # (M,) the source's part that a smooth displacement alone brings onto each target sample, -1 where none
+    carried: Ints | None = None
+    told: Told | None = None  # where a sibling told the parts: how it did
+
+    @property
+    def registered(self) -> Cloud:
+        """The target in the frame and at the scale of the source."""
+        return self.derived("registered", lambda: in_source_frame(self.target, self.registration))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Told(Record):
+    """How a sibling told the parts of a target, and of a source that does not tell its own."""
+
+    sibling_id: str
+    sha256: str  # of the sibling
+    to_target: Fit  # from the sibling
+    to_sibling: Fit | None  # from the source, where that tells its own parts
+    to_source: Fit | None  # from the sibling, where it does not
+    by_source: Fit | None  # the pair by the source's parts alone, where it does
+
+
+def explained(fit: Fit) -> float:
+    """Share of the surface that lies on parts which were matched, of the structure with less of it."""
+    match = fit.correspondences
+    shares = [
+        float(parts_of(cloud).area[known >= 0].sum())
+        for cloud, known in ((fit.source, match.source_class), (fit.target, match.target_class))
+        if known is not None
+    ]
+    return min(shares, default=0.0)
+
+
+def number_of_parts(cloud: Cloud) -> int:
+    """How many parts of some size there are."""
+    return int((parts_of(cloud).area > LEAST_PART).sum())
