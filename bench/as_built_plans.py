@@ -39,6 +39,7 @@ from upplied.scene import Scene, scene_of
 
 _CLOUDS = ("cloud", "sparse", "rough")
 _SCANS = "cloud,sparse,rough,shell,noise,clutter,cut20"
+_STEP_M = 0.05
 _LEFT_OUT = 0.02  # of the size
 _TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)
 
@@ -75,10 +76,12 @@ def _row(kind: str, case: Case, target: str, variant: str) -> dict[str, Any]:
         "reason": plan.reason or "; ".join(plan.warnings),
         "cpu_s": took,
     }
-    return row if plan.trajectory is None else {**row, **_judged(plan, plan.trajectory, kind, case, target)}
+    if plan.trajectory is None:
+        return row
+    return {**row, **_judged(plan, plan.trajectory, kind, case, target, variant)}
 
 
-def _judged(plan: Plan, path: Trajectory, kind: str, case: Case, target: str) -> dict[str, Any]:
+def _judged(plan: Plan, path: Trajectory, kind: str, case: Case, target: str, variant: str) -> dict[str, Any]:
     """What of the right part is seen on the clean mesh (the least of several), and the clearance there."""
     scene, cloud = scene_of(made(kind, target).structure, 1), clean_cloud(kind, target)
     seen = views(path, cloud, Camera(), TRULY, scene).seen.any(axis=0)
@@ -93,7 +96,21 @@ def _judged(plan: Plan, path: Trajectory, kind: str, case: Case, target: str) ->
         "promised_m": plan.measures.min_clearance_m,
         "error_m": plan.measures.surface_error_m,
         "kept_m": path_clearance(scene, path.positions).distance_m,
+        "kept_scanned_m": _kept_of_scanned(path, kind, target, variant),
     }
+
+
+def _kept_of_scanned(path: Trajectory, kind: str, target: str, variant: str) -> float:
+    """Clearance of a path on the clean mesh, m, where the surface that is nearest was scanned."""
+    steps = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    asked = np.arange(0, along[-1] + _STEP_M, _STEP_M)
+    at = np.column_stack([np.interp(asked, along, axis) for axis in path.positions.T])
+    near, _ = scene_of(made(kind, target).structure, 1).closest(at)
+    if variant != "model":
+        known = _was_scanned(kind, target, variant, near)
+        at, near = at[known], near[known]
+    return float(np.linalg.norm(at - near, axis=1).min(initial=np.inf))
 
 
 def places(options: argparse.Namespace) -> None:
@@ -170,7 +187,8 @@ def judge(options: argparse.Namespace) -> None:
     models = {_without_variant(row): row for row in rows if row["case"][3] == "model"}
     print(f"{'scan':10}{'n':>5}{'ok':>5}{'warned':>8}{'refused':>9}", end="")
     print(f"{'seen less by, points: median':>30}{'p95':>6}", end="")
-    print(f"{'silently wrong':>16}{'too near':>10}{'worst, m':>10}{'error, m':>10}{'CPU':>6}")
+    print(f"{'silently wrong':>16}{'too near':>10}{'worst, m':>10}", end="")
+    print(f"{'of scanned':>12}{'worst, m':>10}{'error, m':>10}{'CPU':>6}")
     for variant in [*dict.fromkeys(row["case"][3] for row in rows), "all scans"]:
         some = [
             row
@@ -197,6 +215,7 @@ def _print_row(variant: str, some: Sequence[dict[str, Any]], models: dict[tuple[
         if row["status"] == "ok" and "seen" in clean
     ]
     over = [row["kept_m"] - row["promised_m"] for row in some if "kept_m" in row]
+    known = [row["kept_scanned_m"] - row["promised_m"] for row in some if "kept_scanned_m" in row]
     cost = [row["cpu_s"] / clean["cpu_s"] for row, clean in pairs if "seen" in row and "seen" in clean]
     error = [row["error_m"] for row in some if "error_m" in row]
     print(
@@ -204,6 +223,7 @@ def _print_row(variant: str, some: Sequence[dict[str, Any]], models: dict[tuple[
         f"{_of(lambda values: np.percentile(values, 95), less):6.1f}"
         f"{sum(_silent(row, models) for row in some):16}"
         f"{sum(each < -_TOLERANCE_M for each in over):5} / {len(over):3}{_of(min, over):9.2f}"
+        f"{sum(each < -_TOLERANCE_M for each in known):7} / {len(known):3}{_of(min, known):9.2f}"
         f"{_of(np.median, error):10.2f}{_of(np.median, cost):6.2f}"
     )
 

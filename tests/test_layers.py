@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
     "errors", "extras", "records", "config", "checks", "polylines", "vectors", "triangles", "poses", "discs",
-    "reconstruction",
+    "disc_cells", "reconstruction",
     "scene", "threads", "provenance", "guard",
 }  # fmt: skip
 ALLOWED = {
@@ -30,6 +30,7 @@ ALLOWED = {
     "triangles": {"records", "vectors"},
     "poses": {"errors", "records", "config", "checks", "polylines"},
     "discs": {"errors", "records", "vectors"},
+    "disc_cells": {"records"},
     "reconstruction": {"records", "vectors"},
     "scene": FOUNDATION,
     "threads": set(),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
+from numba import njit
 
 from upplied.records import Floats, Ints, Record
-from upplied.vectors import across, plane_normals
+from upplied.vectors import across, nearest_of_all, plane_normals
 
 _AROUND = 12  # neighbours of a sample that tell its plane, and whose discs are to hold it
 _RIM = 6  # the neighbour as far away as a disc is wide
@@ -18,6 +20,8 @@ _INSIDE = np.cos(np.pi / 6)  # radius of the circle in a hexagon over that round
 class Discs(Record):
     """Samples of a surface with their neighbours; K is 13, or less where there are fewer samples."""
 
+    TRIANGLES: ClassVar[int] = 4  # of a disc in `mesh`
+
     points: Floats  # (N, 3) m
     normals: Floats  # (N, 3) unit
     away: Floats  # (N, K) m, distances of the nearest samples, the first of its own
@@ -26,10 +30,7 @@ class Discs(Record):
     @classmethod
     def of(cls, points: Floats, normals: Floats | None) -> Discs:
         """The discs of samples (N, 3), m; without normals the plane of the twelve nearest decides."""
-        from scipy.spatial import cKDTree
-
-        away, nearest = cKDTree(points).query(points, k=min(_AROUND + 1, len(points)))
-        away, nearest = away.reshape(len(points), -1), nearest.reshape(len(points), -1)
+        away, nearest = nearest_of_all(points, min(_AROUND + 1, len(points)))
         if normals is None:
             normals = plane_normals(points, nearest)
         return cls(points, normals, away, nearest)
@@ -48,16 +49,14 @@ class Discs(Record):
         return float(np.median(self.radius_m))
 
     def mesh(self) -> tuple[Floats, Ints]:
-        """The discs as hexagons: vertices (7 N, 3), each centre before its rim, and triangles (6 N, 3)."""
+        """The discs as hexagons: vertices (6 N, 3) and triangles (4 N, 3), in the order of the discs."""
         first, second = across(self.normals)
         angles = np.arange(6) * np.pi / 3
         rim = self.points[:, None] + self.radius_m[:, None, None] * (
             np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * second[:, None]
         )
-        vertices = np.concatenate([self.points[:, None], rim], axis=1).reshape(-1, 3)
-        corner = np.arange(6)
-        fan = np.stack([np.zeros(6, int), 1 + corner, 1 + (corner + 1) % 6], axis=1)
-        return vertices, ((7 * np.arange(len(self.points)))[:, None, None] + fan).reshape(-1, 3)
+        fan = np.array([[0, corner, corner + 1] for corner in range(1, 5)])
+        return rim.reshape(-1, 3), ((6 * np.arange(len(self.points)))[:, None, None] + fan).reshape(-1, 3)
 
     def error_m(self) -> float:
         """How far the surface may lie from the discs, m: as far as any sample does from its neighbours'.
@@ -68,13 +67,24 @@ class Discs(Record):
         """
         if self.away.shape[1] < _RIM + 2:
             return self.grain_m
-        others = self.nearest[:, 1:]
         reach = _INSIDE * self.away[:, _RIM + 1]  # of each disc, without the sample that is asked
-        way = self.points[:, None] - self.points[others]
-        above = np.einsum("nki,nki->nk", way, self.normals[others])
-        aside = np.sqrt(np.maximum(self.away[:, 1:] ** 2 - above**2, 0)) - reach[others]
-        off = np.hypot(above, np.maximum(aside, 0)).min(axis=1)
+        off = _off_others(self.points, self.normals, self.away, self.nearest, reach)
         return float(off[off <= self.grain_m].max(initial=0.0))
+
+
+@njit(cache=True)
+def _off_others(points: Floats, normals: Floats, away: Floats, nearest: Ints, reach: Floats) -> Floats:
+    """How far (N,) each sample lies from the discs of the others near it, m."""
+    off = np.full(len(points), np.inf)
+    for row in range(len(points)):
+        for column in range(1, nearest.shape[1]):
+            other = nearest[row, column]
+            above = 0.0
+            for axis in range(3):
+                above += (points[row, axis] - points[other, axis]) * normals[other, axis]
+            beside = np.sqrt(max(away[row, column] ** 2 - above**2, 0.0)) - reach[other]
+            off[row] = min(off[row], np.hypot(above, max(beside, 0.0)))
+    return off
 
 
 def surfels(points: Floats, normals: Floats | None) -> tuple[Floats, Ints]:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from upplied import reconstruction
+from upplied.disc_cells import DiscCells
 from upplied.discs import Discs
 from upplied.records import Bools, Floats, Ints, Structure
 from upplied.threads import ray_threads
@@ -88,6 +89,8 @@ class Scene:
     error_m : float
         How much nearer the surface may be than its triangles, as stated, or see `Discs.error_m` and
         `reconstruction.error_m`: `distance` and `closest` take it to be so.
+    cells : DiscCells, optional
+        The discs that the triangles stand for, from which distances are taken.
     """
 
     def __init__(
@@ -97,12 +100,13 @@ class Scene:
         threads: int = 0,
         grain_m: float = 0.0,
         error_m: float = 0.0,
+        cells: DiscCells | None = None,
     ) -> None:
         core = open3d().core
         self.box = vertices.min(axis=0), vertices.max(axis=0)
         self.origin = (self.box[0] + self.box[1]) / 2
         self.threads = threads or ray_threads()
-        self.grain_m, self.error_m = grain_m, error_m
+        self.grain_m, self.error_m, self._cells = grain_m, error_m, cells
         self._scene = open3d().t.geometry.RaycastingScene(nthreads=self.threads)
         self._scene.add_triangles(
             core.Tensor(np.ascontiguousarray(vertices - self.origin, np.float32)),
@@ -168,20 +172,29 @@ class Scene:
 
     def distance(self, points: Floats) -> Floats:
         """Unsigned distance (N,) of each point (N, 3) from the surface, m, less what that may be off."""
-        local = np.asarray(np.reshape(points, (-1, 3)) - self.origin, np.float32)
-        away = self._scene.compute_distance(self._tensor(local), self.threads).numpy().astype(float)
+        if self._cells is not None:
+            away = self._cells.distance(points)
+        else:
+            local = np.asarray(np.reshape(points, (-1, 3)) - self.origin, np.float32)
+            away = self._scene.compute_distance(self._tensor(local), self.threads).numpy().astype(float)
         return np.maximum(away - self.error_m, 0.0) if self.error_m else away
 
     def closest(self, points: Floats) -> tuple[Floats, Ints]:
         """Closest place (N, 3), m, that the surface may reach, and its triangle (N,)."""
-        local = np.asarray(np.reshape(points, (-1, 3)) - self.origin, np.float32)
-        found = self._scene.compute_closest_points(self._tensor(local), self.threads)
-        places = found["points"].numpy().astype(float) + self.origin
+        points = np.reshape(points, (-1, 3))
+        if self._cells is not None:
+            places, disc = self._cells.closest(points)
+            triangle = Discs.TRIANGLES * disc
+        else:
+            local = np.asarray(points - self.origin, np.float32)
+            found = self._scene.compute_closest_points(self._tensor(local), self.threads)
+            places = found["points"].numpy().astype(float) + self.origin
+            triangle = found["primitive_ids"].numpy().astype(np.int64)
         if self.error_m:
-            away = np.reshape(points, (-1, 3)) - places
+            away = points - places
             length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
             places = places + away * np.minimum(self.error_m / length, 1.0)
-        return places, found["primitive_ids"].numpy().astype(np.int64)
+        return places, triangle
 
     @staticmethod
     def _tensor(array: np.ndarray) -> Any:
@@ -206,7 +219,8 @@ def _new_scene(structure: Structure, threads: int) -> Scene:
         return Scene(structure.vertices, structure.triangles, threads, error_m=error_m)
     discs, stated = _discs(structure), structure.surface_error_m
     error_m = discs.error_m() if stated is None else stated
-    return Scene(*discs.mesh(), threads, discs.grain_m, error_m)
+    cells = DiscCells.of(discs.points, discs.normals, discs.radius_m)
+    return Scene(*discs.mesh(), threads, discs.grain_m, error_m, cells)
 
 
 def _discs(structure: Structure) -> Discs:

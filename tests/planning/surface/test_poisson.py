@@ -61,3 +61,28 @@ def test_each_area_goes_to_the_nearest_kept_sample_on_its_side() -> None:
     assert shares(points, facing, area, kept).sum() == pytest.approx(area.sum())
     alone = shares(points[:3], facing[:3], area[:3], np.array([1]))
     assert alone == pytest.approx([area[:3].sum()])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_thinning_keeps_what_asking_every_candidate_in_turn_keeps(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, normals = rng.uniform(0, 4, (300, 3)) * [1, 1, 0.05], np.zeros((300, 3))
+    normals[np.arange(300), 2] = rng.choice([-1.0, 1.0], 300)
+    area = 32.0
+    kept = thin(points, normals, 60, area)
+
+    def greedy(radius: float) -> list[int]:
+        left: list[int] = []
+        for one in range(300):
+            if all(
+                np.linalg.norm(points[one] - points[other]) >= radius or normals[one] @ normals[other] <= 0
+                for other in left
+            ):
+                left.append(one)
+        return left
+
+    low, high = 0.0, float(np.sqrt(area / 60))
+    for _ in range(12):
+        radius = (low + high) / 2
+        low, high = (radius, high) if len(greedy(radius)) > 60 else (low, radius)
+    assert kept.tolist() == greedy(radius)

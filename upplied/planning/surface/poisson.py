@@ -30,11 +30,7 @@ def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
         return np.arange(len(points))
     reach = np.sqrt(area / number)
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
-    pairs = pairs[np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) > 0]
-    distance = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    order = np.argsort(pairs[:, 0], kind="stable")
-    first, second, distance = pairs[order, 0], pairs[order, 1], distance[order]
-    start = np.searchsorted(first, np.arange(len(points) + 1))
+    start, second, distance = _neighbours(points, normals, pairs)
     low, high = 0.0, reach
     kept = np.ones(len(points), bool)
     for _ in range(12):
@@ -54,6 +50,30 @@ def shares(points: Floats, normals: Floats, area: Floats, kept: Ints) -> Floats:
     facing = np.einsum("nki,ni->nk", normals[kept][near], normals) > 0
     choice = near[np.arange(len(points)), np.argmax(facing, axis=1)]
     return np.asarray(np.bincount(choice, weights=area, minlength=len(kept)), float)
+
+
+@njit(cache=True)
+def _neighbours(points: Floats, normals: Floats, pairs: Ints) -> tuple[Ints, Ints, Floats]:
+    """Of pairs (P, 2) on one side: where each point's begin (N + 1,), the others, and how far they are, m."""
+    start = np.zeros(len(points) + 2, np.int64)
+    far = np.full(len(pairs), -1.0)
+    for pair in range(len(pairs)):
+        one, other = pairs[pair]
+        facing, square = 0.0, 0.0
+        for axis in range(3):
+            facing += normals[one, axis] * normals[other, axis]
+            square += (points[one, axis] - points[other, axis]) ** 2
+        if facing > 0:
+            far[pair] = np.sqrt(square)
+            start[one + 2] += 1
+    start = np.cumsum(start)
+    second, distance = np.empty(start[-1], np.int64), np.empty(start[-1])
+    for pair in range(len(pairs)):
+        if far[pair] >= 0:
+            place = start[pairs[pair, 0] + 1]
+            second[place], distance[place] = pairs[pair, 1], far[pair]
+            start[pairs[pair, 0] + 1] += 1
+    return start[:-1], second, distance
 
 
 @njit(cache=True)

@@ -8,7 +8,6 @@ that are open where nothing was scanned the inside does not count (`surface.open
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from upplied.config import CloudSettings
 from upplied.planning.surface.escape import ESCAPE, escapes, lets_out
@@ -19,7 +18,7 @@ from upplied.planning.surface.poisson import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene
 from upplied.triangles import points_on_triangles, triangle_areas
-from upplied.vectors import area_vectors, plane_normals
+from upplied.vectors import area_vectors, nearest_of_all, plane_normals
 
 _POINTS = 60_000  # of a cloud, that are asked: fifteen for each sample
 _SPARE = 2.5  # candidates on the outside per sample that is kept, so that thinning can space them
@@ -111,7 +110,7 @@ def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) ->
         rng = np.random.default_rng(settings.seed)
         chosen = np.sort(rng.choice(len(points), _POINTS, replace=False))
         points, given = points[chosen], None if given is None else given[chosen]
-    distance, neighbours = cKDTree(points).query(points, k=min(9, len(points)))
+    distance, neighbours = nearest_of_all(points, min(9, len(points)))
     area = np.pi * distance[:, -1] ** 2 / max(distance.shape[1] - 1, 1)
     whole = np.zeros(len(points), np.int64)
     if given is not None:
