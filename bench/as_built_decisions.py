@@ -161,9 +161,14 @@ def siblings_for(kind: str, target: str, variant: str, sorts: str) -> list[Struc
     if "real" in sorts:
         pool += real_names(kind)
     some = [made(kind, name).structure for name in pool if name != SOURCE[kind]]
-    sizes = {one.structure_id: np.ptp(one.vertices, axis=0) for one in some}
+    if not some:
+        return []
+    names, sizes = (
+        [one.structure_id for one in some],
+        np.array([np.ptp(one.vertices, axis=0) for one in some]),
+    )
     whole = np.ptp(scan(kind, target, variant).vertices, axis=0)
-    chosen = nearest_in_proportions(whole, sizes, _MOST_SIBLINGS)
+    chosen = nearest_in_proportions(whole, names, sizes, _MOST_SIBLINGS)
     return [one for one in some if one.structure_id in chosen]
 
 

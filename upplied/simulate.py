@@ -9,7 +9,7 @@ little error. Not modelled: propeller wash near walls, lee and speed-up round th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from upplied.config import Settings
 from upplied.errors import RefusedError, SettingsError
 from upplied.planning.correspondence.memo import Memo, no_memo
-from upplied.planning.correspondence.pair import study_pair
+from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.measures.evaluate import judge
 from upplied.planning.surface.frames import (
@@ -122,6 +122,7 @@ def measure_flown(
     target: Structure,
     settings: Settings,
     memo: Memo = no_memo,
+    siblings: Sequence[Structure] = (),
 ) -> Plan:
     """A flight measured by the same code as its plan.
 
@@ -131,7 +132,7 @@ def measure_flown(
         Of `fly_trajectory`, or read from a log, in the frame of the target.
     plan : Plan
         What was to be flown.
-    demonstration, source, target, settings, memo
+    demonstration, source, target, settings, memo, siblings
         As for `upplied.planning.plan.plan_transfer`.
 
     Returns
@@ -142,7 +143,7 @@ def measure_flown(
     """
     here, there = frames_for(source, target, settings)
     with one_thread():
-        pair = study_pair(structure_in(here, source), structure_in(there, target), settings, memo)
+        pair = study(structure_in(here, source), structure_in(there, target), settings, memo, siblings)
         takes = takes_of(demonstration_in(here, demonstration), pair, settings, memo)
         found, surface, warnings = judge(trajectory_in(there, flown), None, takes, settings, memo)
     return replace(

@@ -26,7 +26,7 @@ def reproduce(catalog: str, transfer_id: str) -> int:
         settings = made_from.settings
         zones, untold = required_surface(store, store.cache, made_from.target, settings.required.zones)
         inputs = (made_from.demonstration, made_from.source, made_from.target)
-        plan = plan_transfer(*inputs, settings, no_memo, zones)
+        plan = plan_transfer(*inputs, settings, no_memo, zones, made_from.siblings)
         plan = replace(plan, warnings=(*plan.warnings, *untold))
     different = made_from.differences(plan)
     row = made_from.row

@@ -9,22 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import compress, count
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 
 from upplied.catalog import Catalog
-from upplied.catalog.schema.plan_rows import transfer_id
 from upplied.catalog.verbs import belonging, required
 from upplied.checks import check_id, suggested
 from upplied.config import Settings, digest, settings_for
 from upplied.errors import InputError
-from upplied.planning.plan import METHOD_VERSION, transfer_key
-from upplied.provenance import causes
-from upplied.records import Demonstration, Ints, Structure
+from upplied.fleet.past import Past
+from upplied.fleet.siblings import Siblings, SiblingsOf
+from upplied.planning.plan import transfer_key
+from upplied.records import Demonstration, Structure
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,7 @@ class Job:
     why: str
     sha256: tuple[str, str, str]  # of the demonstration, the source and the target
     purpose: str = ""  # as in `transfers`
+    siblings: Siblings = ()  # that are asked for the parts of a scan
 
     def __str__(self) -> str:
         return f"{self.demonstration_id} to {self.target_id} ({self.settings.preset})"
@@ -116,34 +117,39 @@ def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decisio
         another kind.
     """
     plan_request = plan_request or PlanRequest()
-    structures = _structures(catalog)
+    table = catalog.structures()
+    structures, siblings_of = _structures(table), SiblingsOf(table)
     demonstrations = _demonstrations(catalog)
     _check_known("demonstration", plan_request.demonstrations, demonstrations)
     _check_known("structure", plan_request.targets, structures)
     _check_kinds(plan_request, demonstrations, structures)
     settings_of = SettingsOf(catalog, plan_request)
 
-    def wanted() -> Iterator[tuple[Settings, Demonstration, Structure, Structure]]:
+    def wanted() -> Iterator[tuple[Settings, Demonstration, Structure, Structure, Siblings]]:
         for preset in plan_request.presets:
             for pair in _pairs(demonstrations, structures, plan_request):
-                yield settings_of(preset, pair[2].kind, pair[2].structure_id), *pair
+                source_id, target_id = (each.structure_id for each in pair[1:])
+                settings = settings_of(preset, pair[2].kind, target_id)
+                yield settings, *pair, siblings_of(source_id, target_id, settings.correspondence.siblings)
 
     # A large fleet has a million keys and few of them to plan: they are kept as one array.
     keys = pa.array(
         (
-            _key(transfer_key(demonstration, source, target, settings), plan_request.purpose)
-            for settings, demonstration, source, target in wanted()
+            _key(transfer_key(demonstration, source, target, settings, siblings), plan_request.purpose)
+            for settings, demonstration, source, target, siblings in wanted()
         ),
         pa.string(),
     )
     missing = catalog.unsettled(keys, retry_failed=plan_request.retry_failed)
-    past, jobs = _Past(catalog), []
-    for (settings, demonstration, source, target), place in compress(zip(wanted(), count()), missing):
+    past, jobs = Past(catalog), []
+    for (settings, demonstration, source, target, siblings), place in compress(
+        zip(wanted(), count()), missing
+    ):
         key = keys[place].as_py()
-        why = past.why(demonstration, source, target, settings, key)
+        why = past.why(demonstration, source, target, settings, siblings, key)
         names = (demonstration.demonstration_id, source.structure_id, target.structure_id)
         hashes = (demonstration.sha256, source.sha256, target.sha256)
-        jobs.append(Job(*names, target.kind, settings, key, why, hashes, plan_request.purpose))
+        jobs.append(Job(*names, target.kind, settings, key, why, hashes, plan_request.purpose, siblings))
     jobs.sort(key=lambda job: (job.demonstration_id, job.target_id, job.settings.preset))
     return Decision(jobs, len(keys) - len(jobs))
 
@@ -151,63 +157,6 @@ def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decisio
 def _key(key: str, purpose: str) -> str:
     """A plan that is made for a purpose of its own is another plan, so that none stands for both."""
     return digest([key, purpose]) if purpose else key
-
-
-class _Past:
-    """What the catalog's plans were made from."""
-
-    def __init__(self, catalog: Catalog) -> None:
-        self._catalog = catalog
-        self._told: dict[tuple[str, ...], tuple[str, ...]] = {}
-
-    @cached_property
-    def _rows(self) -> pa.Table:
-        """The newest plan of each demonstration, target and preset; a quiet night never asks."""
-        return self._catalog.newest_plans(_COMPARED)
-
-    @cached_property
-    def _places(self) -> dict[tuple[str, str, str], int]:
-        names = (_texts(self._rows[name]) for name in _COMPARED[:3])
-        return {name: place for place, name in enumerate(zip(*names, strict=True))}
-
-    @cached_property
-    def _columns(self) -> list[tuple[list[str], Ints]]:
-        """What the rows say, by column: the texts, and which of them each row has."""
-        encoded = (self._rows[name].combine_chunks() for name in _COMPARED[3:])
-        return [(column.dictionary.to_pylist(), column.indices.to_numpy()) for column in encoded]
-
-    def why(
-        self, demonstration: Demonstration, source: Structure, target: Structure, settings: Settings, key: str
-    ) -> str:
-        """What changed since the newest plan of the pair, in words."""
-        place = self._places.get((demonstration.demonstration_id, target.structure_id, settings.preset))
-        if place is None:
-            return "new pair"
-        if self._rows["transfer_id"][place].as_py() == transfer_id(key):
-            return "failed before"
-        said = [texts[codes[place]] for texts, codes in self._columns]
-        now = (demonstration.sha256, source.sha256, target.sha256, settings.sha256)
-        changed = zip(_CHANGES, said[: len(_CHANGES)], now, strict=True)
-        told = [f"{what} changed" for what, was, is_now in changed if was != is_now]
-        return ", ".join([*told, *self._causes(*said[len(_CHANGES) :])]) or "an older version is back"
-
-    def _causes(self, *said: str) -> tuple[str, ...]:
-        """Why the program may plan otherwise; few rows differ in what they say of theirs."""
-        if said not in self._told:
-            row = dict(zip(_PROGRAM, said, strict=True))  # another machine plans the same
-            self._told[said] = tuple(causes(row, METHOD_VERSION))
-        return self._told[said]
-
-
-def _texts(column: pa.ChunkedArray) -> Iterator[str]:
-    """The texts of a column with a dictionary, each kept once."""
-    encoded = column.combine_chunks()
-    return map(encoded.dictionary.to_pylist().__getitem__, encoded.indices.to_numpy())
-
-
-_CHANGES = ("demonstration", "source", "target", "settings")
-_PROGRAM = ("method_version", "code_version", "sources_sha256", "libraries")
-_COMPARED = ("demonstration_id", "target_id", "preset", *(f"{what}_sha256" for what in _CHANGES), *_PROGRAM)
 
 
 def _pairs(
@@ -258,9 +207,8 @@ def _check_kinds(
             )
 
 
-def _structures(catalog: Catalog) -> dict[str, Structure]:
+def _structures(table: pd.DataFrame) -> dict[str, Structure]:
     """The structures by id, without their shapes: their hashes are all that is compared."""
-    table = catalog.structures()
     return {
         row.structure_id: Structure(
             row.structure_id, row.kind, np.empty((0, 3)), _NO_TRIANGLES, sha256=row.sha256

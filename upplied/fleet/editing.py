@@ -109,7 +109,8 @@ class Editing:
         where = self._forbidding(asked)
         broken = place_breaches(made.positions, made.t_s, where, self.clearance_m(asked))
         inputs = (self.recipe.demonstration, self.recipe.source, self.target)
-        found = measure_flown(made, base.plan, *inputs, self.recipe.settings, self._memo)
+        known = self.recipe.settings, self._memo, self.recipe.siblings
+        found = measure_flown(made, base.plan, *inputs, *known)
         least = self.recipe.settings.verdict.least_inspected_pct
         shown = found.measures.coverage_inspected_pct
         short = f"shows {shown:.1f} % of what was inspected, {least:g} % are asked for"
@@ -138,7 +139,7 @@ class Editing:
             settings = replace(settings, route=route)
         zones, _ = required_surface(self._catalog, self._memo, self.target, settings.required.zones)
         inputs = (self.recipe.demonstration, self.recipe.source, target)
-        made = plan_transfer(*inputs, settings, self._memo, zones)
+        made = plan_transfer(*inputs, settings, self._memo, zones, self.recipe.siblings)
         if made.trajectory is None:
             raise RefusedError(f"a plan of {target.structure_id} in that airspace", made.reason)
         flags, edit = put_back(fixed, *flown_path(made))

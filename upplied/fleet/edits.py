@@ -148,6 +148,7 @@ def keep_edit(
         "target_sha256": row["target_sha256"],
         "method_version": METHOD_VERSION,
         "settings": editing.recipe.settings,
+        "siblings": [(one.structure_id, one.sha256) for one in editing.recipe.siblings],
         "planned_on": f"{whose}, from {editing.transfer_id}",
     }
     text = edit_json(editing.to_keep(base, edit, asked))

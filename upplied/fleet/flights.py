@@ -120,6 +120,7 @@ def _flown(catalog: Catalog, row: Row, wind: Wind, vehicle: Vehicle, seed: int) 
         made_from.target,
         made_from.settings,
         catalog.cache,
+        made_from.siblings,
     )
     said = (wind.speed_mps, wind.towards_deg, wind.gusts, seed)
     return Flown(row["transfer_id"], row["waypoints_sha256"], *said, path, judged.measures)
@@ -142,7 +143,8 @@ def measured(made_from: Recipe, plan: Plan) -> Measures:
     """The measures of a plan, computed from its trajectory and its inputs."""
     assert plan.trajectory is not None
     inputs = (made_from.demonstration, made_from.source, made_from.target)
-    return measure_flown(plan.trajectory, plan, *inputs, made_from.settings).measures
+    found = measure_flown(plan.trajectory, plan, *inputs, made_from.settings, siblings=made_from.siblings)
+    return found.measures
 
 
 def _ground_z_m(target: Structure) -> float:

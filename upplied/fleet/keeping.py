@@ -85,6 +85,7 @@ class Keeper:
             **recorded(),
             "planning_s": outcome.seconds,
             "settings": outcome.job.settings,
+            "siblings": outcome.job.siblings,
             "purpose": outcome.job.purpose,
             **dict(zip(hashes, outcome.job.sha256, strict=True)),
         }

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from upplied.errors import InputError
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
+from upplied.planning.correspondence.label_transfer import pieces_tell_parts
 from upplied.recommend.shapes import Shapes, content_of
 from upplied.records import Demonstration, Placement, Structure
 
@@ -25,8 +27,15 @@ log = logging.getLogger(__name__)
 def learnt_structure(location: str, cache: Path, entry: StructureEntry) -> Structure:
     """The structure of one entry; its shape is remembered in the cache of the catalog at a location."""
     structure = read_structure(entry, judge=False)  # it is judged among others afterwards
-    _tried(lambda: Shapes(open_catalog(location, cache)).learn(structure), entry.structure_id)
-    return structure
+    told: list[bool] = []
+
+    def learn() -> None:
+        shapes = Shapes(open_catalog(location, cache))
+        shapes.learn(structure)
+        told.append(pieces_tell_parts(shapes.cloud(structure.structure_id, structure.sha256)))
+
+    _tried(learn, entry.structure_id)
+    return replace(structure, tells_parts=told[0]) if told else structure
 
 
 def learnt_flight(

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.schema.plan_rows import settings_text
+from upplied.catalog.schema.rows import json_text
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.checks import check_id
@@ -78,6 +79,7 @@ def _store(catalog: Catalog) -> FileStore:
 
 def _encoded(shard: Shard) -> bytes:
     columns = {name: [getattr(job, name) for job in shard] for name in _NAMES}
+    columns["siblings"] = [json_text([list(one) for one in job.siblings]) for job in shard]
     columns["settings_sha256"] = [job.settings.sha256 for job in shard]
     for at, name in enumerate(_HASHES):
         columns[name] = [job.sha256[at] for job in shard]
@@ -90,6 +92,10 @@ def _encoded(shard: Shard) -> bytes:
 
 
 def _job(row: dict[str, str], settings: Settings) -> Job:
-    names = {name: row[name] for name in _NAMES}
     first, second, third = (row[name] for name in _HASHES)
-    return Job(**names, settings=settings, sha256=(first, second, third))
+    return Job(
+        **{name: row[name] for name in _NAMES},
+        settings=settings,
+        sha256=(first, second, third),
+        siblings=tuple((str(name), str(sha256)) for name, sha256 in json.loads(row["siblings"])),
+    )

@@ -44,7 +44,7 @@ def prepare(location: str) -> None:
     open3d()
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _structure(structure_id: str) -> Structure:
     assert _catalog is not None
     return _catalog.structure(structure_id)
@@ -70,12 +70,14 @@ def plan_job(job: Job) -> Outcome:
     try:
         demonstration = _demonstration(job.demonstration_id)
         source, target = _structure(job.source_id), _structure(job.target_id)
-        if (demonstration.sha256, source.sha256, target.sha256) != job.sha256:
+        siblings = [_structure(name) for name, _ in job.siblings]
+        now = (demonstration.sha256, source.sha256, target.sha256), tuple(one.sha256 for one in siblings)
+        if now != (job.sha256, tuple(sha256 for _, sha256 in job.siblings)):
             reason = "its inputs changed after the run began; the next run plans it"
             plan = without_path(job, "superseded", reason)
         else:
             zones, untold = _required(job.target_id, job.sha256[2], job.settings.required.zones)
-            plan = plan_transfer(demonstration, source, target, job.settings, _memo, zones)
+            plan = plan_transfer(demonstration, source, target, job.settings, _memo, zones, siblings)
             plan = _catalog.keep_surface(replace(plan, warnings=(*plan.warnings, *untold)))
     except MemoryError:
         raise  # the worker says so, and is replaced

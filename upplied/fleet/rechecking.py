@@ -103,7 +103,8 @@ def judge_again(location: str, transfer_id: str) -> tuple[list[str], float | str
         return broken, float("nan")
     try:
         flown = (made_from.demonstration, made_from.source, target, made_from.settings, catalog.cache)
-        shown = measure_flown(plan.trajectory, plan, *flown).measures.coverage_inspected_pct
+        found = measure_flown(plan.trajectory, plan, *flown, made_from.siblings)
+        shown = found.measures.coverage_inspected_pct
     except UppliedError as error:
         return [], str(error)
     return [], shown

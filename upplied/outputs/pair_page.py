@@ -119,6 +119,7 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
         "decided": said_of(row),
         "counterparts": _text(row.get("counterpart_summary")),
         "parts": _parts(row.get("counterparts")),
+        "told_by": _text(row.get("parts_told_by")),
         "evidence": _text(row.get("acceptance_evidence")),
         "standoff": _text(row.get("standoff_mode")),
         "verdict": told,

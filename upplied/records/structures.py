@@ -81,6 +81,8 @@ class Structure(Record):
     verdicts_json: str = field(default="", metadata={"later": True})
     # Stated: how far its surface may lie from where the file has it, m; None: it is inferred.
     surface_error_m: float | None = field(default=None, metadata={"later": True})
+    # Whether its pieces are parts, as those of a scan are not; None: nobody asked when it was taken in.
+    tells_parts: bool | None = field(default=None, metadata={"later": True})
 
     @property
     def diagonal_m(self) -> float:

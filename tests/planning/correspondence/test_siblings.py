@@ -133,10 +133,11 @@ def test_a_target_that_tells_its_parts_needs_no_sibling() -> None:
 
 @given(st.permutations(range(5)), st.floats(0.1, 10), st.integers(0, 6))
 def test_proportions_know_neither_size_nor_order(order: list[int], scale: float, most: int) -> None:
-    sizes = {f"s{k}": (10.0 + 7 * k, 10.0, 5.0 + k % 2) for k in range(5)}
-    wanted = nearest_in_proportions((24.0, 10.0, 5.0), sizes, most)
-    scaled = {f"s{k}": tuple(scale * one for one in sizes[f"s{k}"]) for k in order}
-    assert nearest_in_proportions((24.0, 10.0, 5.0), scaled, most) == wanted
+    sizes = np.array([(10.0 + 7 * k, 10.0, 5.0 + k % 2) for k in range(5)])
+    names = [f"s{k}" for k in range(5)]
+    wanted = nearest_in_proportions((24.0, 10.0, 5.0), names, sizes, most)
+    others = [names[k] for k in order]
+    assert nearest_in_proportions((24.0, 10.0, 5.0), others, scale * sizes[order], most) == wanted
     assert len(wanted) == min(most, 5) and wanted[:1] == ("s2",)[:most]
 
 

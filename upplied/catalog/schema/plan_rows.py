@@ -33,6 +33,7 @@ PROVENANCE = (
     "demonstration_sha256",
     "source_sha256",
     "target_sha256",
+    "siblings",
     "purpose",
 )
 
@@ -54,7 +55,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
     plan : Plan
     provenance : mapping
         Any of `PROVENANCE`. `settings` is the `Settings` used (those of the preset where it is not
-        said), `planned_at` an aware datetime (now where it is not said).
+        said), `planned_at` an aware datetime (now where it is not said), `siblings` their ids and hashes.
 
     Raises
     ------
@@ -68,6 +69,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         )
     said = dict(provenance)
     settings: Settings = said.pop("settings", None) or settings_for(plan.preset)
+    siblings = [list(one) for one in said.pop("siblings", ())]
     registration = plan.registration
     path = plan.trajectory
     return {
@@ -88,6 +90,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
                 "flyable",
                 "not_flyable",
                 "counterpart_summary",
+                "parts_told_by",
                 "acceptance_evidence",
             )
         },
@@ -105,6 +108,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
             }
         ),
         "counterparts": json_text([asdict(one) for one in plan.counterparts]),
+        "siblings": json_text(siblings) if siblings else "",
         "warnings": json_text(list(plan.warnings)),
         "settings_sha256": settings.sha256,
         "settings_json": settings_text(settings),
@@ -143,6 +147,7 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
         measures=Measures(**{name: nan if value is None else value for name, value in measures.items()}),
         counterpart_summary=row["counterpart_summary"],
         counterparts=_counterparts(row["counterparts"]),
+        parts_told_by=row["parts_told_by"] or "",
         acceptance_evidence=row["acceptance_evidence"] or "",
         warnings=tuple(json.loads(row["warnings"] or "[]")),
         flyable=bool(row["flyable"]),

@@ -74,6 +74,7 @@ STRUCTURES = Table(
             "stated: how far its surface may lie from where the file has it; null: inferred",
             low=0,
         ),
+        Column("tells_parts", TRUTH, "", "its pieces are parts, as those of a scan are not; null: not asked"),
         Column("findings", TEXT, "", "the rules it breaks, and those overruled, in words"),
         Column("verdicts_json", TEXT, "", "the same with what was found, allowed and to be done"),
         _OVERRULED,
@@ -205,6 +206,8 @@ TRANSFERS = Table(
         Column("acceptance", REAL, "1", "how badly the structures fit, free of scale and density", low=0),
         Column("runner_up_gap", REAL, "1", "relative gap to the next best orientation"),
         Column("counterpart_summary", TEXT, "", "parts matched, and parts without a counterpart"),
+        Column("parts_told_by", TEXT, "", "structure that told the parts of a scan; empty: none did"),
+        Column("siblings", TEXT, "", "JSON list, id and hash of each structure that was asked for parts"),
         Column(
             "counterparts",
             TEXT,

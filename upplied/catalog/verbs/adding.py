@@ -34,8 +34,13 @@ def add_structures(catalog: Reading, structures: Sequence[Structure]) -> int:
     for structure in structures:
         check_id(structure.structure_id, "structure id")
         check_id(structure.kind, f"kind of {structure.structure_id}")
-        row = rows.structure_row(structure, catalog.meshes.put(structure))
-        if not _known("structures", current.get(structure.structure_id), row):
+        row, stored = (
+            rows.structure_row(structure, catalog.meshes.put(structure)),
+            current.get(structure.structure_id),
+        )
+        if stored is not None and row["tells_parts"] is None and stored["sha256"] == row["sha256"]:
+            row["tells_parts"] = stored["tells_parts"]
+        if not _known("structures", stored, row):
             new[structure.structure_id] = row
     return _add(catalog, "structures", list(new.values()))
 

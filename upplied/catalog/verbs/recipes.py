@@ -30,6 +30,7 @@ class Recipe:
     source: Structure
     target: Structure
     settings: Settings
+    siblings: tuple[Structure, ...] = ()  # that were asked for the parts of a scan
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -49,6 +50,7 @@ class Recipe:
             "waypoints_sha256",
             "registration_json",
             "counterpart_summary",
+            "parts_told_by",
             "warnings",
             *(item.name for item in fields(Measures)),
         ]
@@ -76,6 +78,10 @@ def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
         catalog.structure_of(source),
         catalog.structure_of(target),
         settings_of(row["settings_json"]),
+        tuple(
+            catalog.structure_of(_version(catalog, "structures", name, sha256))
+            for name, sha256 in json.loads(row["siblings"] or "[]")
+        ),
     )
 
 

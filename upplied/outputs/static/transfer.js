@@ -234,6 +234,6 @@
     return element("section", {}, element("h2", {}, "Where this comes from"),
       facts([["Demonstration", data.demonstration.id + ", " + data.demonstration.poses + " poses"], ["Passport", passport(data)], ["Source", upplied.structures[data.source].findings], ["Target", upplied.structures[data.target].findings], ["Notes", data.demonstration.notes], ["About", data.demonstration.about || "inferred from the flight: the coloured surface on the left"]]),
       data.plans.map((plan) => element("details", { open: plan === data.plans[0] }, element("summary", {}, plan.preset),
-        facts([["Counterparts", plan.counterparts], ["Stand-off", plan.standoff], ["Evidence", plan.evidence], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
+        facts([["Counterparts", plan.counterparts], ["Parts told by", plan.told_by], ["Stand-off", plan.standoff], ["Evidence", plan.evidence], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
   }
 })();

@@ -8,7 +8,7 @@ parts are then matched as usual, as much of the source must be matched as withou
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +29,7 @@ from upplied.planning.correspondence.pair import (
 )
 from upplied.planning.surface.frames import own_frame, structure_in
 from upplied.planning.surface.parts import parts_of
-from upplied.records import Bools, Structure
+from upplied.records import Bools, Floats, Structure
 
 
 def study(
@@ -94,7 +94,7 @@ def _told(
 
 
 def nearest_in_proportions(
-    size_m: Sequence[float], others: Mapping[str, Sequence[float]], most: int
+    size_m: Sequence[float] | Floats, names: Sequence[str], sizes_m: Floats, most: int
 ) -> tuple[str, ...]:
     """The structures of which the boxes are most like another's but for their size, the nearest first.
 
@@ -102,17 +102,17 @@ def nearest_in_proportions(
     ----------
     size_m : sequence of float, (3,) m
         Extents of a structure along its declared axes.
-    others : mapping
-        The same of others, by id.
+    names : sequence of str
+        Ids of N others, in any order.
+    sizes_m : array, shape (N, 3), m
+        Their extents.
     most : int
         How many at most.
     """
-
-    def unlike(name: str) -> tuple[float, str]:
-        ratio = np.log(np.maximum(others[name], 1e-9)) - np.log(np.maximum(size_m, 1e-9))
-        return round(float(np.std(ratio)), 9), name  # rounded, so that libraries do not choose among equals
-
-    return tuple(sorted(others, key=unlike)[:most])
+    ratio = np.log(np.maximum(sizes_m, 1e-9)) - np.log(np.maximum(size_m, 1e-9))
+    unlike = np.round(ratio.std(axis=1), 9)  # so that libraries do not choose among equals
+    order = np.lexsort((np.asarray(names, str), unlike))
+    return tuple(names[at] for at in order[:most])
 
 
 def _tells(structure: Structure, settings: Settings, memo: Memo) -> bool:
