@@ -185,7 +185,6 @@ def _row(
     settings = settings_for("recommended", correspondence=case.asked)
     there = scan(kind, target, variant)
     plan, takes = decided(flown(kind, case.inspection), source, there, settings, memo, siblings)
-    told = takes[0].pair.surface.told if takes else None
     if takes and "/" in target and variant == "model":
         learn(kind, case, target, takes)
     named = any("part_" in warning for warning in plan.warnings)
@@ -199,7 +198,7 @@ def _row(
         "forecast": plan.measures.acceptance_probability,
         "sure": None if np.isnan(known) else known,
         "flown": [list(one.flown) for one in plan.counterparts],
-        "told_by": "" if told is None else told.sibling_id,
+        "told_by": plan.parts_told_by,
         **(truth(kind, case, target, variant, takes) if takes else {"right": 0.0, "reach": 0.0}),
     }
 

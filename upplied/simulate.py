@@ -143,7 +143,8 @@ def measure_flown(
     """
     here, there = frames_for(source, target, settings)
     with one_thread():
-        pair = study(structure_in(here, source), structure_in(there, target), settings, memo, siblings)
+        told = [one for one in siblings if one.structure_id == plan.parts_told_by]
+        pair = study(structure_in(here, source), structure_in(there, target), settings, memo, told)
         takes = takes_of(demonstration_in(here, demonstration), pair, settings, memo)
         found, surface, warnings = judge(trajectory_in(there, flown), None, takes, settings, memo)
     return replace(

@@ -267,6 +267,7 @@ def plan_of(source: Source, row: Any) -> Plan:
         is_viewpoint=steps["is_viewpoint"].to_numpy(bool) if len(steps) else None,
         flyable=bool(row.get("flyable")),
         not_flyable=str(row.get("not_flyable") or ""),
+        parts_told_by=str(row.get("parts_told_by") or ""),
         measures=Measures(**{name: value for name, value in given.items() if value is not None}),
         surface=source.surface(str(row["transfer_id"])) if done else None,
         inspected=source.inspected(str(row["transfer_id"])),

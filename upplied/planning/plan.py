@@ -127,6 +127,31 @@ def decided(
         return replace(plan, status="refused", reason="; ".join(sizes)), ()
     said = () if sizes else odd_size(source, target, settings)
     plan = replace(plan, warnings=said, not_flyable="; ".join(sizes))
+    inputs = demonstration, source, target, settings, memo
+    found = _on_pair(plan, *inputs)
+    if siblings and _in_doubt(found[0]):
+        # A sibling is asked where the two leave a doubt, and heard where it leaves none.
+        told = _on_pair(plan, *inputs, siblings)
+        if told[0].parts_told_by and told[0].status == "ok" and not doubts(told[0].counterparts):
+            return told
+    return found
+
+
+def _in_doubt(plan: Plan) -> bool:
+    """Whether it is not certain which part is meant: parts may be told apart otherwise."""
+    refused = plan.status == "refused" and (plan.registration is None or bool(plan.counterparts))
+    return refused or bool(doubts(plan.counterparts))
+
+
+def _on_pair(
+    plan: Plan,
+    demonstration: Demonstration,
+    source: Structure,
+    target: Structure,
+    settings: Settings,
+    memo: Memo,
+    siblings: Sequence[Structure] = (),
+) -> tuple[Plan, Sequence[Take]]:
     # Do the structures fit, and what on one corresponds to what on the other? (Algorithm 1)
     try:
         pair = study(source, target, settings, memo, siblings)

@@ -70,7 +70,9 @@ def take(
         weight=np.ones(len(source)) if weight is None else weight, part=source.part if skin is None else skin
     )
     pair = SimpleNamespace(
-        surface=fit, source=SimpleNamespace(frame=Frame()), target=SimpleNamespace(structure_id="there")
+        surface=fit,
+        source=SimpleNamespace(frame=Frame(), structure_id="here"),
+        target=SimpleNamespace(structure_id="there"),
     )
     made = SimpleNamespace(
         pair=pair, inspection=SimpleNamespace(attention=attention), part=part, choice=choice
@@ -171,6 +173,16 @@ def test_a_part_without_a_partner_or_on_one_piece_is_told() -> None:
         take(target, np.array([0, 3, 2])), 1, 0.4, side(SOURCE), side(target, pieces=False), SETTINGS
     )
     assert piece.found == 1 and piece.left_out == ()
+
+
+def test_each_of_a_kind_is_in_doubt_where_neither_tells_parts() -> None:
+    whole = replace(SOURCE, part=np.zeros(len(SOURCE), np.int64))
+    lone = take(whole, source=whole, skin=SOURCE.part)
+    each = settings_for("recommended", correspondence={"repeat": "each"})
+    hull = _counterpart(lone, 0, 0.4, side(SOURCE, pieces=False), side(whole, pieces=False), each)
+    assert "is not told apart on here: its surface is one piece" in hull.doubt
+    once = _counterpart(lone, 0, 0.4, side(SOURCE, pieces=False), side(whole, pieces=False), SETTINGS)
+    assert once.doubt == ""
 
 
 def certain(of: dict[int, float], others: float, monkeypatch: pytest.MonkeyPatch) -> list[Any]:

@@ -13,7 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_structures import one_piece
 
+from upplied import simulate
 from upplied.config import settings_for
+from upplied.planning import plan as planning
 from upplied.planning.correspondence import agreement
 from upplied.planning.correspondence.agreement import certainty, named_by
 from upplied.planning.correspondence.fit import Fit, Told
@@ -22,7 +24,7 @@ from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.correspondence.siblings import nearest_in_proportions, study
 from upplied.planning.plan import decided, transfer_key
 from upplied.planning.surface.parts import labels_of
-from upplied.records import Cloud, Correspondences
+from upplied.records import Cloud, Correspondences, Counterpart, Plan
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.scene import scene_of
@@ -220,3 +222,62 @@ def test_a_flight_round_a_scanned_engine_is_planned_on_another_scan() -> None:
     assert plan.parts_told_by == "b777-v1"
     assert plan.status == "ok" and len(plan.counterparts) == 2
     assert all(len(one.flown) == 2 and not one.doubt for one in plan.counterparts)
+
+
+def outcome(status: str, doubt: str = "", told_by: str = "", **more: Any) -> Any:
+    part = Counterpart("part_1", 100.0, 1, 1, ("part_2",), probability=0.5, doubt=doubt)
+    given = {"registration": "found", "counterparts": (part,), "reason": status} | more
+    return Plan("d", "s", "t", "k", "recommended", status, parts_told_by=told_by, **given), ()
+
+
+PLAIN = {
+    "ok": outcome("ok"),
+    "refused": outcome("refused", "which one?"),
+    "warned": outcome("ok", "which one?"),
+    "another number": outcome("refused"),
+    "ambiguous": outcome("refused", registration=None, counterparts=()),
+    "unlike": outcome("refused", counterparts=()),
+}
+TOLD = {
+    "sure": outcome("ok", told_by="b777-v1"),
+    "in doubt": outcome("ok", "which one?", "b777-v1"),
+    "refused": outcome("refused", told_by="b777-v1"),
+    "untold": outcome("ok"),
+}
+
+
+@pytest.mark.parametrize("told", TOLD)
+@pytest.mark.parametrize("plain", PLAIN)
+def test_a_sibling_is_asked_in_doubt_and_heard_where_it_leaves_none(
+    plain: str, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def on_pair(*given: Any) -> Any:
+        asked.append(given[6:])
+        return TOLD[told] if given[6:] else PLAIN[plain]
+
+    monkeypatch.setattr(planning, "_on_pair", on_pair)
+    flight = fly(A320, "engine_left", seed=2)
+    found = planning.decided(flight, A320, SCAN, SETTINGS, MEMO, [B777])
+    sure = plain in ("ok", "unlike")
+    assert asked == ([()] if sure else [(), ([B777],)])
+    assert found is (TOLD["sure"] if told == "sure" and not sure else PLAIN[plain])
+
+
+def test_a_flown_path_is_measured_by_the_sibling_that_told_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Asked(Exception):
+        pass
+
+    def study_with(*given: Any) -> None:
+        raise Asked(*given[4])
+
+    monkeypatch.setattr(simulate, "study", study_with)
+    flight = fly(A320, "engine_left", seed=2)
+    for told_by, expected in (("b777-v1", (B777,)), ("", ())):
+        plan = replace(outcome("ok")[0], parts_told_by=told_by)
+        with pytest.raises(Asked) as asked:
+            simulate.measure_flown(
+                flight.trajectory, plan, flight, A320, SCAN, SETTINGS, siblings=[TURBINE, B777]
+            )
+        assert asked.value.args == expected

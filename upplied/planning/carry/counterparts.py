@@ -150,7 +150,10 @@ def _counterpart(
         apart = f"a part of its own, of which the source has {others} more, and it is not told apart"
         doubt = f"what was inspected of {name} is {apart} on {take.pair.target.structure_id}"
     if settings.correspondence.repeat == "each" or settings.correspondence.counterparts:
-        doubt = doubt or odd_number(take, part, source.parts, target.parts, {*alike, *matched})
+        whole = f"{name} is not told apart on {take.pair.source.structure_id}: its surface is one piece"
+        found = {*alike, *matched}
+        odd = odd_number(take, part, source.parts, target.parts, found) if source.pieces else whole
+        doubt = doubt or odd
     return Counterpart(
         part=name,
         inspected_pct=round(100 * share, 2),
