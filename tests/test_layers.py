@@ -149,7 +149,7 @@ def test_rooms_of_planning_use_those_before_them(path: Path):
 
 
 def test_the_method_goes_from_room_to_room_and_not_back():
-    """`plan.decided` and `plan._planned` ask the rooms in their order: one pass from flight to plan."""
+    """What `plan_transfer` is made of asks the rooms in their order: one pass from flight to plan."""
     tree = ast.parse((ROOT / "upplied" / "planning" / "plan.py").read_text(encoding="utf-8"))
     room_of_name = {
         alias.name: str(node.module).split(".")[2]
@@ -160,7 +160,7 @@ def test_the_method_goes_from_room_to_room_and_not_back():
     method = [
         node
         for node in tree.body
-        if isinstance(node, ast.FunctionDef) and node.name in ("decided", "_planned")
+        if isinstance(node, ast.FunctionDef) and node.name in ("_begun", "_on_pair", "decided", "_planned")
     ]
     calls = [
         node

@@ -100,19 +100,7 @@ def plan_transfer(
     )
 
 
-def decided(
-    demonstration: Demonstration,
-    source: Structure,
-    target: Structure,
-    settings: Settings,
-    memo: Memo,
-    siblings: Sequence[Structure] = (),
-) -> tuple[Plan, Sequence[Take]]:
-    """What is known before a path is sought: a refusal, or takes to plan from.
-
-    The plan has no trajectory yet, and the warnings and shortfalls that are known so far; where it is refused
-    there may be no takes. All is in the frames that the structures are given in.
-    """
+def _begun(demonstration: Demonstration, source: Structure, target: Structure, settings: Settings) -> Plan:
     plan = Plan(
         demonstration_id=demonstration.demonstration_id,
         source_id=source.structure_id,
@@ -124,23 +112,9 @@ def decided(
     # Are they of like size, or was a unit mistaken?
     sizes = wrong_size(source, target, settings)
     if sizes and settings.verdict.enforce:
-        return replace(plan, status="refused", reason="; ".join(sizes)), ()
+        return replace(plan, status="refused", reason="; ".join(sizes))
     said = () if sizes else odd_size(source, target, settings)
-    plan = replace(plan, warnings=said, not_flyable="; ".join(sizes))
-    inputs = demonstration, source, target, settings, memo
-    found = _on_pair(plan, *inputs)
-    if siblings and _in_doubt(found[0]):
-        # A sibling is asked where the two leave a doubt, and heard where it leaves none.
-        told = _on_pair(plan, *inputs, siblings)
-        if told[0].parts_told_by and told[0].status == "ok" and not doubts(told[0].counterparts):
-            return told
-    return found
-
-
-def _in_doubt(plan: Plan) -> bool:
-    """Whether it is not certain which part is meant: parts may be told apart otherwise."""
-    refused = plan.status == "refused" and (plan.registration is None or bool(plan.counterparts))
-    return refused or bool(doubts(plan.counterparts))
+    return replace(plan, warnings=said, not_flyable="; ".join(sizes))
 
 
 def _on_pair(
@@ -191,6 +165,38 @@ def _on_pair(
     if unsure := undecided(counterparts, settings):
         return replace(plan, status="refused", reason=unsure), takes
     return plan, takes
+
+
+def _in_doubt(plan: Plan) -> bool:
+    """Whether it is not certain which part is meant: parts may be told apart otherwise."""
+    refused = plan.status == "refused" and (plan.registration is None or bool(plan.counterparts))
+    return refused or bool(doubts(plan.counterparts))
+
+
+def decided(
+    demonstration: Demonstration,
+    source: Structure,
+    target: Structure,
+    settings: Settings,
+    memo: Memo,
+    siblings: Sequence[Structure] = (),
+) -> tuple[Plan, Sequence[Take]]:
+    """What is known before a path is sought: a refusal, or takes to plan from.
+
+    The plan has no trajectory yet, and the warnings and shortfalls that are known so far; where it is refused
+    there may be no takes. All is in the frames that the structures are given in.
+    """
+    plan = _begun(demonstration, source, target, settings)
+    if plan.status != "ok":
+        return plan, ()
+    inputs = demonstration, source, target, settings, memo
+    found = _on_pair(plan, *inputs)
+    if siblings and _in_doubt(found[0]):
+        # A sibling is asked where the two leave a doubt, and heard where it leaves none.
+        told = _on_pair(plan, *inputs, siblings)
+        if told[0].parts_told_by and told[0].status == "ok" and not doubts(told[0].counterparts):
+            return told
+    return found
 
 
 def _planned(

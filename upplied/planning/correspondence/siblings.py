@@ -1,9 +1,9 @@
 """Parts of scans from a sibling: a structure of the same kind, modelled in pieces, that fits the scan better.
 
 Of two scans neither tells its parts; and of a target with four engines a source with two tells half. A
-sibling that lies clearly better on the target tells it instead. What it tells is held against the source: the
-parts are then matched as usual, as much of the source must be matched as without it, and
-`correspondence.agreement` asks whether both lead to the same part.
+sibling that lies clearly better on the target tells it instead. What it tells is held against the source: all
+of its parts that were matched without the sibling must be matched with it, and `correspondence.agreement`
+asks whether both ways lead to the same part.
 """
 
 from __future__ import annotations
