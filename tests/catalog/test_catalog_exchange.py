@@ -15,6 +15,7 @@ from catalog_records import demonstration, differences, key_of, plan, structure
 from upplied.catalog import export_dataset, export_lerobot, import_dataset, open_catalog, recipe, verify
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.verbs.dataset_files import EXCHANGED
+from upplied.catalog.verbs.recipes import siblings_of
 from upplied.errors import CatalogError, InputError
 
 
@@ -254,3 +255,38 @@ def test_lerobot_is_written_from_one_frame_a_second_on(catalog, tmp_path):
     assert counts["episodes"] == usual["episodes"] and 0 < counts["frames"] < usual["frames"] / 10
     with pytest.raises(InputError, match="0 frames a second"):
         export_lerobot(catalog, tmp_path / "none", catalog.transfers(), fps=0)
+
+
+def test_a_sibling_that_told_parts_goes_with_its_plans(tmp_path):
+    made = open_catalog(tmp_path / "from")
+    told, asked = structure("told", 7), structure("asked", 8)
+    made.add_structures([structure("boxy"), structure("target"), told, asked, structure("other", 9)])
+    made.add_demonstrations([demonstration()])
+    siblings = [("asked", asked.sha256), ("told", told.sha256)]
+    known = replace(plan("target"), parts_told_by="told")
+    made.add_plans([(key_of(0), known, {"siblings": siblings})])
+    (name,) = made.transfers()["transfer_id"]
+    assert [one.structure_id for one in recipe(made, name).siblings] == ["asked", "told"]
+    assert recipe(made, name).doubts == ()
+    assert made.plan(name).parts_told_by == "told"
+    export_dataset(made, tmp_path / "set", "boxes-v1", made.transfers(), "CC-BY-4.0", "Ada")
+    given = []
+
+    def measured(made_from, of):
+        given.extend(made_from.siblings)
+        return of.measures
+
+    there = open_catalog(tmp_path / "to")
+    import_dataset(there, tmp_path / "set", measured=measured)
+    assert [one.structure_id for one in given] == ["told"]
+    assert set(there.structures()["structure_id"]) == {"boxy", "target", "told"}
+    again = recipe(there, name)
+    assert [one.structure_id for one in again.siblings] == ["told"]
+    assert any("siblings" in doubt for doubt in again.doubts)
+
+
+@pytest.mark.parametrize("text", ["{", "[1]", '["ab"]x', '[["a"]]'])
+def test_siblings_that_are_no_pairs_are_told(catalog, text):
+    row = {**catalog.transfers().iloc[0].to_dict(), "siblings": text}
+    with pytest.raises(CatalogError, match="siblings"):
+        siblings_of(row)

@@ -68,6 +68,7 @@ def export_dataset(
     plans = _chosen(catalog, transfers)
     demonstrations = _only(catalog.demonstrations(every=True), "demonstration_id", plans["demonstration_id"])
     wanted = {*plans["source_id"], *plans["target_id"], *demonstrations["structure_id"]}
+    wanted |= {*plans["parts_told_by"].dropna()} - {""}
     structures = _only(catalog.structures(every=True), "structure_id", wanted)
     counts = write_tables(
         place,

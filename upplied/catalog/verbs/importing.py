@@ -25,7 +25,7 @@ from upplied.catalog.store.opening import in_schema
 from upplied.catalog.store.surfaces import SURFACES, Samples, States
 from upplied.catalog.verbs import adding
 from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, name_of
-from upplied.catalog.verbs.recipes import Recipe, settings_of
+from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
 from upplied.catalog.verbs.verification import broken_values
 from upplied.checks import check_id
 from upplied.errors import CatalogError
@@ -139,7 +139,13 @@ def _measured_anew(
             raise CatalogError(what, "cannot be measured again: the dataset has other versions of its inputs")
         settings = settings_of(row["settings_json"])
         plan = plan_rows.plan_of(row, waypoints[row["transfer_id"], row["commit_id"]])
-        found = measured(Recipe(row, flown, source, target, settings), plan)
+        siblings = tuple(
+            known[name] for name, sha256 in siblings_of(row) if name in known and known[name].sha256 == sha256
+        )
+        if plan.parts_told_by and plan.parts_told_by not in {one.structure_id for one in siblings}:
+            lacking = f"the dataset has no {plan.parts_told_by} as it told its parts"
+            raise CatalogError(what, f"cannot be measured again: {lacking}")
+        found = measured(Recipe(row, flown, source, target, settings, siblings), plan)
         left = []
         for item in fields(Measures):
             says, is_so = getattr(plan.measures, item.name), getattr(found, item.name)

@@ -35,9 +35,12 @@ class Recipe:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why another result might come of it now, in words."""
+        found = []
         if self.settings.sha256 != self.row["settings_sha256"]:
-            return ("settings were added to the program since; they have their defaults here",)
-        return ()
+            found.append("settings were added to the program since; they have their defaults here")
+        if len(self.siblings) < len(siblings_of(self.row)):
+            found.append("siblings that were asked for the parts of a scan are not in the catalog")
+        return tuple(found)
 
     def differences(self, plan: Plan) -> list[str]:
         """Columns in which a plan made again differs from the stored one; none: the same bytes."""
@@ -80,9 +83,25 @@ def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
         settings_of(row["settings_json"]),
         tuple(
             catalog.structure_of(_version(catalog, "structures", name, sha256))
-            for name, sha256 in json.loads(row["siblings"] or "[]")
+            for name, sha256 in siblings_of(row)
+            if name == row["parts_told_by"] or _versions(catalog, "structures", name, sha256)
         ),
     )
+
+
+def siblings_of(row: Row) -> list[tuple[str, str]]:
+    """Id and hash of each structure that a plan was given to ask for the parts of a scan.
+
+    Raises
+    ------
+    CatalogError
+        If the column holds something else.
+    """
+    try:
+        return [(str(name), str(sha256)) for name, sha256 in json.loads(row["siblings"] or "[]")]
+    except (ValueError, TypeError) as error:
+        what = f"plan {row['transfer_id']}"
+        raise CatalogError(what, f"column siblings: {error}", "pairs of id and hash, as JSON") from None
 
 
 def settings_of(text: str) -> Settings:
@@ -110,12 +129,16 @@ def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
-def _version(catalog: Catalog, table: str, name: str, sha256: str) -> Row:
-    """The newest version of that id with that hash."""
-    found = ordering.newest_rows(
+def _versions(catalog: Catalog, table: str, name: str, sha256: str) -> list[Row]:
+    return ordering.newest_rows(
         catalog.tables[table],
         (pc.field(TABLES[table].names[0]) == name) & (pc.field("sha256") == sha256),
     )
+
+
+def _version(catalog: Catalog, table: str, name: str, sha256: str) -> Row:
+    """The newest version of that id with that hash."""
+    found = _versions(catalog, table, name, sha256)
     if not found:
         raise CatalogError(
             f"{table.removesuffix('s')} {name}",
