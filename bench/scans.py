@@ -65,6 +65,8 @@ def scan(kind: str, name: str, variant: str, seed: int = 0) -> Structure:
     vertices, triangles = np.asarray(known["v"], float), np.asarray(known["f"], np.int64)
     if variant.startswith("cut"):
         triangles = _cut(vertices, triangles, int(variant[3:]) / 100, rng)
+        used, triangles = np.unique(triangles, return_inverse=True)
+        vertices, triangles = vertices[used], triangles.reshape(-1, 3)
     if variant != "shell" and variant != "clutter":
         vertices = vertices + rng.normal(0, _NOISE_M, vertices.shape)
     if variant == "clutter":

@@ -87,6 +87,8 @@ class Counterpart(Record):
     left_out: tuple[str, ...] = ()  # those of its shape that it does not, each with the reason
     probability: float | None = None  # least of the flown ones, to be the right part; None: not told apart
     doubt: str = ""  # why it is not certain which part of the target corresponds to it; empty where it is
+    never_scanned_pct: float = 0.0  # share of what was inspected of it, that was never scanned on the target
+    open: tuple[str, ...] = ()  # parts of the target, flown to, whose scan ends on them: their inside shows
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -81,7 +81,7 @@ def _floating(whole: Cloud) -> Bools:
 
 
 def _parts_of_solid(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
-    moved = _moved(whole, known)
+    moved = brought_onto(whole, known)
     name, far = _nearest(whole, moved)
     pairs = cKDTree(whole.points).query_pairs(TOUCH * spacing(whole), output_type="ndarray")
     label = _connected(pairs, _named(whole, skin, name, moved))
@@ -91,12 +91,12 @@ def _parts_of_solid(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
 
 def carried(whole: Cloud, known: Cloud) -> Ints:
     """The part (N,) of `known` that a smooth displacement brings onto each sample, -1 where none is near."""
-    name, far = _nearest(whole, _moved(whole, known))
+    name, far = _nearest(whole, brought_onto(whole, known))
     return np.where(far, -1, name)
 
 
-def _moved(whole: Cloud, known: Cloud) -> Cloud:
-    """A structure with parts, by a smooth displacement brought onto another."""
+def brought_onto(whole: Cloud, known: Cloud) -> Cloud:
+    """A structure, `known`, by a smooth displacement brought onto another that it is registered with."""
     none = np.full(len(known), -1), np.full(len(whole), -1)
     moving = Patch(known.points, known.outward, none[0])
     fixed = Patch(whole.points, whole.outward, none[1])

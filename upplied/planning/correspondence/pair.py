@@ -14,6 +14,14 @@ from upplied.planning.correspondence.fit_settings import surface_settings, unask
 from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like, pieces_tell_parts
 from upplied.planning.correspondence.memo import Memo, no_memo, remembering
 from upplied.planning.correspondence.nearest import correspond
+from upplied.planning.correspondence.never_scanned import (
+    NOTHING_MISSING,
+    NeverScanned,
+    never_scanned,
+    scene_beyond,
+    with_missing,
+    without,
+)
 from upplied.planning.correspondence.registration import Declared, register
 from upplied.planning.correspondence.rotor import rotor_turned
 from upplied.planning.surface.frames import named_axes
@@ -43,6 +51,12 @@ class Pair(Record):
     target_scene: Scene
     voxels: Fit
     surface: Fit
+    missing: NeverScanned  # of the target; `target_scene` holds it
+
+    @property
+    def obstacle(self) -> Cloud:
+        """The target's surface samples, and where more of it is supposed."""
+        return self.derived("obstacle", lambda: with_missing(self.surface.target, self.missing))
 
     def fit_for(self, settings: Settings) -> Fit:
         """The fit that a preset plans on: with normals where it asks what is truly seen."""
@@ -62,10 +76,15 @@ def study_pair(source: Structure, target: Structure, settings: Settings, memo: M
     stood = declared
     if settings.visibility.occlusion:  # what is published knows no turn: it has the one of the surfaces
         stood = replace(declared, turn=surface.registration.rotation @ surface.registration.turn)
+    missing = _never_scanned(surface, (source, target), scenes, settings.clouds, memo)
+    clouds_known = surface.source, surface.target, surface.carried
+    surface = replace(surface, correspondences=without(surface.correspondences, missing, *clouds_known))
     return Pair(
         source,
         target,
-        *scenes,
+        scenes[0],
+        scene_beyond(scenes[1], missing),
+        missing=missing,
         voxels=_fit("voxels", voxels, (source, target), voxel_settings(settings), stood, memo),
         surface=surface,
     )
@@ -276,6 +295,28 @@ def _with_parts(
     fit = _with_carried(replace(fit, registration=found), memo, facts)
     both = _matched(clouds, structures, found, settings, declared, memo, facts, fit.carried)
     return replace(fit, correspondences=both)
+
+
+def _never_scanned(
+    fit: Fit,
+    structures: tuple[Structure, Structure],
+    scenes: tuple[Scene, Scene],
+    clouds: CloudSettings,
+    memo: Memo,
+) -> NeverScanned:
+    """What of the target was never scanned; nothing where its pieces tell its parts: it was modelled."""
+    if fit.inferred != 1 and pieces_tell_parts(fit.target):
+        return NOTHING_MISSING
+    found = fit.registration
+    lies = found.matrix.tolist(), found.translation.tolist()
+    key = content_key("never scanned", *(each.sha256 for each in structures), clouds, lies)
+    (one, other), (here, there) = structures, scenes
+    return memo(
+        "missing",
+        NeverScanned,
+        key,
+        lambda: never_scanned(one, here, fit.source, other, there, fit.target, found),
+    )
 
 
 def _with_carried(fit: Fit, memo: Memo, facts: tuple[Any, ...]) -> Fit:

@@ -15,6 +15,7 @@ from upplied.errors import SettingsError
 from upplied.planning.correspondence.landmarks import choices_for, side_of
 from upplied.planning.correspondence.memo import Memo, no_memo, remembering
 from upplied.planning.correspondence.nearest import correspond
+from upplied.planning.correspondence.never_scanned import without
 from upplied.planning.correspondence.pair import Pair, content_key
 from upplied.planning.demonstration.inspection import Inspection, inspect_demonstration
 from upplied.planning.surface.frames import named_axes
@@ -116,6 +117,7 @@ def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
             fit.carried if fit.inferred >= 0 else None,
         ),
     )
+    found = without(found, pair.missing, fit.source, fit.target, fit.carried)
     return replace(pair, surface=replace(fit, correspondences=found))
 
 

@@ -57,7 +57,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     flight, airspace = inspection.flight, airspace_of(pair, settings)
     if goal.height_m is not None:
         airspace = airspace.in_plane(goal.height_m)
-    ways = Ways(airspace, pair.surface.target)
+    ways = Ways(airspace, pair.obstacle)
 
     def safe(positions: Floats) -> Floats:
         return safe_positions(positions, ways) if settings.route.enforce else positions

@@ -52,7 +52,7 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
     paths = _in_joined_times(paths, takes, flight)
     if len(takes) > 1:
         pair = takes[0].pair
-        paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.surface.target))
+        paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.obstacle))
     path = Waypoints.stacked(paths)
     goals = [one.goal for one in carried if one.goal is not None]
     if not goals or not settings.retime.limits:

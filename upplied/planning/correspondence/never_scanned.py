@@ -1,0 +1,161 @@
+"""What of a target was never scanned: where the source has surface and the scan is open instead.
+
+A displacement that brings the source onto what was scanned brings the rest of it to where the rest of the
+target is likely to be. Nobody knows more of that, so a path keeps clear of it, and nothing of it is shown.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from upplied.discs import Discs
+from upplied.planning.constants import FRAGMENT, MAJORITY, TOUCH
+from upplied.planning.correspondence.label_transfer import brought_onto
+from upplied.planning.geometry.boxes import in_source_frame, spacing
+from upplied.planning.surface.openings import shows_inside
+from upplied.planning.surface.parts import labels_of
+from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Record, Registration, Structure
+from upplied.scene import Scene
+from upplied.supposed_scene import SupposedScene
+
+_SURE = 95  # percent of what was scanned as well, that lies as near to where it is brought as the error says
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NeverScanned(Record):
+    """Where the scan of a target is open, and what of the source would lie beyond."""
+
+    opening: Ints  # (A,) samples of the target whose inside shows, and the source's does not
+    beyond: Ints  # (K,) samples of the source that would lie where nothing was scanned
+    points: Floats  # (K, 3) m, where they would, target frame
+    normals: Floats  # (K, 3) unit
+    area_m2: float  # of the target, that they stand for
+    error_m: float  # how far the surface may be from there
+
+
+NOTHING_MISSING = NeverScanned(*(np.empty(0, np.int64),) * 2, *(np.empty((0, 3)),) * 2, 0.0, 0.0)
+
+
+def never_scanned(
+    source: Structure,
+    source_scene: Scene,
+    here: Cloud,
+    target: Structure,
+    target_scene: Scene,
+    there: Cloud,
+    found: Registration,
+) -> NeverScanned:
+    """What of a registered target was never scanned, as the source tells.
+
+    Parameters
+    ----------
+    source, target : Structure
+    source_scene, target_scene : Scene
+    here, there : Cloud
+        Their surface samples, each in its own frame.
+    found : Registration
+    """
+    open_ = shows_inside(target, target_scene, there)
+    if there.areas[open_].sum() < FRAGMENT * there.areas.sum():
+        return NOTHING_MISSING
+    step = TOUCH * spacing(there)  # nearer to what was scanned, nothing is missing
+    moved = brought_onto(in_source_frame(there, found), here)
+    points, normals = found.to_target(moved.points), _in_target_frame(here.outward, found)
+    open_here = shows_inside(source, source_scene, here)
+    if open_here.any():
+        open_ &= cKDTree(points[open_here]).query(there.points)[0] > TOUCH * step
+    apart = target_scene.distance(points) + target_scene.error_m
+    far = np.flatnonzero(apart > step)
+    if not open_.any() or not len(far):
+        return replace(NOTHING_MISSING, opening=np.flatnonzero(open_))
+    beyond = far[_reached(points[far], there.points[open_], TOUCH * step)]
+    stretch = 1 / np.abs(np.linalg.det(found.matrix)) ** (2 / 3)
+    return NeverScanned(
+        np.flatnonzero(open_),
+        beyond,
+        points[beyond],
+        normals[beyond],
+        float(stretch * here.areas[beyond].sum()),
+        float(np.percentile(apart[apart <= step], _SURE)),
+    )
+
+
+def scene_beyond(scene: Scene, missing: NeverScanned) -> Scene:
+    """The scene of a target with what was never scanned of it."""
+    if not len(missing.beyond):
+        return scene
+    discs, spacing_m = (
+        Discs.of(missing.points, missing.normals),
+        np.sqrt(missing.area_m2 / len(missing.beyond)),
+    )
+    # A sample that lies alone stands for no more surface than others.
+    discs = replace(discs, away=np.minimum(discs.away, TOUCH * spacing_m))
+    return SupposedScene(scene, *discs.mesh(), missing.error_m)
+
+
+def with_missing(there: Cloud, missing: NeverScanned) -> Cloud:
+    """The samples (M,) of a target and, without areas, those of what was never scanned: what is in the way."""
+    if not len(missing.beyond):
+        return there
+    return Cloud(
+        np.concatenate([there.points, missing.points]), np.concatenate([there.outward, missing.normals])
+    )
+
+
+def without(
+    match: Correspondences, missing: NeverScanned, here: Cloud, there: Cloud, carried: Ints | None
+) -> Correspondences:
+    """The same, where what was never scanned has no counterpart.
+
+    A part that corresponds to another one than the one where it would lie, since a user said so or it is
+    repeated there, keeps what it has.
+
+    Parameters
+    ----------
+    match : Correspondences
+    missing : NeverScanned
+    here, there : Cloud
+        The surface samples of the source and the target, with parts.
+    carried : array of int, shape (M,), or None
+        The source's part that a smooth displacement brings onto each target sample.
+    """
+    gone, mine = missing.beyond, labels_of(here)
+    if carried is not None:
+        elsewhere = [
+            part for part in np.unique(mine[gone]).tolist() if _elsewhere(match, part, there, carried)
+        ]
+        gone = gone[~np.isin(mine[gone], elsewhere)]
+    if not len(gone):
+        return match
+    index, distance_m, points = (
+        np.array(of) for of in (match.target_index, match.distance_m, match.target_points)
+    )
+    index[gone], distance_m[gone], points[gone] = -1, np.nan, np.nan
+    return replace(match, target_index=index, distance_m=distance_m, target_points=points)
+
+
+def _elsewhere(match: Correspondences, part: int, there: Cloud, carried: Ints) -> bool:
+    """Whether a part of the source was matched with what it does not come to lie on."""
+    theirs = np.isin(labels_of(there), match.target_parts(part))
+    area = there.areas
+    return bool(area[theirs & (carried == part)].sum() < (1 - MAJORITY) * area[theirs].sum())
+
+
+def _in_target_frame(normals: Floats, found: Registration) -> Floats:
+    """Normals (N, 3) of the source as those of surface carried to the target."""
+    carried = normals @ found.matrix
+    return np.asarray(carried / np.linalg.norm(carried, axis=1, keepdims=True))
+
+
+def _reached(points: Floats, seeds: Floats, reach_m: float) -> Bools:
+    """Which points (N,) are joined with a seed over steps of at most `reach_m`."""
+    pairs = cKDTree(points).query_pairs(reach_m, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs), bool), pairs.T), (len(points),) * 2)
+    piece = connected_components(graph, directed=False)[1]
+    near = cKDTree(seeds).query(points)[0] <= reach_m
+    return np.isin(piece, np.unique(piece[near]))

@@ -1,0 +1,50 @@
+"""A scene to which surface is added that nobody scanned, but that is supposed to be there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upplied.records import Bools, Floats, Ints
+from upplied.scene import Scene
+
+
+class SupposedScene(Scene):
+    """What a scene answers where more surface is supposed: rays are blocked by it, distances are from it.
+
+    `cast` and `hits` tell of the triangles that are known alone.
+
+    Parameters
+    ----------
+    known : Scene
+    vertices : array, shape (V, 3), m
+        Of the surface that is supposed.
+    triangles : array, shape (T, 3)
+    error_m : float
+        How much nearer that surface may be.
+    """
+
+    def __init__(self, known: Scene, vertices: Floats, triangles: Ints, error_m: float) -> None:
+        self.known, self.supposed = known, Scene(vertices, triangles, known.threads, error_m=error_m)
+        self.box, self.origin, self.threads = known.box, known.origin, known.threads
+        self.grain_m, self.error_m, self._scene = known.grain_m, known.error_m, known._scene
+        self._shift = np.asarray(known.origin - self.supposed.origin, np.float32)
+
+    def blocked(self, rays: np.ndarray, slack: float = 1e-3) -> Bools:
+        """As of a `Scene`, by either surface."""
+        found = self.known.blocked(rays, slack)
+        free = np.flatnonzero(~found)
+        local = rays[free]
+        local[:, :3] += self._shift
+        found[free] = self.supposed.blocked(local, slack)
+        return found
+
+    def distance(self, points: Floats) -> Floats:
+        """As of a `Scene`, from the nearer surface."""
+        return np.minimum(self.known.distance(points), self.supposed.distance(points))
+
+    def closest(self, points: Floats) -> tuple[Floats, Ints]:
+        """As of a `Scene`, on the nearer surface; triangle -1 where that is supposed."""
+        points = np.reshape(points, (-1, 3))
+        (places, triangle), (others, _) = self.known.closest(points), self.supposed.closest(points)
+        nearer = np.linalg.norm(others - points, axis=1) < np.linalg.norm(places - points, axis=1)
+        return np.where(nearer[:, None], others, places), np.where(nearer, -1, triangle)
