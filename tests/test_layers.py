@@ -16,8 +16,7 @@ ROOT = Path(__file__).parents[1]
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
     "errors", "extras", "records", "config", "checks", "polylines", "vectors", "triangles", "poses", "discs",
-    "disc_cells", "reconstruction",
-    "scene", "threads", "provenance", "guard",
+    "disc_cells", "reconstruction", "scene", "supposed_scene", "threads", "provenance", "guard",
 }  # fmt: skip
 ALLOWED = {
     "errors": set(),
@@ -33,6 +32,7 @@ ALLOWED = {
     "disc_cells": {"records"},
     "reconstruction": {"records", "vectors"},
     "scene": FOUNDATION,
+    "supposed_scene": {"records", "scene"},
     "threads": set(),
     "provenance": set(),
     "guard": set(),

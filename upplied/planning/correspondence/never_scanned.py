@@ -89,17 +89,15 @@ def scene_beyond(scene: Scene, missing: NeverScanned) -> Scene:
     """The scene of a target with what was never scanned of it."""
     if not len(missing.beyond):
         return scene
-    discs, spacing_m = (
-        Discs.of(missing.points, missing.normals),
-        np.sqrt(missing.area_m2 / len(missing.beyond)),
-    )
+    discs = Discs.of(missing.points, missing.normals)
+    spacing_m = np.sqrt(missing.area_m2 / len(missing.beyond))
     # A sample that lies alone stands for no more surface than others.
     discs = replace(discs, away=np.minimum(discs.away, TOUCH * spacing_m))
     return SupposedScene(scene, *discs.mesh(), missing.error_m)
 
 
 def with_missing(there: Cloud, missing: NeverScanned) -> Cloud:
-    """The samples (M,) of a target and, without areas, those of what was never scanned: what is in the way."""
+    """What is in the way: the samples of a target, and those of what was never scanned; without areas."""
     if not len(missing.beyond):
         return there
     return Cloud(
@@ -132,11 +130,14 @@ def without(
         gone = gone[~np.isin(mine[gone], elsewhere)]
     if not len(gone):
         return match
-    index, distance_m, points = (
-        np.array(of) for of in (match.target_index, match.distance_m, match.target_points)
+    kept = np.ones(len(here), bool)
+    kept[gone] = False
+    return replace(
+        match,
+        target_index=np.where(kept, match.target_index, -1),
+        distance_m=np.where(kept, match.distance_m, np.nan),
+        target_points=np.where(kept[:, None], match.target_points, np.nan),
     )
-    index[gone], distance_m[gone], points[gone] = -1, np.nan, np.nan
-    return replace(match, target_index=index, distance_m=distance_m, target_points=points)
 
 
 def _elsewhere(match: Correspondences, part: int, there: Cloud, carried: Ints) -> bool:

@@ -19,6 +19,7 @@ from upplied.planning.correspondence.fit import Fit, Told
 from upplied.planning.correspondence.fit_settings import unasked
 from upplied.planning.correspondence.label_transfer import pieces_tell_parts
 from upplied.planning.correspondence.memo import Memo, no_memo
+from upplied.planning.correspondence.never_scanned import without
 from upplied.planning.correspondence.pair import (
     Pair,
     samples_of,
@@ -61,7 +62,9 @@ def study(
         told = _told(source, target, settings, memo, siblings)
     if told is None:
         return study_pair(source, target, settings, memo)
-    return replace(study_pair(source, target, unasked(settings), memo), surface=told)
+    pair = study_pair(source, target, unasked(settings), memo)
+    match = without(told.correspondences, pair.missing, told.source, told.target, told.carried)
+    return replace(pair, surface=replace(told, correspondences=match))
 
 
 def _told(

@@ -43,7 +43,6 @@ def shows_inside(structure: Structure, scene: Scene, cloud: Cloud) -> Bools:
     shows[asked] = free > ESCAPE
     if not shows.any():
         return shows
-    near = (
-        cKDTree(cloud.points).query(cloud.points, k=min(1 + _AROUND, len(cloud)))[1].reshape(len(cloud), -1)
-    )
+    near = cKDTree(cloud.points).query(cloud.points, k=min(1 + _AROUND, len(cloud)))[1]
+    near = near.reshape(len(cloud), -1)
     return np.asarray(shows & (2 * shows[near[:, 1:]].sum(axis=1) >= _AROUND), bool)

@@ -1,0 +1,158 @@
+"""What a scan lacks is found where it is open and the source has surface; paths and measures hold to it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from upplied.config import settings_for
+from upplied.planning.correspondence.never_scanned import (
+    NOTHING_MISSING,
+    NeverScanned,
+    never_scanned,
+    scene_beyond,
+    with_missing,
+    without,
+)
+from upplied.planning.surface.samples import surface_samples
+from upplied.records import Cloud, Correspondences, Registration, Structure
+from upplied.scene import Scene, open3d, scene_of
+
+CLOUDS = settings_for("recommended").clouds
+SAME = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
+END = 4.0  # m: what lies further along x was not scanned
+
+
+@cache
+def body() -> Structure:
+    """A closed body, 14 by 4 by 3 m, that is no box along x: a wing stands on each side."""
+    shapes = open3d().geometry.TriangleMesh
+    whole = shapes.create_box(14.0, 4.0, 3.0).translate((-7, -2, 0))
+    wing = shapes.create_box(2.0, 10.0, 0.8).translate((-5, -5, 1))
+    both = (
+        open3d()
+        .t.geometry.TriangleMesh.from_legacy(whole)
+        .boolean_union(open3d().t.geometry.TriangleMesh.from_legacy(wing))
+    )
+    mesh = both.to_legacy().subdivide_midpoint(5)
+    mesh.merge_close_vertices(1e-6)
+    return Structure("body", "tank", np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.int64))
+
+
+def cut(structure: Structure, end: float = END) -> Structure:
+    far = structure.vertices[structure.triangles][:, :, 0].mean(axis=1) > end
+    used, triangles = np.unique(structure.triangles[~far], return_inverse=True)
+    return replace(structure, vertices=structure.vertices[used], triangles=triangles.reshape(-1, 3))
+
+
+def as_cloud(structure: Structure, number: int = 60_000) -> Structure:
+    geometry, utility = open3d().geometry, open3d().utility
+    mesh = geometry.TriangleMesh(
+        utility.Vector3dVector(structure.vertices), utility.Vector3iVector(structure.triangles)
+    )
+    utility.random.seed(1)
+    found = mesh.sample_points_uniformly(number, use_triangle_normal=True)
+    return replace(
+        structure,
+        vertices=np.asarray(found.points),
+        triangles=np.empty((0, 3), np.int64),
+        normals=np.asarray(found.normals),
+    )
+
+
+def samples(structure: Structure) -> Cloud:
+    return surface_samples(structure, scene_of(structure), CLOUDS)
+
+
+def missing_of(source: Structure, target: Structure) -> NeverScanned:
+    scenes = scene_of(source), scene_of(target)
+    return never_scanned(source, scenes[0], samples(source), target, scenes[1], samples(target), SAME)
+
+
+@pytest.mark.parametrize("form", ["mesh", "cloud"])
+def test_the_end_that_was_not_scanned_is_found_and_nothing_else(form: str) -> None:
+    scan = cut(body()) if form == "mesh" else as_cloud(cut(body()))
+    found, here = missing_of(body(), scan), samples(body())
+    assert (found.points[:, 0] > END).all()
+    lacks = here.points[:, 0] > END
+    assert found.area_m2 == pytest.approx(here.areas[lacks].sum(), rel=0.15)
+    assert np.isin(np.flatnonzero(here.points[:, 0] > END + 1.2), found.beyond).all()
+    # Nothing moved: what is missing is supposed where it is.
+    assert np.abs(found.points - here.points[found.beyond]).max() < 0.1
+    assert found.error_m < 0.1
+    opening = samples(scan).points[found.opening]
+    assert opening[:, 0].max() > END - 0.5 and opening[:, 0].min() > -4  # it shows a long way in
+
+
+@pytest.mark.parametrize("form", ["mesh", "cloud"])
+def test_nothing_is_missing_of_what_is_closed(form: str) -> None:
+    whole = body() if form == "mesh" else as_cloud(body())
+    found = missing_of(body(), whole)
+    assert not len(found.beyond) and not len(found.opening)
+    assert scene_beyond(scene_of(whole), found) is scene_of(whole)
+
+
+def test_what_is_open_on_both_was_meant_to_be() -> None:
+    pipe = cut(body())
+    found = missing_of(pipe, pipe)
+    assert not len(found.beyond) and not len(found.opening)
+
+
+def test_distances_are_from_what_may_be_there_and_rays_end_on_it() -> None:
+    scan = cut(body())
+    found = missing_of(body(), scan)
+    scene, true, known = scene_beyond(scene_of(scan), found), scene_of(body()), scene_of(scan)
+    places = np.random.default_rng(2).uniform([-9, -7, -3], [12, 7, 7], (20_000, 3))
+    inside = np.abs(places - [0, 0, 1.5]) < [7, 2, 1.5]
+    places = places[~inside.all(axis=1) & (true.distance(places) > 0.3)]
+    least = scene.distance(places)
+    assert (least <= true.distance(places) + 0.02).all()
+    assert (known.distance(places) > true.distance(places) + 1).any()
+    assert (least >= true.distance(places) - found.error_m - 0.5).all()  # discs stand over edges
+    at, triangle = scene.closest(places)
+    assert np.linalg.norm(at - places, axis=1) == pytest.approx(least, abs=1e-5)
+    beyond = places[:, 0] > 9
+    assert (triangle[beyond] == -1).all() and (triangle[places[:, 0] < 0] >= 0).all()
+    across = np.array([[5.5, -5.0, 1.5]]), np.array([[5.5, 5.0, 1.5]])
+    assert scene.occluded(*across)[0] and not known.occluded(*across)[0]
+    assert scene.occluded(places, places[::-1]).sum() >= known.occluded(places, places[::-1]).sum()
+
+
+def test_a_sample_that_lies_alone_stands_for_no_more_surface_than_others() -> None:
+    lone = np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0], [40, 0, 0]])
+    up = np.tile([0.0, 0, 1], (5, 1))
+    missing = replace(
+        NOTHING_MISSING, beyond=np.arange(5), points=lone, normals=up, area_m2=5 * 0.25, error_m=0.0
+    )
+    far = Structure("far", "tank", np.array([[0.0, 0, -90], [1, 0, -90], [0, 1, -90]]), np.array([[0, 1, 2]]))
+    scene = scene_beyond(Scene(far.vertices, far.triangles), missing)
+    assert scene.distance(np.array([[20.0, 0, 0]]))[0] > 15
+
+
+def test_what_was_never_scanned_has_no_counterpart_unless_a_part_corresponds_elsewhere() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]])
+    here = Cloud(points, points, np.ones(4), np.array([0, 0, 1, 1]))
+    there = Cloud(points, points, np.ones(4), np.array([0, 0, 1, 2]))
+    match = Correspondences(np.arange(4), np.zeros(4), points, "", np.array([0, 1]), np.array([0, 1, -1]))
+    missing = replace(NOTHING_MISSING, beyond=np.array([1, 3]))
+    carried = np.array([0, 0, 1, 1])
+    lies_there = without(match, missing, here, there, carried)
+    assert lies_there.target_index.tolist() == [0, -1, 2, -1]
+    assert np.isnan(lies_there.target_points[[1, 3]]).all() and np.isnan(lies_there.distance_m[[1, 3]]).all()
+    # Part 1 was told to correspond to part 2: where part 1 would lie tells nothing of it.
+    pinned = replace(match, target_class=np.array([0, -1, 1]))
+    elsewhere = without(pinned, missing, here, there, np.array([0, 0, 1, -1]))
+    assert elsewhere.target_index.tolist() == [0, -1, 2, 3]
+    assert without(match, NOTHING_MISSING, here, there, carried) is match
+
+
+def test_ways_round_lead_round_what_was_never_scanned() -> None:
+    scan = cut(body())
+    found, there = missing_of(body(), scan), samples(scan)
+    obstacle = with_missing(there, found)
+    assert len(obstacle) == len(there) + len(found.beyond)
+    assert obstacle.points[:, 0].max() > 6.5 > END + 0.5 > there.points[:, 0].max()
+    assert with_missing(there, NOTHING_MISSING) is there
