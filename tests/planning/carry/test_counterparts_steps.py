@@ -24,9 +24,11 @@ from upplied.planning.carry.counterparts import (
     _Side,
     _without_flown,
     counterparts_of,
+    doubts,
 )
 from upplied.planning.correspondence import agreement
 from upplied.planning.correspondence.fit import Fit
+from upplied.planning.correspondence.never_scanned import NOTHING_MISSING, NeverScanned
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.surface.parts import parts_of
 from upplied.records import Cloud, Correspondences, Counterpart, Floats, Frame, Ints, Registration
@@ -53,6 +55,7 @@ def take(
     choice: int = -1,
     carried: bool = True,
     inferred: int = -1,
+    missing: NeverScanned = NOTHING_MISSING,
 ) -> Take:
     """A take whose source parts 0, 1 ... were matched with these of the target, -1 with none."""
     number = len(parts_of(target))
@@ -73,6 +76,7 @@ def take(
         surface=fit,
         source=SimpleNamespace(frame=Frame(), structure_id="here"),
         target=SimpleNamespace(structure_id="there"),
+        missing=missing,
     )
     made = SimpleNamespace(
         pair=pair, inspection=SimpleNamespace(attention=attention), part=part, choice=choice
@@ -134,6 +138,31 @@ def test_a_counterpart_is_told_with_its_like() -> None:
     assert one.found == 3 and [name[:6] for name in one.flown] == ["part_3"]
     assert sorted(name[:6] for name in one.left_out) == ["part_1", "part_2"]
     assert one.probability is None and one.doubt == ""
+
+
+def test_what_was_never_scanned_of_a_part_is_said_in_percent_and_where_the_scan_ends_by_name() -> None:
+    number = np.bincount(SOURCE.part)  # type: ignore[arg-type]
+    left = np.flatnonzero(SOURCE.part == 1)
+    gone = replace(
+        NOTHING_MISSING, beyond=left[: len(left) // 2], opening=np.flatnonzero(SOURCE.part == 2)[:6]
+    )
+    known = take(carried=False, missing=gone)
+    sides = side(SOURCE), side(SOURCE)
+    match = known.pair.surface.correspondences
+    match.target_index[gone.beyond] = -1
+    found = [_counterpart(known, part, 0.5, *sides, SETTINGS) for part in range(3)]
+    share = SOURCE.areas[gone.beyond].sum() / SOURCE.areas[left].sum()
+    assert found[1].never_scanned_pct == pytest.approx(100 * share, abs=0.01) and found[1].open == ()
+    assert found[2].never_scanned_pct == 0 and found[2].open == found[2].flown and number[2] > 6
+    assert found[0].never_scanned_pct == 0 and found[0].open == ()
+    said = doubts(found)
+    assert len(said) == 2 and found[1].part in said[0] and "was never scanned" in said[0]
+    assert found[2].part in said[1] and "the scan ends on part_2" in said[1]
+    # What has a counterpart all the same, since it is flown elsewhere, is not missing.
+    match.target_index[gone.beyond] = 0
+    assert _counterpart(known, 1, 0.5, *sides, SETTINGS).never_scanned_pct == 0
+    both = _both(found[1], replace(found[1], never_scanned_pct=90.0, open=("part_9 (low)",)))
+    assert both.never_scanned_pct == 90 and both.open == ("part_9 (low)",)
 
 
 def test_a_kind_of_which_fewer_lie_on_the_own_side_is_doubted_where_one_of_several_is_asked_for() -> None:

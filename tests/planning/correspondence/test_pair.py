@@ -270,9 +270,14 @@ def test_what_is_published_stands_as_the_surfaces_do(monkeypatch: pytest.MonkeyP
         pair, "_surface_fit", lambda *of: asked.update(surface=of) or Fit("", "", surface, "")
     )  # type: ignore[arg-type]
     monkeypatch.setattr(pair, "_fit", lambda *of: asked.update(voxels=of) or "published")
+    monkeypatch.setattr(pair, "_never_scanned", lambda *_: "missing")
+    monkeypatch.setattr(pair, "without", lambda match, *_: match)
+    monkeypatch.setattr(pair, "scene_beyond", lambda scene, missing: f"{scene} and what is {missing}")
     for settings, turn in ((RECOMMENDED, quarter @ half), (PAPER, np.eye(3))):
         found = study_pair(structure("s"), structure("t"), settings)
         assert found.voxels == "published" and found.surface.registration is surface
+        assert found.source_scene == "scene of s"
+        assert found.target_scene == "scene of t and what is missing"
         assert asked["surface"][0] == ("samples of s", "samples of t")
         assert asked["surface"][2] == ("scene of s", "scene of t")
         assert asked["voxels"][1] == ("voxels of s", "voxels of t")

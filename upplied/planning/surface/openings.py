@@ -41,8 +41,10 @@ def shows_inside(structure: Structure, scene: Scene, cloud: Cloud) -> Bools:
         asked = np.flatnonzero(scene.cast(starts, -inward)[0] > _ITSELF * gap)
     free = escapes(starts[asked], inward[asked], 2 * structure.diagonal_m, scene)
     shows[asked] = free > ESCAPE
-    if not shows.any():
-        return shows
     near = cKDTree(cloud.points).query(cloud.points, k=min(1 + _AROUND, len(cloud)))[1]
-    near = near.reshape(len(cloud), -1)
-    return np.asarray(shows & (2 * shows[near[:, 1:]].sum(axis=1) >= _AROUND), bool)
+    near = near.reshape(len(cloud), -1)[:, 1:]
+    while True:  # what shows here and there, between discs at an edge, is no opening
+        joined = shows & (2 * shows[near].sum(axis=1) >= _AROUND)
+        if np.array_equal(joined, shows):
+            return np.asarray(shows, bool)
+        shows = joined
