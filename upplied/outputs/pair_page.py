@@ -155,8 +155,15 @@ def _part(one: Mapping[str, Any]) -> dict[str, str]:
         "left_out": "; ".join(one["left_out"]),
         "sure": "untold" if sure is None else next(name for least, name in _SURE if sure >= least),
         "probability": "not told apart" if sure is None else f"{100 * sure:.0f} %",
-        "doubt": str(one["doubt"]),
+        "doubt": "; ".join(said for said in (str(one["doubt"]), _missing(one)) if said),
     }
+
+
+def _missing(one: Mapping[str, Any]) -> str:
+    """What was never scanned of a part; plans of before 0.2 do not tell."""
+    share, ends = float(one.get("never_scanned_pct", 0.0)), [str(part) for part in one.get("open", ())]
+    said = f"{share:.0f} % of what was inspected of {one['part']} was never scanned" if share >= 1 else ""
+    return said or (f"the scan ends on {', '.join(ends)}" if ends else "")
 
 
 def safety_m(settings_json: Any) -> float | None:

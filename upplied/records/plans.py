@@ -41,6 +41,7 @@ class Measures(Record):
     frechet_m: float = float("nan")
     min_clearance_m: float = float("nan")
     surface_error_m: float = float("nan")
+    never_scanned_m2: float = float("nan")
     path_length_m: float = float("nan")
     duration_s: float = float("nan")
     standoff_ratio_p50: float = float("nan")

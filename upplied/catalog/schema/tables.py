@@ -179,6 +179,13 @@ TRANSFERS = Table(
             "how far a target's surface may lie from where it is taken to be; 0 where it was drawn",
             low=0,
         ),
+        Column(
+            "never_scanned_m2",
+            REAL,
+            "m^2",
+            "surface of the target where its scan is open, as the source tells: the path keeps clear of it",
+            low=0,
+        ),
         Column("path_length_m", REAL, "m", "length of the planned path", low=0),
         Column("duration_s", REAL, "s", "from the first to the last waypoint", low=0),
         Column("standoff_ratio_p50", REAL, "1", "median of planned over demonstrated stand-off", low=0),

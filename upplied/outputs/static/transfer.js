@@ -28,6 +28,7 @@
     ["coverage_attainable_pct", "Attainable", 1, " %", "What any free viewpoint could see"],
     ["coverage_paper_pct", "Coverage as in the paper", 1, " %", "By camera frustum alone, nothing hides"],
     ["min_clearance_m", "Least clearance", 2, " m", "Of the whole path from the structure"],
+    ["never_scanned_m2", "Never scanned", 0, " m\u00b2", "Surface that the target has where its scan is open, as the source tells; the path keeps clear of it"],
     ["surface_error_m", "Surface known to", 2, " m", "How far the surface of a scan may lie from where it is taken to be; kept beside the clearance"],
     ["margin", "Margin over the safety distance", 2, " m", "Least clearance less the distance that the plan was asked to keep"],
     ["frechet_z", "Fréchet, z-scored", 2, "", "Continuous, of the z-scored paths, as in the paper"],

@@ -77,9 +77,10 @@ def judge(
         **inspected_measures(shown, true[1], takes),
         **fidelity(trajectory, true[1], shown.inspected, takes, begins, settings),
     )
+    found = replace(found, never_scanned_m2=pair.missing.area_m2)
     if demonstrated_s is not None:
         found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, demonstrated_s, takes, settings))
-    said = _warnings(found, true[0], settings) + _beyond_the_gimbal(takes, settings)
+    said = _warnings(found, true[0], settings) + _beyond(pair) + _beyond_the_gimbal(takes, settings)
     return found, surface_states(shown), said
 
 
@@ -139,6 +140,17 @@ def _warnings(found: Measures, seen: InspectedSurface, settings: Settings) -> tu
             "scanned: that is kept beside the clearance"
         )
     return (*said, *_too_near(found, settings))
+
+
+def _beyond(pair: Pair) -> tuple[str, ...]:
+    """That the scan of the target is open, and how much of it is not there."""
+    missing = pair.missing
+    if not len(missing.beyond):
+        return ()
+    return (
+        f"about {missing.area_m2:.0f} m2 of the target were never scanned: the path keeps clear of where "
+        f"the source has them, known to {missing.error_m:.2f} m",
+    )
 
 
 def _too_near(found: Measures, settings: Settings) -> tuple[str, ...]:
