@@ -22,6 +22,7 @@ _SOURCES = (
     "poses.py",
     "reconstruction.py",
     "records",
+    "disc_cells.py",
     "discs.py",
     "scene.py",
     "supposed_scene.py",
