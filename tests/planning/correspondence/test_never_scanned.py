@@ -78,7 +78,7 @@ def test_the_end_that_was_not_scanned_is_found_and_nothing_else(form: str) -> No
     found, here = missing_of(body(), scan), samples(body())
     assert (found.points[:, 0] > END).all()
     lacks = here.points[:, 0] > END
-    assert found.area_m2 == pytest.approx(here.areas[lacks].sum(), rel=0.15)
+    assert found.area_m2 == pytest.approx(here.areas[lacks].sum(), rel=0.2)
     assert np.isin(np.flatnonzero(here.points[:, 0] > END + 1.2), found.beyond).all()
     # Nothing moved: what is missing is supposed where it is.
     assert np.abs(found.points - here.points[found.beyond]).max() < 0.1

@@ -182,7 +182,7 @@ TRANSFERS = Table(
         Column(
             "never_scanned_m2",
             REAL,
-            "m^2",
+            "m2",
             "surface of the target where its scan is open, as the source tells: the path keeps clear of it",
             low=0,
         ),
