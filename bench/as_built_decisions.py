@@ -79,8 +79,7 @@ def decisions(options: argparse.Namespace) -> None:
                 (number, partial(_row, kind, case, siblings=siblings, source_as=source))
                 for number, case in enumerate(CASES[kind])
             ]
-            strangers = _strangers(kind, variant, siblings) if source == "model" else ()
-            for number, row in [*own, *strangers]:
+            for number, row in [*own, *_strangers(kind, variant, options)]:
                 name = (kind, SOURCE[kind], target, variant, number)
                 if name not in done:
                     file.write(json.dumps({"case": name, **row(target, variant, memo)}) + "\n")
@@ -107,27 +106,27 @@ def real(options: argparse.Namespace) -> None:
 
 
 def _strangers(
-    kind: str, variant: str, siblings: Sequence[Structure]
+    kind: str, variant: str, options: argparse.Namespace
 ) -> Iterator[tuple[str, Callable[..., dict[str, Any]]]]:
     """The flights of the other kinds, on some scans, with names for their rows."""
     for other in CASES if variant in _FOR_STRANGERS else ():
         for inspection in dict.fromkeys(case.inspection for case in CASES[other] if other != kind):
-            yield f"{other} {inspection}", partial(_stranger, kind, other, inspection, siblings)
+            yield f"{other} {inspection}", partial(_stranger, kind, other, inspection, options)
 
 
 def _stranger(
     kind: str,
     other: str,
     inspection: str,
-    siblings: Sequence[Structure],
+    options: argparse.Namespace,
     target: str,
     variant: str,
     memo: Kept,
 ) -> dict[str, Any]:
     """What is decided for a flight of another kind; asked for all the same, it is to be refused."""
-    source, settings = made(other, SOURCE[other]).structure, settings_for("recommended")
+    source, settings = scan(other, SOURCE[other], options.source), settings_for("recommended")
     there = replace(scan(kind, target, variant), kind=other)
-    some = [replace(one, kind=other) for one in siblings]
+    some = _nearest(there, _pool(other, "", options.siblings), other)
     plan, _ = decided(flown(other, inspection), source, there, settings, memo, some)
     return {
         "stranger": True,
@@ -150,26 +149,30 @@ def targets_of(options: argparse.Namespace) -> Iterator[tuple[str, str, str]]:
 
 def siblings_for(kind: str, target: str, variant: str, sorts: str) -> list[Structure]:
     """Those of a fleet that would be asked about a target, of the sorts that are named."""
+    first = np.random.default_rng(int(target[1:])).integers(4)  # what `random_airliner` draws first
+    base = ("a320-v1", "beluga-v1", "b747-v1", "b777-v1")[first] if kind == "airliner" else ""
+    return _nearest(scan(kind, target, variant), _pool(kind, base, sorts), kind)
+
+
+def _pool(kind: str, base: str, sorts: str) -> list[str]:
+    """The names of a fleet, but for one."""
     pool: list[str] = []
     if "samples" in sorts:
-        first = np.random.default_rng(int(target[1:])).integers(4)  # what `random_airliner` draws first
-        base = ("a320-v1", "beluga-v1", "b747-v1", "b777-v1")[first] if kind == "airliner" else ""
-        samples = [one.structure_id for one in sample_structures() if one.kind == kind]
-        pool += [name for name in samples if name != base]
+        pool += [one.structure_id for one in sample_structures() if one.kind == kind]
     if "random" in sorts:
         pool += [f"r{seed}" for seed in _OTHER_SEEDS]
     if "real" in sorts:
         pool += real_names(kind)
-    some = [made(kind, name).structure for name in pool if name != SOURCE[kind]]
+    return [name for name in pool if name not in (base, SOURCE[kind])]
+
+
+def _nearest(whole: Structure, pool: Sequence[str], kind: str) -> list[Structure]:
+    some = {one.structure_id: one for one in (made(kind, name).structure for name in pool)}
     if not some:
         return []
-    names, sizes = (
-        [one.structure_id for one in some],
-        np.array([np.ptp(one.vertices, axis=0) for one in some]),
-    )
-    whole = np.ptp(scan(kind, target, variant).vertices, axis=0)
-    chosen = nearest_in_proportions(whole, names, sizes, _MOST_SIBLINGS)
-    return [one for one in some if one.structure_id in chosen]
+    sizes = np.array([np.ptp(one.vertices, axis=0) for one in some.values()])
+    chosen = nearest_in_proportions(np.ptp(whole.vertices, axis=0), list(some), sizes, _MOST_SIBLINGS)
+    return [some[name] for name in chosen]
 
 
 def _row(

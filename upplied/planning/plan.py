@@ -167,9 +167,10 @@ def _on_pair(
     return plan, takes
 
 
-def _in_doubt(plan: Plan) -> bool:
-    """Whether it is not certain which part is meant: parts may be told apart otherwise."""
-    refused = plan.status == "refused" and (plan.registration is None or bool(plan.counterparts))
+def _in_doubt(plan: Plan, takes: Sequence[Take]) -> bool:
+    """Whether it is not certain which part is meant, or none are known: they may be told apart otherwise."""
+    unknown = bool(takes) and takes[0].pair.surface.carried is None
+    refused = plan.status == "refused" and (plan.registration is None or bool(plan.counterparts) or unknown)
     return refused or bool(doubts(plan.counterparts))
 
 
@@ -191,7 +192,7 @@ def decided(
         return plan, ()
     inputs = demonstration, source, target, settings, memo
     found = _on_pair(plan, *inputs)
-    if siblings and _in_doubt(found[0]):
+    if siblings and _in_doubt(*found):
         # A sibling is asked where the two leave a doubt, and heard where it leaves none.
         told = _on_pair(plan, *inputs, siblings)
         if told[0].parts_told_by and told[0].status == "ok" and not doubts(told[0].counterparts):

@@ -230,6 +230,10 @@ def outcome(status: str, doubt: str = "", told_by: str = "", **more: Any) -> Any
     return Plan("d", "s", "t", "k", "recommended", status, parts_told_by=told_by, **given), ()
 
 
+def take(carried: Any) -> Any:
+    return SimpleNamespace(pair=SimpleNamespace(surface=SimpleNamespace(carried=carried)))
+
+
 PLAIN = {
     "ok": outcome("ok"),
     "refused": outcome("refused", "which one?"),
@@ -237,6 +241,9 @@ PLAIN = {
     "another number": outcome("refused"),
     "ambiguous": outcome("refused", registration=None, counterparts=()),
     "unlike": outcome("refused", counterparts=()),
+    "unlike with parts": (outcome("refused", counterparts=())[0], (take(1),)),
+    "unlike without parts": (outcome("refused", counterparts=())[0], (take(None),)),
+    "ok without parts": (outcome("ok")[0], (take(None),)),
 }
 TOLD = {
     "sure": outcome("ok", told_by="b777-v1"),
@@ -260,7 +267,7 @@ def test_a_sibling_is_asked_in_doubt_and_heard_where_it_leaves_none(
     monkeypatch.setattr(planning, "_on_pair", on_pair)
     flight = fly(A320, "engine_left", seed=2)
     found = planning.decided(flight, A320, SCAN, SETTINGS, MEMO, [B777])
-    sure = plain in ("ok", "unlike")
+    sure = plain in ("ok", "unlike", "unlike with parts", "ok without parts")
     assert asked == ([()] if sure else [(), ([B777],)])
     assert found is (TOLD["sure"] if told == "sure" and not sure else PLAIN[plain])
 
