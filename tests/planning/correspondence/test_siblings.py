@@ -288,3 +288,12 @@ def test_a_flown_path_is_measured_by_the_sibling_that_told_the_plan(monkeypatch:
                 flight.trajectory, plan, flight, A320, SCAN, SETTINGS, siblings=[TURBINE, B777]
             )
         assert asked.value.args == expected
+
+
+def test_of_many_alike_those_that_come_first_by_name_are_the_nearest() -> None:
+    names = [f"s{k:02}" for k in range(30)]
+    sizes = np.tile([30.0, 30, 10], (30, 1))
+    sizes[20] = [31, 30, 10]
+    assert nearest_in_proportions((3.0, 3, 1), names[::-1], sizes, 2) == ("s00", "s01")
+    assert nearest_in_proportions((31.0, 30, 10), names, sizes, 2) == ("s20", "s00")
+    assert nearest_in_proportions((31.0, 30, 10), names, sizes, 0) == ()

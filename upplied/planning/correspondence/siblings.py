@@ -114,8 +114,11 @@ def nearest_in_proportions(
     """
     ratio = np.log(np.maximum(sizes_m, 1e-9)) - np.log(np.maximum(size_m, 1e-9))
     unlike = np.round(ratio.std(axis=1), 9)  # so that libraries do not choose among equals
-    order = np.lexsort((np.asarray(names, str), unlike))
-    return tuple(names[at] for at in order[:most])
+    near = np.arange(len(unlike))
+    if 0 < most < len(unlike):  # sorting a large fleet for each scan would take long
+        near = np.flatnonzero(unlike <= np.partition(unlike, most - 1)[most - 1])
+    chosen = sorted((float(unlike[at]), names[at]) for at in near.tolist())[:most]
+    return tuple(name for _, name in chosen)
 
 
 def _tells(structure: Structure, settings: Settings, memo: Memo) -> bool:
