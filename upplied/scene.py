@@ -210,24 +210,27 @@ def surface_error_m(structure: Structure) -> float:
     """How far the surface may lie from where a structure has it, m: as stated, or as its form tells."""
     if structure.surface_error_m is not None:
         return structure.surface_error_m
-    return reconstruction.error_m(structure) if len(structure.triangles) else _discs(structure).error_m()
+    return reconstruction.error_m(structure) if len(structure.triangles) else discs_of(structure).error_m()
 
 
 def _new_scene(structure: Structure, threads: int) -> Scene:
     if len(structure.triangles):
         error_m = surface_error_m(structure)
         return Scene(structure.vertices, structure.triangles, threads, error_m=error_m)
-    discs, stated = _discs(structure), structure.surface_error_m
+    discs, stated = discs_of(structure), structure.surface_error_m
     error_m = discs.error_m() if stated is None else stated
     cells = DiscCells.of(discs.points, discs.normals, discs.radius_m)
     return Scene(*discs.mesh(), threads, discs.grain_m, error_m, cells)
 
 
-def _discs(structure: Structure) -> Discs:
-    return Discs.of(*_few(structure.vertices, structure.normals))
+def discs_of(structure: Structure) -> Discs:
+    """The oriented discs that stand for a point cloud, of some of its points; kept with its record."""
+    return structure.derived("discs", lambda: Discs.of(*_few(structure.vertices, structure.normals)))
 
 
-_MOST_DISCS = 200_000  # a disc takes about a kilobyte while rays are cast; more stand for no finer surface
+# Fifteen for each sample of a surface. All of 100 000 points state two thirds of the error that these do (0.12 m
+# instead of 0.18), and take a tenth more CPU of the plan.
+_MOST_DISCS = 60_000
 
 
 def _few(points: Floats, normals: Floats | None) -> tuple[Floats, Floats | None]:

@@ -16,11 +16,11 @@ from upplied.planning.surface.open_shell import inside_open_shell
 from upplied.planning.surface.parts import mesh_pieces, part_labels
 from upplied.planning.surface.poisson import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
-from upplied.scene import Scene
+from upplied.scene import Scene, discs_of
 from upplied.triangles import points_on_triangles, triangle_areas
-from upplied.vectors import area_vectors, nearest_of_all, plane_normals
+from upplied.vectors import area_vectors, plane_normals
 
-_POINTS = 60_000  # of a cloud, that are asked: fifteen for each sample
+_AREA = 9  # points, each with its nearest, whose circle tells the area that a point stands for
 _SPARE = 2.5  # candidates on the outside per sample that is kept, so that thinning can space them
 
 
@@ -104,17 +104,13 @@ def _thinned(points: Floats, normals: Floats, area: Floats, piece: Ints, setting
 
 
 def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
-    """Samples of a structure given as a point cloud: some of its points, thinned."""
-    points, given = structure.vertices, structure.normals
-    if len(points) > _POINTS:
-        rng = np.random.default_rng(settings.seed)
-        chosen = np.sort(rng.choice(len(points), _POINTS, replace=False))
-        points, given = points[chosen], None if given is None else given[chosen]
-    distance, neighbours = nearest_of_all(points, min(9, len(points)))
+    """Samples of a structure given as a point cloud: of the points that its discs lie at, thinned."""
+    discs = discs_of(structure)
+    points, distance, neighbours = discs.points, discs.away[:, :_AREA], discs.nearest[:, :_AREA]
     area = np.pi * distance[:, -1] ** 2 / max(distance.shape[1] - 1, 1)
     whole = np.zeros(len(points), np.int64)
-    if given is not None:
-        return _thinned(points, given, area, whole, settings)
+    if structure.normals is not None:
+        return _thinned(points, discs.normals, area, whole, settings)
     normals = plane_normals(points, neighbours)
     gap = float(np.median(distance[:, 1]))
     reach = 2 * structure.diagonal_m
