@@ -228,8 +228,8 @@ def discs_of(structure: Structure) -> Discs:
     return structure.derived("discs", lambda: Discs.of(*_few(structure.vertices, structure.normals)))
 
 
-# Fifteen for each sample of a surface. All of 100 000 points state two thirds of the error that these do (0.12 m
-# instead of 0.18), and take a tenth more CPU of the plan.
+# Fifteen for each sample of a surface. All of 100 000 points state two thirds of the error that these do
+# (0.12 m instead of 0.18), and take a tenth more CPU of the plan.
 _MOST_DISCS = 60_000
 
 
