@@ -17,6 +17,7 @@ from upplied import simulate
 from upplied.config import settings_for
 from upplied.planning import plan as planning
 from upplied.planning.correspondence import agreement
+from upplied.planning.correspondence import siblings as telling
 from upplied.planning.correspondence.agreement import certainty, named_by
 from upplied.planning.correspondence.fit import Fit, Told
 from upplied.planning.correspondence.label_transfer import has_parts
@@ -297,3 +298,53 @@ def test_of_many_alike_those_that_come_first_by_name_are_the_nearest() -> None:
     assert nearest_in_proportions((3.0, 3, 1), names[::-1], sizes, 2) == ("s00", "s01")
     assert nearest_in_proportions((31.0, 30, 10), names, sizes, 2) == ("s20", "s00")
     assert nearest_in_proportions((31.0, 30, 10), names, sizes, 0) == ()
+
+
+@pytest.mark.parametrize(
+    ("modelled", "found", "expected"),
+    [
+        (True, {"s": 0.5, "one": 0.41, "two": 0.45}, None),  # not clearly better than the source
+        (True, {"s": 0.5, "one": 0.39, "two": 0.3}, "two"),
+        (True, {"s": 0.5, "one": 0.39, "two": -0.3}, "one"),  # the other is refused
+        (False, {"one": 0.9, "two": 0.8}, "two"),  # two scans: nothing to be better than
+        (False, {"one": 0.9, "two": -0.8}, "one"),
+    ],
+)
+def test_the_sibling_that_lies_best_is_taken(
+    modelled: bool, found: dict[str, float], expected: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def registered(one: Any, scan: Any, *_: Any) -> Any:
+        asked.append((one.structure_id, scan.structure_id))
+        badly = found[one.structure_id]
+        return SimpleNamespace(scanned=abs(badly), accepted=badly > 0)
+
+    monkeypatch.setattr(telling, "surfaces_registered", registered)
+    s, t, one, two = (SimpleNamespace(structure_id=name) for name in ("s", "t", "one", "two"))
+    best = telling._best([one, two], s, t, modelled, SETTINGS, MEMO)  # type: ignore[list-item, arg-type]
+    assert (best and best.structure_id) == expected
+    scans = ["t"] if modelled else ["s", "t"]
+    pairs = [(name, scan) for name in ("one", "two") for scan in scans]
+    assert asked == [*([("s", "t")] if modelled else []), *pairs]
+
+
+@pytest.mark.parametrize(("lost", "area", "told"), [(-1, 0.3, False), (-1, 0.005, True), (1, 0.3, True)])
+def test_a_sibling_must_lose_no_part_that_the_source_finds(
+    lost: int, area: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = np.array([1000, 1000 * area / (1 - area)]).astype(int)
+    cloud = Cloud(np.random.default_rng(0).random((count.sum(), 3)), None, None, np.repeat([0, 1], count))
+
+    def fit(classes: list[int]) -> Any:
+        match = Correspondences(
+            np.empty(0, np.int64), np.empty(0), np.empty((0, 3)), source_class=np.array(classes)
+        )
+        return Fit(cloud, cloud, None, match)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(telling, "_tells", lambda structure, *_: structure is not SCAN)
+    monkeypatch.setattr(telling, "_best", lambda some, *_: some[0])
+    monkeypatch.setattr(telling, "surfaces", lambda *_: fit([0, 1]))
+    monkeypatch.setattr(telling, "told_surfaces", lambda *_: fit([0, lost]))
+    found = telling._told(A320, SCAN, SETTINGS, MEMO, [B777])
+    assert (found is not None) == told
