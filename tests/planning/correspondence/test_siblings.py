@@ -348,3 +348,10 @@ def test_a_sibling_must_lose_no_part_that_the_source_finds(
     monkeypatch.setattr(telling, "told_surfaces", lambda *_: fit([0, lost]))
     found = telling._told(A320, SCAN, SETTINGS, MEMO, [B777])
     assert (found is not None) == told
+
+
+def test_of_equal_siblings_the_first_by_name_is_asked_in_whatever_order_they_come() -> None:
+    some = [model("b747-v1", "y"), model("b747-v1", "x")]
+    for order in (some, some[::-1]):
+        fit = studied(A320, SCAN, order)
+        assert fit.told is not None and fit.told.sibling_id == "x"
