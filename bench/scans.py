@@ -18,6 +18,7 @@ from real_data import real_folder, real_structure
 from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
+from upplied.inputs.separation import kept, separated
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Floats, Ints, Structure, Surroundings
 from upplied.samples import bridge
@@ -27,6 +28,7 @@ from upplied.scene import Scene, open3d, scene_of
 
 FOLDER = Path(os.environ.get("UPPLIED_SCANS", Path(tempfile.gettempdir()) / "upplied-scans"))
 VARIANTS = ("model", "shell", "cloud", "cut20", "sparse", "noise", "clutter", "cut40", "cut10")
+CLEANED = "cleaned"  # what `upplied structures check --clean` leaves of clutter
 _VISIBLE = 160_000  # samples that a shell is made from
 _OFF = 2e-3  # m, above the surface, whence it is asked what is inside another part
 _TRIANGLES = 40_000
@@ -51,6 +53,10 @@ def made(kind: str, name: str) -> Member:
 
 def scan(kind: str, name: str, variant: str, seed: int = 0) -> Structure:
     """A structure as modelled or as scanned; the same for the same seed."""
+    if variant == CLEANED:
+        cluttered = scan(kind, name, "clutter", seed)
+        vertices, triangles, _ = kept(cluttered, separated(cluttered))
+        return _structure(made(kind, name).structure, variant, vertices, triangles)
     rng = np.random.default_rng([seed, (*VARIANTS, "rough").index(variant)])
     whole = made(kind, name).structure
     known = _visible(kind, name)

@@ -12,9 +12,11 @@ from upplied.planning.carry.counterparts import (
     counterparts_of,
     doubts,
     least_probability,
+    missing_of,
     undecided,
 )
 from upplied.planning.carry.forecast import forecast_of, unlikely
+from upplied.planning.correspondence.label_transfer import in_the_air
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.correspondence.pair import METHOD_VERSION
 from upplied.planning.correspondence.siblings import study
@@ -159,9 +161,8 @@ def _on_pair(
     # Which part of the target is it, and how certain is that?
     counterparts = counterparts_of(takes, settings)
     known = replace(plan.measures, counterpart_probability=least_probability(counterparts))
-    plan = replace(
-        plan, counterparts=counterparts, measures=known, warnings=(*plan.warnings, *doubts(counterparts))
-    )
+    said = *plan.warnings, *doubts(counterparts), *missing_of(counterparts)
+    plan = replace(plan, counterparts=counterparts, measures=known, warnings=said)
     if unsure := undecided(counterparts, settings):
         return replace(plan, status="refused", reason=unsure), takes
     return plan, takes
@@ -219,7 +220,8 @@ def _planned(
         # Which path near there shows the most for what it costs, and how fast is it flown? (lines 17 and 18)
         trajectory, is_viewpoint, demonstrated_s = propose(carried, settings)
     except RefusedError as refusal:
-        return replace(plan, status="refused", reason=str(refusal), warnings=(), not_flyable="")
+        reason = "; ".join((str(refusal), *in_the_air(takes[0].pair.surface.target)))
+        return replace(plan, status="refused", reason=reason, warnings=(), not_flyable="")
     # How good is it? The same measures for every preset.
     measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings, memo)
     measures = replace(

@@ -25,6 +25,7 @@ from upplied.planning.carry.counterparts import (
     _without_flown,
     counterparts_of,
     doubts,
+    missing_of,
 )
 from upplied.planning.correspondence import agreement
 from upplied.planning.correspondence.fit import Fit
@@ -155,7 +156,8 @@ def test_what_was_never_scanned_of_a_part_is_said_in_percent_and_where_the_scan_
     assert found[1].never_scanned_pct == pytest.approx(100 * share, abs=0.01) and found[1].open == ()
     assert found[2].never_scanned_pct == 0 and found[2].open == found[2].flown and number[2] > 6
     assert found[0].never_scanned_pct == 0 and found[0].open == ()
-    said = doubts(found)
+    assert not doubts(found)
+    said = missing_of(found)
     assert len(said) == 2 and found[1].part in said[0] and "was never scanned" in said[0]
     assert found[2].part in said[1] and "the scan ends on part_2" in said[1]
     # What has a counterpart all the same, since it is flown elsewhere, is not missing.

@@ -127,10 +127,13 @@ def least_probability(found: Sequence[Counterpart]) -> float:
 
 
 def doubts(found: Sequence[Counterpart]) -> tuple[str, ...]:
-    """What is not certain of the inspected parts, or was never scanned of them, as warnings."""
-    return tuple(_sentence(one) for one in found if one.doubt) + tuple(
-        _missing(one) for one in found if one.never_scanned_pct >= _SAID_PCT or one.open
-    )
+    """What is not certain of the inspected parts, as warnings."""
+    return tuple(_sentence(one) for one in found if one.doubt)
+
+
+def missing_of(found: Sequence[Counterpart]) -> tuple[str, ...]:
+    """What was never scanned of the inspected parts, as warnings."""
+    return tuple(_missing(one) for one in found if one.never_scanned_pct >= _SAID_PCT or one.open)
 
 
 def _missing(one: Counterpart) -> str:
