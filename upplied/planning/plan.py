@@ -16,14 +16,13 @@ from upplied.planning.carry.counterparts import (
     undecided,
 )
 from upplied.planning.carry.forecast import forecast_of, unlikely
-from upplied.planning.correspondence.label_transfer import in_the_air
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.correspondence.pair import METHOD_VERSION
 from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
 from upplied.planning.measures.evaluate import judge
-from upplied.planning.measures.verdict import shortfalls
+from upplied.planning.measures.verdict import in_the_air, shortfalls
 from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,

@@ -80,17 +80,13 @@ def _floating(whole: Cloud) -> Bools:
     return np.asarray(count < np.minimum(max(_LEAST_SAMPLES, FRAGMENT * len(whole)), count.max()), bool)
 
 
-def in_the_air(cloud: Cloud) -> tuple[str, ...]:
-    """How many fragments of a scan touch nothing, and may be none of the structure, in words."""
+def fragments(cloud: Cloud) -> int:
+    """How many fragments of a scan touch nothing."""
     mine = np.flatnonzero(_floating(cloud))
     if not len(mine):
-        return ()
+        return 0
     pairs = cKDTree(cloud.points[mine]).query_pairs(TOUCH * spacing(cloud), output_type="ndarray")
-    number = int(_connected(pairs, np.zeros(len(mine), np.int64)).max()) + 1
-    return (
-        f"{number} fragments of the target touch nothing and are kept clear of: what is none of it, as birds "
-        "and cables, `upplied structures check --clean` takes out",
-    )
+    return int(_connected(pairs, np.zeros(len(mine), np.int64)).max()) + 1
 
 
 def _parts_of_solid(whole: Cloud, skin: Ints, known: Cloud) -> Ints:

@@ -14,9 +14,10 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.carry.reference import demonstrated_on_target
+from upplied.planning.correspondence.label_transfer import fragments
 from upplied.planning.demonstration.repetition import Take
 from upplied.polylines import leg_lengths
-from upplied.records import Measures, Trajectory
+from upplied.records import Cloud, Measures, Trajectory
 
 _TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)
 _TOLERANCE = 1.05  # of speeds and accelerations, which are read off differences of poses
@@ -113,3 +114,14 @@ def _hard(measures: Measures, settings: Settings) -> list[str]:
     if measures.peak_acceleration_mps2 > most * _TOLERANCE:
         found.append(f"asks for {measures.peak_acceleration_mps2:.1f} m/s2, {most:g} m/s2 are allowed")
     return found
+
+
+def in_the_air(target: Cloud) -> tuple[str, ...]:
+    """That a scan holds what may be none of the structure, where a path has no room, in words."""
+    number = fragments(target)
+    if not number:
+        return ()
+    return (
+        f"{number} fragments of the target touch nothing and are kept clear of: what is none of it, as birds "
+        "and cables, `upplied structures check --clean` takes out",
+    )
