@@ -22,6 +22,9 @@ PLANNING = (
     "measures",
 )  # fmt: skip
 
+#: The functions of `planning/plan.py` that the way is written in.
+_METHOD = ("_begun", "_on_pair", "decided", "_planned")
+
 
 def house_page() -> str:
     """Markdown: rooms, arrows between them, modules."""
@@ -79,7 +82,7 @@ def _way() -> Iterator[str]:
     calls = sorted(
         (call.lineno, call.func.id)
         for function in tree.body
-        if isinstance(function, ast.FunctionDef) and function.name in ("decided", "_planned")
+        if isinstance(function, ast.FunctionDef) and function.name in _METHOD
         for call in ast.walk(function)
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in room_of
     )
