@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
+from made_scans import END, as_cloud, body, cut
 
 from upplied.config import settings_for
 from upplied.planning.correspondence.never_scanned import (
@@ -19,48 +19,10 @@ from upplied.planning.correspondence.never_scanned import (
 )
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Correspondences, Registration, Structure
-from upplied.scene import Scene, open3d, scene_of
+from upplied.scene import Scene, scene_of
 
 CLOUDS = settings_for("recommended").clouds
 SAME = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
-END = 4.0  # m: what lies further along x was not scanned
-
-
-@cache
-def body() -> Structure:
-    """A closed body, 14 by 4 by 3 m, that is no box along x: a wing stands on each side."""
-    shapes = open3d().geometry.TriangleMesh
-    whole = shapes.create_box(14.0, 4.0, 3.0).translate((-7, -2, 0))
-    wing = shapes.create_box(2.0, 10.0, 0.8).translate((-5, -5, 1))
-    both = (
-        open3d()
-        .t.geometry.TriangleMesh.from_legacy(whole)
-        .boolean_union(open3d().t.geometry.TriangleMesh.from_legacy(wing))
-    )
-    mesh = both.to_legacy().subdivide_midpoint(5)
-    mesh.merge_close_vertices(1e-6)
-    return Structure("body", "tank", np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.int64))
-
-
-def cut(structure: Structure, end: float = END) -> Structure:
-    far = structure.vertices[structure.triangles][:, :, 0].mean(axis=1) > end
-    used, triangles = np.unique(structure.triangles[~far], return_inverse=True)
-    return replace(structure, vertices=structure.vertices[used], triangles=triangles.reshape(-1, 3))
-
-
-def as_cloud(structure: Structure, number: int = 60_000) -> Structure:
-    geometry, utility = open3d().geometry, open3d().utility
-    mesh = geometry.TriangleMesh(
-        utility.Vector3dVector(structure.vertices), utility.Vector3iVector(structure.triangles)
-    )
-    utility.random.seed(1)
-    found = mesh.sample_points_uniformly(number, use_triangle_normal=True)
-    return replace(
-        structure,
-        vertices=np.asarray(found.points),
-        triangles=np.empty((0, 3), np.int64),
-        normals=np.asarray(found.normals),
-    )
 
 
 def samples(structure: Structure) -> Cloud:

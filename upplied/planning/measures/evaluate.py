@@ -149,7 +149,7 @@ def _beyond(pair: Pair) -> tuple[str, ...]:
         return ()
     return (
         f"about {missing.area_m2:.0f} m2 of the target were never scanned: the path keeps clear of where "
-        f"the source has them, known to {missing.error_m:.2f} m",
+        f"the source has them, known to {missing.error_m:.2f} m; the ways of a mission to it and back do not",
     )
 
 
