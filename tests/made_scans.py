@@ -29,8 +29,10 @@ def body() -> Structure:
     return Structure("body", "tank", np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.int64))
 
 
-def cut(structure: Structure, end: float = END) -> Structure:
-    far = structure.vertices[structure.triangles][:, :, 0].mean(axis=1) > end
+def cut(structure: Structure, first: float = END, last: float = np.inf) -> Structure:
+    """Without what lies between two places along x."""
+    middle = structure.vertices[structure.triangles][:, :, 0].mean(axis=1)
+    far = (middle > first) & (middle < last)
     used, triangles = np.unique(structure.triangles[~far], return_inverse=True)
     return replace(structure, vertices=structure.vertices[used], triangles=triangles.reshape(-1, 3))
 
