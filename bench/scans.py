@@ -57,6 +57,8 @@ def scan(kind: str, name: str, variant: str, seed: int = 0) -> Structure:
         cluttered = scan(kind, name, "clutter", seed)
         vertices, triangles, _ = kept(cluttered, separated(cluttered))
         return _structure(made(kind, name).structure, variant, vertices, triangles)
+    if variant.startswith("cloudcut"):
+        return _cut_cloud(made(kind, name).structure, scan(kind, name, "cloud", seed), variant, seed)
     rng = np.random.default_rng([seed, (*VARIANTS, "rough").index(variant)])
     whole = made(kind, name).structure
     known = _visible(kind, name)
@@ -181,6 +183,15 @@ def _cut(vertices: Floats, triangles: Ints, share: float, rng: np.random.Generat
     order = np.argsort(np.linalg.norm(middle - at, axis=1))
     gone = order[np.cumsum(area[order]) < share * area.sum()]
     return np.delete(triangles, gone, axis=0)
+
+
+def _cut_cloud(of: Structure, whole: Structure, variant: str, seed: int) -> Structure:
+    """What is left of a cloud, ``cloudcut20``, of which a share round some point was never scanned."""
+    share, points = int(variant.removeprefix("cloudcut")), whole.vertices
+    at = points[np.random.default_rng([seed, share, 7]).integers(len(points))]
+    left = np.sort(np.argsort(np.linalg.norm(points - at, axis=1))[len(points) * share // 100 :])
+    normals = None if whole.normals is None else whole.normals[left]
+    return _structure(of, variant, points[left], whole.triangles, normals)
 
 
 def _cluttered(vertices: Floats, triangles: Ints, rng: np.random.Generator) -> tuple[Floats, Ints]:
