@@ -15,7 +15,7 @@ from upplied.poses import from_yaw_pitch
 from upplied.records import Demonstration, Structure
 from upplied.scene import scene_of
 
-SIZE = np.array([1.2, 1.2, 1.2])  # of the target, in sources
+SIZE = np.array([1.4, 1.1, 1.2])  # of the target, in sources
 
 
 def larger(structure: Structure) -> Structure:

@@ -10,13 +10,13 @@ import pytest
 from upplied.planning.correspondence.label_transfer import (
     _alike,
     _compact,
-    _connected,
     _covered,
     _fits,
     _floating,
     _named,
     _size_and_reach,
     _with_others,
+    connected,
 )
 from upplied.records import Cloud, Floats, Ints
 
@@ -75,10 +75,10 @@ def test_what_lies_hardly_farther_from_what_most_are_named_is_named_so_as_well()
 
 def test_samples_of_one_name_that_touch_are_one_part() -> None:
     pairs = np.array([[0, 1], [1, 2], [2, 3], [4, 5]])
-    found = _connected(pairs, np.array([7, 7, 8, 8, 9, 9]))
+    found = connected(pairs, np.array([7, 7, 8, 8, 9, 9]))
     groups = [set(np.flatnonzero(found == part).tolist()) for part in np.unique(found)]
     assert sorted(map(sorted, groups)) == [[0, 1], [2, 3], [4, 5]]
-    assert len(np.unique(_connected(np.empty((0, 2), int), np.zeros(3, int)))) == 3
+    assert len(np.unique(connected(np.empty((0, 2), int), np.zeros(3, int)))) == 3
 
 
 def test_a_part_up_to_a_fifth_of_the_diagonal_may_stand_elsewhere_as_well() -> None:

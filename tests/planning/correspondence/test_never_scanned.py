@@ -111,6 +111,34 @@ def test_what_was_never_scanned_has_no_counterpart_unless_a_part_corresponds_els
     assert without(match, NOTHING_MISSING, here, there, carried) is match
 
 
+def test_areas_and_normals_are_those_of_the_surface_once_it_was_stretched() -> None:
+    size = np.array([2.0, 0.5, 3.0])
+    stretched = replace(cut(body()), vertices=cut(body()).vertices * size)
+    there = samples(stretched)
+    back = Registration(1 / size, np.eye(3), np.zeros(3), 0.0, True)
+    scenes = scene_of(body()), scene_of(stretched)
+    found = never_scanned(body(), scenes[0], samples(body()), stretched, scenes[1], there, back)
+    whole = replace(body(), vertices=body().vertices * size)
+    assert found.area_m2 == pytest.approx(_area(whole, END * 2), rel=0.2)
+    assert np.abs(np.linalg.norm(found.normals, axis=1) - 1).max() < 1e-9
+    end = found.points[:, 0] > 13.9
+    assert end.any() and found.normals[end, 0].max() > 0.999
+
+
+def test_where_nothing_lies_on_what_was_scanned_nothing_fails() -> None:
+    scan = cut(body())
+    far = replace(SAME, translation=np.array([200.0, 0, 0]))
+    scenes = scene_of(body()), scene_of(scan)
+    found = never_scanned(body(), scenes[0], samples(body()), scan, scenes[1], samples(scan), far)
+    assert np.isfinite(found.error_m) and found.error_m >= 0
+
+
+def _area(structure: Structure, beyond: float) -> float:
+    corners = structure.vertices[structure.triangles]
+    twice = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return float(np.linalg.norm(twice, axis=1)[corners[:, :, 0].mean(axis=1) > beyond].sum() / 2)
+
+
 def test_ways_round_lead_round_what_was_never_scanned() -> None:
     scan = cut(body())
     found, there = missing_of(body(), scan), samples(scan)

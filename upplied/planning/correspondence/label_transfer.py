@@ -75,7 +75,7 @@ def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
 def _floating(whole: Cloud) -> Bools:
     """Which samples lie on fragments that touch nothing: birds, cables, reflections in a scan."""
     pairs = cKDTree(whole.points).query_pairs(TOUCH * spacing(whole), output_type="ndarray")
-    piece = _connected(pairs, np.zeros(len(whole), np.int64))
+    piece = connected(pairs, np.zeros(len(whole), np.int64))
     count = np.bincount(piece)[piece]
     return np.asarray(count < np.minimum(max(_LEAST_SAMPLES, FRAGMENT * len(whole)), count.max()), bool)
 
@@ -86,14 +86,14 @@ def fragments(cloud: Cloud) -> int:
     if not len(mine):
         return 0
     pairs = cKDTree(cloud.points[mine]).query_pairs(TOUCH * spacing(cloud), output_type="ndarray")
-    return int(_connected(pairs, np.zeros(len(mine), np.int64)).max()) + 1
+    return int(connected(pairs, np.zeros(len(mine), np.int64)).max()) + 1
 
 
 def _parts_of_solid(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
     moved = brought_onto(whole, known)
     name, far = _nearest(whole, moved)
     pairs = cKDTree(whole.points).query_pairs(TOUCH * spacing(whole), output_type="ndarray")
-    label = _connected(pairs, _named(whole, skin, name, moved))
+    label = connected(pairs, _named(whole, skin, name, moved))
     label = _with_others(whole, skin, label, far)
     return by_size(whole.areas, joined_small(whole.points, whole.areas, label))
 
@@ -157,7 +157,7 @@ def _counted(skin: Ints, name: Ints, number: int) -> Ints:
     return np.asarray(count.reshape(-1, number), np.int64)
 
 
-def _connected(pairs: Ints, name: Ints) -> Ints:
+def connected(pairs: Ints, name: Ints) -> Ints:
     """Samples of one name that touch, as parts (N,)."""
     same = pairs[name[pairs[:, 0]] == name[pairs[:, 1]]]
     number = len(name)
@@ -195,7 +195,7 @@ def unnamed_like(whole: Cloud, named: Ints, template: Bools) -> bool:
     """
     label, lone = labels_of(whole), np.minimum(named, 0)
     pairs = cKDTree(whole.points).query_pairs(TOUCH * spacing(whole), output_type="ndarray")
-    piece, area, most = _connected(pairs, lone), whole.areas, SAME_SIZE**2
+    piece, area, most = connected(pairs, lone), whole.areas, SAME_SIZE**2
     size = np.ptp(whole.points[template], axis=0)
     for each in np.unique(piece[lone < 0]):
         mine = piece == each

@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from upplied.discs import Discs
 from upplied.planning.constants import FRAGMENT, MAJORITY, TOUCH
-from upplied.planning.correspondence.label_transfer import brought_onto
+from upplied.planning.correspondence.label_transfer import brought_onto, connected
 from upplied.planning.geometry.boxes import in_source_frame, spacing
 from upplied.planning.surface.openings import shows_inside
 from upplied.planning.surface.parts import labels_of
@@ -65,7 +63,8 @@ def never_scanned(
         return NOTHING_MISSING
     step = TOUCH * spacing(there)  # nearer to what was scanned, nothing is missing
     moved = brought_onto(in_source_frame(there, found), here)
-    points, normals = found.to_target(moved.points), _in_target_frame(here.outward, found)
+    points = found.to_target(moved.points)
+    normals, area_m2 = _in_target_frame(here, found)
     open_here = shows_inside(source, source_scene, here)
     if open_here.any():
         open_ &= cKDTree(points[open_here]).query(there.points)[0] > TOUCH * step
@@ -74,14 +73,14 @@ def never_scanned(
     if not open_.any() or not len(far):
         return replace(NOTHING_MISSING, opening=np.flatnonzero(open_))
     beyond = far[_reached(points[far], there.points[open_], TOUCH * step)]
-    stretch = 1 / np.abs(np.linalg.det(found.matrix)) ** (2 / 3)
+    near = apart[apart <= step]
     return NeverScanned(
         np.flatnonzero(open_),
         beyond,
         points[beyond],
         normals[beyond],
-        float(stretch * here.areas[beyond].sum()),
-        float(np.percentile(apart[apart <= step], _SURE)),
+        float(area_m2[beyond].sum()),
+        float(np.percentile(near, _SURE)) if len(near) else step,
     )
 
 
@@ -147,16 +146,16 @@ def _elsewhere(match: Correspondences, part: int, there: Cloud, carried: Ints) -
     return bool(area[theirs & (carried == part)].sum() < (1 - MAJORITY) * area[theirs].sum())
 
 
-def _in_target_frame(normals: Floats, found: Registration) -> Floats:
-    """Normals (N, 3) of the source as those of surface carried to the target."""
-    carried = normals @ found.matrix
-    return np.asarray(carried / np.linalg.norm(carried, axis=1, keepdims=True))
+def _in_target_frame(here: Cloud, found: Registration) -> tuple[Floats, Floats]:
+    """Normals (N, 3) and areas (N,), m^2, of a source's samples as those of surface carried to the target."""
+    carried = here.outward @ found.matrix
+    length = np.linalg.norm(carried, axis=1)
+    return carried / length[:, None], here.areas * length / np.abs(np.linalg.det(found.matrix))
 
 
 def _reached(points: Floats, seeds: Floats, reach_m: float) -> Bools:
     """Which points (N,) are joined with a seed over steps of at most `reach_m`."""
     pairs = cKDTree(points).query_pairs(reach_m, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs), bool), pairs.T), (len(points),) * 2)
-    piece = connected_components(graph, directed=False)[1]
+    piece = connected(pairs, np.zeros(len(points), np.int64))
     near = cKDTree(seeds).query(points)[0] <= reach_m
     return np.isin(piece, np.unique(piece[near]))
