@@ -33,18 +33,15 @@ from typing import Any
 
 import numpy as np
 from as_built_cases import CASES, RIGHT, SOURCE, Case, flown, learn, present, truth
-from scans import VARIANTS, made, real_names, scan
+from as_built_siblings import nearest_of, pool, siblings_for
+from scans import VARIANTS, real_names, scan
 
 from upplied.config import settings_for
-from upplied.planning.correspondence.siblings import nearest_in_proportions
 from upplied.planning.plan import decided
 from upplied.records import Structure
-from upplied.samples.fleet import sample_structures
 
 _FOR_STRANGERS = ("shell", "cloud")
 _WHOLE = 0.9  # share of a part that was scanned, from which it is there
-_OTHER_SEEDS = range(101, 111)
-_MOST_SIBLINGS = settings_for("recommended").correspondence.siblings
 _SURE = (0.0, 0.5, 0.8, 0.9, 0.97, 1.01)  # bins of what was said
 
 
@@ -126,7 +123,7 @@ def _stranger(
     """What is decided for a flight of another kind; asked for all the same, it is to be refused."""
     source, settings = scan(other, SOURCE[other], options.source), settings_for("recommended")
     there = replace(scan(kind, target, variant), kind=other)
-    some = _nearest(there, _pool(other, "", options.siblings), other)
+    some = nearest_of(there, pool(other, "", options.siblings), other)
     plan, _ = decided(flown(other, inspection), source, there, settings, memo, some)
     return {
         "stranger": True,
@@ -145,34 +142,6 @@ def targets_of(options: argparse.Namespace) -> Iterator[tuple[str, str, str]]:
     variants = options.variants.split(",") if options.variants else VARIANTS
     for seed, variant, kind in itertools.product(range(first, last + 1), variants, kinds):
         yield kind, f"r{seed}", variant
-
-
-def siblings_for(kind: str, target: str, variant: str, sorts: str) -> list[Structure]:
-    """Those of a fleet that would be asked about a target, of the sorts that are named."""
-    first = np.random.default_rng(int(target[1:])).integers(4)  # what `random_airliner` draws first
-    base = ("a320-v1", "beluga-v1", "b747-v1", "b777-v1")[first] if kind == "airliner" else ""
-    return _nearest(scan(kind, target, variant), _pool(kind, base, sorts), kind)
-
-
-def _pool(kind: str, base: str, sorts: str) -> list[str]:
-    """The names of a fleet, but for one."""
-    pool: list[str] = []
-    if "samples" in sorts:
-        pool += [one.structure_id for one in sample_structures() if one.kind == kind]
-    if "random" in sorts:
-        pool += [f"r{seed}" for seed in _OTHER_SEEDS]
-    if "real" in sorts:
-        pool += real_names(kind)
-    return [name for name in pool if name not in (base, SOURCE[kind])]
-
-
-def _nearest(whole: Structure, pool: Sequence[str], kind: str) -> list[Structure]:
-    some = {one.structure_id: one for one in (made(kind, name).structure for name in pool)}
-    if not some:
-        return []
-    sizes = np.array([np.ptp(one.vertices, axis=0) for one in some.values()])
-    chosen = nearest_in_proportions(np.ptp(whole.vertices, axis=0), list(some), sizes, _MOST_SIBLINGS)
-    return [some[name] for name in chosen]
 
 
 def _row(

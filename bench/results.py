@@ -3,7 +3,7 @@
     python bench/results.py
 
 Writes ``tests/data/results.json``. A test plans the rows again: where they moved, the method's version
-must be raised (`METHOD_VERSION` in `upplied/planning/correspondence/pair.py`) and the figures kept anew.
+must be raised (`METHOD_VERSION` in `upplied/planning/correspondence/memo.py`) and the figures kept anew.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import pytest
 
 from upplied import __version__, provenance
 from upplied.config import settings_for
-from upplied.planning.correspondence.pair import content_key
+from upplied.planning.correspondence.memo import content_key
 from upplied.planning.plan import METHOD_VERSION, transfer_key
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly

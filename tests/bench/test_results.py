@@ -13,7 +13,7 @@ from upplied.planning.plan import METHOD_VERSION
 
 BENCH = Path(__file__).parents[2] / "bench"
 FAST = ("cube sides > cuboid", "cruise hull > yacht 2", "bridge 1 piers > bridge 2")
-RULE = "raise METHOD_VERSION in upplied/planning/correspondence/pair.py and run `python bench/results.py`"
+RULE = "raise METHOD_VERSION in upplied/planning/correspondence/memo.py and run `python bench/results.py`"
 
 
 @pytest.fixture(scope="module")

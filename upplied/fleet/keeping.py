@@ -12,7 +12,7 @@ from typing import Any
 from upplied.catalog import Catalog
 from upplied.fleet.decisions import Job
 from upplied.fleet.planner import Outcome
-from upplied.planning.correspondence.pair import METHOD_VERSION
+from upplied.planning.correspondence.memo import METHOD_VERSION
 from upplied.provenance import recorded
 
 log = logging.getLogger(__name__)

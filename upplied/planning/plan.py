@@ -12,12 +12,11 @@ from upplied.planning.carry.counterparts import (
     counterparts_of,
     doubts,
     least_probability,
-    missing_of,
     undecided,
 )
 from upplied.planning.carry.forecast import forecast_of, unlikely
-from upplied.planning.correspondence.memo import Memo, no_memo
-from upplied.planning.correspondence.pair import METHOD_VERSION
+from upplied.planning.carry.missing_parts import missing_of
+from upplied.planning.correspondence.memo import METHOD_VERSION, Memo, no_memo
 from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
@@ -59,7 +58,7 @@ def plan_transfer(
     settings : Settings
         From `upplied.config.settings_for`: preset `paper`, `recommended` or `baseline`.
     memo : callable, optional
-        Remembers what is found out about structures and pairs; see `correspondence.pair.Memo`.
+        Remembers what is found out about structures and pairs; see `correspondence.memo.Memo`.
     required : RequiredSurface, optional
         Of the target, that is to be shown before all else; `settings.required.zones` names it.
     siblings : sequence of Structure, optional

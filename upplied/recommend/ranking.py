@@ -19,7 +19,7 @@ from upplied.catalog import Catalog
 from upplied.checks import check_id
 from upplied.config import Settings, settings_for
 from upplied.errors import InputError
-from upplied.planning.correspondence.pair import content_key
+from upplied.planning.correspondence.memo import content_key
 from upplied.planning.correspondence.registration import fitted
 from upplied.recommend.features import unlikeness
 from upplied.recommend.foresee import (

@@ -12,7 +12,7 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.config import digest, settings_for
-from upplied.planning.correspondence.pair import content_key, surface_key
+from upplied.planning.correspondence.memo import content_key, surface_key
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.path_views import TRULY, Views, views
 from upplied.recommend.features import (

@@ -25,8 +25,8 @@ from upplied.planning.carry.counterparts import (
     _without_flown,
     counterparts_of,
     doubts,
-    missing_of,
 )
+from upplied.planning.carry.missing_parts import missing_of
 from upplied.planning.correspondence import agreement
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.never_scanned import NOTHING_MISSING, NeverScanned

@@ -11,11 +11,11 @@ import pytest
 from made_clouds import boxes
 
 from upplied.config import Settings, settings_for
-from upplied.planning.correspondence import pair
+from upplied.planning.correspondence import pair, registration
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.fit_settings import surface_settings, voxel_settings
-from upplied.planning.correspondence.memo import no_memo, remembering
-from upplied.planning.correspondence.pair import content_key, study_pair, surface_key
+from upplied.planning.correspondence.memo import content_key, no_memo, remembering, surface_key
+from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.correspondence.registration import Declared
 from upplied.planning.geometry.boxes import in_source_frame
 from upplied.records import Cloud, Correspondences, Floats, Frame, Registration, Structure
@@ -44,7 +44,7 @@ def fit_of(source: Cloud, target: Cloud, here: list[int] | None, there: list[int
 def test_the_declared_turn_is_from_the_targets_axes_to_the_sources(
     source: float, target: float, turn: float
 ) -> None:
-    found = pair._declared_turn(structure("a", source), structure("b", target))
+    found = registration._declared_turn(structure("a", source), structure("b", target))
     angle = np.radians(turn)
     wanted = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
     np.testing.assert_allclose(found, wanted, atol=1e-8)
@@ -54,8 +54,8 @@ def test_the_declared_turn_is_from_the_targets_axes_to_the_sources(
 
 def test_rounding_of_headings_is_no_turn() -> None:
     a, b = structure("a", 30.0), structure("b", 30.0 + 1e-9)
-    assert np.array_equal(pair._declared_turn(a, b), np.eye(3))
-    assert np.array_equal(pair._declared_turn(b, a), np.eye(3))
+    assert np.array_equal(registration._declared_turn(a, b), np.eye(3))
+    assert np.array_equal(registration._declared_turn(b, a), np.eye(3))
 
 
 def test_each_ruler_has_the_settings_of_its_preset_and_the_clouds_that_were_asked_for() -> None:
@@ -270,7 +270,7 @@ def test_what_is_published_stands_as_the_surfaces_do(monkeypatch: pytest.MonkeyP
         pair, "_surface_fit", lambda *of: asked.update(surface=of) or Fit("", "", surface, "")
     )  # type: ignore[arg-type]
     monkeypatch.setattr(pair, "_fit", lambda *of: asked.update(voxels=of) or "published")
-    monkeypatch.setattr(pair, "_never_scanned", lambda *_: "missing")
+    monkeypatch.setattr(pair, "missing_from", lambda *_: "missing")
     monkeypatch.setattr(pair, "without", lambda match, *_: match)
     monkeypatch.setattr(pair, "scene_beyond", lambda scene, missing: f"{scene} and what is {missing}")
     for settings, turn in ((RECOMMENDED, quarter @ half), (PAPER, np.eye(3))):

@@ -58,3 +58,17 @@ MEASURES = (
     _positive("gsd_demonstrated_mm_p95", "mm", "the same of the demonstration, 95th percentile"),
     _positive("frechet_floored", "1", "frechet_z with no axis divided by less than a tenth of the largest"),
 )
+
+#: What of a target is known from a scan alone, and not known.
+OF_SCANS = (
+    _positive(
+        "surface_error_m",
+        "m",
+        "how far a target's surface may lie from where it is taken to be; 0 where it was drawn",
+    ),
+    _positive(
+        "never_scanned_m2",
+        "m2",
+        "surface of the target where its scan is open, as the source tells: the path keeps clear of it",
+    ),
+)

@@ -19,7 +19,7 @@ from upplied.catalog.schema.columns import identity as _id
 from upplied.catalog.schema.decided import DECIDED, DECISIONS, OVERRULED
 from upplied.catalog.schema.edited import EDITS
 from upplied.catalog.schema.flown import AS_FLOWN
-from upplied.catalog.schema.measures import MEASURES
+from upplied.catalog.schema.measures import MEASURES, OF_SCANS
 from upplied.catalog.schema.paths import POSES, WAYPOINTS
 from upplied.catalog.schema.required import REQUIREMENTS
 from upplied.catalog.schema.settled import SETTINGS
@@ -172,20 +172,7 @@ TRANSFERS = Table(
             "m",
             "least distance of the whole path to the target's surface, less what that may be off",
         ),
-        Column(
-            "surface_error_m",
-            REAL,
-            "m",
-            "how far a target's surface may lie from where it is taken to be; 0 where it was drawn",
-            low=0,
-        ),
-        Column(
-            "never_scanned_m2",
-            REAL,
-            "m2",
-            "surface of the target where its scan is open, as the source tells: the path keeps clear of it",
-            low=0,
-        ),
+        *OF_SCANS,
         Column("path_length_m", REAL, "m", "length of the planned path", low=0),
         Column("duration_s", REAL, "s", "from the first to the last waypoint", low=0),
         Column("standoff_ratio_p50", REAL, "1", "median of planned over demonstrated stand-off", low=0),

@@ -14,8 +14,9 @@ from functools import partial
 import numpy as np
 
 from upplied.config import Settings
+from upplied.planning.carry.missing_parts import never_scanned_pct, open_parts
 from upplied.planning.carry.number_of_kind import odd_number
-from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY
+from upplied.planning.constants import COMPACT, MAJORITY
 from upplied.planning.correspondence.agreement import certainty, wholes_of
 from upplied.planning.correspondence.certainty import SAME_KIND, evidence_of_same_kind, probability
 from upplied.planning.correspondence.describe import place_of
@@ -26,7 +27,6 @@ from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
 from upplied.records import Counterpart, Ints, Record
 
-_SAID_PCT = 1.0  # of what was inspected of a part, from which it is said that it was never scanned
 _REFUSED = 0.25  # share of what was inspected from which a doubt about it refuses the plan
 
 
@@ -131,20 +131,6 @@ def doubts(found: Sequence[Counterpart]) -> tuple[str, ...]:
     return tuple(_sentence(one) for one in found if one.doubt)
 
 
-def missing_of(found: Sequence[Counterpart]) -> tuple[str, ...]:
-    """What was never scanned of the inspected parts, as warnings."""
-    return tuple(_missing(one) for one in found if one.never_scanned_pct >= _SAID_PCT or one.open)
-
-
-def _missing(one: Counterpart) -> str:
-    if one.never_scanned_pct < _SAID_PCT:
-        return f"the scan ends on {' and on '.join(one.open)}, to which {one.part} corresponds"
-    return (
-        f"{one.never_scanned_pct:.0f} % of what was inspected of {one.part} was never scanned on the target: "
-        "it has no counterpart"
-    )
-
-
 def _sentence(one: Counterpart) -> str:
     like = f"{one.twins} more like it on the source" if one.twins else "none like it on the source"
     return f"{one.doubt} ({like}, {one.found} on the target, as far as parts were found)"
@@ -178,25 +164,9 @@ def _counterpart(
         left_out=tuple(_name(target.parts, other) for other in alike if other not in matched),
         probability=None if known is None else round(known, 4),
         doubt=doubt,
-        never_scanned_pct=round(_never_scanned_pct(take, part, source), 2),
-        open=tuple(_name(target.parts, other) for other in _open_parts(take, matched or [0], target)),
+        never_scanned_pct=round(never_scanned_pct(take, source.label == part), 2),
+        open=tuple(_name(target.parts, other) for other in open_parts(take, matched or [0], target.label)),
     )
-
-
-def _never_scanned_pct(take: Take, part: int, source: _Side) -> float:
-    """Share of what was inspected of a part that would lie where the target was never scanned."""
-    cloud, beyond = take.pair.surface.source, take.pair.missing.beyond
-    weight = np.where(source.label == part, cloud.areas * take.inspection.attention.weight, 0.0)
-    gone = beyond[take.pair.surface.correspondences.target_index[beyond] < 0]
-    return float(100 * weight[gone].sum() / max(weight.sum(), 1e-12))
-
-
-def _open_parts(take: Take, flown: list[int], target: _Side) -> list[int]:
-    """Which parts of the target, of those that are flown to, the scan ends on."""
-    area, opening = take.pair.surface.target.areas, take.pair.missing.opening
-    ends = np.bincount(target.label[opening], area[opening], minlength=len(target.parts))
-    whole = np.bincount(target.label, area, minlength=len(target.parts))
-    return [part for part in flown if ends[part] > LEAST_PART * whole[part]]
 
 
 def _others_within(take: Take, part: int, source: _Side) -> int:

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
+
+from upplied.config import CloudSettings, digest
+from upplied.provenance import method
+
+METHOD_VERSION = "13"  # raised with every change that alters a result, for people; keys hold the sources too
 
 R = TypeVar("R")
 
@@ -23,3 +28,13 @@ def no_memo(stage: str, record_type: type[R], key: str, compute: Callable[[], R]
 def remembering(memo: Memo, *hashes: str) -> Memo:
     """The memo where all inputs have a hash to remember them by, else none."""
     return memo if all(hashes) else no_memo
+
+
+def content_key(*parts: Any) -> str:
+    """Key of a result in the cache: the method as it is, its libraries, and all that went in."""
+    return digest({"method": METHOD_VERSION, **method(), "parts": [digest(part) for part in parts]})
+
+
+def surface_key(structure_sha256: str, clouds: CloudSettings) -> str:
+    """Key of a structure's surface samples."""
+    return content_key("surface", structure_sha256, clouds)

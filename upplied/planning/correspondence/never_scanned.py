@@ -11,9 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.config import CloudSettings
 from upplied.discs import Discs
 from upplied.planning.constants import FRAGMENT, MAJORITY, TOUCH
-from upplied.planning.correspondence.label_transfer import brought_onto, connected
+from upplied.planning.correspondence.fit import Fit
+from upplied.planning.correspondence.label_transfer import brought_onto, connected, pieces_tell_parts
+from upplied.planning.correspondence.memo import Memo, content_key
 from upplied.planning.geometry.boxes import in_source_frame, spacing
 from upplied.planning.surface.openings import shows_inside
 from upplied.planning.surface.parts import labels_of
@@ -37,6 +40,28 @@ class NeverScanned(Record):
 
 
 NOTHING_MISSING = NeverScanned(*(np.empty(0, np.int64),) * 2, *(np.empty((0, 3)),) * 2, 0.0, 0.0)
+
+
+def missing_from(
+    fit: Fit,
+    structures: tuple[Structure, Structure],
+    scenes: tuple[Scene, Scene],
+    clouds: CloudSettings,
+    memo: Memo,
+) -> NeverScanned:
+    """What of a fitted target was never scanned, remembered; nothing where pieces tell its parts: a model."""
+    if fit.inferred != 1 and pieces_tell_parts(fit.target):
+        return NOTHING_MISSING
+    found = fit.registration
+    lies = found.matrix.tolist(), found.translation.tolist()
+    key = content_key("never scanned", *(each.sha256 for each in structures), clouds, lies)
+    (one, other), (here, there) = structures, scenes
+    return memo(
+        "missing",
+        NeverScanned,
+        key,
+        lambda: never_scanned(one, here, fit.source, other, there, fit.target, found),
+    )
 
 
 def never_scanned(

@@ -7,34 +7,28 @@ from typing import Any
 
 import numpy as np
 
-from upplied.config import CloudSettings, Settings, digest
+from upplied.config import CloudSettings, Settings
 from upplied.planning.constants import CLEARLY_BETTER, MAJORITY
 from upplied.planning.correspondence.fit import NOTHING, Fit, explained, number_of_parts
 from upplied.planning.correspondence.fit_settings import surface_settings, unasked, voxel_settings
 from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like, pieces_tell_parts
-from upplied.planning.correspondence.memo import Memo, no_memo, remembering
+from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering, surface_key
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.never_scanned import (
-    NOTHING_MISSING,
     NeverScanned,
-    never_scanned,
+    missing_from,
     scene_beyond,
     with_missing,
     without,
 )
-from upplied.planning.correspondence.registration import Declared, register
+from upplied.planning.correspondence.registration import Declared, declared_for, register
 from upplied.planning.correspondence.rotor import rotor_turned
-from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import blades_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import PartLabels, skin_parts
 from upplied.planning.surface.voxels import voxel_cloud
-from upplied.provenance import method
-from upplied.records import Cloud, Correspondences, Floats, Frame, Ints, Record, Registration, Structure
+from upplied.records import Cloud, Correspondences, Ints, Record, Registration, Structure
 from upplied.scene import Scene, scene_of
-
-_CIRCLE = 2**32  # distinct headings
-METHOD_VERSION = "13"  # raised with every change that alters a result, for people; keys hold the sources too
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,7 +70,7 @@ def study_pair(source: Structure, target: Structure, settings: Settings, memo: M
     stood = declared
     if settings.visibility.occlusion:  # what is published knows no turn: it has the one of the surfaces
         stood = replace(declared, turn=surface.registration.rotation @ surface.registration.turn)
-    missing = _never_scanned(surface, (source, target), scenes, settings.clouds, memo)
+    missing = missing_from(surface, (source, target), scenes, settings.clouds, memo)
     clouds_known = surface.source, surface.target, surface.carried
     surface = replace(surface, correspondences=without(surface.correspondences, missing, *clouds_known))
     return Pair(
@@ -126,28 +120,6 @@ def surfaces_registered(
     declared = declared_for(source, target)
     facts = _facts("surface", (source, target), settings, declared)
     return _registered(samples, settings, declared, memo, facts)
-
-
-def declared_for(source: Structure, target: Structure) -> Declared:
-    """What was said of how two structures stand."""
-    return Declared(_declared_turn(source, target), named_axes(source.frame))
-
-
-def _declared_turn(source: Structure, target: Structure) -> Floats:
-    """The target's frame to the source's, where both are declared to stand alike."""
-    circle = (target.frame.heading_rad - source.frame.heading_rad) / (2 * np.pi)
-    # Rounded, so that equal structures in other axes give the same number, and a whole circle none.
-    return Frame(2 * np.pi * float(np.round(circle * _CIRCLE) % _CIRCLE / _CIRCLE)).turn
-
-
-def content_key(*parts: Any) -> str:
-    """Key of a result in the cache: the method as it is, its libraries, and all that went in."""
-    return digest({"method": METHOD_VERSION, **method(), "parts": [digest(part) for part in parts]})
-
-
-def surface_key(structure_sha256: str, clouds: CloudSettings) -> str:
-    """Key of a structure's surface samples."""
-    return content_key("surface", structure_sha256, clouds)
 
 
 def _voxels(structure: Structure, clouds: CloudSettings, memo: Memo) -> Cloud:
@@ -295,28 +267,6 @@ def _with_parts(
     fit = _with_carried(replace(fit, registration=found), memo, facts)
     both = _matched(clouds, structures, found, settings, declared, memo, facts, fit.carried)
     return replace(fit, correspondences=both)
-
-
-def _never_scanned(
-    fit: Fit,
-    structures: tuple[Structure, Structure],
-    scenes: tuple[Scene, Scene],
-    clouds: CloudSettings,
-    memo: Memo,
-) -> NeverScanned:
-    """What of the target was never scanned; nothing where its pieces tell its parts: it was modelled."""
-    if fit.inferred != 1 and pieces_tell_parts(fit.target):
-        return NOTHING_MISSING
-    found = fit.registration
-    lies = found.matrix.tolist(), found.translation.tolist()
-    key = content_key("never scanned", *(each.sha256 for each in structures), clouds, lies)
-    (one, other), (here, there) = structures, scenes
-    return memo(
-        "missing",
-        NeverScanned,
-        key,
-        lambda: never_scanned(one, here, fit.source, other, there, fit.target, found),
-    )
 
 
 def _with_carried(fit: Fit, memo: Memo, facts: tuple[Any, ...]) -> Fit:

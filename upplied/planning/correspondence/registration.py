@@ -14,8 +14,9 @@ from upplied.planning.correspondence.orientation import find_orientation
 from upplied.planning.correspondence.partial import registered_partly
 from upplied.planning.geometry.boxes import box_scale, in_source_frame, spacing
 from upplied.planning.geometry.icp import icp, mean_squared_nn_distance
+from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import blades_of, labels_of, parts_of
-from upplied.records import Bools, Cloud, Floats, Record, Registration
+from upplied.records import Bools, Cloud, Floats, Frame, Record, Registration, Structure
 
 # Where the boxes alone would refuse: how well, in gates, the target's surface must lie on the source, and how
 # much of the source it must cover. Of 38 real meshes, of which 0, 20 or 40 % were left out, on 4 samples and
@@ -23,6 +24,7 @@ from upplied.records import Bools, Cloud, Floats, Record, Registration
 # 8 of 13 by a right one. From 0.25 on the block of a hotel lies on the hull of a ship.
 # At a smaller misfit of the boxes nothing else is tried.
 _PARTLY, _COVERED = 0.2, 0.5
+_CIRCLE = 2**32  # distinct headings
 _ICP_POINTS = 700  # points of the cloud that fine alignment moves
 
 
@@ -32,6 +34,18 @@ class Declared(Record):
 
     turn: Floats = field(default_factory=lambda: np.eye(3))  # (3, 3) target to the source's orientation
     words: Floats = field(default_factory=lambda: np.eye(3))  # (3, 3) source to +X front, +Y left
+
+
+def declared_for(source: Structure, target: Structure) -> Declared:
+    """What was said of how two structures stand."""
+    return Declared(_declared_turn(source, target), named_axes(source.frame))
+
+
+def _declared_turn(source: Structure, target: Structure) -> Floats:
+    """The target's frame to the source's, where both are declared to stand alike."""
+    circle = (target.frame.heading_rad - source.frame.heading_rad) / (2 * np.pi)
+    # Rounded, so that equal structures in other axes give the same number, and a whole circle none.
+    return Frame(2 * np.pi * float(np.round(circle * _CIRCLE) % _CIRCLE / _CIRCLE)).turn
 
 
 def register(

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.correspondence.memo import Memo, no_memo, remembering
-from upplied.planning.correspondence.pair import Pair, content_key, skin_of
+from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
+from upplied.planning.correspondence.pair import Pair, skin_of
 from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.attention import Attention, attention
 from upplied.planning.demonstration.denoise import Smoothed, smoothed

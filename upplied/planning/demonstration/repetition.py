@@ -13,10 +13,10 @@ import numpy as np
 from upplied.config import Settings
 from upplied.errors import SettingsError
 from upplied.planning.correspondence.landmarks import choices_for, side_of
-from upplied.planning.correspondence.memo import Memo, no_memo, remembering
+from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.never_scanned import without
-from upplied.planning.correspondence.pair import Pair, content_key
+from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.inspection import Inspection, inspect_demonstration
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both

@@ -20,8 +20,8 @@ from upplied.planning.carry.standoff import (
     picture_share,
 )
 from upplied.planning.correspondence.fit import Fit
-from upplied.planning.correspondence.memo import Memo, no_memo, remembering
-from upplied.planning.correspondence.pair import Pair, content_key
+from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
+from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
 from upplied.planning.measures.attainable import attainable
 from upplied.planning.measures.fidelity import fidelity
