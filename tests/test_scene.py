@@ -12,7 +12,7 @@ import numpy as np
 from upplied.fleet.workers import Workers
 from upplied.records import Structure
 from upplied.samples.fleet import member, random_member
-from upplied.scene import Scene, _few, scene_of
+from upplied.scene import Scene, _few, discs_of, scene_of
 from upplied.threads import cast_rays_on, ray_threads
 
 PLOTS_TWICE = """
@@ -109,3 +109,18 @@ def test_a_cloud_of_many_points_takes_bounded_discs_that_keep_its_distances_and_
     assert scene.occluded(places, -places).all()
     assert _few(points, points)[0].shape == (60_000, 3)
     assert _few(points[:10], None)[1] is None and np.array_equal(_few(points[:10], None)[0], points[:10])
+
+
+def test_a_ray_at_a_cloud_meets_what_it_meets_of_the_discs_in_the_order_of_its_points() -> None:
+    rng = np.random.default_rng(2)
+    normals = rng.normal(size=(3000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    ball = Structure(
+        "ball", "tank", 5 * normals + rng.normal(0, 0.02, (3000, 3)), np.empty((0, 3), int), normals
+    )
+    starts, ways = 12 * normals[:500], -normals[:500] + rng.normal(0, 0.3, (500, 3))
+    vertices, triangles = discs_of(ball).mesh()
+    found, wanted = scene_of(ball).cast(starts, ways), Scene(vertices, triangles).cast(starts, ways)
+    np.testing.assert_array_equal(found[0], wanted[0])
+    np.testing.assert_array_equal(found[1], wanted[1])
+    assert (found[1] < 0).any() and (found[1] >= 0).any()

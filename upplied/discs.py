@@ -8,8 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
+from upplied.cubes import nearest_of_all
 from upplied.records import Floats, Ints, Record
-from upplied.vectors import across, nearest_of_all, plane_normals
+from upplied.vectors import across, plane_normals
 
 _AROUND = 12  # neighbours of a sample that tell its plane, and whose discs are to hold it
 _RIM = 6  # the neighbour as far away as a disc is wide
@@ -50,13 +51,7 @@ class Discs(Record):
 
     def mesh(self) -> tuple[Floats, Ints]:
         """The discs as hexagons: vertices (6 N, 3) and triangles (4 N, 3), in the order of the discs."""
-        first, second = across(self.normals)
-        angles = np.arange(6) * np.pi / 3
-        rim = self.points[:, None] + self.radius_m[:, None, None] * (
-            np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * second[:, None]
-        )
-        fan = np.array([[0, corner, corner + 1] for corner in range(1, 5)])
-        return rim.reshape(-1, 3), ((6 * np.arange(len(self.points)))[:, None, None] + fan).reshape(-1, 3)
+        return hexagons(self.points, self.normals, self.radius_m)
 
     def error_m(self) -> float:
         """How far the surface may lie from the discs, m: as far as any sample does from its neighbours'.
@@ -72,6 +67,28 @@ class Discs(Record):
         return float(off[off <= self.grain_m].max(initial=0.0))
 
 
+def hexagons(points: Floats, normals: Floats, radius_m: Floats) -> tuple[Floats, Ints]:
+    """Vertices (6 N, 3), m, and triangles (4 N, 3) of hexagons in the discs of some places, see `Discs`."""
+    angles = np.arange(6) * np.pi / 3
+    rim = _rims(np.asarray(points, float), radius_m, *across(normals), np.cos(angles), np.sin(angles))
+    fan = np.array([[0, corner, corner + 1] for corner in range(1, 5)])
+    return rim.reshape(-1, 3), ((6 * np.arange(len(points)))[:, None, None] + fan).reshape(-1, 3)
+
+
+@njit(cache=True)
+def _rims(
+    points: Floats, radius: Floats, first: Floats, second: Floats, along: Floats, aside: Floats
+) -> Floats:
+    """Corners (N, 6, 3) of discs whose planes two directions (N, 3) span, m."""
+    rim = np.empty((len(points), len(along), 3))
+    for row in range(len(points)):
+        for corner in range(len(along)):
+            for axis in range(3):
+                way = along[corner] * first[row, axis] + aside[corner] * second[row, axis]
+                rim[row, corner, axis] = points[row, axis] + radius[row] * way
+    return rim
+
+
 @njit(cache=True)
 def _off_others(points: Floats, normals: Floats, away: Floats, nearest: Ints, reach: Floats) -> Floats:
     """How far (N,) each sample lies from the discs of the others near it, m."""
@@ -82,8 +99,10 @@ def _off_others(points: Floats, normals: Floats, away: Floats, nearest: Ints, re
             above = 0.0
             for axis in range(3):
                 above += (points[row, axis] - points[other, axis]) * normals[other, axis]
+            if abs(above) >= off[row]:
+                continue
             beside = np.sqrt(max(away[row, column] ** 2 - above**2, 0.0)) - reach[other]
-            off[row] = min(off[row], np.hypot(above, max(beside, 0.0)))
+            off[row] = min(off[row], np.hypot(above, beside) if beside > 0 else abs(above))
     return off
 
 

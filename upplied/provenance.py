@@ -22,6 +22,7 @@ _SOURCES = (
     "poses.py",
     "reconstruction.py",
     "records",
+    "cubes.py",
     "disc_cells.py",
     "discs.py",
     "scene.py",

@@ -7,6 +7,8 @@ import numpy as np
 from upplied.records import Bools, Floats, Ints
 from upplied.scene import Scene
 
+_ROUNDING_M = 1e-3  # beyond what single precision may be off
+
 
 class SupposedScene(Scene):
     """What a scene answers where more surface is supposed: rays are blocked by it, distances are from it.
@@ -40,11 +42,26 @@ class SupposedScene(Scene):
 
     def distance(self, points: Floats) -> Floats:
         """As of a `Scene`, from the nearer surface."""
-        return np.minimum(self.known.distance(points), self.supposed.distance(points))
+        points = np.reshape(points, (-1, 3))
+        away = self.known.distance(points)
+        asked = self._may_be_within(points, away)
+        away[asked] = np.minimum(away[asked], self.supposed.distance(points[asked]))
+        return away
 
     def closest(self, points: Floats) -> tuple[Floats, Ints]:
         """As of a `Scene`, on the nearer surface; triangle -1 where that is supposed."""
         points = np.reshape(points, (-1, 3))
-        (places, triangle), (others, _) = self.known.closest(points), self.supposed.closest(points)
-        nearer = np.linalg.norm(others - points, axis=1) < np.linalg.norm(places - points, axis=1)
-        return np.where(nearer[:, None], others, places), np.where(nearer, -1, triangle)
+        places, triangle = self.known.closest(points)
+        away = np.linalg.norm(places - points, axis=1)
+        asked = self._may_be_within(points, away)
+        others, _ = self.supposed.closest(points[asked])
+        nearer = np.linalg.norm(others - points[asked], axis=1) < away[asked]
+        places[asked[nearer]], triangle[asked[nearer]] = others[nearer], -1
+        return places, triangle
+
+    def _may_be_within(self, points: Floats, reach_m: Floats) -> Ints:
+        """Which points (N, 3) lie so near to the box of what is supposed that it may be within reach (N,)."""
+        low, high = self.supposed.box
+        gap = np.maximum(np.maximum(low - points, points - high), 0.0)
+        least = np.linalg.norm(gap, axis=1) - self.supposed.error_m - _ROUNDING_M
+        return np.flatnonzero(least < reach_m)

@@ -87,7 +87,7 @@ class Structure(Record):
     @property
     def diagonal_m(self) -> float:
         """Length of the diagonal of the bounding box, m."""
-        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+        return self.derived("diagonal", lambda: float(np.linalg.norm(np.ptp(self.vertices, axis=0))))
 
     @property
     def frame(self) -> Frame:

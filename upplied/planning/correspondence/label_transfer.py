@@ -9,8 +9,6 @@ found already is another one of its kind: the outer engine of an airliner beside
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -27,14 +25,13 @@ from upplied.planning.constants import (
     TOLERANCE,
     TOUCH,
 )
-from upplied.planning.correspondence.coherent_point_drift import Patch, drift, spread_over
+from upplied.planning.correspondence.displacement import brought_onto
 from upplied.planning.geometry.boxes import diagonal_of, spacing
 from upplied.planning.surface.parts import by_size, joined_small, labels_of, parts_of
 from upplied.records import Bools, Cloud, Floats, Ints
 from upplied.vectors import with_normals
 
 _LEAST_SAMPLES = 15  # of a part that is compared with others
-_CONTROLS, _ANCHORS = 200, 450  # points that move, and points that pull (`correspondence.by_parts`)
 _ROUNDS = 6  # in which a part is shifted to where it lies best
 
 
@@ -102,19 +99,6 @@ def carried(whole: Cloud, known: Cloud) -> Ints:
     """The part (N,) of `known` that a smooth displacement brings onto each sample, -1 where none is near."""
     name, far = _nearest(whole, brought_onto(whole, known))
     return np.where(far, -1, name)
-
-
-def brought_onto(whole: Cloud, known: Cloud) -> Cloud:
-    """A structure, `known`, by a smooth displacement brought onto another that it is registered with."""
-    none = np.full(len(known), -1), np.full(len(whole), -1)
-    moving = Patch(known.points, known.outward, none[0])
-    fixed = Patch(whole.points, whole.outward, none[1])
-    found = drift(
-        moving.rows(spread_over(known, _CONTROLS)),
-        fixed.rows(spread_over(whole, _ANCHORS)),
-        diagonal_of(whole.points),
-    )
-    return replace(known, points=moving.points + found.at(moving.points, moving.label))
 
 
 def _nearest(whole: Cloud, moved: Cloud) -> tuple[Ints, Bools]:

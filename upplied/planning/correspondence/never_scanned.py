@@ -14,8 +14,9 @@ from scipy.spatial import cKDTree
 from upplied.config import CloudSettings
 from upplied.discs import Discs
 from upplied.planning.constants import FRAGMENT, MAJORITY, TOUCH
+from upplied.planning.correspondence.displacement import brought_onto
 from upplied.planning.correspondence.fit import Fit
-from upplied.planning.correspondence.label_transfer import brought_onto, connected, pieces_tell_parts
+from upplied.planning.correspondence.label_transfer import connected, pieces_tell_parts
 from upplied.planning.correspondence.memo import Memo, content_key
 from upplied.planning.geometry.boxes import in_source_frame, spacing
 from upplied.planning.surface.openings import shows_inside

@@ -99,9 +99,9 @@ def _fine_points(structure: Structure, cloud: Cloud, rng: np.random.Generator) -
     """The same of a structure given as points: normals from neighbours, turned as the samples' are."""
     points = structure.vertices
     chosen = np.sort(rng.permutation(len(points))[:_FINE])
-    like = cloud.outward[cKDTree(cloud.points).query(points[chosen])[1]]
     if structure.normals is not None:
         return points[chosen], structure.normals[chosen], np.full(len(chosen), -1)
+    like = cloud.outward[cKDTree(cloud.points).query(points[chosen])[1]]
     neighbours = cKDTree(points).query(points[chosen], k=min(13, len(points)))[1]
     normals = plane_normals(points, neighbours)
     turned = np.where((normals * like).sum(axis=1, keepdims=True) < 0, -normals, normals)
