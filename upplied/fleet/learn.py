@@ -17,7 +17,7 @@ from upplied.errors import InputError
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
-from upplied.planning.correspondence.label_transfer import pieces_tell_parts
+from upplied.planning.surface.parts import pieces_tell_parts
 from upplied.recommend.shapes import Shapes, content_of
 from upplied.records import Demonstration, Placement, Structure
 

@@ -21,7 +21,7 @@ from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
 from upplied.planning.measures.evaluate import judge
-from upplied.planning.measures.verdict import in_the_air, shortfalls
+from upplied.planning.measures.verdict import in_the_way, shortfalls
 from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,
@@ -218,7 +218,7 @@ def _planned(
         # Which path near there shows the most for what it costs, and how fast is it flown? (lines 17 and 18)
         trajectory, is_viewpoint, demonstrated_s = propose(carried, settings)
     except RefusedError as refusal:
-        reason = "; ".join((str(refusal), *in_the_air(takes[0].pair.surface.target)))
+        reason = "; ".join((str(refusal), *in_the_way(takes[0].pair)))
         return replace(plan, status="refused", reason=reason, warnings=(), not_flyable="")
     # How good is it? The same measures for every preset.
     measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings, memo)

@@ -21,6 +21,7 @@ class Cloud(Record):
     area_m2: Floats | None = None  # (N,) surface each sample stands for
     part: Ints | None = None  # (N,) which part of the structure (0 ..) the sample lies on
     leaf_m: float = 0.0  # edge of the voxels, 0 for surface samples
+    open: Bools | None = None  # (N,) of a scan: whether the inside of its surface shows there
 
     def __len__(self) -> int:
         return len(self.points)

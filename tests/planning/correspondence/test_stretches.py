@@ -12,8 +12,8 @@ from upplied.planning.correspondence.label_transfer import (
     carried,
     has_parts,
     parts_like,
-    pieces_tell_parts,
 )
+from upplied.planning.surface.parts import pieces_tell_parts
 from upplied.records import Cloud, Floats, Ints, Registration
 
 Box = tuple[list[float], list[float]]

@@ -27,7 +27,7 @@ from upplied.planning.constants import (
 )
 from upplied.planning.correspondence.displacement import brought_onto
 from upplied.planning.geometry.boxes import diagonal_of, spacing
-from upplied.planning.surface.parts import by_size, joined_small, labels_of, parts_of
+from upplied.planning.surface.parts import by_size, joined_small, labels_of
 from upplied.records import Bools, Cloud, Floats, Ints
 from upplied.vectors import with_normals
 
@@ -38,15 +38,6 @@ _ROUNDS = 6  # in which a part is shifted to where it lies best
 def has_parts(cloud: Cloud) -> bool:
     """Whether the samples of a surface are known to lie on more than one part."""
     return bool(labels_of(cloud).max(initial=0) > 0)
-
-
-def pieces_tell_parts(cloud: Cloud) -> bool:
-    """Whether the pieces of a surface are parts: enough of it lies on pieces that touch others.
-
-    A scan of which much is missing falls into pieces that lie apart, as little as one piece tells parts.
-    """
-    parts = parts_of(cloud)
-    return bool(parts.area[parts.touching.any(axis=1)].sum() > 1 - MAJORITY)
 
 
 def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:

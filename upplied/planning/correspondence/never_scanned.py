@@ -6,7 +6,8 @@ target is likely to be. Nobody knows more of that, so a path keeps clear of it, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,11 +17,12 @@ from upplied.discs import Discs
 from upplied.planning.constants import FRAGMENT, MAJORITY, TOUCH
 from upplied.planning.correspondence.displacement import brought_onto
 from upplied.planning.correspondence.fit import Fit
-from upplied.planning.correspondence.label_transfer import connected, pieces_tell_parts
+from upplied.planning.correspondence.label_transfer import connected
 from upplied.planning.correspondence.memo import Memo, content_key
+from upplied.planning.correspondence.partial import as_likely, is_open
 from upplied.planning.geometry.boxes import in_source_frame, spacing
 from upplied.planning.surface.openings import shows_inside
-from upplied.planning.surface.parts import labels_of
+from upplied.planning.surface.parts import labels_of, pieces_tell_parts
 from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Record, Registration, Structure
 from upplied.scene import Scene
 from upplied.supposed_scene import SupposedScene
@@ -38,6 +40,12 @@ class NeverScanned(Record):
     normals: Floats  # (K, 3) unit
     area_m2: float  # of the target, that they stand for
     error_m: float  # how far the surface may be from there
+    spacing_m: float = 0.0  # of these samples
+    # The same by other registrations that are as likely: nobody knows where a body ends that was cut off.
+    other_points: Floats = field(default_factory=lambda: np.empty((0, 3)))  # (J, 3) m
+    other_normals: Floats = field(default_factory=lambda: np.empty((0, 3)))  # (J, 3) unit
+    other_way: Ints = field(default_factory=lambda: np.empty(0, np.int64))  # (J,) which registration
+    reach_m: float = 0.0  # how much farther the target may go on so
 
 
 NOTHING_MISSING = NeverScanned(*(np.empty(0, np.int64),) * 2, *(np.empty((0, 3)),) * 2, 0.0, 0.0)
@@ -84,49 +92,103 @@ def never_scanned(
         Their surface samples, each in its own frame.
     found : Registration
     """
-    open_ = shows_inside(target, target_scene, there)
+    open_ = _open(target, target_scene, there)
     if there.areas[open_].sum() < FRAGMENT * there.areas.sum():
         return NOTHING_MISSING
     step = TOUCH * spacing(there)  # nearer to what was scanned, nothing is missing
     moved = brought_onto(in_source_frame(there, found), here)
     points = found.to_target(moved.points)
     normals, area_m2 = _in_target_frame(here, found)
-    open_here = shows_inside(source, source_scene, here)
+    open_here = _open(source, source_scene, here)
     if open_here.any():
         open_ &= cKDTree(points[open_here]).query(there.points)[0] > TOUCH * step
     apart = target_scene.distance(points) + target_scene.error_m
-    far = np.flatnonzero(apart > step)
-    if not open_.any() or not len(far):
-        return replace(NOTHING_MISSING, opening=np.flatnonzero(open_))
-    beyond = far[_reached(points[far], there.points[open_], TOUCH * step)]
+    if not open_.any():
+        return NOTHING_MISSING
+    seeds = there.points[open_]
+    beyond = _beyond(points, apart, seeds, step)
     near = apart[apart <= step]
-    return NeverScanned(
+    known = NeverScanned(
         np.flatnonzero(open_),
         beyond,
         points[beyond],
         normals[beyond],
         float(area_m2[beyond].sum()),
         float(np.percentile(near, _SURE)) if len(near) else step,
+        float(np.sqrt(area_m2.mean())),
     )
+    if not is_open(there):
+        return known
+    return _with_others(known, as_likely(here, there, found), here, there, target_scene, step)
+
+
+def _with_others(
+    known: NeverScanned, ways: Sequence[Registration], here: Cloud, there: Cloud, scene: Scene, step: float
+) -> NeverScanned:
+    """What is missing, with where more of it would lie by other registrations."""
+    found: list[tuple[Floats, Floats, Ints]] = []
+    seeds = there.points[known.opening]
+    for number, way in enumerate(ways):
+        points, normals = way.to_target(here.points), _in_target_frame(here, way)[0]
+        beyond = _beyond(points, scene.distance(points) + scene.error_m, seeds, step)
+        found.append((points[beyond], normals[beyond], np.full(len(beyond), number)))
+    if not found:
+        return known
+    points, normals, way_of = (np.concatenate(each) for each in zip(*found, strict=True))
+    supposed = np.concatenate([there.points, known.points])
+    reach_m = float(cKDTree(supposed).query(points)[0].max(initial=0.0))
+    return replace(known, other_points=points, other_normals=normals, other_way=way_of, reach_m=reach_m)
+
+
+def _beyond(points: Floats, apart: Floats, seeds: Floats, step: float) -> Ints:
+    """Which samples (K,) lie apart from what was scanned, and are joined with an opening."""
+    far = np.flatnonzero(apart > step)
+    return far[_reached(points[far], seeds, TOUCH * step)] if len(far) else far
+
+
+def _open(structure: Structure, scene: Scene, cloud: Cloud) -> Bools:
+    return shows_inside(structure, scene, cloud) if cloud.open is None else cloud.open
 
 
 def scene_beyond(scene: Scene, missing: NeverScanned) -> Scene:
-    """The scene of a target with what was never scanned of it."""
-    if not len(missing.beyond):
+    """The scene of a target with what was never scanned of it, and keeps clear of where it may go on."""
+    supposed = [(missing.points, missing.normals)] if len(missing.beyond) else []
+    doubtful = [
+        (missing.other_points[mine], missing.other_normals[mine])
+        for mine in (missing.other_way == way for way in np.unique(missing.other_way))
+    ]
+    if not supposed and not doubtful:
         return scene
-    discs = Discs.of(missing.points, missing.normals)
-    spacing_m = np.sqrt(missing.area_m2 / len(missing.beyond))
-    # A sample that lies alone stands for no more surface than others.
-    discs = replace(discs, away=np.minimum(discs.away, TOUCH * spacing_m))
-    return SupposedScene(scene, *discs.mesh(), missing.error_m)
+    error_m, threads = missing.error_m, scene.threads
+    return SupposedScene(
+        scene,
+        *(
+            Scene(*_meshes(each, missing.spacing_m), threads, error_m=error_m) if each else None
+            for each in (supposed, doubtful)
+        ),
+    )
+
+
+def _meshes(surfaces: Sequence[tuple[Floats, Floats]], spacing_m: float) -> tuple[Floats, Ints]:
+    """Discs of surfaces, points (N, 3) and normals of each, as one mesh."""
+    vertices, triangles, before = [], [], 0
+    for points, normals in surfaces:
+        discs = Discs.of(points, normals)
+        # A sample that lies alone stands for no more surface than others.
+        mesh = replace(discs, away=np.minimum(discs.away, TOUCH * spacing_m)).mesh()
+        vertices.append(mesh[0])
+        triangles.append(mesh[1] + before)
+        before += len(mesh[0])
+    return np.concatenate(vertices), np.concatenate(triangles)
 
 
 def with_missing(there: Cloud, missing: NeverScanned) -> Cloud:
     """What is in the way: the samples of a target, and those of what was never scanned; without areas."""
-    if not len(missing.beyond):
+    if not len(missing.beyond) and not len(missing.other_way):
         return there
     return Cloud(
-        np.concatenate([there.points, missing.points]), np.concatenate([there.outward, missing.normals])
+        np.concatenate([there.points, missing.points, missing.other_points]),
+        np.concatenate([there.outward, missing.normals, missing.other_normals]),
     )
 
 

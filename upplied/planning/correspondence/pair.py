@@ -11,7 +11,7 @@ from upplied.config import CloudSettings, Settings
 from upplied.planning.constants import CLEARLY_BETTER, MAJORITY
 from upplied.planning.correspondence.fit import NOTHING, Fit, explained, number_of_parts
 from upplied.planning.correspondence.fit_settings import surface_settings, unasked, voxel_settings
-from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like, pieces_tell_parts
+from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering, surface_key
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.never_scanned import (
@@ -23,7 +23,7 @@ from upplied.planning.correspondence.never_scanned import (
 )
 from upplied.planning.correspondence.registration import Declared, declared_for, register
 from upplied.planning.correspondence.rotor import rotor_turned
-from upplied.planning.surface.parts import blades_of
+from upplied.planning.surface.parts import blades_of, pieces_tell_parts
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import PartLabels, skin_parts
 from upplied.planning.surface.voxels import voxel_cloud

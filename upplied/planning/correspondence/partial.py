@@ -1,24 +1,27 @@
 """A target of which something was never scanned, registered: its box is no longer the source's.
 
 Where a wing, a mast or an end is missing, boxes made equal stretch what is there by as much. So along each
-axis the scale of the other axes is tried too, from either end, and the best ways are refined by the surfaces
-that are on both.
+axis other scales are tried too, from either end, and the best ways are refined by the surfaces that are on
+both. Where the scan is open, what of the source lies beyond an opening counts for no way and against none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import MAJORITY
+from upplied.planning.constants import LEAST_PART, MAJORITY
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.misfit import FACING
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
 from upplied.records import Cloud, Floats, Registration
 from upplied.vectors import scaled_normals, with_normals
+
+Way = tuple[Floats, Floats]  # scale and shift, each (3,), of a target whose box was made equal
 
 _SAMPLES = 700  # of each surface
 _FAR = 0.06  # of the diagonal: farther surfaces are not on both, and count no more
@@ -26,6 +29,12 @@ _REFINED, _ROUNDS = 4, 12  # ways that are refined, and how often
 _NEAREST = 0.015  # of the diagonal: what counts as on both in the last round; the first takes `_FAR`
 _LEAST_SAMPLES = 50  # samples, at least, that are on both
 _STEP = 1.25  # largest change of a scale in a round
+_LEFT = np.arange(19, 9, -1) / 20  # shares of an axis that may be left of an open target
+
+
+def is_open(cloud: Cloud) -> bool:
+    """Whether a scan ends on so much of its surface that something was never scanned."""
+    return cloud.open is not None and bool(cloud.areas[cloud.open].sum() >= LEAST_PART * cloud.areas.sum())
 
 
 def registered_partly(source: Cloud, target: Cloud, box: Registration) -> Registration | None:
@@ -50,22 +59,56 @@ def registered_partly(source: Cloud, target: Cloud, box: Registration) -> Regist
     # well nothing is tried), those whose boxes were wrong moved by 16 %.
     if apart >= before or (moved < _FAR and apart > MAJORITY * before):
         return None
-    return Registration(
-        scale * box.scale,
-        box.rotation,
-        scale * box.translation + shift,
-        float("nan"),
-        False,
-        turn=box.turn,
-    )
+    return both.registration(scale, shift)
+
+
+class Judged(NamedTuple):
+    """A registration, and how far the surfaces lie apart in it."""
+
+    apart_m: float  # mean distance both ways, at the source's scale, where both are known
+    error_m: float  # of that mean, two standard errors
+    registration: Registration
+
+
+def ways_of_open(source: Cloud, target: Cloud, box: Registration, found: Registration) -> list[Judged]:
+    """Registrations of an open target: one that was found, and others, the best first.
+
+    Parameters
+    ----------
+    source, target : Cloud
+        Surface samples with normals, each in its own frame.
+    box : Registration
+        By boxes made equal, turned as `found`.
+    found : Registration
+    """
+    both = _Both(source, target, box)
+    ways = sorted(both.ways(), key=lambda way: both.apart(*way))
+    ways += [both.refined(*way) for way in ways[:_REFINED]]
+    others = sorted((both.judged(*way) for way in ways), key=lambda each: each.apart_m)
+    return [both.judged(*both.way(found))._replace(registration=found), *others]
+
+
+def as_likely(source: Cloud, target: Cloud, found: Registration) -> list[Registration]:
+    """Registrations by which an open target goes on farther at an open end, that samples cannot rule out.
+
+    Parameters
+    ----------
+    source, target : Cloud
+        Surface samples with normals, each in its own frame.
+    found : Registration
+    """
+    both = _Both(source, target, found)
+    as_found = both.judged(np.ones(3), np.zeros(3))
+    ways = (both.judged(*way) for way in both.longer())
+    return [way.registration for way in ways if way.apart_m <= as_found.apart_m + as_found.error_m]
 
 
 class _Both:
-    """Both surfaces with the boxes equal, and ways (scale and shift, each (3,)) to register them."""
+    """Both surfaces with the boxes equal, and ways to register them."""
 
     def __init__(self, source: Cloud, target: Cloud, box: Registration) -> None:
         registered = in_source_frame(target, box)
-        self.diagonal, self.slack = diagonal_of(source.points), spacing(source)
+        self.box, self.diagonal, self.slack = box, diagonal_of(source.points), spacing(source)
         self.weight = FACING * self.diagonal
         mine, theirs = spread_over(source, _SAMPLES), spread_over(target, _SAMPLES)
         self.fixed = with_normals(source.points[mine], source.outward[mine], self.weight)
@@ -73,11 +116,23 @@ class _Both:
         self.points, self.normals = registered.points[theirs], registered.outward[theirs]
         self.ends = source.points.min(axis=0), source.points.max(axis=0)
         self.stretched = box.scale
+        self.open = target.open[theirs] if target.open is not None else np.zeros(len(theirs), bool)
 
-    def ways(self) -> Iterator[tuple[Floats, Floats]]:
-        """The boxes as they are, and along some axes the scale of the others, from either end."""
+    def registration(self, scale: Floats, shift: Floats) -> Registration:
+        """A way as a registration of the target in its own frame; not judged."""
+        box = self.box
+        moved = scale * box.translation + shift
+        return Registration(scale * box.scale, box.rotation, moved, float("nan"), False, turn=box.turn)
+
+    def way(self, found: Registration) -> Way:
+        """The other way round."""
+        scale = found.scale / self.box.scale
+        return scale, found.translation - scale * self.box.translation
+
+    def ways(self) -> Iterator[Way]:
+        """The boxes as they are, and along some axes the scale of the others, or less, from either end."""
         yield np.ones(3), np.zeros(3)
-        for ends in product((None, *self.ends), repeat=3):
+        for ends in product(*((None, *self._kept_ends(axis)) for axis in range(3))):
             whole = [axis for axis in range(3) if ends[axis] is None]
             if not 0 < len(whole) < 3:
                 continue
@@ -86,8 +141,30 @@ class _Both:
             for axis, end in enumerate(ends):
                 if end is not None:
                     scale[axis] = common / self.stretched[axis]
-                    shift[axis] = (1 - scale[axis]) * end[axis]
+                    shift[axis] = (1 - scale[axis]) * end
             yield scale, shift
+        if self.open.any():
+            yield from self.longer()
+
+    def longer(self) -> Iterator[Way]:
+        """Of an open target: it is some share of the whole along one axis, and goes on at an open end."""
+        for axis in range(3):
+            for end, left in product(self._kept_ends(axis), _LEFT):
+                scale, shift = np.ones(3), np.zeros(3)
+                scale[axis], shift[axis] = left, (1 - left) * end
+                yield scale, shift
+
+    def _kept_ends(self, axis: int) -> list[float]:
+        """Where the structures end along an axis, where something may be cut off at the other end."""
+        return [
+            self.ends[side][axis]
+            for side in (0, 1)
+            if not self.open.any() or self._is_open(axis, self.ends[1 - side][axis])
+        ]
+
+    def _is_open(self, axis: int, end: float) -> bool:
+        off = np.abs(self.points[self.open, axis] - end)
+        return bool(off.min(initial=np.inf) < _FAR * self.diagonal)
 
     def moved(self, scale: Floats, shift: Floats) -> Floats:
         """Target samples with normals beside their places, (S, 6)."""
@@ -96,19 +173,34 @@ class _Both:
 
     def apart(self, scale: Floats, shift: Floats) -> float:
         """Mean distance of the surfaces, both ways; what is on one alone counts no more than `_FAR`."""
-        moved = self.moved(scale, shift)
-        ways = self.tree.query(moved)[0], cKDTree(moved).query(self.fixed)[0]
-        far = _FAR * self.diagonal
-        return float(sum(np.clip(way - self.slack, 0, far).mean() for way in ways))
+        return float(sum(each.mean() for each in self.distances(scale, shift)))
 
-    def refined(self, scale: Floats, shift: Floats) -> tuple[Floats, Floats]:
+    def judged(self, scale: Floats, shift: Floats) -> Judged:
+        """A way as a registration, and how good it is."""
+        ways = self.distances(scale, shift)
+        error = np.sqrt(sum(each.var() / len(each) for each in ways))
+        return Judged(
+            float(sum(each.mean() for each in ways)), float(2 * error), self.registration(scale, shift)
+        )
+
+    def distances(self, scale: Floats, shift: Floats) -> tuple[Floats, Floats]:
+        """How far samples of either are from the other's surface, m, but for the source's beyond openings."""
+        moved = self.moved(scale, shift)
+        back, here = cKDTree(moved).query(self.fixed)
+        known = ~self.open[here]
+        far = _FAR * self.diagonal
+        forth, back = self.tree.query(moved)[0], back[known] if known.any() else np.full(1, far)
+        return np.clip(forth - self.slack, 0, far), np.clip(back - self.slack, 0, far)
+
+    def refined(self, scale: Floats, shift: Floats) -> Way:
         """A way in which the surfaces that are on both lie best, by least squares along each axis."""
         for round_ in range(_ROUNDS):
             moved = self.moved(scale, shift)
             (forth, there), (back, here) = self.tree.query(moved), cKDTree(moved).query(self.fixed)
             near = max(_NEAREST, _FAR * (1 - round_ / _ROUNDS)) * self.diagonal
-            points = np.vstack([self.points[forth < near], self.points[here[back < near]]])
-            goals = np.vstack([self.fixed[there[forth < near], :3], self.fixed[back < near, :3]])
+            counts = (back < near) & ~self.open[here]
+            points = np.vstack([self.points[forth < near], self.points[here[counts]]])
+            goals = np.vstack([self.fixed[there[forth < near], :3], self.fixed[counts, :3]])
             if len(points) < _LEAST_SAMPLES:
                 break
             middle, goal = points.mean(axis=0), goals.mean(axis=0)

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 
 from upplied.config import RegistrationSettings
-from upplied.planning.constants import CLEARLY_BETTER, SAME_TURN_DEG
+from upplied.planning.constants import CLEARLY_BETTER, MAJORITY, SAME_TURN_DEG
 from upplied.planning.correspondence.misfit import UNTURNED, Misfit, misfit_of
 from upplied.planning.correspondence.orientation import find_orientation
-from upplied.planning.correspondence.partial import registered_partly
+from upplied.planning.correspondence.partial import is_open, registered_partly, ways_of_open
 from upplied.planning.geometry.boxes import box_scale, in_source_frame, spacing
 from upplied.planning.geometry.icp import icp, mean_squared_nn_distance
 from upplied.planning.surface.frames import named_axes
@@ -160,6 +160,8 @@ def _best_registration(
         judgement = misfit_of(source, target, other, words)
         if judgement.value < CLEARLY_BETTER * misfit.value:
             best, misfit, chosen = other, judgement, f"; {how}"
+    if is_open(target):
+        return _of_open(source, target, gate, words, (best, misfit, chosen))
     if misfit.value > _PARTLY * gate and (partly := registered_partly(source, target, start)) is not None:
         judgement = misfit_of(source, target, partly, words)
         lies_well = judgement.scanned < _PARTLY * gate and judgement.common > _COVERED
@@ -167,6 +169,21 @@ def _best_registration(
         if CLEARLY_BETTER * judgement.value < misfit.value if misfit.value < gate else lies_well:
             best, misfit, chosen = partly, judgement, "; registered by what is on both structures"
     return best, misfit, chosen
+
+
+def _of_open(
+    source: Cloud, target: Cloud, gate: float, words: Floats, closed: tuple[Registration, Misfit, str]
+) -> tuple[Registration, Misfit, str]:
+    """As a target was registered as if it were whole, or a way that fits most of what was scanned better."""
+    box = box_on_box(source, target, closed[0].turn)
+    before, *others = ways_of_open(source, target, box, closed[0])
+    for other in others:
+        if other.apart_m > MAJORITY * before.apart_m:
+            break
+        misfit = misfit_of(source, target, other.registration, words)
+        if misfit.value < gate and misfit.common > _COVERED:
+            return other.registration, misfit, "; registered by what was scanned"
+    return closed
 
 
 def box_on_box(source: Cloud, target: Cloud, turn: Floats | None = None) -> Registration:

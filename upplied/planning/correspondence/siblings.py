@@ -17,7 +17,6 @@ from upplied.config import Settings
 from upplied.planning.constants import CLEARLY_BETTER, LEAST_PART
 from upplied.planning.correspondence.fit import Fit, Told
 from upplied.planning.correspondence.fit_settings import unasked
-from upplied.planning.correspondence.label_transfer import pieces_tell_parts
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.correspondence.never_scanned import without
 from upplied.planning.correspondence.pair import (
@@ -29,7 +28,7 @@ from upplied.planning.correspondence.pair import (
     told_surfaces,
 )
 from upplied.planning.surface.frames import own_frame, structure_in
-from upplied.planning.surface.parts import parts_of
+from upplied.planning.surface.parts import parts_of, pieces_tell_parts
 from upplied.records import Bools, Floats, Structure
 
 

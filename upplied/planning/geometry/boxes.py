@@ -43,11 +43,11 @@ def in_source_frame(target: Cloud, registration: Registration) -> Cloud:
     """
     points = registration.to_demo(target.points)
     if target.normals is None:
-        return Cloud(points, None, target.area_m2, target.part, target.leaf_m)
+        return Cloud(points, None, target.area_m2, target.part, target.leaf_m, target.open)
     cofactor = np.linalg.det(registration.matrix) * np.linalg.inv(registration.matrix).T
     normals = target.normals @ cofactor.T
     stretch = np.linalg.norm(normals, axis=1)
     area = None if target.area_m2 is None else target.area_m2 * stretch
     # A mirroring turns a surface inside out; the outside stays outside.
     outward = np.sign(np.linalg.det(registration.matrix)) * normals / stretch[:, None]
-    return Cloud(points, outward, area, target.part, target.leaf_m)
+    return Cloud(points, outward, area, target.part, target.leaf_m, target.open)

@@ -183,7 +183,9 @@ def attainable_samples(pair: Pair, camera: Camera, settings: Settings, memo: Mem
     """Which surface samples of the target some allowed pose could see, (N,), remembered by content."""
     memo = remembering(memo, pair.target.sha256)
     airspace = airspace_of(pair, settings)
-    unseen = (pair.source.sha256, pair.missing.points.tolist()) if len(pair.missing.points) else ()
+    missing = pair.missing
+    beyond = missing.points.tolist(), missing.other_points.tolist()
+    unseen = (pair.source.sha256, *beyond) if any(beyond) else ()
     facts = (pair.target.sha256, settings.clouds, camera, settings.route, *unseen)
     found = memo(
         "attainable",

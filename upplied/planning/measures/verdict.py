@@ -15,9 +15,10 @@ from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.carry.reference import demonstrated_on_target
 from upplied.planning.correspondence.label_transfer import fragments
+from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take
 from upplied.polylines import leg_lengths
-from upplied.records import Cloud, Measures, Trajectory
+from upplied.records import Measures, Trajectory
 
 _TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)
 _TOLERANCE = 1.05  # of speeds and accelerations, which are read off differences of poses
@@ -116,12 +117,17 @@ def _hard(measures: Measures, settings: Settings) -> list[str]:
     return found
 
 
-def in_the_air(target: Cloud) -> tuple[str, ...]:
-    """That a scan holds what may be none of the structure, where a path has no room, in words."""
-    number = fragments(target)
-    if not number:
-        return ()
-    return (
-        f"{number} fragments of the target touch nothing and are kept clear of: what is none of it, as birds "
-        "and cables, `upplied structures check --clean` takes out",
-    )
+def in_the_way(pair: Pair) -> tuple[str, ...]:
+    """What a path has no room for that may be none of the target, or was never scanned, in words."""
+    found, number = [], fragments(pair.surface.target)
+    if number:
+        found.append(
+            f"{number} fragments of the target touch nothing and are kept clear of: what is none of it, as "
+            "birds and cables, `upplied structures check --clean` takes out"
+        )
+    if pair.missing.reach_m > 0:
+        found.append(
+            f"the scan ends where the target may go on, by up to {pair.missing.reach_m:.1f} m more than the "
+            "source says, which is kept clear of: scan the whole of it"
+        )
+    return tuple(found)

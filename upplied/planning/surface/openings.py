@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.planning.constants import TOUCH
+from upplied.planning.geometry.boxes import spacing
 from upplied.planning.surface.escape import ESCAPE, escapes
 from upplied.records import Bools, Cloud, Structure
 from upplied.scene import Scene
@@ -39,12 +41,12 @@ def shows_inside(structure: Structure, scene: Scene, cloud: Cloud) -> Bools:
     starts, asked = cloud.points + gap * inward, np.arange(len(cloud))
     if scene.grain_m:
         asked = np.flatnonzero(scene.cast(starts, -inward)[0] > _ITSELF * gap)
-    free = escapes(starts[asked], inward[asked], 2 * structure.diagonal_m, scene)
-    shows[asked] = free > ESCAPE
-    near = cKDTree(cloud.points).query(cloud.points, k=min(1 + _AROUND, len(cloud)))[1]
-    near = near.reshape(len(cloud), -1)[:, 1:]
+    open_ = escapes(starts[asked], inward[asked], 2 * structure.diagonal_m, scene) > ESCAPE
+    at, reach = cloud.points[asked], TOUCH * spacing(cloud)
+    near = cKDTree(at).query(at, k=range(2, 2 + _AROUND), distance_upper_bound=reach)[1]
     while True:  # what shows here and there, between discs at an edge, is no opening
-        joined = shows & (2 * shows[near].sum(axis=1) >= _AROUND)
-        if np.array_equal(joined, shows):
-            return np.asarray(shows, bool)
-        shows = joined
+        joined = open_ & (2 * np.append(open_, False)[near].sum(axis=1) >= _AROUND)
+        if np.array_equal(joined, open_):
+            shows[asked] = open_
+            return shows
+        open_ = joined

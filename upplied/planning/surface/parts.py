@@ -142,6 +142,15 @@ def _measured(cloud: Cloud) -> Parts:
     )
 
 
+def pieces_tell_parts(cloud: Cloud) -> bool:
+    """Whether the pieces of a surface are parts: enough of it lies on pieces that touch others.
+
+    A scan of which much is missing falls into pieces that lie apart, as little as one piece tells parts.
+    """
+    parts = parts_of(cloud)
+    return bool(parts.area[parts.touching.any(axis=1)].sum() > 1 - MAJORITY)
+
+
 def parts_of_both(source: Cloud, registered: Cloud, words: Floats) -> tuple[Parts, Parts]:
     """The parts of a source and of a registered target, in the axes (3, 3) in which places are named."""
     here = parts_of(source).in_axes(words)

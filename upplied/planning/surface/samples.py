@@ -7,13 +7,16 @@ that are open where nothing was scanned the inside does not count (`surface.open
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from upplied.config import CloudSettings
 from upplied.planning.surface.escape import ESCAPE, escapes, lets_out
 from upplied.planning.surface.floor import Floor, floor_of
 from upplied.planning.surface.open_shell import inside_open_shell
-from upplied.planning.surface.parts import mesh_pieces, part_labels
+from upplied.planning.surface.openings import shows_inside
+from upplied.planning.surface.parts import mesh_pieces, part_labels, pieces_tell_parts
 from upplied.planning.surface.poisson import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene, discs_of
@@ -41,10 +44,17 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
     -------
     Cloud
         `points` (N, 3), m, structure frame; outward `normals` (N, 3); `area_m2` (N,), whose sum is
-        the outside area; `part` (N,), 0 the largest. Deterministic for a seed.
+        the outside area; `part` (N,), 0 the largest; `open` (N,) where pieces do not tell the parts.
+        Deterministic for a seed.
     """
-    if not len(structure.triangles):
-        return _from_points(structure, scene, settings)
+    sampled = _from_triangles if len(structure.triangles) else _from_points
+    cloud = sampled(structure, scene, settings)
+    if pieces_tell_parts(cloud):
+        return cloud
+    return replace(cloud, open=shows_inside(structure, scene, cloud))
+
+
+def _from_triangles(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
     rng = np.random.default_rng(settings.seed)
     wanted = int(_SPARE * settings.surface_samples)
     floor = floor_of(structure)
