@@ -87,7 +87,13 @@ def test_a_sample_that_lies_alone_stands_for_no_more_surface_than_others() -> No
     lone = np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0], [40, 0, 0]])
     up = np.tile([0.0, 0, 1], (5, 1))
     missing = replace(
-        NOTHING_MISSING, beyond=np.arange(5), points=lone, normals=up, area_m2=5 * 0.25, error_m=0.0
+        NOTHING_MISSING,
+        beyond=np.arange(5),
+        points=lone,
+        normals=up,
+        area_m2=5 * 0.25,
+        error_m=0.0,
+        spacing_m=0.5,
     )
     far = Structure("far", "tank", np.array([[0.0, 0, -90], [1, 0, -90], [0, 1, -90]]), np.array([[0, 1, 2]]))
     scene = scene_beyond(Scene(far.vertices, far.triangles), missing)

@@ -9,8 +9,8 @@ import pytest
 
 from upplied.config import settings_for
 from upplied.planning.correspondence.misfit import misfit_of
-from upplied.planning.correspondence.partial import registered_partly
-from upplied.planning.correspondence.registration import box_on_box, fitted
+from upplied.planning.correspondence.partial import as_likely, is_open, registered_partly
+from upplied.planning.correspondence.registration import box_on_box, fitted, register
 from upplied.planning.geometry.boxes import diagonal_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Registration
@@ -109,3 +109,54 @@ def test_another_kind_is_not_laid_by_what_would_be_on_both(
     stranger = without(clouds[name], far > far.max() - 0.3 * np.ptp(far))
     other = fitted(clouds["bridge-1-v1"], stranger, 1.0)
     assert not other.accepted and "what is on both" not in other.evidence
+
+
+def cut_open(cloud: Cloud, axis: int, share: float, end: int) -> Cloud:
+    """What is left of a cloud where a share along an axis was never scanned, with its open rim."""
+    along = end * cloud.points[:, axis]
+    gone = along > along.max() - share * np.ptp(along)
+    left = along[~gone]
+    return replace(without(cloud, gone), open=left > left.max() - 0.03 * np.ptp(along))
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "end"), [("bridge-1-v1", "bridge-2-v1", -1), ("bridge-2-v1", "bridge-1-v1", 1)]
+)
+def test_where_the_scan_is_open_the_rest_is_not_stretched_to_the_whole(
+    clouds: dict[str, Cloud], source: str, target: str, end: int
+) -> None:
+    here, whole = clouds[source], clouds[target]
+    right, scan = box_on_box(here, whole), cut_open(whole, 0, 0.3, end)
+    assert off(fitted(here, replace(scan, open=None), 1.0), right, whole, here) > 0.15
+    found = fitted(here, scan, 1.0)
+    assert off(found, right, whole, here) < 0.02 and "by what was scanned" in found.evidence
+    assert found.accepted and register(here, scan, settings_for("recommended").registration).accepted
+
+
+def plain(length: float, left: float = 1.0) -> Cloud:
+    """Samples of a pipe of 8 m, tapered by a fifth, of which a share is left, open where it was cut."""
+    rng = np.random.default_rng(5)
+    along, angle = rng.uniform(0, length, 8000), rng.uniform(0, 2 * np.pi, 8000)
+    round_ = np.column_stack([np.zeros(8000), np.cos(angle), np.sin(angle)])
+    points = np.column_stack([along, np.zeros((8000, 2))]) + (4 - 0.8 * along / length)[:, None] * round_
+    kept = along < left * length
+    rim = along[kept] > left * length - 2
+    return Cloud(points[kept], round_[kept], np.full(kept.sum(), 0.2), open=rim & (left < 1))
+
+
+def test_where_samples_cannot_tell_how_far_a_target_goes_on_it_may_go_on() -> None:
+    here, scan = plain(50), plain(50, 0.8)
+    stretched = box_on_box(here, scan)  # as if it were all there
+    others = as_likely(here, scan, stretched)
+    assert min(off(other, box_on_box(here, here), here, here) for other in others) < 0.03
+    ends = [float(other.to_target(here.points)[:, 0].max()) for other in others]
+    assert min(ends) > 41 and max(ends) < 80
+    assert all(abs(float(other.to_target(here.points)[:, 0].min())) < 0.5 for other in others)
+
+
+def test_little_that_shows_its_inside_is_no_open_end() -> None:
+    scan = plain(50, 0.6)
+    assert is_open(scan) and not is_open(plain(50)) and not is_open(replace(scan, open=None))
+    assert scan.open is not None
+    few = scan.open & (np.cumsum(scan.open) <= 0.005 * len(scan))
+    assert few.any() and not is_open(replace(scan, open=few))

@@ -125,18 +125,20 @@ def never_scanned(
 def _with_others(
     known: NeverScanned, ways: Sequence[Registration], here: Cloud, there: Cloud, scene: Scene, step: float
 ) -> NeverScanned:
-    """What is missing, with where more of it would lie by other registrations."""
+    """What is missing, with where the target may go on by other registrations."""
     found: list[tuple[Floats, Floats, Ints]] = []
-    seeds = there.points[known.opening]
+    seeds, supposed = there.points[known.opening], cKDTree(np.concatenate([there.points, known.points]))
+    reach_m = 0.0
     for number, way in enumerate(ways):
         points, normals = way.to_target(here.points), _in_target_frame(here, way)[0]
         beyond = _beyond(points, scene.distance(points) + scene.error_m, seeds, step)
+        farther = supposed.query(points[beyond])[0]
+        reach_m = max(reach_m, float(farther.max(initial=0.0)))
+        beyond = beyond[farther > step]
         found.append((points[beyond], normals[beyond], np.full(len(beyond), number)))
-    if not found:
+    if reach_m <= step:
         return known
     points, normals, way_of = (np.concatenate(each) for each in zip(*found, strict=True))
-    supposed = np.concatenate([there.points, known.points])
-    reach_m = float(cKDTree(supposed).query(points)[0].max(initial=0.0))
     return replace(known, other_points=points, other_normals=normals, other_way=way_of, reach_m=reach_m)
 
 
