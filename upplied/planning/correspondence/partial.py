@@ -82,10 +82,12 @@ def ways_of_open(source: Cloud, target: Cloud, box: Registration, found: Registr
     found : Registration
     """
     both = _Both(source, target, box)
-    ways = sorted(both.ways(), key=lambda way: both.apart(*way))
-    ways += [both.refined(*way) for way in ways[:_REFINED]]
-    others = sorted((both.judged(*way) for way in ways), key=lambda each: each.apart_m)
-    return [both.judged(*both.way(found))._replace(registration=found), *others]
+    ways = list(both.ways())
+    known = [both.judged(*way) for way in ways]
+    best = sorted(range(len(ways)), key=lambda way: known[way].apart_m)
+    known += [both.judged(*both.refined(*ways[way])) for way in best[:_REFINED]]
+    as_found = both.judged(*both.way(found))._replace(registration=found)
+    return [as_found, *sorted(known, key=lambda each: each.apart_m)]
 
 
 def as_likely(source: Cloud, target: Cloud, found: Registration) -> list[Registration]:
