@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from as_built_cases import CASES, RIGHT, SOURCE, Case, area_of, clean_cloud, flown
 from as_built_decisions import Kept, targets_of
-from scans import made, real_names, scan, surface_seen, true_parts
+from scans import DIVIDED, made, real_names, scan, surface_seen, true_parts
 from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
@@ -160,12 +160,15 @@ def _was_scanned(kind: str, target: str, variant: str, points: Floats) -> Bools:
     """
     whole = scan(kind, target, "shell")
     seen = cKDTree(surface_seen(kind, target)).query(points)[0] < _LEFT_OUT * whole.diagonal_m
-    if variant in _CLOUDS:
+    if variant in _CLOUDS or variant == DIVIDED:
         return np.asarray(seen, bool)
+    if variant.startswith("cloudcut"):
+        left = cKDTree(scan(kind, target, variant).vertices).query(points)[0] < _LEFT_OUT * whole.diagonal_m
+        return np.asarray(seen & left, bool)
     near, triangle = Scene(whole.vertices, whole.triangles, 1).closest(points)
     there = scan(kind, target, variant)
     left = np.ones(len(whole.triangles), bool)
-    if variant.startswith("cut"):
+    if variant.startswith("cut"):  # a mesh of which triangles are gone
         name = np.array([len(whole.vertices) ** 2, len(whole.vertices), 1])
         left = np.isin(whole.triangles @ name, there.triangles @ name)
     rim = np.linalg.norm(near - points, axis=1) < _LEFT_OUT * whole.diagonal_m

@@ -28,6 +28,7 @@ from upplied.scene import Scene, open3d, scene_of
 
 FOLDER = Path(os.environ.get("UPPLIED_SCANS", Path(tempfile.gettempdir()) / "upplied-scans"))
 VARIANTS = ("model", "shell", "cloud", "cut20", "sparse", "noise", "clutter", "cut40", "cut10")
+DIVIDED = "divided"  # the same surface in four times as many triangles: what sampling alone changes
 CLEANED = "cleaned"  # what `upplied structures check --clean` leaves of clutter
 _VISIBLE = 160_000  # samples that a shell is made from
 _OFF = 2e-3  # m, above the surface, whence it is asked what is inside another part
@@ -57,6 +58,9 @@ def scan(kind: str, name: str, variant: str, seed: int = 0) -> Structure:
         cluttered = scan(kind, name, "clutter", seed)
         vertices, triangles, _ = kept(cluttered, separated(cluttered))
         return _structure(made(kind, name).structure, variant, vertices, triangles)
+    if variant == DIVIDED:
+        whole = made(kind, name).structure
+        return _structure(whole, variant, *_divided(whole.vertices, whole.triangles))
     if variant.startswith("cloudcut"):
         return _cut_cloud(made(kind, name).structure, scan(kind, name, "cloud", seed), variant, seed)
     rng = np.random.default_rng([seed, (*VARIANTS, "rough").index(variant)])
@@ -172,6 +176,18 @@ def _samples(of: Structure, number: int, rng: np.random.Generator) -> tuple[Floa
     at = corners[chosen]
     points = at[:, 0] * (1 - root) + root * (at[:, 1] * (1 - second) + at[:, 2] * second)
     return points, normals[chosen] / np.maximum(area[chosen, None], 1e-12), chosen
+
+
+def _divided(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints]:
+    """Each triangle in four, at the middles of its edges."""
+    mesh = (
+        open3d()
+        .geometry.TriangleMesh(
+            open3d().utility.Vector3dVector(vertices), open3d().utility.Vector3iVector(triangles)
+        )
+        .subdivide_midpoint(1)
+    )
+    return np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.int64)
 
 
 def _cut(vertices: Floats, triangles: Ints, share: float, rng: np.random.Generator) -> Ints:

@@ -83,6 +83,24 @@ def test_distances_are_from_what_may_be_there_and_rays_end_on_it() -> None:
     assert scene.occluded(places, places[::-1]).sum() >= known.occluded(places, places[::-1]).sum()
 
 
+def test_where_a_scan_may_go_on_farther_than_was_found_is_kept_clear_of_and_hides_nothing() -> None:
+    scan = cut(body())  # ends at 4 m, the body at 7 m
+    stretched = Registration(
+        np.array([14 / 11, 1, 1]), np.eye(3), np.array([-7 + 7 * 14 / 11, 0, 0]), 0.0, True
+    )
+    scenes, there = (scene_of(body()), scene_of(scan)), samples(scan)
+    found = never_scanned(body(), scenes[0], samples(body()), scan, scenes[1], there, stretched)
+    assert found.points[:, 0].max(initial=4) < 5 and found.reach_m > 1
+    assert found.other_points[:, 0].max() > 6 and found.other_points[:, 0].min() > 3
+    np.testing.assert_allclose(np.linalg.norm(found.other_normals, axis=1), 1, atol=1e-9)
+    scene = scene_beyond(scenes[1], found)
+    before = np.array([[9.0, 0, 1.5]])  # 2 m before where the body ends, 5 m before the scan does
+    assert scene.distance(before)[0] < 2.5 < 4.5 < scenes[1].distance(before)[0]
+    across = np.array([[5.5, -5.0, 1.5]]), np.array([[5.5, 5.0, 1.5]])
+    assert not scene.occluded(*across)[0]
+    assert len(with_missing(there, found)) == len(there) + len(found.points) + len(found.other_points)
+
+
 def test_a_sample_that_lies_alone_stands_for_no_more_surface_than_others() -> None:
     lone = np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0], [40, 0, 0]])
     up = np.tile([0.0, 0, 1], (5, 1))

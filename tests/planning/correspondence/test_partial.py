@@ -148,10 +148,13 @@ def test_where_samples_cannot_tell_how_far_a_target_goes_on_it_may_go_on() -> No
     here, scan = plain(50), plain(50, 0.8)
     stretched = box_on_box(here, scan)  # as if it were all there
     others = as_likely(here, scan, stretched)
-    assert min(off(other, box_on_box(here, here), here, here) for other in others) < 0.03
-    ends = [float(other.to_target(here.points)[:, 0].max()) for other in others]
+    assert min(off(other, box_on_box(here, here), here, here) for other, _ in others) < 0.03
+    ends = [float(other.to_target(here.points)[:, 0].max()) for other, _ in others]
     assert min(ends) > 41 and max(ends) < 80
-    assert all(abs(float(other.to_target(here.points)[:, 0].min())) < 0.5 for other in others)
+    for other, past in others:
+        at = other.to_target(here.points)[:, 0]
+        assert abs(float(at.min())) < 0.5 and past.any()
+        assert at[past].min() > 39.5 and (at[~past] < 41.5).all()
 
 
 def test_little_that_shows_its_inside_is_no_open_end() -> None:

@@ -119,26 +119,25 @@ def never_scanned(
     )
     if not is_open(there):
         return known
-    return _with_others(known, as_likely(here, there, found), here, there, target_scene, step)
+    return _with_others(known, here, there, found, target_scene, step)
 
 
 def _with_others(
-    known: NeverScanned, ways: Sequence[Registration], here: Cloud, there: Cloud, scene: Scene, step: float
+    known: NeverScanned, here: Cloud, there: Cloud, found: Registration, scene: Scene, step: float
 ) -> NeverScanned:
     """What is missing, with where the target may go on by other registrations."""
-    found: list[tuple[Floats, Floats, Ints]] = []
     seeds, supposed = there.points[known.opening], cKDTree(np.concatenate([there.points, known.points]))
+    others: list[tuple[Floats, Floats, Ints]] = []
     reach_m = 0.0
-    for number, way in enumerate(ways):
-        points, normals = way.to_target(here.points), _in_target_frame(here, way)[0]
+    for number, (way, past) in enumerate(as_likely(here, there, found)):
+        points, normals = way.to_target(here.points[past]), _in_target_frame(here, way)[0][past]
         beyond = _beyond(points, scene.distance(points) + scene.error_m, seeds, step)
         farther = supposed.query(points[beyond])[0]
-        reach_m = max(reach_m, float(farther.max(initial=0.0)))
-        beyond = beyond[farther > step]
-        found.append((points[beyond], normals[beyond], np.full(len(beyond), number)))
+        beyond, reach_m = beyond[farther > step], max(reach_m, float(farther.max(initial=0.0)))
+        others.append((points[beyond], normals[beyond], np.full(len(beyond), number)))
     if reach_m <= step:
         return known
-    points, normals, way_of = (np.concatenate(each) for each in zip(*found, strict=True))
+    points, normals, way_of = (np.concatenate(each) for each in zip(*others, strict=True))
     return replace(known, other_points=points, other_normals=normals, other_way=way_of, reach_m=reach_m)
 
 

@@ -18,7 +18,7 @@ from upplied.planning.constants import LEAST_PART, MAJORITY
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.misfit import FACING
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
-from upplied.records import Cloud, Floats, Registration
+from upplied.records import Bools, Cloud, Floats, Registration
 from upplied.vectors import scaled_normals, with_normals
 
 Way = tuple[Floats, Floats]  # scale and shift, each (3,), of a target whose box was made equal
@@ -90,7 +90,7 @@ def ways_of_open(source: Cloud, target: Cloud, box: Registration, found: Registr
     return [as_found, *sorted(known, key=lambda each: each.apart_m)]
 
 
-def as_likely(source: Cloud, target: Cloud, found: Registration) -> list[Registration]:
+def as_likely(source: Cloud, target: Cloud, found: Registration) -> list[tuple[Registration, Bools]]:
     """Registrations by which an open target goes on farther at an open end, that samples cannot rule out.
 
     Parameters
@@ -98,11 +98,22 @@ def as_likely(source: Cloud, target: Cloud, found: Registration) -> list[Registr
     source, target : Cloud
         Surface samples with normals, each in its own frame.
     found : Registration
+
+    Returns
+    -------
+    list of (Registration, array of bool, shape (N,))
+        With each, which samples of the source lie past where the target ends.
     """
     both = _Both(source, target, found)
     as_found = both.judged(np.ones(3), np.zeros(3))
-    ways = (both.judged(*way) for way in both.longer())
-    return [way.registration for way in ways if way.apart_m <= as_found.apart_m + as_found.error_m]
+    likely = []
+    for scale, shift in both.longer():
+        way = both.judged(scale, shift)
+        if way.apart_m <= as_found.apart_m + as_found.error_m:
+            low, high = (scale * end + shift for end in both.ends)
+            past = (source.points < low - both.slack) | (source.points > high + both.slack)
+            likely.append((way.registration, past.any(axis=1)))
+    return likely
 
 
 class _Both:
