@@ -29,7 +29,18 @@ _REFINED, _ROUNDS = 4, 12  # ways that are refined, and how often
 _NEAREST = 0.015  # of the diagonal: what counts as on both in the last round; the first takes `_FAR`
 _LEAST_SAMPLES = 50  # samples, at least, that are on both
 _STEP = 1.25  # largest change of a scale in a round
-_LEFT = np.arange(19, 9, -1) / 20  # shares of an axis that may be left of an open target
+_LEFT = (
+    0.95,
+    0.9,
+    0.85,
+    0.8,
+    0.75,
+    0.7,
+    0.65,
+    0.6,
+    0.55,
+    0.5,
+)  # shares of an axis that may be left of an open target
 
 
 def is_open(cloud: Cloud) -> bool:
