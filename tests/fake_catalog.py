@@ -10,7 +10,15 @@ import pandas as pd
 
 from upplied.outputs.flown import Flown, flight_row
 from upplied.poses import look_at
-from upplied.records import Demonstration, Measures, Plan, Structure, SurfaceStates, Trajectory
+from upplied.records import (
+    Demonstration,
+    Measures,
+    Plan,
+    Structure,
+    SupposedSurface,
+    SurfaceStates,
+    Trajectory,
+)
 
 
 def box_structure(name: str, size: tuple[float, float, float]) -> Structure:
@@ -136,6 +144,9 @@ class FakeCatalog:
 
     def surface(self, transfer_id: str) -> SurfaceStates | None:
         return self.plans[transfer_id].surface
+
+    def supposed(self, transfer_id: str) -> SupposedSurface | None:
+        return self.plans[transfer_id].supposed
 
     def inspected(self, transfer_id: str) -> SurfaceStates | None:
         return self.plans[transfer_id].inspected

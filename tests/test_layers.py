@@ -33,7 +33,7 @@ ALLOWED = {
     "disc_cells": {"records", "vectors"},
     "reconstruction": {"records", "vectors"},
     "scene": FOUNDATION,
-    "supposed_scene": {"records", "scene"},
+    "supposed_scene": {"records", "discs", "scene"},
     "threads": set(),
     "provenance": set(),
     "guard": set(),
@@ -192,6 +192,29 @@ def test_outputs_know_the_rules_of_the_air_and_no_other_room_of_planning():
         if name.startswith("upplied.planning")
     }
     assert used <= {"upplied.planning.airspace", "upplied.planning.surface"}
+
+
+# Rooms after the plan that ask `scene_of`, the surface that was scanned alone, and what for; all others ask
+# `supposed_scene.scene_for`, which knows what was never scanned as well.
+SCANNED_ALONE = {
+    "fleet/admission.py": "samples of a structure",
+    "fleet/editing.py": "samples of a structure",
+    "fleet/flight_logs.py": "samples, and what a real flight kept clear of and saw: it is its own evidence",
+    "outputs/camera_pictures.py": "a picture of what is known",
+    "outputs/missions/ways.py": "samples of a structure",
+    "outputs/reports.py": "the demonstration, round the structure that it was flown on",
+    "proof/asking.py": "samples of a structure, and its parts",
+}
+
+
+def test_rooms_after_the_plan_count_what_was_never_scanned():
+    asking = {
+        str(path.relative_to(ROOT / "upplied"))
+        for room in ("outputs", "fleet", "studio", "proof", "cli")
+        for path in (ROOT / "upplied" / room).rglob("*.py")
+        if any(name == "upplied.scene.scene_of" for name in imports(path))
+    }
+    assert asking == set(SCANNED_ALONE)
 
 
 def test_no_module_circle_in_any_room():

@@ -67,10 +67,16 @@ class Discs(Record):
         return float(off[off <= self.grain_m].max(initial=0.0))
 
 
-def hexagons(points: Floats, normals: Floats, radius_m: Floats) -> tuple[Floats, Ints]:
-    """Vertices (6 N, 3), m, and triangles (4 N, 3) of hexagons in the discs of some places, see `Discs`."""
+def hexagons(
+    points: Floats, normals: Floats, radius_m: Floats, corner: Floats | None = None
+) -> tuple[Floats, Ints]:
+    """Vertices (6 N, 3), m, and triangles (4 N, 3) of hexagons in the discs of some places, see `Discs`.
+
+    `corner`, (N, 3) unit and across the normals, leads to the first corner of each.
+    """
+    first, second = across(normals) if corner is None else (corner, np.cross(normals, corner))
     angles = np.arange(6) * np.pi / 3
-    rim = _rims(np.asarray(points, float), radius_m, *across(normals), np.cos(angles), np.sin(angles))
+    rim = _rims(np.asarray(points, float), radius_m, first, second, np.cos(angles), np.sin(angles))
     fan = np.array([[0, corner, corner + 1] for corner in range(1, 5)])
     return rim.reshape(-1, 3), ((6 * np.arange(len(points)))[:, None, None] + fan).reshape(-1, 3)
 

@@ -184,6 +184,10 @@ class Scene:
             away = self._scene.compute_distance(self._tensor(local), self.threads).numpy().astype(float)
         return np.maximum(away - self.error_m, 0.0) if self.error_m else away
 
+    def nearer_supposed(self, points: Floats) -> Bools:
+        """Which points (N, 3) are nearer to surface that is supposed than to what is known: none here."""
+        return np.zeros(len(points), bool)
+
     def closest(self, points: Floats) -> tuple[Floats, Ints]:
         """Closest place (N, 3), m, that the surface may reach, and its triangle (N,)."""
         points = np.reshape(points, (-1, 3))

@@ -24,6 +24,7 @@ from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,
     structure_in,
+    supposed_from,
     surface_from,
     trajectory_in,
 )
@@ -138,8 +139,8 @@ def measure_flown(
     Returns
     -------
     Plan
-        The plan with what was flown in the place of what was planned: trajectory, measures, surface
-        and warnings.
+        The plan with what was flown in the place of what was planned: trajectory, measures, surface,
+        what is supposed of the target, and warnings.
     """
     here, there = frames_for(source, target, settings)
     with one_thread():
@@ -153,6 +154,7 @@ def measure_flown(
         is_viewpoint=None,
         measures=found,
         surface=surface_from(there, surface),
+        supposed=supposed_from(there, pair.supposed),
         warnings=warnings,
     )
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from upplied.records import Bools, Floats, Ints
-from upplied.scene import Scene
+from upplied.discs import hexagons
+from upplied.records import Bools, Cloud, Floats, Ints, Structure, SupposedSurface
+from upplied.scene import Scene, scene_of
 
 _ROUNDING_M = 1e-3  # beyond what single precision may be off
 
@@ -29,7 +30,8 @@ class SupposedScene(Scene):
         self.known, self.supposed = known, supposed
         self.more = [each for each in (supposed, doubtful) if each is not None]
         self.box, self.origin, self.threads = known.box, known.origin, known.threads
-        self.grain_m, self.error_m, self._scene = known.grain_m, known.error_m, known._scene
+        self.grain_m, self.error_m = known.grain_m, known.error_m
+        self._scene, self._cells = known._scene, known._cells
 
     def blocked(self, rays: np.ndarray, slack: float = 1e-3) -> Bools:
         """As of a `Scene`, by what is known or likely."""
@@ -51,6 +53,11 @@ class SupposedScene(Scene):
             away[asked] = np.minimum(away[asked], scene.distance(points[asked]))
         return away
 
+    def nearer_supposed(self, points: Floats) -> Bools:
+        """As of a `Scene`."""
+        known = self.known.distance(points)
+        return np.any([scene.distance(points) < known for scene in self.more], axis=0)
+
     def closest(self, points: Floats) -> tuple[Floats, Ints]:
         """As of a `Scene`, on the nearest surface; triangle -1 where that is not known."""
         points = np.reshape(points, (-1, 3))
@@ -64,6 +71,54 @@ class SupposedScene(Scene):
             chosen = asked[nearer]
             places[chosen], triangle[chosen], away[chosen] = others[nearer], -1, other[nearer]
         return places, triangle
+
+
+def scene_for(structure: Structure, supposed: SupposedSurface | None) -> Scene:
+    """What a plan keeps clear of at its target: what is known of it, and what is supposed.
+
+    Every room after the plan asks this one where it judges a clearance or a line of sight of a plan;
+    `scene.scene_of` tells of what was scanned alone.
+
+    Parameters
+    ----------
+    structure : Structure
+        The target.
+    supposed : SupposedSurface or None
+        `Plan.supposed`.
+    """
+    return with_supposed(scene_of(structure), supposed)
+
+
+def with_supposed(scene: Scene, supposed: SupposedSurface | None) -> Scene:
+    """A scene with what is supposed beside, and what may be; itself where nothing is."""
+    if supposed is None:
+        return scene
+    likely, doubtful = (_surface(supposed, which, scene.threads) for which in (True, False))
+    return SupposedScene(scene, likely, doubtful)
+
+
+def _surface(supposed: SupposedSurface, likely: bool, threads: int) -> Scene | None:
+    mine = supposed.likely == likely
+    if not mine.any():
+        return None
+    discs = (each[mine] for each in (supposed.points, supposed.normals, supposed.radius_m, supposed.corner))
+    return Scene(*hexagons(*discs), threads, error_m=supposed.error_m)
+
+
+def obstacle(surface: Cloud, supposed: SupposedSurface | None) -> Cloud:
+    """What is in the way: samples of a target, and of what is supposed of it; without areas where it is."""
+    if supposed is None:
+        return surface
+    points = np.concatenate([surface.points, supposed.points])
+    return Cloud(points, np.concatenate([surface.outward, supposed.normals]))
+
+
+def extent(structure: Structure, supposed: SupposedSurface | None) -> tuple[Floats, Floats]:
+    """Lower and upper corner, (3,) m, of the box round a structure and what is supposed of it."""
+    points = structure.vertices
+    if supposed is not None:
+        points = np.concatenate([points, supposed.points])
+    return points.min(axis=0), points.max(axis=0)
 
 
 def _may_be_within(scene: Scene, points: Floats, reach_m: Floats) -> Ints:

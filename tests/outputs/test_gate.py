@@ -133,20 +133,22 @@ def test_an_unknown_rule_is_not_overruled(tmp_path):
     ],
 )
 def test_every_surrounding_has_its_rule(rule, around, path):
-    (found,) = breaches(planned(path.positions, path.t_s), placed_box(**around), Limits())
+    (found,) = breaches(planned(path.positions, path.t_s), placed_box(**around), Limits(), None)
     assert found.rule == rule and found.place_m
 
 
 def test_speed_acceleration_height_time_and_coverage_have_their_rules():
     path, box = passing_near(6.0), placed_box()
-    assert breaches(planned(path.positions, path.t_s), box, Limits()) == []
+    assert breaches(planned(path.positions, path.t_s), box, Limits(), None) == []
     fast = planned(path.positions, path.t_s / 40)
-    assert [each.rule for each in breaches(fast, box, Limits())] == ["speed"]
+    assert [each.rule for each in breaches(fast, box, Limits(), None)] == ["speed"]
     jerky = path.positions + np.arange(40)[:, None] % 2 * [0, 0, 1.5]
-    assert [each.rule for each in breaches(planned(jerky, path.t_s), box, Limits())] == ["acceleration"]
-    high = [each.rule for each in breaches(planned(path.positions, path.t_s), box, Limits(max_height_m=4.0))]
+    assert [each.rule for each in breaches(planned(jerky, path.t_s), box, Limits(), None)] == ["acceleration"]
+    high = [
+        each.rule for each in breaches(planned(path.positions, path.t_s), box, Limits(max_height_m=4.0), None)
+    ]
     assert high == ["height"]
-    assert [each.rule for each in breaches(planned(path.positions, 0 * path.t_s), box, Limits())] == [
+    assert [each.rule for each in breaches(planned(path.positions, 0 * path.t_s), box, Limits(), None)] == [
         "finite"
     ]
     assert [each.rule for each in coverage_breaches(0.9, Limits())] == ["coverage"]

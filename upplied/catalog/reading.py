@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Self
 
 import pyarrow as pa
@@ -22,13 +23,13 @@ from upplied.catalog.store.labels import FaceLabels
 from upplied.catalog.store.looks import StoredLooks
 from upplied.catalog.store.meshes import MeshStore
 from upplied.catalog.store.places import cache_folder, checked
-from upplied.catalog.store.surfaces import SurfaceStore
+from upplied.catalog.store.surfaces import REMEDY, SUPPOSED, SurfaceStore
 from upplied.catalog.verbs import ordering, queries
 from upplied.catalog.verbs.frames import When, frame
 from upplied.catalog.verbs.queries import PlannedTrajectory, Which
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
-from upplied.records import Bools, Demonstration, Plan, Structure, SurfaceStates, Trajectory
+from upplied.records import Bools, Demonstration, Plan, Structure, SupposedSurface, SurfaceStates, Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,6 +50,7 @@ class Reading:
         }
         self.meshes = MeshStore(self.location)
         self.surfaces = SurfaceStore(self.location)
+        self.supposed_surfaces = ContentStore(self.location, SUPPOSED, SupposedSurface, REMEDY)
         self.flown_paths = ContentStore(self.location, "flown", Trajectory, "fly the plan again")
         self.labels = ContentStore(self.location, "labels", FaceLabels, "require the zones again")
         self.looks = ContentStore(self.location, "looks", StoredLooks, "add the flight again")
@@ -169,7 +171,8 @@ class Reading:
     def plan(self, transfer_id: str) -> Plan:
         """One plan as it was made, but for what it sees of the surface; see `surface`."""
         row = self.transfer(transfer_id)
-        return plan_rows.plan_of(row, queries.steps(self.tables["waypoints"], row))
+        plan = plan_rows.plan_of(row, queries.steps(self.tables["waypoints"], row))
+        return replace(plan, supposed=self.supposed(transfer_id))
 
     def surface(self, transfer_id: str) -> SurfaceStates | None:
         """What one plan sees of its target; None where it was not kept."""
@@ -186,6 +189,18 @@ class Reading:
         """What of its source structure the demonstration of a plan was about; None where it was not kept."""
         sha256 = self.transfer(transfer_id, ("inspected_sha256",))["inspected_sha256"]
         return self.surfaces.get(sha256) if sha256 else None
+
+    def supposed(self, transfer_id: str) -> SupposedSurface | None:
+        """Surface of a plan's target that nobody scanned, where it is supposed to be; None where none is.
+
+        As the plan was made, or of the target as it is since, where the plan was judged again on that.
+        """
+        plan = pc.field("transfer_id") == transfer_id
+        again = self.tables["decisions"].read(plan & (pc.field("state") == "rechecked"))
+        row = self.transfer(transfer_id, ("supposed_sha256",))
+        last = max(rows.rows_of(again), key=lambda one: one["commit_version"], default=row)
+        sha256 = last["supposed_sha256"]
+        return self.supposed_surfaces.get(sha256) if sha256 else None
 
     def flights(
         self, transfer_id: str | None = None, *, structure: str | None = None, kind: str | None = None
@@ -217,7 +232,7 @@ class Reading:
             raise CatalogError(
                 f"transfer {transfer_id}",
                 "is not in the catalog",
-                suggested(transfer_id, self._transfer_ids(), 0),
+                suggested(transfer_id, queries.transfer_ids(self.tables["transfers"]), 0),
                 "see: upplied catalog transfers",
             )
         return ordering.standing(rows.rows_of(found))
@@ -245,22 +260,7 @@ class Reading:
         CatalogError
             If there is none, or more than one.
         """
-        check_id(start, "transfer id")
-        table = self.tables["transfers"]
-        if len(table.read(pc.field("transfer_id") == start, ["transfer_id"])):
-            return start
-        found = [name for name in self._transfer_ids() if name.startswith(start)]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise CatalogError(f"transfer {start}", f"may be {len(found)}: {', '.join(found[:5])}")
-        raise CatalogError(
-            f"transfer {start}", "is not in the catalog", suggested(start, self._transfer_ids(), 0)
-        )
-
-    def _transfer_ids(self) -> list[str]:
-        known = self.tables["transfers"].read(None, ["transfer_id"])["transfer_id"].unique()
-        return sorted(known.to_pylist())
+        return queries.find_transfer(self.tables["transfers"], start)
 
     def settled(
         self, keys: Iterable[str], *, retry_failed: bool = False, run_id: str = ""

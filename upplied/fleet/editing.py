@@ -24,6 +24,7 @@ from upplied.proof.edit import Asked, Edit, Viewpoint, edited, viewpoints_of
 from upplied.records import Bools, Cloud, Floats, Plan, Structure, Trajectory
 from upplied.scene import Scene, scene_of
 from upplied.simulate import measure_flown
+from upplied.supposed_scene import obstacle, scene_for
 
 _PLACES = 300  # of the plan, that the ways may lead by
 _ROADMAPS = 4  # that are held: those of the airspaces asked for last
@@ -106,11 +107,11 @@ class Editing:
             made, stops = path, flags
         else:
             made, stops = edited(path, flags, edit, graph, self.recipe.settings.retime)
-        where = self._forbidding(asked)
-        broken = place_breaches(made.positions, made.t_s, where, self.clearance_m(asked))
         inputs = (self.recipe.demonstration, self.recipe.source, self.target)
         known = self.recipe.settings, self._memo, self.recipe.siblings
         found = measure_flown(made, base.plan, *inputs, *known)
+        where = self._forbidding(asked), found.supposed
+        broken = place_breaches(made, *where, self.clearance_m(asked))
         least = self.recipe.settings.verdict.least_inspected_pct
         shown = found.measures.coverage_inspected_pct
         short = f"shows {shown:.1f} % of what was inspected, {least:g} % are asked for"
@@ -164,13 +165,13 @@ class Editing:
 
     @cached_property
     def scene(self) -> Scene:
-        """Of the structure."""
-        return scene_of(self.target)
+        """Of the structure, with what was never scanned of it."""
+        return scene_for(self.target, self.kept.plan.supposed)
 
     @cached_property
     def surface(self) -> Cloud:
-        """Samples of the structure."""
-        return surface_samples(self.target, self.scene, self.recipe.settings.clouds)
+        """Samples of the structure as it was scanned."""
+        return surface_samples(self.target, scene_of(self.target), self.recipe.settings.clouds)
 
     def _forbidding(self, asked: Asked) -> Structure:
         """The structure with the boxes that are forbidden."""
@@ -188,7 +189,8 @@ class Editing:
             ground = self.recipe.settings.route.ground_clearance_m
             airspace = Airspace(self.scene, self.clearance_m(asked), around, ground)
             every = max(1, len(path) // _PLACES)
-            self._roadmaps[name] = roadmap(airspace, self.surface, path.positions[::every])
+            in_the_way = obstacle(self.surface, self.kept.plan.supposed)
+            self._roadmaps[name] = roadmap(airspace, in_the_way, path.positions[::every])
             while len(self._roadmaps) > _ROADMAPS:
                 self._roadmaps.popitem(last=False)
         self._roadmaps.move_to_end(name)

@@ -36,6 +36,7 @@ from upplied.records import (
     Trajectory,
 )
 from upplied.scene import scene_of
+from upplied.supposed_scene import scene_for
 
 _SHOWN = 1  # of SURFACE_STATES
 
@@ -133,6 +134,7 @@ def _judged(
     surface, required = required_of(catalog, row, plan, target, camera)
     assert plan.trajectory is not None
     moments = plan.trajectory.t_s[viewpoint_index(plan)]
+    # Where it flew, and what it saw, nothing stood that is only supposed: what was scanned counts.
     said = as_flown(
         plan.trajectory, moments, found, flown.trajectory, surface, camera, scene_of(target), photo_s
     )
@@ -194,10 +196,9 @@ def required_of(
         required = kept.state == _SHOWN
         if required.any():
             return Cloud(kept.points, kept.normals), required
-    scene = scene_of(target)
-    surface = surface_samples(target, scene, CloudSettings())
+    surface = surface_samples(target, scene_of(target), CloudSettings())
     assert plan.trajectory is not None
-    return surface, looks_of(plan.trajectory, surface, camera, scene).seen
+    return surface, looks_of(plan.trajectory, surface, camera, scene_for(target, plan.supposed)).seen
 
 
 def viewpoint_index(plan: Plan) -> Ints:

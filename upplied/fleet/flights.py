@@ -25,8 +25,8 @@ from upplied.proof.align import as_simulated
 from upplied.proof.as_flown import as_flown
 from upplied.provenance import method
 from upplied.records import Measures, Plan, Structure
-from upplied.scene import scene_of
 from upplied.simulate import Vehicle, Wind, fly_trajectory, measure_flown
+from upplied.supposed_scene import scene_for
 
 
 def fly_plan(
@@ -93,7 +93,7 @@ def _row(catalog: Catalog, flight_id: str, row: Row, flown: Flown) -> Row:
     assert plan.trajectory is not None
     path, moments = flown.trajectory, plan.trajectory.t_s[viewpoint_index(plan)]
     found = as_simulated(plan.trajectory, path)
-    said = as_flown(plan.trajectory, moments, found, path, surface, camera, scene_of(target))
+    said = as_flown(plan.trajectory, moments, found, path, surface, camera, scene_for(target, plan.supposed))
     looks = said.looks
     return {
         **flight_columns(row, found, said, required),

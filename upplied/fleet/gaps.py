@@ -22,7 +22,7 @@ from upplied.polylines import leg_lengths
 from upplied.proof.gap import GapFlight, gap_flight
 from upplied.provenance import method, recorded
 from upplied.records import Bools, Cloud, Measures, Plan, SurfaceStates, Trajectory
-from upplied.scene import scene_of
+from upplied.supposed_scene import obstacle, scene_for
 
 _OTHER, _SHOWN, _MISSED, _UNATTAINABLE = 0, 1, 2, 3  # of SURFACE_STATES
 _PLACES = 300  # of the plan, that the ways may lead by
@@ -67,16 +67,18 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     seen[looks.patch] = True
     route = made_from.settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
-    airspace = Airspace(scene_of(target), clearance, target.surroundings, route.ground_clearance_m)
+    scene = scene_for(target, flown.supposed)
+    airspace = Airspace(scene, clearance, target.surroundings, route.ground_clearance_m)
     zones, untold = missed_zones(catalog, row, target, camera)
     assert flown.trajectory is not None
     every = max(1, len(flown.trajectory) // _PLACES)
-    graph = roadmap(airspace, surface, flown.trajectory.positions[::every])
+    in_the_way = obstacle(surface, flown.supposed)
+    graph = roadmap(airspace, in_the_way, flown.trajectory.positions[::every])
     missing = np.asarray(required & ~seen, bool)
     asked = [zone.gap for zone in zones]
     limits = made_from.settings.retime
     found = gap_flight(flown.trajectory, surface, missing, camera, graph, limits, asked)
-    broken = place_breaches(found.trajectory.positions, found.trajectory.t_s, target, clearance)
+    broken = place_breaches(found.trajectory, target, flown.supposed, clearance)
     if broken:
         raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it anew")
     nearest_m = path_clearance(airspace.scene, found.trajectory.positions).distance_m
@@ -148,6 +150,7 @@ def _plan(
         ),
         warnings=(said, *told, *untold),
         surface=SurfaceStates(surface.points, state, surface.normals),
+        supposed=flown.supposed,
         flyable=True,
     )
 

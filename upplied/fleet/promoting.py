@@ -17,7 +17,7 @@ from upplied.planning.airspace.clearance import path_clearance
 from upplied.proof.as_flown import silence_s
 from upplied.proof.findings import LOOKED, SILENT, STOOD
 from upplied.records import Camera, Demonstration, Trajectory
-from upplied.scene import scene_of
+from upplied.supposed_scene import scene_for
 
 _WHOLE_PCT = 98.0  # of the plan's length, and of what it shows: less is no whole inspection
 #: What a flight must keep to be shown to the database as an example, and why.
@@ -60,7 +60,8 @@ def promote_flight(
     plan = catalog.transfer(str(row["transfer_id"]))
     flown = catalog.flown(str(row["flight_sha256"]))
     structure = catalog.structure(str(row["target_id"]))
-    broken = _broken(row, path_clearance(scene_of(structure), flown.positions).distance_m, plan)
+    scene = scene_for(structure, catalog.supposed(str(plan["transfer_id"])))
+    broken = _broken(row, path_clearance(scene, flown.positions).distance_m, plan)
     left = [(rule, found) for rule, found in broken if rule not in force]
     if left:
         said = "; ".join(found for _, found in left)

@@ -7,7 +7,7 @@ well and told; a plan that shows less stays in force, since only a person knows 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from upplied.catalog import Catalog, open_catalog, recipe
 from upplied.catalog.schema.rows import Row
@@ -18,7 +18,7 @@ from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.outputs.missions import gate
 from upplied.outputs.missions.reading import planned
 from upplied.outputs.reports import plan_of
-from upplied.records import Floats, Structure
+from upplied.records import Structure, SupposedSurface, Trajectory
 from upplied.simulate import measure_flown
 
 BY = "the check of changed structures"
@@ -36,6 +36,7 @@ class Rechecked:
     recalled: bool
     note: str
     troubled: bool  # a person should look
+    supposed_sha256: str = ""  # of what of the changed structure was never scanned
 
     def __str__(self) -> str:
         word = "RECALLED" if self.recalled else "still in force"
@@ -60,8 +61,11 @@ def recheck(catalog: Catalog, limits: Limits | None = None) -> list[Rechecked]:
         for row in changed.to_dict("records"):
             target = catalog.newest("structures", row["target_id"])["sha256"]
             found = _judged(workers, catalog.location, {str(name): value for name, value in row.items()})
-            keep = decisions.recall if found.recalled else decisions.rechecked
-            keep(catalog, catalog.transfer(found.transfer_id), found.note, target, BY)
+            said = catalog.transfer(found.transfer_id), found.note, target, BY
+            if found.recalled:
+                decisions.recall(catalog, *said)
+            else:
+                decisions.rechecked(catalog, *said, found.supposed_sha256)
             done.append(found)
     return done
 
@@ -69,27 +73,30 @@ def recheck(catalog: Catalog, limits: Limits | None = None) -> list[Rechecked]:
 def _judged(workers: Workers, location: str, row: Row) -> Rechecked:
     names = (str(row["transfer_id"]), str(row["target_id"]))
     try:
-        broken, shown = workers.run(judge_again, location, names[0])
+        broken, shown, supposed = workers.run(judge_again, location, names[0])
     except (JobKilled, UppliedError) as error:
         return Rechecked(*names, True, f"it cannot be judged on the changed structure: {error}", True)
     if broken:
         return Rechecked(*names, True, "; ".join(broken), True)
     before = row["coverage_inspected_pct"]
     if isinstance(shown, str):
-        return Rechecked(*names, False, f"it is safe; what it shows cannot be measured: {shown}", True)
+        said = f"it is safe; what it shows cannot be measured: {shown}"
+        return Rechecked(*names, False, said, True, supposed)
     lost = before - shown > _LOST_POINTS
     note = f"it is safe there; it shows {shown:.1f} % of what was inspected ({before:.1f} % before)"
-    return Rechecked(*names, False, note, bool(lost))
+    return Rechecked(*names, False, note, bool(lost), supposed)
 
 
-def judge_again(location: str, transfer_id: str) -> tuple[list[str], float | str]:
+def judge_again(location: str, transfer_id: str) -> tuple[list[str], float | str, str]:
     """In a worker: the rules that a plan breaks at its structure as it now is, and what it shows there.
+
+    What was never scanned of the structure as it was is counted where that is not found out anew.
 
     Returns
     -------
     tuple
         The broken rules in words; the share of what was inspected that is shown as well, %, or why
-        that cannot be measured.
+        that cannot be measured; the hash of what of the structure was never scanned, which is kept.
     """
     catalog = open_catalog(location)
     made_from = recipe(catalog, transfer_id)
@@ -98,19 +105,25 @@ def judge_again(location: str, transfer_id: str) -> tuple[list[str], float | str
     target = catalog.structure(plan.target_id)
     route = made_from.settings.route
     wanted = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
-    broken = place_breaches(plan.trajectory.positions, plan.trajectory.t_s, target, wanted)
+    broken = place_breaches(plan.trajectory, target, None, wanted)
     if broken:
-        return broken, float("nan")
+        return broken, float("nan"), ""
+    shown: float | str
     try:
         flown = (made_from.demonstration, made_from.source, target, made_from.settings, catalog.cache)
-        found = measure_flown(plan.trajectory, plan, *flown, made_from.siblings)
-        shown = found.measures.coverage_inspected_pct
+        plan = measure_flown(plan.trajectory, plan, *flown, made_from.siblings)
+        shown = plan.measures.coverage_inspected_pct
     except UppliedError as error:
-        return [], str(error)
-    return [], shown
+        shown = str(error)
+    assert plan.trajectory is not None
+    broken = place_breaches(plan.trajectory, target, plan.supposed, wanted)
+    return broken, shown, catalog.keep_surface(replace(plan, surface=None, inspected=None)).supposed_sha256
 
 
-def place_breaches(positions: Floats, t_s: Floats, target: Structure, clearance_m: float) -> list[str]:
-    """The rules of the place that a path (N, 3), m, breaks at a structure, in words."""
-    found = gate.breaches(planned(positions, t_s), target, gate.Limits(clearance_m=clearance_m))
+def place_breaches(
+    path: Trajectory, target: Structure, supposed: SupposedSurface | None, clearance_m: float
+) -> list[str]:
+    """The rules of the place that a path breaks at a structure, and at what is supposed of it, in words."""
+    limits = gate.Limits(clearance_m=clearance_m)
+    found = gate.breaches(planned(path.positions, path.t_s), target, limits, supposed)
     return [str(breach) for breach in found if breach.rule in _PLACE]

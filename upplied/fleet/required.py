@@ -8,7 +8,6 @@ from upplied.planning.correspondence.memo import Memo
 from upplied.proof.asking import Asking
 from upplied.records import Camera, Structure
 from upplied.records.required import RequiredSurface
-from upplied.scene import scene_of
 
 
 def required_surface(
@@ -34,5 +33,6 @@ def required_surface(
         return None, ()
     asked = zones_named(catalog, target.kind, target.structure_id, name)
     known = Camera(), asked, catalog.faces_labelled
-    asking = Asking(catalog.structure, memo, target, scene_of(target), *known)
+    # Where the zones are is asked, not what may be seen of them: what was never scanned plays no part.
+    asking = Asking(catalog.structure, memo, target, None, *known)
     return asking.required()

@@ -19,7 +19,6 @@ from upplied.proof.gap import square_metres
 from upplied.proof.zone_gap import ZoneGap
 from upplied.proof.zones import Demand
 from upplied.records import Bools, Camera, Cloud, Ints, Structure
-from upplied.scene import scene_of
 from upplied.vectors import with_normals
 
 
@@ -62,7 +61,7 @@ def missed_zones(
     tuple
         What is missing, and the zones that name no surface here, in words.
     """
-    asking = _asking(catalog, target, camera)
+    asking = _asking(catalog, row, target, camera)
     if asking is None:
         return [], ()
     surface = asking.surface
@@ -79,7 +78,7 @@ def zones_left_out(catalog: Catalog, row: Row) -> str:
     """The zones that some safe camera can see and that were not seen as they ask, in words."""
     target = catalog.structure(str(row["target_id"]))
     camera = catalog.demonstration(str(row["demonstration_id"])).camera
-    asking = _asking(catalog, target, camera)
+    asking = _asking(catalog, row, target, camera)
     if asking is None:
         return ""
     judged = asking.judged(*looked(catalog, _flights(catalog, row), asking.surface))
@@ -105,10 +104,12 @@ def nearest(surface: Cloud, cloud: Cloud) -> Ints:
     return np.asarray(known.query(with_normals(cloud.points, cloud.outward, 2 * apart))[1], np.int64)
 
 
-def _asking(catalog: Catalog, target: Structure, camera: Camera) -> Asking | None:
+def _asking(catalog: Catalog, row: Row, target: Structure, camera: Camera) -> Asking | None:
     asked = zones_of(catalog, target.kind, target.structure_id)
-    known = catalog.structure, catalog.cache, target
-    return Asking(*known, scene_of(target), camera, asked, catalog.faces_labelled) if asked else None
+    if not asked:
+        return None
+    known = target, catalog.supposed(str(row["transfer_id"])), camera, asked
+    return Asking(catalog.structure, catalog.cache, *known, catalog.faces_labelled)
 
 
 def _flights(catalog: Catalog, row: Row) -> list[Row]:

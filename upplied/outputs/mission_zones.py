@@ -17,7 +17,6 @@ from upplied.polylines import cumulated, leg_lengths
 from upplied.proof.asking import Asking
 from upplied.proof.zones import Looked
 from upplied.records import Camera, Floats, Plan, Structure, Trajectory
-from upplied.scene import scene_of
 
 _ON_THE_SPOT_S = 0.1  # that a turn of the camera is taken to last: nothing is judged by the time
 
@@ -52,8 +51,8 @@ class MissionZones:
         if not self.asked:
             return []
         known = self.source.structure, self.source.cache
-        scene, faces = scene_of(self.structure), self.source.faces_labelled
-        asking = Asking(*known, self.structure, scene, self.camera, self.asked, faces)
+        plan, faces = self.plan, self.source.faces_labelled
+        asking = Asking(*known, self.structure, plan.supposed, self.camera, self.asked, faces)
         return asking.judged(*self._looks(asking, missions))
 
     def told(self, missions: Sequence[Mission] = ()) -> tuple[str, ...]:

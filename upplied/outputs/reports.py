@@ -38,7 +38,9 @@ from upplied.outputs.pairs import Pair, number, shown_status
 from upplied.outputs.passport_page import passport_page
 from upplied.outputs.zones import zones
 from upplied.records import Demonstration, Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
-from upplied.scene import Scene, scene_of
+from upplied.records.plans import SupposedSurface
+from upplied.scene import scene_of
+from upplied.supposed_scene import scene_for
 
 _POSE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
 
@@ -75,6 +77,9 @@ class Source(Protocol):
     def inspected(self, transfer_id: str) -> SurfaceStates | None:
         """What of its source the demonstration of one plan was about, where that is still known."""
 
+    def supposed(self, transfer_id: str) -> SupposedSurface | None:
+        """What of the target of one plan was never scanned; None where nothing is missing."""
+
     def structure(self, structure_id: str) -> Structure:
         """One structure with its mesh."""
 
@@ -92,7 +97,6 @@ class Reader:
         self.demonstration = lru_cache(32)(source.demonstration)
         self._mesh = lru_cache(4)(self._mesh_of)
         self._hashes = lru_cache(2)(self._hashes_of)
-        self._scene = lru_cache(4)(self._scene_of)
         self._data = lru_cache(4)(self._data_of)
         self._flown = lru_cache(32)(self._flown_of)
         self.refused: dict[str, list[str]] = {}  # pairs whose plan does not pass the gate, and why
@@ -117,15 +121,17 @@ class Reader:
                 steps = self.source.waypoints(str(row["transfer_id"]))
                 if len(steps):
                     states = self._states(row, pair.target_id)
-                    broken = self._broken(row, steps, pair.target_id)
-                    path = profile(trajectory_of(steps), self._scene(pair.target_id))
+                    supposed = self.source.supposed(str(row["transfer_id"]))
+                    scene = scene_for(self.structure(pair.target_id), supposed)
+                    broken = self._broken(row, steps, pair.target_id, supposed)
+                    path = profile(trajectory_of(steps), scene)
                     paths[preset] = planned_data(path, viewpoints_of(steps), origin, states)
                     if broken:
                         self.refused[pair.name] = broken
                     paths[preset] |= {"gate": broken, "overruled": self.overruled(row)}
                     flown = self._flights.of(row)
                     if flown is not None:
-                        along = profile(flown.trajectory, self._scene(pair.target_id))
+                        along = profile(flown.trajectory, scene)
                         paths[preset]["flown"] = flown_data(flown, row, path_data(along, origin))
                         seen = self._seen_as_flown(row, flown, pair.target_id)
                         if seen is not None:
@@ -165,14 +171,17 @@ class Reader:
                 found.setdefault(str(row["transfer_id"]), []).append(words)
         return found
 
-    def _broken(self, row: Any, steps: pd.DataFrame, target_id: str) -> list[str]:
+    def _broken(
+        self, row: Any, steps: pd.DataFrame, target_id: str, supposed: SupposedSurface | None
+    ) -> list[str]:
         """What the gate finds in the steps of a plan to be flown, in words; its row said nothing of it."""
         if shown_status(row) != "ok" or row["preset"] != "recommended":
             return []
         path = trajectory_of(steps)
         asked = safety_m(row.get("settings_json"))
         limits = gate.Limits() if asked is None else gate.Limits(clearance_m=asked)
-        found = gate.breaches(planned(path.positions, path.t_s), self.structure(target_id), limits)
+        structure = self.structure(target_id)
+        found = gate.breaches(planned(path.positions, path.t_s), structure, limits, supposed)
         return [str(breach) for breach in found]
 
     def flown(self, row: Any) -> str:
@@ -225,9 +234,6 @@ class Reader:
         rows = getattr(self.source, table)()
         return dict(zip(rows[f"{table[:-1]}_id"], rows["sha256"], strict=True)) if len(rows) else {}
 
-    def _scene_of(self, structure_id: str) -> Scene:
-        return scene_of(self.structure(structure_id))
-
     def _mesh_of(self, structure_id: str) -> DisplayMesh:
         """From the source's cache where it has one: simplifying a million triangles takes twenty seconds."""
         cache, sha256 = getattr(self.source, "cache", None), self.sha256("structures", structure_id)
@@ -247,7 +253,9 @@ class Reader:
     def _flown_of(self, demonstration_id: str) -> dict[str, Any]:
         flown = self.demonstration(demonstration_id)
         origin = np.array(self._data(flown.structure_id)["origin"])
-        return demonstration_data(flown, profile(flown.trajectory, self._scene(flown.structure_id)), origin)
+        return demonstration_data(
+            flown, profile(flown.trajectory, scene_of(self.structure(flown.structure_id))), origin
+        )
 
 
 def plan_of(source: Source, row: Any) -> Plan:
@@ -271,6 +279,7 @@ def plan_of(source: Source, row: Any) -> Plan:
         measures=Measures(**{name: value for name, value in given.items() if value is not None}),
         surface=source.surface(str(row["transfer_id"])) if done else None,
         inspected=source.inspected(str(row["transfer_id"])),
+        supposed=source.supposed(str(row["transfer_id"])),
     )
 
 

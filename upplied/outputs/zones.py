@@ -14,7 +14,6 @@ from upplied.catalog.verbs import required
 from upplied.proof.asking import Asking
 from upplied.proof.zones import Looked
 from upplied.records import Camera, Cloud, Floats, Ints
-from upplied.scene import scene_of
 
 _DAY_S = 86_400.0
 
@@ -33,9 +32,10 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     rows = _plans(catalog, structure_id)
     cameras = [catalog.demonstration(str(row["demonstration_id"])).camera for row in rows]
     first = cameras[0] if cameras else Camera()
-    known = first, asked, catalog.faces_labelled
-    asking = Asking(catalog.structure, catalog.cache, target, scene_of(target), *known)
     plans = [catalog.plan(str(row["transfer_id"])) for row in rows]
+    supposed = next((plan.supposed for plan in plans if plan.supposed is not None), None)
+    known = supposed, first, asked, catalog.faces_labelled
+    asking = Asking(catalog.structure, catalog.cache, target, *known)
     shown = [
         asking.planned(plan, camera)
         for plan, camera in zip(plans, cameras, strict=True)

@@ -28,6 +28,7 @@ from upplied.planning.surface.frames import (
     registration_from,
     required_in,
     structure_in,
+    supposed_from,
     surface_from,
     trajectory_from,
 )
@@ -96,6 +97,7 @@ def plan_transfer(
         trajectory=trajectory_from(there, plan.trajectory),
         surface=surface_from(there, plan.surface),
         inspected=surface_from(here, plan.inspected),
+        supposed=supposed_from(there, plan.supposed),
         registration=registration_from(here, there, plan.registration),
     )
 
@@ -241,6 +243,7 @@ def _planned(
         is_viewpoint=is_viewpoint,
         measures=measures,
         surface=surface,
+        supposed=takes[0].pair.supposed,
         warnings=warnings,
     )
 

@@ -21,9 +21,20 @@ from upplied.planning.visibility.path_views import TRULY
 from upplied.proof.as_flown import looks_of
 from upplied.proof.carried_zone import carried_zone
 from upplied.proof.zones import Demand, Looked, as_asked, judged
-from upplied.records import Bools, Camera, Floats, Ints, Plan, Record, Structure, Trajectory
+from upplied.records import (
+    Bools,
+    Camera,
+    Floats,
+    Ints,
+    Plan,
+    Record,
+    Structure,
+    SupposedSurface,
+    Trajectory,
+)
 from upplied.records.required import RequiredSurface
-from upplied.scene import Scene
+from upplied.scene import Scene, scene_of
+from upplied.supposed_scene import scene_for
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,7 +55,8 @@ class Asking:
     memo : Memo
         Remembers how structures correspond.
     target : Structure
-    scene : Scene
+    supposed : SupposedSurface or None
+        What was never scanned of it, of which a safe camera keeps clear.
     camera : Camera
         That is asked what a safe one could see.
     asked : list of dict
@@ -58,14 +70,15 @@ class Asking:
         structure: Callable[[str], Structure],
         memo: Memo,
         target: Structure,
-        scene: Scene,
+        supposed: SupposedSurface | None,
         camera: Camera,
         asked: list[dict[str, Any]],
         faces: Faces | None = None,
     ) -> None:
         self._structure, self._memo, self._faces = structure, memo, faces
-        self.target, self.scene, self.camera, self._asked = target, scene, camera, asked
-        self.surface = surface_samples(target, scene, CloudSettings())
+        self.target, self.camera, self._asked = target, camera, asked
+        self.scene = scene_for(target, supposed)
+        self.surface = surface_samples(target, scene_of(target), CloudSettings())
 
     def patches(self, where: str) -> Bools:
         """The samples (N,) that a place names.
@@ -85,14 +98,17 @@ class Asking:
         path = plan.trajectory
         assert path is not None
         flags = np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint
-        return self.along(path, camera, path.t_s[flags])
+        return self._looked(path, camera, path.t_s[flags], scene_for(self.target, plan.supposed))
 
     def along(self, path: Trajectory, camera: Camera, picture_s: Floats) -> Looked:
         """How a path sees the samples: the nearest look, and the most frontal from as near as zones ask."""
+        return self._looked(path, camera, picture_s, self.scene)
+
+    def _looked(self, path: Trajectory, camera: Camera, picture_s: Floats, scene: Scene) -> Looked:
         asked = {demand.gsd_mm for demand, _ in self._demands if demand.gsd_mm is not None}
         focal = focal_px(camera.width_px, camera.hfov_deg) if camera.width_px else 0.0
         within_m = [1e-3 * gsd_mm * focal for gsd_mm in sorted(asked)] if focal else []
-        found = looks_of(path, self.surface, camera, self.scene, None, picture_s, within_m)
+        found = looks_of(path, self.surface, camera, scene, None, picture_s, within_m)
         return Looked(found.distance_m, found.incidence_deg, 0.0, camera, found.pictures, found.frontal)
 
     def judged(self, *looks: Looked) -> list[dict[str, Any]]:
@@ -171,7 +187,7 @@ class Asking:
 
     @cached_property
     def _skin(self) -> Ints:
-        return skin_parts(self.target, self.scene, self.surface).label
+        return skin_parts(self.target, scene_of(self.target), self.surface).label
 
     @cached_property
     def _attainable(self) -> Bools:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from upplied.records.base import Bools, Floats, Ints, Record, Rows
 from upplied.records.flights import Camera, Demonstration, Trajectory
 from upplied.records.planning import Cloud, Correspondences, Registration, Viewpoints, Visibility, Waypoints
-from upplied.records.plans import SURFACE_STATES, Counterpart, Measures, Plan, SurfaceStates
+from upplied.records.plans import SURFACE_STATES, Counterpart, Measures, Plan, SupposedSurface, SurfaceStates
 from upplied.records.structures import Frame, Placement, Structure, StructureInFrame, Surroundings
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "Rows",
     "Structure",
     "StructureInFrame",
+    "SupposedSurface",
     "SurfaceStates",
     "Surroundings",
     "Trajectory",

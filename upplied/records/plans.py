@@ -76,6 +76,21 @@ class SurfaceStates(Record):
     normals: Floats | None = None  # (N, 3) unit, outward
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class SupposedSurface(Record):
+    """Surface of a target that nobody scanned, where the source has it: a disc for each of its samples.
+
+    What is likely to be there hides what lies behind it; of what may be there a path keeps clear alone.
+    """
+
+    points: Floats  # (K, 3) m, target frame
+    normals: Floats  # (K, 3) unit, outward
+    corner: Floats  # (K, 3) unit, across each normal: to the first of the six corners that a disc is drawn by
+    radius_m: Floats  # (K,) of the discs
+    likely: Bools  # (K,) or doubtful: where the target may go on past an open end
+    error_m: float  # how far the surface may be from there
+
+
 @dataclass(frozen=True, repr=False)
 class Counterpart(Record):
     """What on the target corresponds to one part that was inspected."""
@@ -114,10 +129,12 @@ class Plan(Record):
     warnings: tuple[str, ...] = ()
     surface: SurfaceStates | None = None  # what the plan sees of the target, where it was computed
     inspected: SurfaceStates | None = None  # what of the source the demonstration was about
+    supposed: SupposedSurface | None = None  # of the target, never scanned; the path keeps clear of it
     flyable: bool = False  # whether it may be flown as it is
     not_flyable: str = ""  # why not, in words
     surface_sha256: str = ""  # of `surface`, where that was stored already and is left out here
     inspected_sha256: str = ""  # of `inspected`, likewise
+    supposed_sha256: str = ""  # of `supposed`, likewise
 
     @property
     def n_viewpoints(self) -> int:

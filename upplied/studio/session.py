@@ -268,7 +268,7 @@ class Session:
     @cached_property
     def _asking(self) -> Asking:
         camera = self.editing.recipe.demonstration.camera
-        target, scene = self.editing.target, self.editing.scene
+        target, supposed = self.editing.target, self.editing.kept.plan.supposed
         asked = required.zones_of(self.catalog, target.kind, target.structure_id)
-        known = scene, camera, asked, self.catalog.faces_labelled
+        known = supposed, camera, asked, self.catalog.faces_labelled
         return Asking(self.catalog.structure, self.catalog.cache, target, *known)

@@ -13,13 +13,13 @@ from upplied.planning.correspondence.never_scanned import (
     NOTHING_MISSING,
     NeverScanned,
     never_scanned,
-    scene_beyond,
-    with_missing,
+    supposed_surface,
     without,
 )
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Correspondences, Registration, Structure
 from upplied.scene import Scene, scene_of
+from upplied.supposed_scene import obstacle, scene_for, with_supposed
 
 CLOUDS = settings_for("recommended").clouds
 SAME = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
@@ -54,7 +54,7 @@ def test_nothing_is_missing_of_what_is_closed(form: str) -> None:
     whole = body() if form == "mesh" else as_cloud(body())
     found = missing_of(body(), whole)
     assert not len(found.beyond) and not len(found.opening)
-    assert scene_beyond(scene_of(whole), found) is scene_of(whole)
+    assert supposed_surface(found) is None and scene_for(whole, None) is scene_of(whole)
 
 
 def test_what_is_open_on_both_was_meant_to_be() -> None:
@@ -66,7 +66,7 @@ def test_what_is_open_on_both_was_meant_to_be() -> None:
 def test_distances_are_from_what_may_be_there_and_rays_end_on_it() -> None:
     scan = cut(body())
     found = missing_of(body(), scan)
-    scene, true, known = scene_beyond(scene_of(scan), found), scene_of(body()), scene_of(scan)
+    scene, true, known = scene_for(scan, supposed_surface(found)), scene_of(body()), scene_of(scan)
     places = np.random.default_rng(2).uniform([-9, -7, -3], [12, 7, 7], (20_000, 3))
     inside = np.abs(places - [0, 0, 1.5]) < [7, 2, 1.5]
     places = places[~inside.all(axis=1) & (true.distance(places) > 0.3)]
@@ -93,12 +93,14 @@ def test_where_a_scan_may_go_on_farther_than_was_found_is_kept_clear_of_and_hide
     assert found.points[:, 0].max(initial=4) < 5 and found.reach_m > 1
     assert found.other_points[:, 0].max() > 6 and found.other_points[:, 0].min() > 3
     np.testing.assert_allclose(np.linalg.norm(found.other_normals, axis=1), 1, atol=1e-9)
-    scene = scene_beyond(scenes[1], found)
+    scene = with_supposed(scenes[1], supposed_surface(found))
     before = np.array([[9.0, 0, 1.5]])  # 2 m before where the body ends, 5 m before the scan does
     assert scene.distance(before)[0] < 2.5 < 4.5 < scenes[1].distance(before)[0]
     across = np.array([[5.5, -5.0, 1.5]]), np.array([[5.5, 5.0, 1.5]])
     assert not scene.occluded(*across)[0]
-    assert len(with_missing(there, found)) == len(there) + len(found.points) + len(found.other_points)
+    assert len(obstacle(there, supposed_surface(found))) == len(there) + len(found.points) + len(
+        found.other_points
+    )
 
 
 def test_a_sample_that_lies_alone_stands_for_no_more_surface_than_others() -> None:
@@ -114,7 +116,7 @@ def test_a_sample_that_lies_alone_stands_for_no_more_surface_than_others() -> No
         spacing_m=0.5,
     )
     far = Structure("far", "tank", np.array([[0.0, 0, -90], [1, 0, -90], [0, 1, -90]]), np.array([[0, 1, 2]]))
-    scene = scene_beyond(Scene(far.vertices, far.triangles), missing)
+    scene = with_supposed(Scene(far.vertices, far.triangles), supposed_surface(missing))
     assert scene.distance(np.array([[20.0, 0, 0]]))[0] > 15
 
 
@@ -166,7 +168,18 @@ def _area(structure: Structure, beyond: float) -> float:
 def test_ways_round_lead_round_what_was_never_scanned() -> None:
     scan = cut(body())
     found, there = missing_of(body(), scan), samples(scan)
-    obstacle = with_missing(there, found)
-    assert len(obstacle) == len(there) + len(found.beyond)
-    assert obstacle.points[:, 0].max() > 6.5 > END + 0.5 > there.points[:, 0].max()
-    assert with_missing(there, NOTHING_MISSING) is there
+    both = obstacle(there, supposed_surface(found))
+    assert len(both) == len(there) + len(found.beyond)
+    assert both.points[:, 0].max() > 6.5 > END + 0.5 > there.points[:, 0].max()
+    assert obstacle(there, supposed_surface(NOTHING_MISSING)) is there
+
+
+@pytest.mark.parametrize("form", ["mesh", "cloud"])
+def test_what_a_camera_looks_at_is_what_was_scanned(form: str) -> None:
+    scan = cut(body()) if form == "mesh" else as_cloud(cut(body()))
+    scene, known = scene_for(scan, supposed_surface(missing_of(body(), scan))), scene_of(scan)
+    places = np.random.default_rng(3).uniform([-9, -7, -3], [12, 7, 7], (500, 3))
+    middle = np.array([0, 0, 1.5]) - places
+    for one, other in zip(scene.cast(places, middle), known.cast(places, middle), strict=True):
+        assert np.array_equal(one, other)
+    assert np.array_equal(scene.hits(places, middle), known.hits(places, middle))

@@ -272,7 +272,8 @@ def test_what_is_published_stands_as_the_surfaces_do(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(pair, "_fit", lambda *of: asked.update(voxels=of) or "published")
     monkeypatch.setattr(pair, "missing_from", lambda *_: "missing")
     monkeypatch.setattr(pair, "without", lambda match, *_: match)
-    monkeypatch.setattr(pair, "scene_beyond", lambda scene, missing: f"{scene} and what is {missing}")
+    monkeypatch.setattr(pair, "supposed_surface", lambda missing: f"what is {missing}")
+    monkeypatch.setattr(pair, "with_supposed", lambda scene, supposed: f"{scene} and {supposed}")
     for settings, turn in ((RECOMMENDED, quarter @ half), (PAPER, np.eye(3))):
         found = study_pair(structure("s"), structure("t"), settings)
         assert found.voxels == "published" and found.surface.registration is surface

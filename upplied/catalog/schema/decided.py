@@ -44,6 +44,12 @@ DECISIONS = Table(
         Column("plan_sha256", TEXT, "", "hash of the waypoints that were decided about"),
         Column("target_sha256", TEXT, "", "hash of the target that the plan was judged against"),
         Column(
+            "supposed_sha256",
+            TEXT,
+            "",
+            "rechecked: hash of what of that target was never scanned, as in `transfers`; empty: nothing",
+        ),
+        Column(
             "after",
             TEXT,
             "",

@@ -116,6 +116,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         "waypoints_sha256": "" if path is None else _plan_sha256(plan),
         "surface_sha256": plan.surface_sha256,
         "inspected_sha256": plan.inspected_sha256,
+        "supposed_sha256": plan.supposed_sha256,
     }
 
 

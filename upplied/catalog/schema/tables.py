@@ -233,6 +233,12 @@ TRANSFERS = Table(
         ),
         Column("inspected_sha256", TEXT, "", "hash of what of the source was inspected, kept likewise"),
         Column(
+            "supposed_sha256",
+            TEXT,
+            "",
+            "hash of what of the target was never scanned, which is supposed/<hash>.parquet; empty: nothing",
+        ),
+        Column(
             "imported_from",
             TEXT,
             "",

@@ -15,7 +15,8 @@ import numpy as np
 from upplied.catalog.store.contents import ContentStore
 from upplied.records import Floats, Ints, Record, SurfaceStates
 
-_REMEDY = "take it from a backup, or plan it again"
+REMEDY = "take it from a backup, or plan it again"
+SUPPOSED = "supposed"  # folder of what was never scanned of targets, by content
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,8 +49,8 @@ class SurfaceStore:
     """
 
     def __init__(self, root: str) -> None:
-        self.states = ContentStore(root, "surfaces", States, _REMEDY)
-        self.samples = ContentStore(root, "samples", Samples, _REMEDY)
+        self.states = ContentStore(root, "surfaces", States, REMEDY)
+        self.samples = ContentStore(root, "samples", Samples, REMEDY)
         self._samples = lru_cache(4)(self.samples.get)
 
     def put(self, surface: SurfaceStates) -> str:

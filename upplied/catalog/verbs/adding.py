@@ -99,6 +99,8 @@ def keep_surface(catalog: Reading, plan: Plan) -> Plan:
         plan = replace(plan, surface=None, surface_sha256=put(plan.surface))
     if plan.inspected is not None:
         plan = replace(plan, inspected=None, inspected_sha256=put(plan.inspected))
+    if plan.supposed is not None:
+        plan = replace(plan, supposed=None, supposed_sha256=catalog.supposed_surfaces.put(plan.supposed))
     return plan
 
 

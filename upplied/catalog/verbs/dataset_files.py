@@ -81,7 +81,7 @@ Expert demonstrations of inspection flights, and what they became on other struc
 
 {rows}
 - the meshes of the structures in `meshes/`, what each plan sees of its target in `surfaces/` and `samples/`,
-  named by their hash
+  what of it was never scanned in `supposed/`, named by their hash
 
 Every table is plain Parquet: `pandas.read_parquet("transfers.parquet")`. DATA_DICTIONARY.md explains each
 column and its unit. Rows name the hashes of the log, the meshes, the settings and the versions of method and

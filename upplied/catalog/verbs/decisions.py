@@ -137,9 +137,15 @@ def recall(catalog: Reading, row: Row, note: str, target_sha256: str, by: str) -
     return _decide(catalog, row, "recalled", by, note, target_sha256=target_sha256)
 
 
-def rechecked(catalog: Reading, row: Row, note: str, target_sha256: str, by: str) -> str:
-    """Keep that a plan in force was judged on its changed structure, and stays in force."""
-    return _decide(catalog, row, "rechecked", by, note, target_sha256=target_sha256)
+def rechecked(
+    catalog: Reading, row: Row, note: str, target_sha256: str, by: str, supposed_sha256: str = ""
+) -> str:
+    """Keep that a plan in force was judged on its changed structure, and stays in force.
+
+    `supposed_sha256` is that of what of the changed structure was never scanned (`Catalog.supposed`).
+    """
+    said = {"target_sha256": target_sha256, "supposed_sha256": supposed_sha256}
+    return _decide(catalog, row, "rechecked", by, note, **said)
 
 
 def _plan(catalog: Reading, transfer_id: str) -> Row:

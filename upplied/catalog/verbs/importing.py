@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -22,17 +22,19 @@ from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import file_name
 from upplied.catalog.store.opening import in_schema
-from upplied.catalog.store.surfaces import SURFACES, Samples, States
+from upplied.catalog.store.surfaces import SUPPOSED, SURFACES, Samples, States
 from upplied.catalog.verbs import adding
 from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, name_of
 from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
 from upplied.catalog.verbs.verification import broken_values
 from upplied.checks import check_id
 from upplied.errors import CatalogError
-from upplied.records import Demonstration, Measures, Plan, Structure
+from upplied.records import Demonstration, Measures, Plan, Structure, SupposedSurface
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
+
+R = TypeVar("R")
 
 _SAME = 2e-3  # of a measure computed again on another machine: a sample in a thousand may turn
 _IDS = {"structure_id", "kind", "demonstration_id", "source_id", "target_id", "transfer_id", "key"}
@@ -104,6 +106,9 @@ def import_dataset(
     for row in plans:
         for column in SURFACES:
             row[column] = _surface(catalog, place, row[column])
+        if row["supposed_sha256"]:
+            path = place / SUPPOSED / file_name(row["supposed_sha256"])
+            catalog.supposed_surfaces.put(_kept(path, SupposedSurface, row["supposed_sha256"]))
     return {
         "structures": catalog.add_structures(new_structures),
         "demonstrations": catalog.add_demonstrations(new_demonstrations),
@@ -197,13 +202,18 @@ def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: 
 
 def _structure(place: Path, row: Row) -> Structure:
     path = place / "meshes" / file_name(row["mesh_sha256"])
+    return rows.structure_of(row, _kept(path, Structure, row["mesh_sha256"]))
+
+
+def _kept(path: Path, record_type: type[R], sha256: str) -> R:
+    """The record that a dataset keeps in a file by its content."""
     try:
-        mesh = codec.decode(path.read_bytes(), Structure)
+        record = codec.decode(path.read_bytes(), record_type)
     except OSError as error:
         raise CatalogError(str(path), f"cannot be read: {error}") from None
-    if codec.sha256_of(mesh) != row["mesh_sha256"]:
+    if codec.sha256_of(record) != sha256:
         raise CatalogError(str(path), "has other content than its name says")
-    return rows.structure_of(row, mesh)
+    return record
 
 
 def _surface(catalog: Catalog, place: Path, sha256: str) -> str:

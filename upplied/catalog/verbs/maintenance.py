@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -12,6 +13,7 @@ import pyarrow.dataset as ds
 from deltalake import DeltaTable
 
 from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.merging import TARGET_BYTES, merge, removing
 from upplied.catalog.store.surfaces import SURFACES
 from upplied.errors import SettingsError
@@ -106,12 +108,22 @@ def _drop_orphans(steps: StoredTable, owners: StoredTable, before: datetime) -> 
 
 def _drop_surfaces(catalog: Catalog, before: datetime) -> int:
     """Surfaces that stopped planners left; one that is kept again meanwhile counts as young."""
-    files = catalog.surfaces.states.files
+    shown = [("transfers", column) for column in SURFACES]
+    supposed = [(table, "supposed_sha256") for table in ("transfers", "decisions")]
+    return _drop_unnamed(catalog, catalog.surfaces.states.files, shown, before) + _drop_unnamed(
+        catalog, catalog.supposed_surfaces.files, supposed, before
+    )
+
+
+def _drop_unnamed(
+    catalog: Catalog, files: FileStore, columns: Sequence[tuple[str, str]], before: datetime
+) -> int:
+    """Files older than a moment that no row names in these columns of tables."""
     old = files.older(before)
     if not old:
         return 0
-    kept = catalog.tables["transfers"].read(None, list(SURFACES))
-    named = {sha256 for column in SURFACES for sha256 in kept[column].to_pylist()}
+    columns_kept = (catalog.tables[table].read(None, [name])[name] for table, name in columns)
+    named = {sha256 for column in columns_kept for sha256 in column.to_pylist()}
     gone = [name for name in old if name.removesuffix(".parquet") not in named]
     for name in gone:
         files.remove(name)

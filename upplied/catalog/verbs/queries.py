@@ -24,6 +24,7 @@ from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.frames import When, decoded, frame, moment, until
 from upplied.catalog.verbs.ordering import NEWEST, SLOT, in_order, retired
 from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_states
+from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Floats, Trajectory
 
@@ -144,6 +145,27 @@ def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
     """The decisions until a moment, in the order of commits."""
     found = rows.rows_of(table.read(until("added_at", as_of)))
     return sorted(found, key=lambda row: row["commit_version"])
+
+
+def find_transfer(table: StoredTable, start: str) -> str:
+    """See `Catalog.find_transfer`."""
+    check_id(start, "transfer id")
+    if len(table.read(pc.field("transfer_id") == start, ["transfer_id"])):
+        return start
+    every = transfer_ids(table)
+    found = [name for name in every if name.startswith(start)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise CatalogError(f"transfer {start}", f"may be {len(found)}: {', '.join(found[:5])}")
+    known = suggested(start, every, 0)
+    raise CatalogError(f"transfer {start}", "is not in the catalog", known, "see: upplied catalog transfers")
+
+
+def transfer_ids(table: StoredTable) -> list[str]:
+    """The ids of all plans, sorted."""
+    known = table.read(None, ["transfer_id"])["transfer_id"].unique()
+    return sorted(known.to_pylist())
 
 
 def steps(table: StoredTable, row: Row) -> pa.Table:

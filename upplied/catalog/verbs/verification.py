@@ -31,10 +31,10 @@ _HELD = {
     "demonstrations": ["demonstration_id", "structure_id", "commit_id", "n_poses", "poses_sha256"],
     "transfers": [
         *("transfer_id", "demonstration_id", "source_id", "target_id", "commit_id", "n_waypoints"),
-        *("waypoints_sha256", "settings_json", "settings_sha256", *SURFACES),
+        *("waypoints_sha256", "settings_json", "settings_sha256", *SURFACES, "supposed_sha256"),
     ],
     "flights": ["flight_id", "transfer_id", "flight_sha256", "looks_sha256"],
-    "decisions": ["decision_id", "transfer_id"],
+    "decisions": ["decision_id", "transfer_id", "supposed_sha256"],
     "overruled": ["overruled_id", "transfer_id"],
 }
 
@@ -167,6 +167,8 @@ def _contents(catalog: Catalog, held: dict[str, pa.Table]) -> Iterator[Finding]:
     """What plans see and what was flown, each read and compared with its hash."""
     for read, rows, column in (
         *((catalog.surfaces.get, held["transfers"], column) for column in SURFACES),
+        (catalog.supposed_surfaces.get, held["transfers"], "supposed_sha256"),
+        (catalog.supposed_surfaces.get, held["decisions"].drop_columns("decision_id"), "supposed_sha256"),
         (catalog.flown, held["flights"].drop_columns("flight_id"), "flight_sha256"),
         (catalog.looks.get, held["flights"].drop_columns("flight_id"), "looks_sha256"),
     ):

@@ -91,9 +91,10 @@ def export(
     goal = Path(path)
     limits = gate.limits_of(options)
     named = [*gate.plan_breaches(plan), *found]
+    supposed = plan.supposed if isinstance(plan, Plan) else None
     if format == "mcap":
         content = mcap_bytes(plan, structure, camera)
-        named += gate.breaches(read_mcap(content), structure, limits)
+        named += gate.breaches(read_mcap(content), structure, limits, supposed)
         overruled = gate.pass_or_refuse(structure.structure_id, named, options.overruled)
         said = (*gate.told(overruled), *zones(()))
         if said:
@@ -109,7 +110,7 @@ def export(
     for mission in missions:  # all, before the first is written
         reading = read_mission(format, encoded(write(mission, options)), mission)
         passed = gate.pass_or_refuse(
-            mission.name, gate.breaches(reading, structure, limits), options.overruled
+            mission.name, gate.breaches(reading, structure, limits, supposed), options.overruled
         )
         found_written |= {str(breach): breach for breach in passed}
     more = tuple(breach for breach in found_written.values() if breach not in missions[0].overruled)

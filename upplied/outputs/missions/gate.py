@@ -18,8 +18,9 @@ from upplied.outputs.missions.reading import Reading, planned
 from upplied.outputs.missions.ways import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
-from upplied.records import Floats, Plan, Structure, Surroundings, Trajectory
-from upplied.scene import scene_of
+from upplied.records import Floats, Plan, Structure, SupposedSurface, Surroundings, Trajectory
+from upplied.scene import Scene
+from upplied.supposed_scene import scene_for
 
 DRAFT = "DRAFT, NOT RELEASED:"  # what a mission says of itself that nobody released
 ZONE = "zone"  # how a note begins that says what becomes of a zone that must be seen
@@ -101,7 +102,8 @@ def broken_by(plan: Plan, structure: Structure, clearance_m: float) -> list[Brea
     if path is None:
         return []
     limits = Limits(clearance_m=clearance_m)
-    return [*plan_breaches(plan), *breaches(planned(path.positions, path.t_s), structure, limits)]
+    judged = breaches(planned(path.positions, path.t_s), structure, limits, plan.supposed)
+    return [*plan_breaches(plan), *judged]
 
 
 def limits_of(options: MissionOptions) -> Limits:
@@ -113,7 +115,9 @@ def limits_of(options: MissionOptions) -> Limits:
     )
 
 
-def breaches(reading: Reading, structure: Structure, limits: Limits) -> list[Breach]:
+def breaches(
+    reading: Reading, structure: Structure, limits: Limits, supposed: SupposedSurface | None
+) -> list[Breach]:
     """Every rule that a path breaks at the structure it is flown at.
 
     Parameters
@@ -123,12 +127,15 @@ def breaches(reading: Reading, structure: Structure, limits: Limits) -> list[Bre
     structure : Structure
         With its surroundings.
     limits : Limits
+    supposed : SupposedSurface or None
+        What was never scanned of it, `Plan.supposed`: a path keeps clear of that as well.
     """
     if not np.isfinite(reading.positions).all() or (
         len(reading.t_s) and not (np.diff(reading.t_s) > 0).all()
     ):
         return [Breach("finite", "a waypoint is not finite, or time does not rise")]
-    return [*_around(reading, structure, limits), *_moving(reading, limits)]
+    scene = scene_for(structure, supposed)
+    return [*_around(reading, structure, limits, scene), *_moving(reading, limits)]
 
 
 def plan_breaches(plan: Plan | Trajectory) -> list[Breach]:
@@ -202,16 +209,17 @@ def written(notes: Iterable[str]) -> list[str]:
     return [note for note in notes if note.startswith((DRAFT, ZONE))]
 
 
-def _around(reading: Reading, structure: Structure, limits: Limits) -> Iterator[Breach]:
+def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene) -> Iterator[Breach]:
     path, around = reading.positions, structure.surroundings
-    scene = scene_of(structure)
     wanted = limits.clearance_m - _EXACT_M
     nearest = path_clearance(scene, path)
     if nearest.distance_m < wanted:
         asked = f"{limits.clearance_m:g} m are asked for"
-        yield Breach("clearance", f"{nearest.distance_m:.2f} m", asked, tuple(nearest.position))
-    elif legs_below(scene, reading.fan_start, reading.fan_end, wanted - _EXACT_M).any():
-        yield Breach("clearance", "too near in a turn that is flown without a stop")
+        what = _of_supposed(scene, nearest.position, " from")
+        yield Breach("clearance", f"{nearest.distance_m:.2f} m{what}", asked, tuple(nearest.position))
+    elif (near := legs_below(scene, reading.fan_start, reading.fan_end, wanted - _EXACT_M)).any():
+        what = _of_supposed(scene, reading.fan_start[near.argmax()], " to")
+        yield Breach("clearance", f"too near{what} in a turn that is flown without a stop")
     start = np.concatenate([path[:-1], reading.fan_start])
     end = np.concatenate([path[1:], reading.fan_end])
     for low, high in around.keep_out_m:
@@ -237,6 +245,11 @@ def _around(reading: Reading, structure: Structure, limits: Limits) -> Iterator[
         if over > limits.max_height_m + _EXACT_M:
             asked = f"{limits.max_height_m:g} m are allowed (max_height_m)"
             yield Breach("height", f"{over:.1f} m above ground", asked, tuple(highest))
+
+
+def _of_supposed(scene: Scene, place: Floats, word: str) -> str:
+    """That what is too near a place is not the surface that was scanned, in words; else nothing."""
+    return f"{word} what was never scanned" if scene.nearer_supposed(place[None])[0] else ""
 
 
 def _moving(reading: Reading, limits: Limits) -> Iterator[Breach]:

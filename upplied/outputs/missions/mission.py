@@ -27,16 +27,20 @@ from upplied.records import (
     Placement,
     Plan,
     Structure,
+    SupposedSurface,
     SurfaceStates,
     Trajectory,
 )
-from upplied.scene import scene_of
+from upplied.supposed_scene import scene_for
 
 ANYTHING = Flying(zooms=True)
 _SAME_PLACE_M = 0.05
 _CROWDED_M = 0.25  # mean step between viewpoints
 _HOVER_S = 0.3  # shorter than this nobody hovers
 _EXACT_M = 0.02  # within which a clearance is known
+_NEVER_SCANNED = (
+    "some of the structure was never scanned: every leg keeps clear of where it is supposed to be as well"
+)
 
 
 def missions_of(
@@ -57,17 +61,20 @@ def missions_of(
         that is not overruled.
     """
     path, is_viewpoint, surface, name = _inspection(plan, structure)
+    supposed = plan.supposed if isinstance(plan, Plan) else None
     placement = geodesy.placement_of(structure)
     check_altitude(options.altitude, placement, structure.structure_id)
     limits = gate.limits_of(options)
-    broken = [*found, *gate.breaches(planned(path.positions, path.t_s), structure, limits)]
+    broken = [*found, *gate.breaches(planned(path.positions, path.t_s), structure, limits, supposed)]
     zooms = flying.zooms and not (flying.zooms_not_by and options.firmware == flying.zooms_not_by)
     broken += gate.zoom_breaches(path, zooms)
     overruled = gate.pass_or_refuse(name, broken, options.overruled)
     notes = gate.told(overruled)
-    airspace = airspace_of(structure, path.positions, options)
+    if supposed is not None:
+        notes.append(_NEVER_SCANNED)
+    airspace = airspace_of(structure, supposed, path.positions, options)
     if options.home_m is None:
-        home, note = default_home(structure, path.positions[0], options.clearance_m)
+        home, note = default_home(structure, supposed, path.positions[0], options.clearance_m)
         notes.append(note)
     else:
         home = np.array(options.home_m, float)
@@ -89,7 +96,7 @@ def missions_of(
             f"the camera zooms, from {short.fov_deg[:, 0].max():.1f} to {short.fov_deg[:, 0].min():.1f} deg "
             f"of horizontal field of view{flying.zoom_note}"
         )
-    transits = Transits(structure, airspace, short.positions, home)
+    transits = Transits(structure, supposed, airspace, short.positions, home)
     transits.check_home()
     passing = _passing(short, airspace, options, flying)
     most = min(options.max_waypoints or 10**9, flying.max_waypoints or 10**9)
@@ -132,13 +139,15 @@ def missions_of(
     return made
 
 
-def airspace_of(structure: Structure, path: Floats, options: MissionOptions) -> Airspace:
+def airspace_of(
+    structure: Structure, supposed: SupposedSurface | None, path: Floats, options: MissionOptions
+) -> Airspace:
     """The rules for every leg of a mission round a path (N, 3), m, structure frame.
 
     The clearance is the one asked for, or that of the plan where it is less: whether such a plan may
     leave is for the gate. The ceiling is the structure's, and the usual one unless the plan is higher.
     """
-    scene = scene_of(structure)
+    scene = scene_for(structure, supposed)
     planned = path_clearance(scene, path).certain_m
     usual = USUAL_CEILING_M if options.max_height_m is None else options.max_height_m
     ceiling = max(ground_z_m(structure) + usual, float(path[:, 2].max()))

@@ -18,7 +18,9 @@ from upplied.planning.airspace.roadmap import Roadmap, roadmap, way
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
 from upplied.polylines import arc_length, leg_lengths
-from upplied.records import Floats, Structure
+from upplied.records import Floats, Structure, SupposedSurface
+from upplied.scene import scene_of
+from upplied.supposed_scene import extent, obstacle
 
 #: Above ground: the limit of the open category (Regulation (EU) 2019/947, UAS.OPEN.010).
 USUAL_CEILING_M = 120.0
@@ -34,6 +36,8 @@ class Transits:
     Attributes
     ----------
     structure : Structure
+    supposed : SupposedSurface or None
+        What was never scanned of it.
     airspace : Airspace
         The rules that every leg of the mission keeps.
     inspection : array, shape (N, 3), m, structure frame
@@ -41,6 +45,7 @@ class Transits:
     """
 
     structure: Structure
+    supposed: SupposedSurface | None
     airspace: Airspace
     inspection: Floats
     home: Floats
@@ -53,9 +58,9 @@ class Transits:
 
     @property
     def return_z_m(self) -> float:
-        """Height, m, at which an automatic return passes over everything that is known."""
+        """Height, m, at which an automatic return passes over everything that is known or supposed."""
         boxes = [float(high[2]) for _, high in self.airspace.surroundings.keep_out_m]
-        tops = [self.structure.vertices[:, 2].max(), self.inspection[:, 2].max(), *boxes]
+        tops = [extent(self.structure, self.supposed)[1][2], self.inspection[:, 2].max(), *boxes]
         return float(max(tops)) + self.airspace.clearance_m + 1.0
 
     def check_home(self) -> None:
@@ -96,8 +101,10 @@ class Transits:
 
     @cached_property
     def _roads(self) -> Roadmap:
-        surface = surface_samples(self.structure, self.airspace.scene, _SAMPLES)
-        return roadmap(self.airspace, surface, _spaced(self.inspection, _PATH_STEP_M))
+        surface = surface_samples(self.structure, scene_of(self.structure), _SAMPLES)
+        return roadmap(
+            self.airspace, obstacle(surface, self.supposed), _spaced(self.inspection, _PATH_STEP_M)
+        )
 
     @cached_property
     def _climbing(self) -> Airspace:
@@ -111,16 +118,18 @@ class Transits:
         return np.array([self.home[0], self.home[1], height_m])
 
 
-def default_home(structure: Structure, first: Floats, clearance_m: float) -> tuple[Floats, str]:
+def default_home(
+    structure: Structure, supposed: SupposedSurface | None, first: Floats, clearance_m: float
+) -> tuple[Floats, str]:
     """A take-off on the ground near the first waypoint, outside the structure's box; and why there."""
-    low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
+    low, high = extent(structure, supposed)
     outward = first - (low + high) / 2
     outward[2] = 0.0
     reach = np.linalg.norm(outward)
     outward = outward / reach if reach > 1e-6 else np.array([1.0, 0.0, 0.0])
     place = first + _until_outside(first, outward, low, high, clearance_m + 3.0) * outward
     ground = structure.surroundings.ground_z_m
-    place[2] = low[2] if ground is None else ground
+    place[2] = ground_z_m(structure)
     source = "the lowest point of the structure" if ground is None else "the declared ground"
     return (
         place,

@@ -79,7 +79,12 @@ class Airspace(Record):
         at = np.reshape(position, (1, 3))
         distance = float(self.scene.distance(at)[0])
         if distance < self.clearance_m:
-            return f"{distance:.2f} m from the structure, {self.clearance_m:g} m are to be kept"
+            whole = (
+                "what was never scanned of the structure"
+                if self.scene.nearer_supposed(at)[0]
+                else "the structure"
+            )
+            return f"{distance:.2f} m from {whole}, {self.clearance_m:g} m are to be kept"
         if at[0, 2] < self.floor_m:
             return f"below {self.floor_m:.2f} m, the least height above the ground"
         if at[0, 2] > self.ceiling_m:

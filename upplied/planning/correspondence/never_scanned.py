@@ -6,7 +6,6 @@ target is likely to be. Nobody knows more of that, so a path keeps clear of it, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,9 +22,19 @@ from upplied.planning.correspondence.partial import as_likely, is_open
 from upplied.planning.geometry.boxes import in_source_frame, spacing
 from upplied.planning.surface.openings import shows_inside
 from upplied.planning.surface.parts import labels_of, pieces_tell_parts
-from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Record, Registration, Structure
+from upplied.records import (
+    Bools,
+    Cloud,
+    Correspondences,
+    Floats,
+    Ints,
+    Record,
+    Registration,
+    Structure,
+    SupposedSurface,
+)
 from upplied.scene import Scene
-from upplied.supposed_scene import SupposedScene
+from upplied.vectors import across
 
 _SURE = 95  # percent of what was scanned as well, that lies as near to where it is brought as the error says
 
@@ -151,45 +160,24 @@ def _open(structure: Structure, scene: Scene, cloud: Cloud) -> Bools:
     return shows_inside(structure, scene, cloud) if cloud.open is None else cloud.open
 
 
-def scene_beyond(scene: Scene, missing: NeverScanned) -> Scene:
-    """The scene of a target with what was never scanned of it, and keeps clear of where it may go on."""
-    supposed = [(missing.points, missing.normals)] if len(missing.beyond) else []
-    doubtful = [
-        (missing.other_points[mine], missing.other_normals[mine])
-        for mine in (missing.other_way == way for way in np.unique(missing.other_way))
-    ]
-    if not supposed and not doubtful:
-        return scene
-    error_m, threads = missing.error_m, scene.threads
-    return SupposedScene(
-        scene,
-        *(
-            Scene(*_meshes(each, missing.spacing_m), threads, error_m=error_m) if each else None
-            for each in (supposed, doubtful)
-        ),
-    )
-
-
-def _meshes(surfaces: Sequence[tuple[Floats, Floats]], spacing_m: float) -> tuple[Floats, Ints]:
-    """Discs of surfaces, points (N, 3) and normals of each, as one mesh."""
-    vertices, triangles, before = [], [], 0
-    for points, normals in surfaces:
-        discs = Discs.of(points, normals)
+def supposed_surface(missing: NeverScanned) -> SupposedSurface | None:
+    """The surface that is supposed where nothing was scanned, and where it may go on; None where none is."""
+    surfaces = [(missing.points, missing.normals, True)] if len(missing.beyond) else []
+    for way in np.unique(missing.other_way):
+        mine = missing.other_way == way
+        surfaces.append((missing.other_points[mine], missing.other_normals[mine], False))
+    if not surfaces:
+        return None
+    points, normals = (np.concatenate([each[at] for each in surfaces]) for at in (0, 1))
+    radius_m = np.concatenate([Discs.of(*each[:2]).radius_m for each in surfaces])
+    return SupposedSurface(
+        points,
+        normals,
+        across(normals)[0],
         # A sample that lies alone stands for no more surface than others.
-        mesh = replace(discs, away=np.minimum(discs.away, TOUCH * spacing_m)).mesh()
-        vertices.append(mesh[0])
-        triangles.append(mesh[1] + before)
-        before += len(mesh[0])
-    return np.concatenate(vertices), np.concatenate(triangles)
-
-
-def with_missing(there: Cloud, missing: NeverScanned) -> Cloud:
-    """What is in the way: the samples of a target, and those of what was never scanned; without areas."""
-    if not len(missing.beyond) and not len(missing.other_way):
-        return there
-    return Cloud(
-        np.concatenate([there.points, missing.points, missing.other_points]),
-        np.concatenate([there.outward, missing.normals, missing.other_normals]),
+        np.minimum(radius_m, TOUCH * missing.spacing_m),
+        np.repeat([each[2] for each in surfaces], [len(each[0]) for each in surfaces]),
+        missing.error_m,
     )
 
 

@@ -17,8 +17,7 @@ from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.never_scanned import (
     NeverScanned,
     missing_from,
-    scene_beyond,
-    with_missing,
+    supposed_surface,
     without,
 )
 from upplied.planning.correspondence.registration import Declared, declared_for, register
@@ -27,8 +26,17 @@ from upplied.planning.surface.parts import blades_of, pieces_tell_parts
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import PartLabels, skin_parts
 from upplied.planning.surface.voxels import voxel_cloud
-from upplied.records import Cloud, Correspondences, Ints, Record, Registration, Structure
+from upplied.records import (
+    Cloud,
+    Correspondences,
+    Ints,
+    Record,
+    Registration,
+    Structure,
+    SupposedSurface,
+)
 from upplied.scene import Scene, scene_of
+from upplied.supposed_scene import obstacle, with_supposed
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,12 +53,13 @@ class Pair(Record):
     target_scene: Scene
     voxels: Fit
     surface: Fit
-    missing: NeverScanned  # of the target; `target_scene` holds it
+    missing: NeverScanned  # of the target
+    supposed: SupposedSurface | None  # where that is; `target_scene` holds it
 
     @property
     def obstacle(self) -> Cloud:
         """The target's surface samples, and where more of it is supposed."""
-        return self.derived("obstacle", lambda: with_missing(self.surface.target, self.missing))
+        return self.derived("obstacle", lambda: obstacle(self.surface.target, self.supposed))
 
     def fit_for(self, settings: Settings) -> Fit:
         """The fit that a preset plans on: with normals where it asks what is truly seen."""
@@ -71,14 +80,16 @@ def study_pair(source: Structure, target: Structure, settings: Settings, memo: M
     if settings.visibility.occlusion:  # what is published knows no turn: it has the one of the surfaces
         stood = replace(declared, turn=surface.registration.rotation @ surface.registration.turn)
     missing = missing_from(surface, (source, target), scenes, settings.clouds, memo)
+    supposed = supposed_surface(missing)
     clouds_known = surface.source, surface.target, surface.carried
     surface = replace(surface, correspondences=without(surface.correspondences, missing, *clouds_known))
     return Pair(
         source,
         target,
         scenes[0],
-        scene_beyond(scenes[1], missing),
+        with_supposed(scenes[1], supposed),
         missing=missing,
+        supposed=supposed,
         voxels=_fit("voxels", voxels, (source, target), voxel_settings(settings), stood, memo),
         surface=surface,
     )

@@ -148,8 +148,8 @@ def _beyond(pair: Pair) -> tuple[str, ...]:
     if not len(missing.beyond):
         return ()
     return (
-        f"about {missing.area_m2:.0f} m2 of the target were never scanned: the path keeps clear of where "
-        f"the source has them, known to {missing.error_m:.2f} m; the ways of a mission to it and back do not",
+        f"about {missing.area_m2:.0f} m2 of the target were never scanned: the path, and the ways of its "
+        f"missions, keep clear of where the source has them, known to {missing.error_m:.2f} m",
     )
 
 

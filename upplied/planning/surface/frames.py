@@ -21,6 +21,7 @@ from upplied.records import (
     Registration,
     Structure,
     StructureInFrame,
+    SupposedSurface,
     SurfaceStates,
     Trajectory,
 )
@@ -181,6 +182,14 @@ def surface_from(frame: Frame, states: SurfaceStates | None) -> SurfaceStates | 
         return states
     normals = None if states.normals is None else states.normals @ frame.turn.T
     return replace(states, points=frame.to_declared(states.points), normals=normals)
+
+
+def supposed_from(frame: Frame, supposed: SupposedSurface | None) -> SupposedSurface | None:
+    """Surface that nobody scanned, in the declared frame."""
+    if supposed is None or frame is DECLARED:
+        return supposed
+    normals, corner = supposed.normals @ frame.turn.T, supposed.corner @ frame.turn.T
+    return replace(supposed, points=frame.to_declared(supposed.points), normals=normals, corner=corner)
 
 
 def registration_from(here: Frame, there: Frame, found: Registration | None) -> Registration | None:
