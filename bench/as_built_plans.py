@@ -1,6 +1,7 @@
 """Plans on scans to the end, judged by what is truly seen of the clean mesh, and how near they come to it.
 
     python bench/as_built_plans.py write FILE [--kinds airliner,ship] [--seeds 31-36] [--variants shell]
+    python bench/as_built_plans.py write FILE --real [--kinds airliner] [--variants shell,cut20]
     python bench/as_built_plans.py judge FILE...
     python bench/as_built_plans.py places [--kinds airliner] [--seeds 31-36] [--variants cloud,shell]
     python bench/as_built_plans.py places --real
@@ -12,7 +13,11 @@ The clearance that is promised (`min_clearance_m`) must be kept on the clean mes
 
 `places` asks the same of places rather than of paths: thousands round each scan, from 1 to 4 m away, whether
 the clean mesh is as far as the scan promises. Those whose nearest surface was never scanned (what was cut
-away, what a reconstruction left out) are not counted, but told. `--real` asks of real meshes, remeshed.
+away, what a reconstruction left out) are not counted, but told.
+
+`--real` plans on real meshes, remeshed, or asks of places round them. What is right of one is what is decided
+for it as modelled, whose pieces tell its parts; where that is not decided without a doubt, nothing is said of
+what is seen.
 """
 
 from __future__ import annotations
@@ -25,22 +30,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from as_built_cases import CASES, RIGHT, SOURCE, Case, area_of, clean_cloud, flown
+from as_built_cases import CASES, RIGHT, SOURCE, Case, area_of, clean_cloud, flown, learn
 from as_built_decisions import Kept, targets_of
 from scans import DIVIDED, made, real_names, scan, surface_seen, true_parts
 from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
 from upplied.planning.airspace.clearance import path_clearance
-from upplied.planning.plan import plan_transfer
+from upplied.planning.plan import decided, plan_transfer
 from upplied.planning.visibility.path_views import TRULY, views
 from upplied.records import Bools, Camera, Floats, Plan, Trajectory
 from upplied.scene import Scene, scene_of
 
 _CLOUDS = ("cloud", "sparse", "rough")
 _SCANS = "cloud,sparse,rough,shell,noise,clutter,cut20"
+_REAL_SCANS = "shell,cut20"
 _STEP_M = 0.05
 _LEFT_OUT = 0.02  # of the size
+_NOT_CUT_M = 0.15  # five times the noise: what of the whole shell lies farther off a cut one was cut away
 _TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)
 
 
@@ -51,10 +58,12 @@ def plans(options: argparse.Namespace) -> None:
     rows = {tuple(json.loads(line)["case"]): json.loads(line) for line in lines}
     memo = Kept()  # what is found out once is found out for the model as for the scan: the costs compare
     with path.open("a", encoding="utf-8") as file:
-        for kind, target, variant in targets_of(options):
+        for kind, target, variant in _real_targets(options) if options.real else targets_of(options):
             for number, case in enumerate(CASES[kind]):
                 if options.cases and str(number) not in options.cases.split(","):
                     continue
+                if options.real:
+                    _learn(kind, case, target, memo)
                 for scanned in dict.fromkeys(("model", variant)):
                     name = (kind, SOURCE[kind], target, scanned, number)
                     if name not in rows:
@@ -62,6 +71,15 @@ def plans(options: argparse.Namespace) -> None:
                         file.write(json.dumps(rows[name]) + "\n")
                         file.flush()
             memo.prune()
+
+
+def _learn(kind: str, case: Case, target: str, memo: Kept) -> None:
+    """Take for right what is decided, without a doubt, for a real mesh as modelled."""
+    settings = settings_for("recommended", correspondence=case.asked)
+    demonstration, source = flown(kind, case.inspection), made(kind, SOURCE[kind]).structure
+    plan, takes = decided(demonstration, source, made(kind, target).structure, settings, memo)
+    if takes and plan.status == "ok" and not _named(plan):
+        learn(kind, case, target, takes)
 
 
 def _row(kind: str, case: Case, target: str, variant: str, memo: Kept) -> dict[str, Any]:
@@ -72,11 +90,10 @@ def _row(kind: str, case: Case, target: str, variant: str, memo: Kept) -> dict[s
         demonstration, source, there, settings_for("recommended", correspondence=case.asked), memo
     )
     took = time.process_time() - start
-    named = any("part_" in warning for warning in plan.warnings)
     row = {
         "inspection": case.inspection,
         "asked": case.said,
-        "status": "warned" if plan.status == "ok" and named else plan.status,
+        "status": "warned" if plan.status == "ok" and _named(plan) else plan.status,
         "reason": plan.reason or "; ".join(plan.warnings),
         "cpu_s": took,
     }
@@ -85,8 +102,14 @@ def _row(kind: str, case: Case, target: str, variant: str, memo: Kept) -> dict[s
     return {**row, **_judged(plan, plan.trajectory, kind, case, target, variant)}
 
 
+def _named(plan: Plan) -> bool:
+    return any("part_" in warning for warning in plan.warnings)
+
+
 def _judged(plan: Plan, path: Trajectory, kind: str, case: Case, target: str, variant: str) -> dict[str, Any]:
-    """What of the right part is seen on the clean mesh (the least of several), and the clearance there."""
+    """What of the right part, where it is known, is seen of the clean mesh (the least of several), and the
+    clearance there.
+    """
     scene, cloud = scene_of(made(kind, target).structure, 1), clean_cloud(kind, target)
     seen = views(path, cloud, Camera(), TRULY, scene).seen.any(axis=0)
     name, area = true_parts(kind, target, cloud.points), area_of(cloud)
@@ -95,7 +118,7 @@ def _judged(plan: Plan, path: Trajectory, kind: str, case: Case, target: str, va
         for mine in (name == each for each in case.right(kind, target))
     ]
     return {
-        "seen": (min if case.every else max)(shares, default=0.0),
+        **({"seen": (min if case.every else max)(shares)} if shares else {}),
         "reported": plan.measures.coverage_inspected_pct,
         "promised_m": plan.measures.min_clearance_m,
         "error_m": plan.measures.surface_error_m,
@@ -149,7 +172,7 @@ def _real_targets(options: argparse.Namespace) -> Iterator[tuple[str, str, str]]
     kinds = options.kinds.split(",") if options.kinds else list(CASES)
     for kind in kinds:
         for name in real_names(kind):
-            for variant in options.variants.split(","):
+            for variant in (options.variants or _REAL_SCANS).split(","):
                 yield kind, name, variant
 
 
@@ -165,14 +188,11 @@ def _was_scanned(kind: str, target: str, variant: str, points: Floats) -> Bools:
     if variant.startswith("cloudcut"):
         left = cKDTree(scan(kind, target, variant).vertices).query(points)[0] < _LEFT_OUT * whole.diagonal_m
         return np.asarray(seen & left, bool)
-    near, triangle = Scene(whole.vertices, whole.triangles, 1).closest(points)
+    near, _ = Scene(whole.vertices, whole.triangles, 1).closest(points)
     there = scan(kind, target, variant)
-    left = np.ones(len(whole.triangles), bool)
-    if variant.startswith("cut"):  # a mesh of which triangles are gone
-        name = np.array([len(whole.vertices) ** 2, len(whole.vertices), 1])
-        left = np.isin(whole.triangles @ name, there.triangles @ name)
+    left = Scene(there.vertices, there.triangles, 1).distance(near) < _NOT_CUT_M
     rim = np.linalg.norm(near - points, axis=1) < _LEFT_OUT * whole.diagonal_m
-    return np.asarray(seen & left[triangle] & rim, bool)
+    return np.asarray(seen & left & rim, bool)
 
 
 def _places(kind: str, target: str) -> Floats:
@@ -219,11 +239,11 @@ def _print_row(variant: str, some: Sequence[dict[str, Any]], models: dict[tuple[
     less = [
         100 * (clean["seen"] - row["seen"])
         for row, clean in pairs
-        if row["status"] == "ok" and "seen" in clean
+        if row["status"] == "ok" and "seen" in clean and "seen" in row
     ]
     over = [row["kept_m"] - row["promised_m"] for row in some if "kept_m" in row]
     known = [row["kept_scanned_m"] - row["promised_m"] for row in some if "kept_scanned_m" in row]
-    cost = [row["cpu_s"] / clean["cpu_s"] for row, clean in pairs if "seen" in row and "seen" in clean]
+    cost = [row["cpu_s"] / clean["cpu_s"] for row, clean in pairs if "kept_m" in row and "kept_m" in clean]
     error = [row["error_m"] for row in some if "error_m" in row]
     print(
         f"{variant:10}{len(some):5}{ok:5}{warned:8}{refused:9}{_of(np.median, less):30.1f}"
@@ -257,11 +277,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name, run in (("write", plans), ("judge", judge), ("places", places)):
         command = commands.add_parser(name)
         command.set_defaults(run=run)
-        if run is places:
-            command.add_argument("--real", action="store_true", help="ask of real meshes, remeshed")
-        else:
+        if run is not places:
             command.add_argument("file", nargs="+" if run is judge else 1)
         if run is not judge:
+            command.add_argument("--real", action="store_true", help="take real meshes, remeshed")
             command.add_argument("--kinds", default="")
             command.add_argument("--seeds", default="31-33")
             command.add_argument("--variants", default="" if run is plans else _SCANS)
