@@ -57,6 +57,15 @@ def wedge() -> Structure:
     return of(corners, faces)
 
 
+def masted(top: float) -> Structure:
+    """A house of 12 x 6 x 4 m with a mast of 0.2 m in the middle of its roof, whose top is so high."""
+    unit = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([each for a, b, c, d in quads for each in ((a, b, c), (a, c, d))])
+    house, mast = unit * [12, 6, 4] - [6, 3, 2], unit * [0.2, 0.2, top - 2] - [0.1, 0.1, -2]
+    return of(np.concatenate([house, mast]), np.concatenate([faces, faces + 8]))
+
+
 @pytest.mark.parametrize("structure", DRAWN, ids=lambda one: one.structure_id)
 def test_what_was_drawn_is_exact(structure: Structure) -> None:
     assert reconstruction.error_m(structure) == 0
@@ -81,6 +90,50 @@ def test_the_surface_is_no_nearer_than_its_reconstruction_promises(depth: int, n
     assert 0 < found.error_m < 1.5
     # Without the error it is nearer: the trailing edge was rounded off.
     assert (found.distance(places) + found.error_m > true.distance(places) + 0.02).any()
+
+
+@pytest.fixture(scope="module")
+def mast_cut_off() -> Structure:
+    """A reconstruction that lost the last 0.9 m of its mast, four grains."""
+    return scanned(masted(6.1), depth=6)
+
+
+def test_of_what_is_thin_more_may_be_lost(mast_cut_off: Structure) -> None:
+    held, whole, found = reconstruction.held(mast_cut_off), masted(7.0), scene_of(mast_cut_off, 1)
+    true = Scene(whole.vertices, whole.triangles, 1)
+    assert 0.2 < held.thin_m < held.error_m < 0.9 < held.thin_error_m < 1.6
+    places = np.random.default_rng(5).uniform([-3, -3, 5], [3, 3, 10], (4000, 3))
+    places = places[true.distance(places) > 1]
+    assert (found.distance(places) <= true.distance(places) + 1e-3).all()
+    assert (found.apart(places) - held.error_m > true.distance(places) + 0.1).any()
+    # The walls are as far off the mast as their error tells, no more.
+    beside = np.random.default_rng(6).uniform([-5, 4, -1], [-4, 7, 1], (200, 3))
+    np.testing.assert_allclose(found.distance(beside), found.apart(beside) - held.error_m)
+
+
+def test_the_nearest_place_is_as_far_as_the_distance_and_belongs_to_its_triangle(
+    mast_cut_off: Structure,
+) -> None:
+    found = scene_of(mast_cut_off, 1)
+    places = np.random.default_rng(7).uniform(-12, 12, (3000, 3))
+    places = places[found.distance(places) > 0]
+    near, triangle = found.closest(places)
+    np.testing.assert_allclose(np.linalg.norm(near - places, axis=1), found.distance(places), atol=1e-4)
+    exact = mast_cut_off.vertices[mast_cut_off.triangles[triangle]]
+    off = np.linalg.norm(exact.mean(axis=1) - near, axis=1)
+    size = np.linalg.norm(exact - exact.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    assert (off <= size + reconstruction.held(mast_cut_off).thin_error_m + 1e-3).all()
+    onto_mast = exact.mean(axis=1)[:, 2] > 2.5
+    assert onto_mast.any() and (off[onto_mast] > reconstruction.held(mast_cut_off).error_m).any()
+
+
+def test_how_triangles_are_wound_and_what_is_declared_of_what_is_thin(mast_cut_off: Structure) -> None:
+    places = np.random.default_rng(8).uniform([-3, -3, 5], [3, 3, 10], (500, 3))
+    found = scene_of(mast_cut_off, 1).distance(places)
+    turned = replace(mast_cut_off, triangles=mast_cut_off.triangles[:, ::-1])
+    np.testing.assert_allclose(scene_of(turned, 1).distance(places), found, atol=1e-4)
+    stated = scene_of(replace(mast_cut_off, surface_error_m=0.1), 1)
+    np.testing.assert_allclose(stated.distance(places), np.maximum(stated.apart(places) - 0.1, 0))
 
 
 def test_a_coarser_reconstruction_knows_less_and_units_and_place_do_not_matter() -> None:

@@ -23,7 +23,7 @@ from upplied.disc_cells import DiscCells
 from upplied.discs import Discs, hexagons
 from upplied.records import Bools, Floats, Ints, Structure
 from upplied.threads import ray_threads
-from upplied.vectors import bounds
+from upplied.vectors import area_vectors, bounds
 
 
 @cache
@@ -89,7 +89,9 @@ class Scene:
         sampled cloud. A sight line that comes this near to its target has arrived.
     error_m : float
         How much nearer the surface may be than its triangles, as stated, or see `Discs.error_m` and
-        `reconstruction.error_m`: `distance` and `closest` take it to be so.
+        `reconstruction.held`: `distance` and `closest` take it to be so.
+    thin_m, thin_error_m : float
+        Where the triangles are nearer than that to those across, `thin_error_m` stands for `error_m`.
     cells : DiscCells, optional
         The discs that the triangles stand for, in its order, from which distances are taken. Triangles
         are told in the order that the discs had before.
@@ -103,6 +105,8 @@ class Scene:
         grain_m: float = 0.0,
         error_m: float = 0.0,
         cells: DiscCells | None = None,
+        thin_m: float = 0.0,
+        thin_error_m: float = 0.0,
     ) -> None:
         core = open3d().core
         self.box = bounds(vertices)
@@ -114,6 +118,11 @@ class Scene:
             core.Tensor(np.ascontiguousarray(vertices - self.origin, np.float32)),
             core.Tensor(np.ascontiguousarray(triangles, np.uint32)),
         )
+        self.thin_m, self.thin_error_m, self._thin = thin_m, thin_error_m, np.empty(0, np.int64)
+        if thin_m:
+            self._thin = np.flatnonzero(self._is_thin(vertices, triangles))
+        if len(self._thin):
+            self._ends = Scene(vertices, triangles[self._thin], self.threads, error_m=thin_error_m)
 
     def occluded(self, origins: Floats, targets: Floats, slack: float = 1e-3) -> Bools:
         """Whether something stands between each origin and its target.
@@ -177,12 +186,17 @@ class Scene:
 
     def distance(self, points: Floats) -> Floats:
         """Unsigned distance (N,) of each point (N, 3) from the surface, m, less what that may be off."""
+        away = self.apart(points)
+        if self.error_m:
+            away = np.maximum(away - self.error_m, 0.0)
+        return np.minimum(away, self._ends.distance(points)) if len(self._thin) else away
+
+    def apart(self, points: Floats) -> Floats:
+        """Unsigned distance (N,) of each point (N, 3) from the triangles, m, as though they were exact."""
         if self._cells is not None:
-            away = self._cells.distance(points)
-        else:
-            local = np.asarray(np.reshape(points, (-1, 3)) - self.origin, np.float32)
-            away = self._scene.compute_distance(self._tensor(local), self.threads).numpy().astype(float)
-        return np.maximum(away - self.error_m, 0.0) if self.error_m else away
+            return self._cells.distance(points)
+        local = np.asarray(np.reshape(points, (-1, 3)) - self.origin, np.float32)
+        return self._scene.compute_distance(self._tensor(local), self.threads).numpy().astype(float)
 
     def nearer_supposed(self, points: Floats) -> Bools:
         """Which points (N, 3) are nearer to surface that is supposed than to what is known: none here."""
@@ -203,7 +217,21 @@ class Scene:
             away = points - places
             length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
             places = places + away * np.minimum(self.error_m / length, 1.0)
+        if len(self._thin):
+            others, end = self._ends.closest(points)
+            nearer = np.linalg.norm(others - points, axis=1) < np.linalg.norm(places - points, axis=1)
+            places = np.where(nearer[:, None], others, places)
+            triangle = np.where(nearer, self._thin[end], triangle)
         return places, triangle
+
+    def _is_thin(self, vertices: Floats, triangles: Ints) -> Bools:
+        """Of which triangles (T,) the surface across, on either side, is nearer than `thin_m`."""
+        corners = vertices[triangles] - self.origin
+        normals = area_vectors(corners)
+        across = self.thin_m * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        start = corners.mean(axis=1)
+        sides = [self.blocked(np.hstack([start + 1e-3 * way, way]), slack=0.0) for way in (-across, across)]
+        return np.asarray(np.logical_or(*sides))
 
     @staticmethod
     def _tensor(array: np.ndarray) -> Any:
@@ -224,8 +252,11 @@ def surface_error_m(structure: Structure) -> float:
 
 def _new_scene(structure: Structure, threads: int) -> Scene:
     if len(structure.triangles):
-        error_m = surface_error_m(structure)
-        return Scene(structure.vertices, structure.triangles, threads, error_m=error_m)
+        mesh, error_m = (structure.vertices, structure.triangles, threads), structure.surface_error_m
+        if error_m is not None:
+            return Scene(*mesh, error_m=error_m)
+        held = reconstruction.held(structure)
+        return Scene(*mesh, error_m=held.error_m, thin_m=held.thin_m, thin_error_m=held.thin_error_m)
     discs, stated = discs_of(structure), structure.surface_error_m
     error_m = discs.error_m() if stated is None else stated
     cells = DiscCells.of(discs.points, discs.normals, discs.radius_m)

@@ -32,6 +32,7 @@ class SupposedScene(Scene):
         self.box, self.origin, self.threads = known.box, known.origin, known.threads
         self.grain_m, self.error_m = known.grain_m, known.error_m
         self._scene, self._cells = known._scene, known._cells
+        self.thin_m, self.thin_error_m = known.thin_m, known.thin_error_m
 
     def blocked(self, rays: np.ndarray, slack: float = 1e-3) -> Bools:
         """As of a `Scene`, by what is known or likely."""
@@ -53,10 +54,16 @@ class SupposedScene(Scene):
             away[asked] = np.minimum(away[asked], scene.distance(points[asked]))
         return away
 
+<<<<<<< HEAD
     def nearer_supposed(self, points: Floats) -> Bools:
         """As of a `Scene`."""
         known = self.known.distance(points)
         return np.any([scene.distance(points) < known for scene in self.more], axis=0)
+=======
+    def apart(self, points: Floats) -> Floats:
+        """As of a `Scene`, from the nearer surface."""
+        return np.asarray(np.min([each.apart(points) for each in (self.known, *self.more)], axis=0))
+>>>>>>> b76c89f (Keep farther from what is thin of a reconstructed mesh, and say what is too thin to show in it)
 
     def closest(self, points: Floats) -> tuple[Floats, Ints]:
         """As of a `Scene`, on the nearest surface; triangle -1 where that is not known."""

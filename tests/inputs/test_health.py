@@ -14,6 +14,7 @@ from upplied.errors import InputError
 from upplied.inputs.health import health_report
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
+from upplied.reconstruction import held
 
 
 def test_a_file_alone_is_reported_with_what_was_assumed(tmp_path: Path) -> None:
@@ -55,7 +56,10 @@ def test_the_report_says_how_far_the_surface_is_known(tmp_path: Path) -> None:
     scan = trimesh.creation.icosphere(5, 6.0)
     scan.vertices += np.random.default_rng(0).normal(0, 0.03, scan.vertices.shape)
     path.write_bytes(mesh_files.write(np.asarray(scan.vertices), np.asarray(scan.faces), "obj"))
-    assert "m, as a scan's is (declare surface_error_m" in health_report(entry).text
+    error_m, thin_m = held(read_structure(entry)).error_m, held(read_structure(entry)).thin_m
+    said = f"{error_m:.2f} m, as a scan's is; what is thinner than {thin_m:.2f} m may be missing"
+    assert said in health_report(entry).text
+    assert "may be missing" not in health_report(replace(entry, surface_error_m=0.1)).text
 
 
 def test_a_size_off_the_nominal_one_is_reported_not_raised(tmp_path: Path) -> None:

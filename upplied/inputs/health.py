@@ -14,6 +14,7 @@ from upplied.inputs.manifest_keys import UNITS
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import normalise
 from upplied.inputs.raw import RawMesh
+from upplied.reconstruction import held
 from upplied.records import Record, Structure
 from upplied.scene import surface_error_m
 
@@ -119,7 +120,10 @@ def _known(structure: Structure) -> str:
         return f"{error_m:.2f} m, as declared"
     if error_m == 0:
         return "exact: it was drawn, not scanned (else declare surface_error_m)"
-    return f"{error_m:.2f} m, as a scan's is (declare surface_error_m where you know better)"
+    known = f"{error_m:.2f} m, as a scan's is"
+    if thin_m := held(structure).thin_m:
+        known += f"; what is thinner than {thin_m:.2f} m may be missing: antennas, masts, cables"
+    return f"{known} (declare surface_error_m where you know better)"
 
 
 def _parts(found: Findings) -> str:

@@ -64,7 +64,8 @@ OF_SCANS = (
     _positive(
         "surface_error_m",
         "m",
-        "how far a target's surface may lie from where it is taken to be; 0 where it was drawn",
+        "how far a target's surface may lie from where it is taken to be, farther where a scan is thin; "
+        "0 where it was drawn",
     ),
     _positive(
         "never_scanned_m2",

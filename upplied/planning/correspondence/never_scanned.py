@@ -111,7 +111,7 @@ def never_scanned(
     open_here = _open(source, source_scene, here)
     if open_here.any():
         open_ &= cKDTree(points[open_here]).query(there.points)[0] > TOUCH * step
-    apart = target_scene.distance(points) + target_scene.error_m
+    apart = np.maximum(target_scene.apart(points), target_scene.error_m)
     if not open_.any():
         return NOTHING_MISSING
     seeds = there.points[open_]

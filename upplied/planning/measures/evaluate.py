@@ -31,6 +31,7 @@ from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, vie
 from upplied.polylines import chosen_evenly
 from upplied.poses import yaw_pitch
 from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
+from upplied.scene import Scene
 
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
 _ASKED = 200  # viewpoints, at most, whose stand-off is asked for
@@ -80,7 +81,11 @@ def judge(
     found = replace(found, never_scanned_m2=pair.missing.area_m2)
     if demonstrated_s is not None:
         found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, demonstrated_s, takes, settings))
-    said = _warnings(found, true[0], settings) + _beyond(pair) + _beyond_the_gimbal(takes, settings)
+    said = (
+        _warnings(found, true[0], pair.target_scene, settings)
+        + _beyond(pair)
+        + _beyond_the_gimbal(takes, settings)
+    )
     return found, surface_states(shown), said
 
 
@@ -123,7 +128,7 @@ def _seen_surface(take: Take, fit: Fit, demonstrated: Views, settings: Settings)
     return inspected_surface(fit.source, fit.target, fit.correspondences, demonstrated, sight)
 
 
-def _warnings(found: Measures, seen: InspectedSurface, settings: Settings) -> tuple[str, ...]:
+def _warnings(found: Measures, seen: InspectedSurface, scene: Scene, settings: Settings) -> tuple[str, ...]:
     """What a person should know before this plan is flown, in words."""
     said = []
     if seen.without_pct >= 1:
@@ -137,9 +142,20 @@ def _warnings(found: Measures, seen: InspectedSurface, settings: Settings) -> tu
     if found.surface_error_m > 0:
         said.append(
             f"the target is a scan, whose surface is known to {found.surface_error_m:.2f} m where it was "
-            "scanned: that is kept beside the clearance"
+            "scanned: that is kept beside the clearance" + _not_held(scene)
         )
     return (*said, *_too_near(found, settings))
+
+
+def _not_held(scene: Scene) -> str:
+    """What a mesh that was made from a scan cannot hold."""
+    if not scene.thin_m:
+        return ""
+    thick, error = f"{scene.thin_m:.2f} m", f"{scene.thin_error_m:.2f} m"
+    return (
+        f", and {error} where it is thinner than {thick}; what is so thin may be missing from it as a whole: "
+        "antennas, masts, cables"
+    )
 
 
 def _beyond(pair: Pair) -> tuple[str, ...]:
