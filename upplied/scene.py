@@ -251,13 +251,12 @@ def surface_error_m(structure: Structure) -> float:
 
 
 def _new_scene(structure: Structure, threads: int) -> Scene:
+    stated = structure.surface_error_m
     if len(structure.triangles):
-        mesh, error_m = (structure.vertices, structure.triangles, threads), structure.surface_error_m
-        if error_m is not None:
-            return Scene(*mesh, error_m=error_m)
-        held = reconstruction.held(structure)
-        return Scene(*mesh, error_m=held.error_m, thin_m=held.thin_m, thin_error_m=held.thin_error_m)
-    discs, stated = discs_of(structure), structure.surface_error_m
+        of = reconstruction.held(structure) if stated is None else reconstruction.Held(stated)
+        surface = structure.vertices, structure.triangles, threads, 0.0, of.error_m, None
+        return Scene(*surface, of.thin_m, of.thin_error_m)
+    discs = discs_of(structure)
     error_m = discs.error_m() if stated is None else stated
     cells = DiscCells.of(discs.points, discs.normals, discs.radius_m)
     # In the order of the cells: what lies together in space does so in memory, and the tree is sooner made.
