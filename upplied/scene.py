@@ -118,9 +118,8 @@ class Scene:
             core.Tensor(np.ascontiguousarray(vertices - self.origin, np.float32)),
             core.Tensor(np.ascontiguousarray(triangles, np.uint32)),
         )
-        self.thin_m, self.thin_error_m, self._thin = thin_m, thin_error_m, np.empty(0, np.int64)
-        if thin_m:
-            self._thin = np.flatnonzero(self._is_thin(vertices, triangles))
+        self.thin_m, self.thin_error_m = thin_m, thin_error_m
+        self._thin = np.flatnonzero(self._is_thin(vertices, triangles) if thin_m else [])
         if len(self._thin):
             self._ends = Scene(vertices, triangles[self._thin], self.threads, error_m=thin_error_m)
 
@@ -229,9 +228,8 @@ class Scene:
         corners = vertices[triangles] - self.origin
         normals = area_vectors(corners)
         across = self.thin_m * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-        start = corners.mean(axis=1)
-        sides = [self.blocked(np.hstack([start + 1e-3 * way, way]), slack=0.0) for way in (-across, across)]
-        return np.asarray(np.logical_or(*sides))
+        rays = [np.hstack([corners.mean(axis=1) + 1e-3 * way, way]) for way in (-across, across)]
+        return self.blocked(rays[0], slack=0.0) | self.blocked(rays[1], slack=0.0)
 
     @staticmethod
     def _tensor(array: np.ndarray) -> Any:

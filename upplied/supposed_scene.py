@@ -54,16 +54,14 @@ class SupposedScene(Scene):
             away[asked] = np.minimum(away[asked], scene.distance(points[asked]))
         return away
 
-<<<<<<< HEAD
     def nearer_supposed(self, points: Floats) -> Bools:
         """As of a `Scene`."""
         known = self.known.distance(points)
         return np.any([scene.distance(points) < known for scene in self.more], axis=0)
-=======
+
     def apart(self, points: Floats) -> Floats:
         """As of a `Scene`, from the nearer surface."""
         return np.asarray(np.min([each.apart(points) for each in (self.known, *self.more)], axis=0))
->>>>>>> b76c89f (Keep farther from what is thin of a reconstructed mesh, and say what is too thin to show in it)
 
     def closest(self, points: Floats) -> tuple[Floats, Ints]:
         """As of a `Scene`, on the nearest surface; triangle -1 where that is not known."""
