@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from upplied.config import CloudSettings
 from upplied.discs import Discs
-from upplied.planning.constants import FRAGMENT, MAJORITY, TOUCH
+from upplied.planning.constants import FRAGMENT, LEAST_PART, MAJORITY, TOUCH
 from upplied.planning.correspondence.displacement import brought_onto
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.label_transfer import connected
@@ -102,7 +102,9 @@ def never_scanned(
     found : Registration
     """
     open_ = _open(target, target_scene, there)
-    if there.areas[open_].sum() < FRAGMENT * there.areas.sum():
+    # Between the discs of a thin cloud some of the inside shows of a wing that is whole.
+    least = LEAST_PART if target_scene.grain_m else FRAGMENT
+    if there.areas[open_].sum() < least * there.areas.sum():
         return NOTHING_MISSING
     step = TOUCH * spacing(there)  # nearer to what was scanned, nothing is missing
     moved = brought_onto(in_source_frame(there, found), here)

@@ -160,13 +160,19 @@ def _not_held(scene: Scene) -> str:
 
 def _beyond(pair: Pair) -> tuple[str, ...]:
     """That the scan of the target is open, and how much of it is not there."""
-    missing = pair.missing
-    if not len(missing.beyond):
-        return ()
-    return (
-        f"about {missing.area_m2:.0f} m2 of the target were never scanned: the path, and the ways of its "
-        f"missions, keep clear of where the source has them, known to {missing.error_m:.2f} m",
-    )
+    missing, said = pair.missing, []
+    if len(missing.beyond):
+        said.append(
+            f"about {missing.area_m2:.0f} m2 of the target were never scanned: the path, and the ways of its "
+            f"missions, keep clear of where the source has them, known to {missing.error_m:.2f} m where the "
+            "target is shaped as the source is"
+        )
+    if missing.reach_m > 0:
+        said.append(
+            f"where the scan ends the target may go on by up to {missing.reach_m:.1f} m more: that is kept "
+            "clear of as well"
+        )
+    return tuple(said)
 
 
 def _too_near(found: Measures, settings: Settings) -> tuple[str, ...]:
