@@ -15,6 +15,7 @@ import pytest
 import upplied
 from upplied.catalog import open_catalog
 from upplied.cli import main, terminal
+from upplied.cli.shown_plans import COLUMNS, show_plans
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 
@@ -208,3 +209,14 @@ def test_a_command_that_is_stopped_says_so(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("upplied.catalog.open_catalog", stopped)
     assert main(["catalog", "transfers", "--catalog", str(tmp_path)]) == 130
     assert "stopped; what was finished is kept" in capsys.readouterr().err
+
+
+def test_the_warnings_of_a_plan_are_shown_under_it(capsys: pytest.CaptureFixture[str]) -> None:
+    known = dict.fromkeys(COLUMNS, None) | {"transfer_id": "one", "preset": "recommended", "status": "ok"}
+    known |= {"reason": None, "not_flyable": None, "flyable": True}
+    plain = known | {"target_id": "plain-v1", "warnings": "[]"}
+    scan = known | {"target_id": "scan-v1", "warnings": '["the scan ends on wing_left", "28 % is missing"]'}
+    show_plans("wings-v1", [plain, scan], as_json=False)
+    said = " ".join("".join(capsys.readouterr()).split())
+    assert "look at: scan-v1 (recommended): the scan ends on wing_left; 28 % is missing" in said
+    assert "look at: plain-v1" not in said

@@ -47,10 +47,10 @@ def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]
 
 
 def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) -> None:
-    """The measures of each plan, and under them why some have none."""
-    if as_json:
-        from json import loads
+    """The measures of each plan, and under them why it has none, or what to look at before it is flown."""
+    from json import loads
 
+    if as_json:
         show("", [{**row, "warnings": loads(row["warnings"] or "[]")} for row in rows], as_json)
         return
     show(
@@ -64,6 +64,8 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
             why = row["reason"] or row["not_flyable"]
             said = f"{status}: {row['target_id']} ({row['preset']}): {why}"
             say(said)
+        elif warnings := loads(row["warnings"] or "[]"):
+            say(f"look at: {row['target_id']} ({row['preset']}): {'; '.join(warnings)}")
 
 
 def _cell(row: dict[str, Any], name: str) -> Any:
