@@ -9,7 +9,6 @@ from scipy.spatial import cKDTree
 from upplied.vectors import (
     across,
     area_vectors,
-    bounds,
     neighbour_spacing,
     plane_normals,
     scaled_normals,
@@ -71,10 +70,3 @@ def test_the_spacing_of_a_grid_is_its_step() -> None:
     grid = np.stack(np.meshgrid(*[np.arange(5.0)] * 3), axis=-1).reshape(-1, 3) * 0.25
     assert neighbour_spacing(grid) == 0.25 and neighbour_spacing(grid, grid[:3]) == 0.25
     assert neighbour_spacing(grid[:1]) == 0.0
-
-
-@pytest.mark.parametrize("number", [1, 127, 128, 129, 1000])
-def test_bounds_are_the_least_and_the_largest_coordinates(number: int) -> None:
-    points = np.random.default_rng(number).normal(size=(number, 3))
-    for some in (points, points[::-1], (100 * points).astype(np.int64)):
-        np.testing.assert_array_equal(bounds(some), (some.min(axis=0), some.max(axis=0)))

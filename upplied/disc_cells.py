@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from upplied.records import Floats, Ints, Record
-from upplied.vectors import bounds
 
 _WIDE = 4.0  # discs' radii that a cell is wide: some twenty discs lie in it
 _GROUP = 4  # cells along each edge of a group
@@ -32,11 +31,10 @@ class DiscCells(Record):
     @classmethod
     def of(cls, points: Floats, normals: Floats, radius_m: Floats) -> DiscCells:
         """The discs with such centres (N, 3), unit normals (N, 3) and radii (N,), m."""
-        low, high = bounds(points)
-        wide = max(_WIDE * float(np.median(radius_m)), 1e-6 * float((high - low).max()), 1e-12)
-        cell = np.floor((points - low) / wide).astype(np.int64)
+        wide = max(_WIDE * float(np.median(radius_m)), 1e-6 * float(np.ptp(points, axis=0).max()), 1e-12)
+        cell = np.floor((points - points.min(axis=0)) / wide).astype(np.int64)
         group, within = np.divmod(cell, _GROUP)
-        count = bounds(group)[1] + 1
+        count = group.max(axis=0) + 1
         name = (group[:, 0] * count[1] + group[:, 1]) * count[2] + group[:, 2]
         name = ((name * _GROUP + within[:, 0]) * _GROUP + within[:, 1]) * _GROUP + within[:, 2]
         order = np.argsort(name, kind="stable")

@@ -8,9 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
-from upplied.cubes import nearest_of_all
 from upplied.records import Floats, Ints, Record
-from upplied.vectors import across, plane_normals
+from upplied.vectors import across, nearest_of_all, plane_normals
 
 _AROUND = 12  # neighbours of a sample that tell its plane, and whose discs are to hold it
 _RIM = 6  # the neighbour as far away as a disc is wide
@@ -76,23 +75,11 @@ def hexagons(
     """
     first, second = across(normals) if corner is None else (corner, np.cross(normals, corner))
     angles = np.arange(6) * np.pi / 3
-    rim = _rims(np.asarray(points, float), radius_m, first, second, np.cos(angles), np.sin(angles))
+    rim = points[:, None] + radius_m[:, None, None] * (
+        np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * second[:, None]
+    )
     fan = np.array([[0, corner, corner + 1] for corner in range(1, 5)])
     return rim.reshape(-1, 3), ((6 * np.arange(len(points)))[:, None, None] + fan).reshape(-1, 3)
-
-
-@njit(cache=True)
-def _rims(
-    points: Floats, radius: Floats, first: Floats, second: Floats, along: Floats, aside: Floats
-) -> Floats:
-    """Corners (N, 6, 3) of discs whose planes two directions (N, 3) span, m."""
-    rim = np.empty((len(points), len(along), 3))
-    for row in range(len(points)):
-        for corner in range(len(along)):
-            for axis in range(3):
-                way = along[corner] * first[row, axis] + aside[corner] * second[row, axis]
-                rim[row, corner, axis] = points[row, axis] + radius[row] * way
-    return rim
 
 
 @njit(cache=True)

@@ -22,7 +22,6 @@ _SOURCES = (
     "poses.py",
     "reconstruction.py",
     "records",
-    "cubes.py",
     "disc_cells.py",
     "discs.py",
     "scene.py",

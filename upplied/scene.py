@@ -23,7 +23,7 @@ from upplied.disc_cells import DiscCells
 from upplied.discs import Discs, hexagons
 from upplied.records import Bools, Floats, Ints, Structure
 from upplied.threads import ray_threads
-from upplied.vectors import area_vectors, bounds
+from upplied.vectors import area_vectors
 
 
 @cache
@@ -109,7 +109,7 @@ class Scene:
         thin_error_m: float = 0.0,
     ) -> None:
         core = open3d().core
-        self.box = bounds(vertices)
+        self.box = vertices.min(axis=0), vertices.max(axis=0)
         self.origin = (self.box[0] + self.box[1]) / 2
         self.threads = threads or ray_threads()
         self.grain_m, self.error_m, self._cells = grain_m, error_m, cells
@@ -252,8 +252,14 @@ def _new_scene(structure: Structure, threads: int) -> Scene:
     stated = structure.surface_error_m
     if len(structure.triangles):
         of = reconstruction.held(structure) if stated is None else reconstruction.Held(stated)
-        surface = structure.vertices, structure.triangles, threads, 0.0, of.error_m, None
-        return Scene(*surface, of.thin_m, of.thin_error_m)
+        return Scene(
+            structure.vertices,
+            structure.triangles,
+            threads,
+            error_m=of.error_m,
+            thin_m=of.thin_m,
+            thin_error_m=of.thin_error_m,
+        )
     discs = discs_of(structure)
     error_m = discs.error_m() if stated is None else stated
     cells = DiscCells.of(discs.points, discs.normals, discs.radius_m)

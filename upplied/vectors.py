@@ -6,8 +6,6 @@ import numpy as np
 
 from upplied.records import Floats, Ints
 
-_AT_ONCE = 128  # points whose coordinates are compared at a time: numpy is slow where it compares three
-
 
 def sphere(number: int) -> Floats:
     """Unit directions (number, 3), spread evenly over the sphere on a Fibonacci spiral from the top."""
@@ -16,17 +14,6 @@ def sphere(number: int) -> Floats:
     turn = np.pi * (1 + np.sqrt(5)) * index
     ring = np.sqrt(1 - height**2)
     return np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
-
-
-def bounds(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest coordinates (3,) of points (N, 3)."""
-    many = len(points) // _AT_ONCE * _AT_ONCE
-    if many == 0:
-        return points.min(axis=0), points.max(axis=0)
-    rows = np.ascontiguousarray(points[:many]).reshape(-1, 3 * _AT_ONCE)
-    low, high = rows.min(axis=0).reshape(-1, 3), rows.max(axis=0).reshape(-1, 3)
-    rest = points[many:]
-    return np.concatenate([low, rest]).min(axis=0), np.concatenate([high, rest]).max(axis=0)
 
 
 def across(normals: Floats) -> tuple[Floats, Floats]:
@@ -57,6 +44,17 @@ def scaled_normals(normals: Floats, scale: Floats) -> Floats:
 def with_normals(points: Floats, normals: Floats, weight_m: float) -> Floats:
     """Points beside their normals (N, 6), these times a weight: what faces another way is farther."""
     return np.concatenate([points, weight_m * normals], axis=1)
+
+
+def nearest_of_all(points: Floats, count: int) -> tuple[Floats, Ints]:
+    """Distances (N, count), m, and indices of the nearest of the points (N, 3) to each, itself the first."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(points)
+    away, nearest = np.empty((len(points), count)), np.empty((len(points), count), np.int64)
+    order = tree.indices  # neighbours one after another find the tree's nodes in the processor's cache
+    away[order], nearest[order] = tree.query(points[order], k=[*range(1, count + 1)])
+    return away, nearest
 
 
 def neighbour_spacing(points: Floats, asked: Floats | None = None) -> float:

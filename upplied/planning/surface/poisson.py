@@ -6,9 +6,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-from upplied.cubes import Cubes
 from upplied.records import Floats, Ints
-from upplied.vectors import neighbour_spacing
 
 
 def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
@@ -31,12 +29,13 @@ def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
     if len(points) <= number:
         return np.arange(len(points))
     reach = np.sqrt(area / number)
-    near = Cubes.of(points, reach).facing(normals, reach)
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    start, second, distance = _neighbours(points, normals, pairs)
     low, high = 0.0, reach
     kept = np.ones(len(points), bool)
     for _ in range(12):
         middle = (low + high) / 2
-        kept = _greedy(*near, middle)
+        kept = _greedy(start, second, distance, middle)
         if kept.sum() > number:
             low = middle
         else:
@@ -46,25 +45,45 @@ def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
 
 def shares(points: Floats, normals: Floats, area: Floats, kept: Ints) -> Floats:
     """The area (K,) of all candidates, each given to the nearest kept sample on its own side."""
-    tree, kept_normals = cKDTree(points[kept]), normals[kept]
-    order = Cubes.of(points, neighbour_spacing(points[kept])).index
-    choice = np.empty(len(points), np.int64)
-    choice[order] = tree.query(points[order])[1]
-    # The nearest of all is mostly on the same side.
-    asked = np.flatnonzero(~(np.einsum("ni,ni->n", kept_normals[choice], normals) > 0))
-    near = tree.query(points[asked], k=[*range(1, min(8, len(kept)) + 1)])[1]
-    facing = np.einsum("nki,ni->nk", kept_normals[near], normals[asked]) > 0
-    choice[asked] = near[np.arange(len(asked)), np.argmax(facing, axis=1)]
+    candidates = min(8, len(kept))
+    near = cKDTree(points[kept]).query(points, k=candidates)[1].reshape(len(points), candidates)
+    facing = np.einsum("nki,ni->nk", normals[kept][near], normals) > 0
+    choice = near[np.arange(len(points)), np.argmax(facing, axis=1)]
     return np.asarray(np.bincount(choice, weights=area, minlength=len(kept)), float)
 
 
 @njit(cache=True)
-def _greedy(begin: Ints, end: Ints, later: Ints, distance: Floats, radius: float) -> np.ndarray:
+def _neighbours(points: Floats, normals: Floats, pairs: Ints) -> tuple[Ints, Ints, Floats]:
+    """Of pairs (P, 2) on one side: where each point's begin (N + 1,), the others, and how far they are, m."""
+    start = np.zeros(len(points) + 2, np.int64)
+    far = np.full(len(pairs), -1.0)
+    for pair in range(len(pairs)):
+        one, other = pairs[pair]
+        facing, square = 0.0, 0.0
+        for axis in range(3):
+            facing += normals[one, axis] * normals[other, axis]
+            square += (points[one, axis] - points[other, axis]) ** 2
+        if facing > 0:
+            far[pair] = np.sqrt(square)
+            start[one + 2] += 1
+    start = np.cumsum(start)
+    second, distance = np.empty(start[-1], np.int64), np.empty(start[-1])
+    for pair in range(len(pairs)):
+        if far[pair] >= 0:
+            place = start[pairs[pair, 0] + 1]
+            second[place], distance[place] = pairs[pair, 1], far[pair]
+            start[pairs[pair, 0] + 1] += 1
+    return start[:-1], second, distance
+
+
+@njit(cache=True)
+def _greedy(start: Ints, other: Ints, distance: Floats, radius: float) -> np.ndarray:
     """Keep each candidate in turn unless one kept before lies within the radius."""
-    kept = np.ones(len(begin), np.bool_)
-    for index in range(len(begin)):
+    number = len(start) - 1
+    kept = np.ones(number, np.bool_)
+    for index in range(number):
         if kept[index]:
-            for pair in range(begin[index], end[index]):
+            for pair in range(start[index], start[index + 1]):
                 if distance[pair] < radius:
-                    kept[later[pair]] = False
+                    kept[other[pair]] = False
     return kept
