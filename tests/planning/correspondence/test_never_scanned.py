@@ -63,14 +63,24 @@ def test_what_is_open_on_both_was_meant_to_be() -> None:
     assert not len(found.beyond) and not len(found.opening)
 
 
+def likely_alone(found: NeverScanned) -> NeverScanned:
+    none = {
+        name: getattr(NOTHING_MISSING, name)
+        for name in ("other_points", "other_normals", "other_way", "reach_m")
+    }
+    return replace(found, **none)
+
+
 def test_distances_are_from_what_may_be_there_and_rays_end_on_it() -> None:
     scan = cut(body())
-    found = missing_of(body(), scan)
+    every = missing_of(body(), scan)
+    found = likely_alone(every)
     scene, true, known = scene_for(scan, supposed_surface(found)), scene_of(body()), scene_of(scan)
     places = np.random.default_rng(2).uniform([-9, -7, -3], [12, 7, 7], (20_000, 3))
     inside = np.abs(places - [0, 0, 1.5]) < [7, 2, 1.5]
     places = places[~inside.all(axis=1) & (true.distance(places) > 0.3)]
     least = scene.distance(places)
+    assert (scene_for(scan, supposed_surface(every)).distance(places) <= least).all()
     assert (least <= true.distance(places) + 0.02).all()
     assert (known.distance(places) > true.distance(places) + 1).any()
     assert (least >= true.distance(places) - found.error_m - 0.5).all()  # discs stand over edges
@@ -169,7 +179,7 @@ def test_ways_round_lead_round_what_was_never_scanned() -> None:
     scan = cut(body())
     found, there = missing_of(body(), scan), samples(scan)
     both = obstacle(there, supposed_surface(found))
-    assert len(both) == len(there) + len(found.beyond)
+    assert len(both) == len(there) + len(found.beyond) + len(found.other_way)
     assert both.points[:, 0].max() > 6.5 > END + 0.5 > there.points[:, 0].max()
     assert obstacle(there, supposed_surface(NOTHING_MISSING)) is there
 

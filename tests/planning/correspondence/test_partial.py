@@ -157,6 +157,17 @@ def test_where_samples_cannot_tell_how_far_a_target_goes_on_it_may_go_on() -> No
         assert at[past].min() > 39.5 and (at[~past] < 41.5).all()
 
 
+def test_a_target_that_lies_as_what_is_left_of_it_may_go_on_farther_past_its_own_end() -> None:
+    here, scan = plain(50), plain(50, 0.8)
+    others = as_likely(here, scan, box_on_box(here, here))  # as it is: four fifths of the whole
+    assert others
+    for other, past in others:
+        at = other.to_target(here.points)[:, 0]
+        assert abs(float(at.min())) < 0.5 and at.max() > 52
+        assert at[past].min() > 39.5 and (at[~past] < 41.5).all()
+    assert not as_likely(here, plain(50), box_on_box(here, here))  # nothing of it is open
+
+
 def test_little_that_shows_its_inside_is_no_open_end() -> None:
     scan = plain(50, 0.6)
     assert is_open(scan) and not is_open(plain(50)) and not is_open(replace(scan, open=None))

@@ -113,11 +113,10 @@ def never_scanned(
     open_here = _open(source, source_scene, here)
     if open_here.any():
         open_ &= cKDTree(points[open_here]).query(there.points)[0] > TOUCH * step
-    apart = np.maximum(target_scene.apart(points), target_scene.error_m)
     if not open_.any():
         return NOTHING_MISSING
-    seeds = there.points[open_]
-    beyond = _beyond(points, apart, seeds, step)
+    apart = _apart(target_scene, points)
+    beyond = _beyond(points, apart, there.points[open_], step)
     near = apart[apart <= step]
     known = NeverScanned(
         np.flatnonzero(open_),
@@ -142,7 +141,7 @@ def _with_others(
     reach_m = 0.0
     for number, (way, past) in enumerate(as_likely(here, there, found)):
         points, normals = way.to_target(here.points[past]), _in_target_frame(here, way)[0][past]
-        beyond = _beyond(points, scene.distance(points) + scene.error_m, seeds, step)
+        beyond = _beyond(points, _apart(scene, points), seeds, step)
         farther = supposed.query(points[beyond])[0]
         beyond, reach_m = beyond[farther > step], max(reach_m, float(farther.max(initial=0.0)))
         others.append((points[beyond], normals[beyond], np.full(len(beyond), number)))
@@ -150,6 +149,11 @@ def _with_others(
         return known
     points, normals, way_of = (np.concatenate(each) for each in zip(*others, strict=True))
     return replace(known, other_points=points, other_normals=normals, other_way=way_of, reach_m=reach_m)
+
+
+def _apart(scene: Scene, points: Floats) -> Floats:
+    """How far points (N, 3) lie from what was scanned, m; no nearer than that is known."""
+    return np.maximum(scene.apart(points), scene.error_m)
 
 
 def _beyond(points: Floats, apart: Floats, seeds: Floats, step: float) -> Ints:

@@ -29,18 +29,8 @@ _REFINED, _ROUNDS = 4, 12  # ways that are refined, and how often
 _NEAREST = 0.015  # of the diagonal: what counts as on both in the last round; the first takes `_FAR`
 _LEAST_SAMPLES = 50  # samples, at least, that are on both
 _STEP = 1.25  # largest change of a scale in a round
-_LEFT = (
-    0.95,
-    0.9,
-    0.85,
-    0.8,
-    0.75,
-    0.7,
-    0.65,
-    0.6,
-    0.55,
-    0.5,
-)  # shares of an axis that may be left of an open target
+# Shares of an axis that may be left of an open target.
+_LEFT = (0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.65, 0.6, 0.55, 0.5)
 
 
 def is_open(cloud: Cloud) -> bool:
@@ -118,12 +108,12 @@ def as_likely(source: Cloud, target: Cloud, found: Registration) -> list[tuple[R
     both = _Both(source, target, found)
     as_found = both.judged(np.ones(3), np.zeros(3))
     likely = []
-    for scale, shift in both.longer():
-        way = both.judged(scale, shift)
-        if way.apart_m <= as_found.apart_m + as_found.error_m:
-            low, high = (scale * end + shift for end in both.ends)
-            past = (source.points < low - both.slack) | (source.points > high + both.slack)
-            likely.append((way.registration, past.any(axis=1)))
+    for axis, side in both.open_ends():
+        for scale, shift in both.longer(axis, side):
+            way = both.judged(scale, shift)
+            if way.apart_m <= as_found.apart_m + as_found.error_m:
+                beyond = source.points[:, axis] - (scale * both.ends[side] + shift)[axis]
+                likely.append((way.registration, (beyond if side else -beyond) > both.slack))
     return likely
 
 
@@ -138,8 +128,7 @@ class _Both:
         self.fixed = with_normals(source.points[mine], source.outward[mine], self.weight)
         self.tree = cKDTree(self.fixed)
         self.points, self.normals = registered.points[theirs], registered.outward[theirs]
-        self.ends = source.points.min(axis=0), source.points.max(axis=0)
-        self.stretched = box.scale
+        self.ends = registered.points.min(axis=0), registered.points.max(axis=0)
         self.open = target.open[theirs] if target.open is not None else np.zeros(len(theirs), bool)
 
     def registration(self, scale: Floats, shift: Floats) -> Registration:
@@ -149,46 +138,43 @@ class _Both:
         return Registration(scale * box.scale, box.rotation, moved, float("nan"), False, turn=box.turn)
 
     def way(self, found: Registration) -> Way:
-        """The other way round."""
+        """A registration of the target, turned as the boxes are, as a way."""
         scale = found.scale / self.box.scale
         return scale, found.translation - scale * self.box.translation
 
     def ways(self) -> Iterator[Way]:
         """The boxes as they are, and along some axes the scale of the others, or less, from either end."""
         yield np.ones(3), np.zeros(3)
-        for ends in product(*((None, *self._kept_ends(axis)) for axis in range(3))):
-            whole = [axis for axis in range(3) if ends[axis] is None]
+        anywhere = list(product(range(3), (0, 1)))
+        cut = self.open_ends() if self.open.any() else anywhere  # of a closed target any end may be missing
+        for sides in product(*((None, *(side for at, side in cut if at == axis)) for axis in range(3))):
+            whole = [axis for axis in range(3) if sides[axis] is None]
             if not 0 < len(whole) < 3:
                 continue
             scale, shift = np.ones(3), np.zeros(3)
-            common = np.exp(np.log(self.stretched[whole]).mean())
-            for axis, end in enumerate(ends):
-                if end is not None:
-                    scale[axis] = common / self.stretched[axis]
-                    shift[axis] = (1 - scale[axis]) * end
+            common = np.exp(np.log(self.box.scale[whole]).mean())
+            for axis, side in enumerate(sides):
+                if side is not None:
+                    scale[axis] = common / self.box.scale[axis]
+                    shift[axis] = (1 - scale[axis]) * self.ends[1 - side][axis]
             yield scale, shift
-        if self.open.any():
-            yield from self.longer()
+        for axis, side in self.open_ends():
+            yield from self.longer(axis, side)
 
-    def longer(self) -> Iterator[Way]:
-        """Of an open target: it is some share of the whole along one axis, and goes on at an open end."""
-        for axis in range(3):
-            for end, left in product(self._kept_ends(axis), _LEFT):
-                scale, shift = np.ones(3), np.zeros(3)
-                scale[axis], shift[axis] = left, (1 - left) * end
-                yield scale, shift
+    def longer(self, axis: int, side: int) -> Iterator[Way]:
+        """The target is some share of the whole along an axis, and goes on at its low (0) or high (1) end."""
+        for left in _LEFT:
+            scale, shift = np.ones(3), np.zeros(3)
+            scale[axis], shift[axis] = left, (1 - left) * self.ends[1 - side][axis]
+            yield scale, shift
 
-    def _kept_ends(self, axis: int) -> list[float]:
-        """Where the structures end along an axis, where something may be cut off at the other end."""
+    def open_ends(self) -> list[tuple[int, int]]:
+        """The axes along which the target is open, at its low (0) or high (1) end."""
         return [
-            self.ends[side][axis]
-            for side in (0, 1)
-            if not self.open.any() or self._is_open(axis, self.ends[1 - side][axis])
+            (axis, side)
+            for axis, side in product(range(3), (0, 1))
+            if (np.abs(self.points[self.open, axis] - self.ends[side][axis]) < _FAR * self.diagonal).any()
         ]
-
-    def _is_open(self, axis: int, end: float) -> bool:
-        off = np.abs(self.points[self.open, axis] - end)
-        return bool(off.min(initial=np.inf) < _FAR * self.diagonal)
 
     def moved(self, scale: Floats, shift: Floats) -> Floats:
         """Target samples with normals beside their places, (S, 6)."""

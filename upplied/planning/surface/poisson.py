@@ -45,10 +45,13 @@ def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
 
 def shares(points: Floats, normals: Floats, area: Floats, kept: Ints) -> Floats:
     """The area (K,) of all candidates, each given to the nearest kept sample on its own side."""
-    candidates = min(8, len(kept))
-    near = cKDTree(points[kept]).query(points, k=candidates)[1].reshape(len(points), candidates)
-    facing = np.einsum("nki,ni->nk", normals[kept][near], normals) > 0
-    choice = near[np.arange(len(points)), np.argmax(facing, axis=1)]
+    tree, sides = cKDTree(points[kept]), normals[kept]
+    choice = tree.query(points)[1]
+    # The nearest of all is mostly on the same side.
+    asked = np.flatnonzero(~(np.einsum("ni,ni->n", sides[choice], normals) > 0))
+    near = tree.query(points[asked], k=[*range(1, min(8, len(kept)) + 1)])[1]
+    facing = np.einsum("nki,ni->nk", sides[near], normals[asked]) > 0
+    choice[asked] = near[np.arange(len(asked)), np.argmax(facing, axis=1)]
     return np.asarray(np.bincount(choice, weights=area, minlength=len(kept)), float)
 
 
