@@ -8,11 +8,12 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
-from upplied.planning.correspondence.pair import Pair, skin_of
+from upplied.planning.correspondence.pair import Pair, samples_of, skin_of
 from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.attention import Attention, attention
 from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.viewpoints import find_viewpoints
+from upplied.planning.surface.skin import middle_of
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
@@ -39,16 +40,24 @@ class Inspection(Record):
 
 
 def inspect_demonstration(
-    demonstration: Demonstration, pair: Pair, settings: Settings, memo: Memo = no_memo
+    demonstration: Demonstration, pair: Pair, settings: Settings, memo: Memo = no_memo, grain: str = "even"
 ) -> Inspection:
-    """Visibility along the flight, and its viewpoints, remembered by content."""
+    """Visibility along the flight, and its viewpoints, remembered by content.
+
+    `grain` names the samples of the source, where they are not its even ones.
+    """
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
     camera = demonstration.camera
     flight, breaks = prepared(demonstration, settings, memo, _spacing(demonstration, pair))
     fit = pair.fit_for(settings)
     facts = (demonstration.sha256, pair.source.sha256, settings.clouds)
     key = content_key(
-        "visibility", *facts, settings.visibility, settings.viewpoints.most_poses, settings.refine.method
+        "visibility",
+        *facts,
+        grain,
+        settings.visibility,
+        settings.viewpoints.most_poses,
+        settings.refine.method,
     )
     seen = memo(
         "visibility",
@@ -64,13 +73,7 @@ def inspect_demonstration(
             fov_deg=flight.fov_deg,
         ),
     )
-    whole = demonstration.trajectory
-    truly = memo(
-        "views",
-        Views,
-        content_key("truly", *facts),
-        lambda: views(whole, pair.surface.source, camera, TRULY, pair.source_scene),
-    )
+    truly, attended = attended_by(demonstration, pair, settings, memo, grain)
     return Inspection(
         flight=flight,
         camera=camera,
@@ -85,18 +88,35 @@ def inspect_demonstration(
             "views",
             Views,
             content_key("frustum", *facts),
-            lambda: views(whole, pair.voxels.source, camera, BY_FRUSTUM),
+            lambda: views(demonstration.trajectory, pair.voxels.source, camera, BY_FRUSTUM),
         ),
         truly=truly,
-        attention=memo(
-            "attention",
-            Attention,
-            content_key("attention", *facts, settings.inspection, demonstration.about),
-            lambda: _attended(demonstration, pair, truly, settings, memo),
-        ),
-        logged=whole,
+        attention=attended,
+        logged=demonstration.trajectory,
         logged_breaks=demonstration.breaks,
         breaks=breaks,
+    )
+
+
+def attended_by(
+    demonstration: Demonstration, pair: Pair, settings: Settings, memo: Memo = no_memo, grain: str = "even"
+) -> tuple[Views, Attention]:
+    """What a flight truly sees of the source's samples, and how much it was about each."""
+    memo = remembering(memo, demonstration.sha256, pair.source.sha256)
+    facts = (demonstration.sha256, pair.source.sha256, settings.clouds, grain)
+    truly = memo(
+        "views",
+        Views,
+        content_key("truly", *facts),
+        lambda: views(
+            demonstration.trajectory, pair.surface.source, demonstration.camera, TRULY, pair.source_scene
+        ),
+    )
+    return truly, memo(
+        "attention",
+        Attention,
+        content_key("attention", *facts, settings.inspection, demonstration.about),
+        lambda: _attended(demonstration, pair, truly, settings, memo),
     )
 
 
@@ -105,16 +125,17 @@ def _attended(
 ) -> Attention:
     """What the flight was about; the parts of the skin are remembered with the structure."""
     cloud, source = pair.surface.source, pair.source
-    skin = skin_of(source, pair.source_scene, cloud, settings.clouds, memo)
+    even = samples_of(source, settings, memo)
+    stretch = skin_of(source, pair.source_scene, even, settings.clouds, memo).of(cloud)
     return attention(
         demonstration.trajectory,
         demonstration.breaks,
         demonstration.camera,
         cloud,
         truly,
-        skin.label,
+        stretch,
         settings.inspection,
-        zone_of(settings.inspection.about or demonstration.about, source, cloud, skin.label),
+        zone_of(settings.inspection.about or demonstration.about, source, cloud, middle_of(stretch)),
     )
 
 

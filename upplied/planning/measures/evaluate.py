@@ -208,7 +208,7 @@ def attainable_samples(pair: Pair, camera: Camera, settings: Settings, memo: Mem
     missing = pair.missing
     beyond = missing.points.tolist(), missing.other_points.tolist()
     unseen = (pair.source.sha256, *beyond) if any(beyond) else ()
-    facts = (pair.target.sha256, settings.clouds, camera, settings.route, *unseen)
+    facts = (pair.target.sha256, settings.clouds, pair.grain, camera, settings.route, *unseen)
     found = memo(
         "attainable",
         Visibility,
