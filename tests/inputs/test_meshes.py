@@ -327,3 +327,13 @@ def test_reading_twice_gives_the_same_bytes(tmp_path: Path) -> None:
     one, other = read_structure(entry), read_structure(entry)
     assert one.vertices.tobytes() == other.vertices.tobytes()
     assert one.triangles.tobytes() == other.triangles.tobytes() and one.notes == other.notes
+
+
+def test_a_cloud_is_a_scan_and_not_declared_to_be_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    points = np.random.default_rng(4).uniform(0, 9, (400, 3))
+    trimesh.PointCloud(points).export(path)
+    entry = StructureEntry("cloud", "box", path, 1.0)
+    assert read_structure(entry).is_scan and read_structure(replace(entry, surface="scanned")).is_scan
+    with pytest.raises(InputError, match="is a point cloud and declared to be drawn"):
+        read_structure(replace(entry, surface="drawn"))

@@ -161,6 +161,10 @@ def _warnings(
             f"the target is a scan, whose surface is known to {found.surface_error_m:.2f} m where it was "
             "scanned: that is kept beside the clearance" + _not_held(scene)
         )
+    elif target.surface_error_m:
+        said.append(
+            f"the target is known to {found.surface_error_m:.2f} m: that is kept beside the clearance"
+        )
     return (*said, *_too_near(found, settings))
 
 
