@@ -67,6 +67,8 @@ RULES = {
         Rule("hidden", "warn", "hidden parts take surface that nobody can see", "set drop_hidden = true"),
         Rule("outlier", "warn", "a part far off makes the structure larger than it is",
              "set drop_outliers = true"),
+        Rule("looks-scanned", "warn", "what a scan lacks is kept clear of where it is declared to be one",
+             'declare surface = "scanned", or "drawn" where it was'),
     )
 }  # fmt: skip
 

@@ -68,10 +68,17 @@ STRUCTURES = Table(
         Column("landmarks_json", TEXT, "", "named points, m, structure frame"),
         Column("symmetric", TRUTH, "", "declared: no heading can be told from the shape"),
         Column(
+            "surface",
+            TEXT,
+            "",
+            "declared: drawn or scanned; empty: a cloud is scanned, a mesh drawn",
+            allowed=("", "drawn", "scanned"),
+        ),
+        Column(
             "surface_error_m",
             REAL,
             "m",
-            "stated: how far its surface may lie from where the file has it; null: inferred",
+            "stated: how far its surface may lie from where the file has it; null: measured",
             low=0,
         ),
         Column("tells_parts", TRUTH, "", "its pieces are parts, as those of a scan are not; null: not asked"),

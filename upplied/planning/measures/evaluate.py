@@ -30,7 +30,17 @@ from upplied.planning.measures.measure import measure
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
 from upplied.poses import yaw_pitch
-from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
+from upplied.reconstruction import looks_scanned
+from upplied.records import (
+    Bools,
+    Camera,
+    Floats,
+    Measures,
+    Structure,
+    SurfaceStates,
+    Trajectory,
+    Visibility,
+)
 from upplied.scene import Scene
 
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
@@ -82,7 +92,7 @@ def judge(
     if demonstrated_s is not None:
         found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, demonstrated_s, takes, settings))
     said = (
-        _warnings(found, true[0], pair.target_scene, settings)
+        _warnings(found, true[0], pair.target, pair.target_scene, settings)
         + _beyond(pair)
         + _beyond_the_gimbal(takes, settings)
     )
@@ -128,7 +138,9 @@ def _seen_surface(take: Take, fit: Fit, demonstrated: Views, settings: Settings)
     return inspected_surface(fit.source, fit.target, fit.correspondences, demonstrated, sight)
 
 
-def _warnings(found: Measures, seen: InspectedSurface, scene: Scene, settings: Settings) -> tuple[str, ...]:
+def _warnings(
+    found: Measures, seen: InspectedSurface, target: Structure, scene: Scene, settings: Settings
+) -> tuple[str, ...]:
     """What a person should know before this plan is flown, in words."""
     said = []
     if seen.without_pct >= 1:
@@ -139,10 +151,19 @@ def _warnings(found: Measures, seen: InspectedSurface, scene: Scene, settings: S
     short = found.coverage_attainable_pct - found.coverage_seen_pct
     if short > 5:
         said.append(f"{short:.0f} % of what could be seen is missed")
-    if found.surface_error_m > 0:
+    if looks_scanned(target):
+        said.append(
+            "the target looks like a reconstruction of a scan and counts as drawn: "
+            "declare surface = 'scanned' in the manifest, or 'drawn' where it was"
+        )
+    if target.is_scan and found.surface_error_m > 0:
         said.append(
             f"the target is a scan, whose surface is known to {found.surface_error_m:.2f} m where it was "
             "scanned: that is kept beside the clearance" + _not_held(scene)
+        )
+    elif target.surface_error_m:
+        said.append(
+            f"the target is known to {found.surface_error_m:.2f} m: that is kept beside the clearance"
         )
     return (*said, *_too_near(found, settings))
 

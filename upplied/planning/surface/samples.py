@@ -16,7 +16,7 @@ from upplied.planning.surface.escape import ESCAPE, escapes, lets_out
 from upplied.planning.surface.floor import Floor, floor_of
 from upplied.planning.surface.open_shell import inside_open_shell
 from upplied.planning.surface.openings import shows_inside
-from upplied.planning.surface.parts import mesh_pieces, part_labels, pieces_tell_parts
+from upplied.planning.surface.parts import mesh_pieces, part_labels
 from upplied.planning.surface.poisson import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene, discs_of
@@ -44,12 +44,12 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
     -------
     Cloud
         `points` (N, 3), m, structure frame; outward `normals` (N, 3); `area_m2` (N,), whose sum is
-        the outside area; `part` (N,), 0 the largest; `open` (N,) where pieces do not tell the parts.
+        the outside area; `part` (N,), 0 the largest; `open` (N,) of a scan.
         Deterministic for a seed.
     """
     sampled = _from_triangles if len(structure.triangles) else _from_points
     cloud = sampled(structure, scene, settings)
-    if pieces_tell_parts(cloud):
+    if not structure.is_scan:
         return cloud
     return replace(cloud, open=shows_inside(structure, scene, cloud))
 
