@@ -223,7 +223,7 @@ def _planned(
         reason = "; ".join((str(refusal), *in_the_way(takes[0].pair)))
         return replace(plan, status="refused", reason=reason, warnings=(), not_flyable="")
     # How good is it? The same measures for every preset.
-    measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings, memo)
+    measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings)
     measures = replace(
         measures,
         acceptance_probability=plan.measures.acceptance_probability,

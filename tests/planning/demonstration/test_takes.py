@@ -228,8 +228,9 @@ def flown_again(
     """Which flights are flown, with which pair and counterparts, part and choice."""
     choices = known.get("choices", {4: [7, 8], 5: [9]})
     changed = {
-        "attended_by": lambda flown, pair, settings, memo: (None, SimpleNamespace(weight=None, part=None)),
-        "_with_fine_samples": lambda flights, settings, memo: flights,
+        "skin_of": lambda *of: None,
+        "attended_by": lambda flown, *of: (None, SimpleNamespace(weight=None, part=None)),
+        "_with_fine_samples": lambda flights, *of: flights,
         "mirrored": lambda flown, source: f"{flown} mirrored",
         "demonstrated_part": lambda one: 5 if "mirrored" in one.flight else 4,
         "_shows_each": lambda one: known.get("shows_each", False),
@@ -241,7 +242,7 @@ def flown_again(
     method = known.get("method", "parts")
     settings = settings_for("recommended", correspondence={"repeat": repeat})
     settings = replace(settings, correspondence=replace(settings.correspondence, method=method))
-    pair = cast(Pair, SimpleNamespace(source=None))
+    pair = cast(Pair, SimpleNamespace(source=None, source_scene=None, surface=SimpleNamespace(source=None)))
     takes = takes_of(cast(Demonstration, "flight"), pair, settings)
     return [
         (one.flight, *(one.pair if isinstance(one.pair, tuple) else (one.pair, ())), one.part, one.choice)  # type: ignore[attr-defined]

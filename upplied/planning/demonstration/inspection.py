@@ -8,12 +8,12 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
-from upplied.planning.correspondence.pair import Pair, samples_of, skin_of
+from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.attention import Attention, attention
 from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.viewpoints import find_viewpoints
-from upplied.planning.surface.skin import middle_of
+from upplied.planning.surface.skin import Skin, middle_of
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
@@ -40,11 +40,16 @@ class Inspection(Record):
 
 
 def inspect_demonstration(
-    demonstration: Demonstration, pair: Pair, settings: Settings, memo: Memo = no_memo, grain: str = "even"
+    demonstration: Demonstration,
+    pair: Pair,
+    skin: Skin,
+    settings: Settings,
+    memo: Memo = no_memo,
+    grain: str = "even",
 ) -> Inspection:
     """Visibility along the flight, and its viewpoints, remembered by content.
 
-    `grain` names the samples of the source, where they are not its even ones.
+    `skin` is the source's; `grain` names the samples of the source, where they are not its even ones.
     """
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
     camera = demonstration.camera
@@ -73,7 +78,7 @@ def inspect_demonstration(
             fov_deg=flight.fov_deg,
         ),
     )
-    truly, attended = attended_by(demonstration, pair, settings, memo, grain)
+    truly, attended = attended_by(demonstration, pair, skin, settings, memo, grain)
     return Inspection(
         flight=flight,
         camera=camera,
@@ -99,7 +104,12 @@ def inspect_demonstration(
 
 
 def attended_by(
-    demonstration: Demonstration, pair: Pair, settings: Settings, memo: Memo = no_memo, grain: str = "even"
+    demonstration: Demonstration,
+    pair: Pair,
+    skin: Skin,
+    settings: Settings,
+    memo: Memo = no_memo,
+    grain: str = "even",
 ) -> tuple[Views, Attention]:
     """What a flight truly sees of the source's samples, and how much it was about each."""
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
@@ -116,17 +126,15 @@ def attended_by(
         "attention",
         Attention,
         content_key("attention", *facts, settings.inspection, demonstration.about),
-        lambda: _attended(demonstration, pair, truly, settings, memo),
+        lambda: _attended(demonstration, pair, truly, skin.of(pair.surface.source), settings),
     )
 
 
 def _attended(
-    demonstration: Demonstration, pair: Pair, truly: Views, settings: Settings, memo: Memo
+    demonstration: Demonstration, pair: Pair, truly: Views, stretch: Ints, settings: Settings
 ) -> Attention:
-    """What the flight was about; the parts of the skin are remembered with the structure."""
+    """What the flight was about."""
     cloud, source = pair.surface.source, pair.source
-    even = samples_of(source, settings, memo)
-    stretch = skin_of(source, pair.source_scene, even, settings.clouds, memo).of(cloud)
     return attention(
         demonstration.trajectory,
         demonstration.breaks,

@@ -16,7 +16,7 @@ from upplied.planning.correspondence.landmarks import choices_for, side_of
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.never_scanned import without
-from upplied.planning.correspondence.pair import Pair, grained
+from upplied.planning.correspondence.pair import Pair, grained, skin_of
 from upplied.planning.demonstration.inspection import (
     Inspection,
     attended_by,
@@ -24,6 +24,7 @@ from upplied.planning.demonstration.inspection import (
 )
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
+from upplied.planning.surface.skin import Skin
 from upplied.poses import from_yaw_pitch, in_a_row, yaw_pitch
 from upplied.records import (
     Correspondences,
@@ -74,14 +75,17 @@ def takes_of(
     SettingsError
         If a repetition is asked for with a preset that knows no parts.
     """
-    return _with_fine_samples(_attended(demonstration, pair, settings, memo), settings, memo)
+    skin = skin_of(pair.source, pair.source_scene, pair.surface.source, settings.clouds, memo)
+    return _with_fine_samples(_attended(demonstration, pair, skin, settings, memo), skin, settings, memo)
 
 
-def _attended(demonstration: Demonstration, pair: Pair, settings: Settings, memo: Memo) -> list[Attended]:
+def _attended(
+    demonstration: Demonstration, pair: Pair, skin: Skin, settings: Settings, memo: Memo
+) -> list[Attended]:
     """The takes as the even samples tell."""
 
     def about(flight: Demonstration) -> Attended:
-        found = attended_by(flight, pair, settings, memo)[1]
+        found = attended_by(flight, pair, skin, settings, memo)[1]
         return Attended(flight, pair, found.weight, found.part)
 
     first = about(demonstration)
@@ -106,7 +110,7 @@ def _attended(demonstration: Demonstration, pair: Pair, settings: Settings, memo
     return takes or [first]
 
 
-def _with_fine_samples(flights: Sequence[Attended], settings: Settings, memo: Memo) -> list[Take]:
+def _with_fine_samples(flights: Sequence[Attended], skin: Skin, settings: Settings, memo: Memo) -> list[Take]:
     """The takes with fine samples of what was inspected, and of the counterparts of all of that."""
     pair, meant = flights[0].pair, [one.weight > _MEANT for one in flights]
     counterparts = np.zeros(len(pair.surface.target), bool)
@@ -118,7 +122,7 @@ def _with_fine_samples(flights: Sequence[Attended], settings: Settings, memo: Me
     takes = []
     for one in flights:
         refined = one.pair.with_samples(source, target)
-        inspection = inspect_demonstration(one.flight, refined, settings, memo, source.key)
+        inspection = inspect_demonstration(one.flight, refined, skin, settings, memo, source.key)
         takes.append(Take(inspection, refined, one))
     return takes
 

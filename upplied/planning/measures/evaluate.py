@@ -9,6 +9,7 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface
@@ -20,10 +21,9 @@ from upplied.planning.carry.standoff import (
     picture_share,
 )
 from upplied.planning.correspondence.fit import Fit
-from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
-from upplied.planning.measures.attainable import attainable
+from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.measures.fidelity import fidelity
 from upplied.planning.measures.inspected import inspected_measures, shown_of, surface_states
 from upplied.planning.measures.measure import measure
@@ -39,7 +39,6 @@ from upplied.records import (
     Structure,
     SurfaceStates,
     Trajectory,
-    Visibility,
 )
 from upplied.scene import Scene
 
@@ -53,7 +52,6 @@ def judge(
     demonstrated_s: Floats | None,
     takes: Sequence[Take],
     settings: Settings,
-    memo: Memo = no_memo,
 ) -> tuple[Measures, SurfaceStates | None, tuple[str, ...]]:
     """All measures of a planned trajectory, what becomes of the target's surface, and warnings in words.
 
@@ -79,7 +77,7 @@ def judge(
         ),
         views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene),
     )
-    possible = attainable_samples(pair, camera, settings, memo)
+    possible = _attainable(true[0], true[1], airspace_of(pair, settings), camera)
     found = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
     shown = shown_of(true[1], takes, settings)
     begins = begins_of(takes, joined([take.inspection.logged for take in takes]))
@@ -222,18 +220,10 @@ def _beyond_the_gimbal(takes: Sequence[Take], settings: Settings) -> tuple[str, 
     )
 
 
-def attainable_samples(pair: Pair, camera: Camera, settings: Settings, memo: Memo = no_memo) -> Bools:
-    """Which surface samples of the target some allowed pose could see, (N,), remembered by content."""
-    memo = remembering(memo, pair.target.sha256)
-    airspace = airspace_of(pair, settings)
-    missing = pair.missing
-    beyond = missing.points.tolist(), missing.other_points.tolist()
-    unseen = (pair.source.sha256, *beyond) if any(beyond) else ()
-    facts = (pair.target.sha256, settings.clouds, pair.grain, camera, settings.route, *unseen)
-    found = memo(
-        "attainable",
-        Visibility,
-        content_key("attainable", *facts),
-        lambda: Visibility(attainable(pair.surface.target, airspace, camera, TRULY)[None]),
-    )
-    return found.total
+def _attainable(seen: InspectedSurface, planned: Views, airspace: Airspace, camera: Camera) -> Bools:
+    """Which needed samples (N,) an allowed pose could see: the plan's own, where they are, or any other."""
+    allowed = airspace.allowed(planned.stations.positions)
+    possible = np.asarray(planned.seen[allowed].any(axis=0), bool)
+    missed = np.flatnonzero((seen.need > 0) & ~possible)
+    possible[missed] = attainable_beside(missed, seen.cloud, airspace, camera)
+    return possible

@@ -22,6 +22,7 @@ FINE = 1500  # samples of what was inspected, and of its counterpart, at least
 _MOST = 4000  # of them and of what is beside them
 _SPARE = 2.5  # candidates for each sample that is kept
 _ROUNDS = 3  # of drawing candidates
+_CLOSE = 1.5  # spacings of even samples: what lies farther from all of a region's is not in it
 
 
 def beside(cloud: Cloud, region: Bools) -> Bools:
@@ -86,11 +87,13 @@ def _on_mesh(
 ) -> tuple[Floats, Floats, Ints, Floats]:
     """Candidates in a region of a mesh: points, outward normals, the even sample of each, area."""
     rng = np.random.default_rng(seed)
-    near = _near(structure, cloud, region)
+    near, tree, reach_m = _near(structure, cloud, region), cKDTree(cloud.points[region]), spacing(cloud)
     wanted, whole = int(_SPARE * number), float(triangle_areas(structure)[near].sum())
     batch, drawn, found = wanted, 0, []
     for _ in range(_ROUNDS):
         points, triangle = points_on_triangles(structure, batch, rng, near)
+        close = np.isfinite(tree.query(points, distance_upper_bound=_CLOSE * reach_m)[0])
+        points, triangle = points[close], triangle[close]
         index, outward, like = outside_like(points, triangle, structure, scene, cloud)
         mine = region[like]
         found.append((points[index[mine]], outward[mine], like[mine]))
@@ -107,7 +110,7 @@ def _near(structure: Structure, cloud: Cloud, region: Bools) -> Ints:
     """The triangles that may lie in a region."""
     corners = structure.vertices[structure.triangles]
     middle = corners.mean(axis=1)
-    reach = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1) + 2 * TOUCH * spacing(cloud)
+    reach = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1) + _CLOSE * spacing(cloud)
     away = cKDTree(cloud.points[region]).query(middle, distance_upper_bound=float(reach.max()))[0]
     return np.flatnonzero(away <= reach)
 
