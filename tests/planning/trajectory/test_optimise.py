@@ -9,7 +9,7 @@ from upplied.config import OptimiseSettings, RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.looks import looks_aside
-from upplied.planning.trajectory.optimise import Problem, Start, _Search, optimise
+from upplied.planning.trajectory.optimise import Problem, Start, _towards, optimise
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.shape import Shape
 from upplied.planning.trajectory.view import View
@@ -95,15 +95,15 @@ def test_a_path_that_shows_all_stays_where_it_is(wall: View):
     assert np.abs(done.yaw - path.yaw).max() < np.radians(1)
 
 
-def test_a_camera_that_looks_too_high_is_turned_down_and_the_path_hardly_moves(wall: View):
-    """The lowest row is missed: a path 6 m off goes no further than a quarter of that."""
+def test_a_camera_that_looks_too_high_is_turned_down_and_the_path_hardly_left(wall: View):
+    """The lowest row is missed; a path 6 m off is moved by a sixth of that at most."""
     low = np.abs(wall.cloud.points[:, 2] - 1.5) < 2
     few = replace(wall, need=np.where(low, 1 / low.sum(), 0.0))
     path = replace(along(), pitch=np.full(COUNT, np.radians(9)))
     assert shown(few, path) < 0.9
     done = result(few, problem(few, path))
     assert shown(few, done) == pytest.approx(1)
-    assert np.linalg.norm(done.positions - path.positions, axis=1).mean() < 1.5
+    assert np.linalg.norm(done.positions - path.positions, axis=1).max() < 1.0
     assert done.pitch.mean() < path.pitch.mean() - np.radians(2)
 
 
@@ -217,12 +217,7 @@ def test_of_several_starts_the_best_is_taken(wall: View):
         np.testing.assert_array_equal(done.yaw, best.yaw)
 
 
-def test_a_start_is_left_only_as_far_as_that_is_worth_it(wall: View):
-    search = _Search.of(problem(wall, along()), Start(along(), along()), *_all(wall), 0.3, OptimiseSettings())
-    end = search.first + 1.0
-    for gain, share in ((-0.1, 0.0), (0.0, 0.0), (0.0025, 0.25), (0.01, 1.0), (0.5, 1.0)):
-        np.testing.assert_allclose(search.left(0.4, 0.4 + gain, end) - search.first, share)
-
-
-def _all(view: View):
-    return np.arange(len(view.need)), view.need
+def test_a_start_is_left_only_as_far_as_that_is_worth_it():
+    here, there = np.zeros(3), np.array([1.0, -2, 4])
+    for gain, share in ((-0.1, 0.0), (0.0, 0.0), (0.0005, 0.25), (0.002, 1.0), (0.5, 1.0)):
+        np.testing.assert_allclose(_towards(here, there, gain), share * there)

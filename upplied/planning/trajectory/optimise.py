@@ -30,12 +30,12 @@ from upplied.planning.trajectory.terms.turning import Turning
 from upplied.planning.trajectory.view import View
 from upplied.polylines import chosen_evenly, leg_lengths
 from upplied.poses import from_yaw_pitch
-from upplied.records import Floats, Ints, Record
+from upplied.records import Bools, Floats, Ints, Record
 
 _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it
 _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
-_WORTHWHILE = 0.01  # gain, as a share of the need, from which on a start is left wholly; less, less far
+_WORTHWHILE = 0.002  # gain, as a share of the need, from which on a start is left wholly; less, less far
 _COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _CORRECTIONS = 12  # that L-BFGS keeps
 
@@ -157,9 +157,12 @@ class _Search(Record):
         return max(results, key=lambda result: result[0])
 
     def left(self, before: float, after: float, variables: Floats) -> Floats:
-        """The start, left as far as that is worth it: by chance gains hardly, and wholly for real ones."""
-        share = float(np.clip((after - before) / _WORTHWHILE, 0, 1))
-        return self.first + share * (variables - self.first)
+        """The start, left as far as that is worth it, by turning the camera before by moving."""
+        moves, here = self.state.moves, np.where(self.state.moves, self.first, variables)
+        turned = self.solved(here, self.terms(self.state.flown(here), _NARROWEST), ~moves)
+        shown = max(self.worth(turned), before)
+        at = _towards(self.first, turned, shown - before)
+        return _towards(at, variables, after - shown)
 
     def terms(self, path: Flown, width: float) -> list[tuple[float, Term]]:
         """The terms, with what stands in the way and what is near from this path."""
@@ -184,7 +187,9 @@ class _Search(Record):
             *self.lasting,
         ]
 
-    def solved(self, variables: Floats, terms: Sequence[tuple[float, Term]]) -> Floats:
+    def solved(
+        self, variables: Floats, terms: Sequence[tuple[float, Term]], free: Bools | None = None
+    ) -> Floats:
         """The variables at which the weighted sum of the terms is least, from where they are."""
 
         def objective(at: Floats) -> tuple[float, Floats]:
@@ -196,10 +201,16 @@ class _Search(Record):
                 positions += weight * slope.positions
                 yaw += weight * slope.yaw
                 pitch += weight * slope.pitch
-            return total, self.state.pulled_back(Flown(positions, yaw, pitch))
+            slopes = self.state.pulled_back(Flown(positions, yaw, pitch))
+            return total, slopes if free is None else np.where(free, slopes, 0.0)
 
         options = {"maxiter": self.weights.iterations, "maxcor": _CORRECTIONS}
         return np.asarray(minimize(objective, variables, jac=True, method="L-BFGS-B", options=options).x)
+
+
+def _towards(here: Floats, there: Floats, gain: float) -> Floats:
+    """As far of the way as a gain is worth it: by chance hardly, and wholly for real ones."""
+    return np.asarray(here + float(np.clip(gain / _WORTHWHILE, 0, 1)) * (there - here))
 
 
 def _standoff_m(problem: Problem) -> float:
