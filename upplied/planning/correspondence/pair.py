@@ -254,8 +254,8 @@ def _surface_fit(
     if known[0] == known[1]:
         both = _matched(clouds, structures, found, plain, declared, memo, facts)
         fit = replace(fit, correspondences=both)
-    if any(known) and explained(fit) < MAJORITY:
-        # Where both have parts: one of few pieces is a scan.
+    scanned = any(each.is_scan for each in structures)
+    if any(known) and (scanned or known[0] != known[1]) and explained(fit) < MAJORITY:
         fewer = number_of_parts(clouds[1]) <= number_of_parts(clouds[0])
         one = int(fewer if known[0] == known[1] else known[0])
         inferred = _fit_inferred(fit, one, structures, scenes, plain, declared, memo, facts)

@@ -69,6 +69,8 @@ def with_fine(
     kept = thin(points, normals, number, float(weight.sum()))
     fine_area = shares(points, normals, weight, kept)
     even = np.flatnonzero(~region)
+    if cloud.part is not None:  # no part is lost of which no fine sample lies nearest
+        even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[kept]]])))
     index = np.concatenate([even, like[kept]])
     return (
         Cloud(

@@ -109,8 +109,9 @@ def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
 
 def _thinned(points: Floats, normals: Floats, area: Floats, piece: Ints, settings: CloudSettings) -> Cloud:
     kept = thin(points, normals, settings.surface_samples, float(area.sum()))
-    area = shares(points, normals, area, kept)
-    return Cloud(points[kept], normals[kept], area, part_labels(points[kept], area, piece[kept]))
+    each, area = area, shares(points, normals, area, kept)
+    # By all candidates: a piece is not cut off, or joined, by where some of them were left out.
+    return Cloud(points[kept], normals[kept], area, part_labels(points, each, piece)[kept])
 
 
 def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
