@@ -150,7 +150,7 @@ def test_doctor_says_what_is_missing_and_how_to_get_it(location, monkeypatch, ca
     found = {row["check"]: row for row in json.loads(capsys.readouterr().out)}
     assert (
         found["packages"]["found"]
-        == "sqlalchemy is not installed: install from requirements.lock, as make quickstart does"
+        == "sqlalchemy is not installed: install from requirements-runtime.lock, as make quickstart does"
     )
     assert found["system"]["result"] == "bad" and "Debian 12" in found["system"]["found"]
 

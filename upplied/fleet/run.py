@@ -15,6 +15,7 @@ from functools import lru_cache
 from itertools import chain, groupby, pairwise, zip_longest
 
 from upplied.catalog import Catalog, open_catalog
+from upplied.extras import required
 from upplied.fleet.decisions import Job
 from upplied.fleet.keeping import Keeper, Result, kept
 from upplied.fleet.planner import Outcome, plan_job, prepare, this_process, without_path
@@ -61,6 +62,7 @@ class Run:
         progress: Callable[[Outcome], None] = lambda outcome: None,
         engine: str = "local",
     ) -> None:
+        required("open3d", "plan")
         resources = resources or Resources()
         self.count = max(1, min(resources.workers or cores(), len(jobs)))
         self.progress = progress
@@ -121,6 +123,7 @@ def plan_here(
     whomever, are left out, so a shard that an engine starts twice is planned once. The planning is done
     in a guarded process beside this one, which stays for the next shard.
     """
+    required("open3d", "plan")
     catalog = open_catalog(location)
     keeper = Keeper(catalog, run_id, engine)
     workers = _beside(location, limits or Limits())
