@@ -165,3 +165,18 @@ def test_what_is_told_of_the_size_of_an_install_is_its_size():
     size = sum(file.size or 0 for name in names for file in metadata.files(name) or ())
     assert 0.8 * told < size / 1e9 < 1.1 * told, size
     assert f"{told:g} GB unpacked" in (ROOT / "README.md").read_text()
+
+
+def test_every_room_of_tests_has_its_command_and_no_test_has_a_stop_watch():
+    words = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    rooms = {
+        path.parent.name
+        for path in (ROOT / "tests").glob("*/**/test_*.py")
+        if path.parent.parent.name == "tests"
+    }
+    assert {"catalog", "fleet", "flows", "inputs"} <= rooms
+    for room in rooms:
+        assert re.search(rf"`\.venv/bin/python -m pytest [^`]*tests/{room}\b[^`]*`", words), room
+    timed = re.compile(r"assert\b.*\b(perf_counter|process_time|monotonic)\(\) - ")
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        assert not timed.search(path.read_text(encoding="utf-8")), f"{path.name} asserts a time"
