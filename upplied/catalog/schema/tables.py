@@ -218,7 +218,12 @@ TRANSFERS = Table(
         Column("warnings", TEXT, "", "JSON list of what a pilot should know"),
         Column("planned_at", MOMENT, "UTC", "when it was planned, by the planner's clock", required=True),
         Column("run_id", TEXT, "", "the run that planned it"),
-        Column("planned_on", TEXT, "", "where it was planned: host/process/engine"),
+        Column(
+            "planned_on",
+            TEXT,
+            "",
+            "where it was planned: host/process/engine, and after a colon the engine's worker",
+        ),
         Column("code_version", TEXT, "", "version of the program, with the commit where it ran from one"),
         Column("method_version", TEXT, "", "version of the method, raised when results may change"),
         Column("sources_sha256", TEXT, "", "digest of the sources that it was planned by"),
