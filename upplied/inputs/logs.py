@@ -56,6 +56,7 @@ def read_demonstration(
     options: LogOptions | None = None,
     placements: Mapping[str, Placement] | None = None,
     structures: Callable[[str], Structure] | None = None,
+    flight: bool = False,
 ) -> Demonstration:
     """The demonstration that a log holds.
 
@@ -69,6 +70,9 @@ def read_demonstration(
     structures : callable, optional
         Gives the structure of an id, or raises. With it the flight is measured against its structure and
         judged (`upplied.inputs.passport`); without, it is only read.
+    flight : bool
+        It is the proof of a plan: its pauses and silences stay as long as they were, since photos carry the
+        log's clock; those of a demonstration are shortened. Exports of plans and simulated logs are refused.
 
     Returns
     -------
@@ -87,7 +91,7 @@ def read_demonstration(
         sha256 = beside.submit(_sha256_of, path)
         try:
             found, facts = _demonstration(
-                path, recording, options or LogOptions(), placements or {}, structures
+                path, recording, options or LogOptions(), placements or {}, structures, flight
             )
             log = sha256.result()
         except InputError as error:
@@ -135,9 +139,12 @@ def _demonstration(
     options: LogOptions,
     placements: Mapping[str, Placement],
     structures: Callable[[str], Structure] | None,
+    flight: bool,
 ) -> tuple[Demonstration, LogOptions]:
     """The procedure: one pass over the messages that matter, then poses from end to end."""
     what = str(path)
+    if flight:
+        _check_flown(recording.metadata, what)
     tables = read_tables(recording, _fields)
     # What is known besides: side-car, metadata, options.
     facts, notes = inspection(path, recording.metadata, options)
@@ -168,8 +175,10 @@ def _demonstration(
     _check_length(flown, facts, what)
     gap_s = silence_s(flown, facts.gap_s)
     kept, pace = paced(flown, gap_s, facts.passport)
+    if flight:
+        kept = flown
     broken, how = breaks(kept, gap_s)
-    notes += [*more, *chosen, *cut, *kept.notes, *how, *pace.words]
+    notes += [*more, *chosen, *cut, *kept.notes, *how, *([] if flight else pace.words)]
     passport: Mapping[str, Any] = {}
     if structure is not None:
         overruled = _overruled(
@@ -274,6 +283,15 @@ def _check_structure(facts: LogOptions, path: Path) -> None:
             "a structure_id",
             f"write it into {path.with_suffix('.toml').name}, table [inspection], or give it as an option",
         )
+
+
+def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -> None:
+    """Refuse what says of itself that no vehicle flew it."""
+    for name, values in metadata:
+        plan = name == "plan" and "structure_id" in values
+        if plan or (name == "inspection" and values.get("simulated", "").lower() == "true"):
+            found = "is an export of a plan" if plan else "is the log of a simulated flight"
+            raise InputError(what, f"{found}: its metadata say so", "the log of a vehicle that flew")
 
 
 def _check_length(track: Track, facts: LogOptions, what: str) -> None:
