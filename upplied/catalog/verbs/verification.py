@@ -4,17 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import starmap
 from typing import TYPE_CHECKING
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from upplied.catalog.schema.columns import Column
+from upplied.catalog.schema.columns import ROW_SHA256, Column
 from upplied.catalog.schema.plan_rows import settings_text
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.chain import breaks, head_of, is_chained
+from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.opening import HASHED_KEY
 from upplied.catalog.store.surfaces import SURFACES
+from upplied.catalog.verbs.byte_checks import (
+    Folder,
+    changed_files,
+    fault_of,
+    readable,
+    rows_added,
+    stored_contents,
+)
 from upplied.catalog.verbs.owned import stored_steps
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.catalog.verbs.standing import DERIVED
@@ -36,6 +48,9 @@ _HELD = {
     "flights": ["flight_id", "transfer_id", "flight_sha256", "looks_sha256"],
     "decisions": ["decision_id", "transfer_id", "supposed_sha256"],
     "overruled": ["overruled_id", "transfer_id"],
+    "settings": [TABLES["settings"].names[0]],
+    "requirements": [TABLES["requirements"].names[0]],
+    "edits": ["edit_id", "base_id", "transfer_id"],
 }
 
 
@@ -57,27 +72,66 @@ def verify(catalog: Catalog) -> list[Finding]:
     points that a stopped writer left behind are no finding.
     """
     catalog.identity.required()
-    found: list[Finding] = []
+    found = list(starmap(Finding, readable(lambda: changed_files(catalog))))
     held: dict[str, pa.Table] = {}
+    unreadable: list[Finding] = []
     for name, columns in _HELD.items():
         try:
             held[name] = catalog.tables[name].narrow(columns)
         except CatalogError as error:
-            found.append(_unreadable(error))
-    if found:  # what refers to a table that cannot be read cannot be judged
-        return found
+            unreadable.append(_unreadable(error))
+    if unreadable:  # what refers to a table that cannot be read cannot be judged
+        return [*found, *unreadable]
     for name in _HELD:
         table = catalog.tables[name]
         derived = DERIVED if name == "transfers" else ()
         columns = [column for column in table.declared.names if column not in derived]
         found += _read(broken_values(name, (rows.to_pandas() for rows in table.batches(columns))))
+        found += _read(_changed_rows(table))
     found += _references(held)
-    found += _meshes(catalog, held["structures"].to_pandas())
-    found += _contents(catalog, held)
+    contents = stored_contents(catalog)
+    found += _meshes(held, contents)
+    found += _contents(catalog, held, contents)
     found += _settings(held["transfers"].select(["transfer_id", "settings_json", "settings_sha256"]))
     found += _read(_steps(catalog, "poses", held["demonstrations"]))
     found += _read(_steps(catalog, "waypoints", held["transfers"]))
     return found
+
+
+def chain_heads(catalog: Catalog) -> dict[str, str]:
+    """The hash of the last row of each table whose rows follow each other; none where there is no row.
+
+    Whoever keeps these can tell later that nothing before them was changed or taken away.
+    """
+    found = {name: head_of(rows) for name, table in catalog.tables.items()
+             if is_chained(table.declared) and len(rows := table.whole())}  # fmt: skip
+    return {name: sha256 for name, sha256 in found.items() if sha256}
+
+
+def _changed_rows(table: StoredTable) -> Iterator[Finding]:
+    """Rows that do not match their hashes, lack them, or are fewer than were added."""
+    added, delta = rows_added(table), table.delta()
+    since = "" if delta is None else delta.metadata().configuration.get(HASHED_KEY, "")
+    key, name = table.declared.names[0], table.declared.name
+    bare: list[str] = []
+    count = 0
+
+    def parts() -> Iterator[pa.Table]:
+        nonlocal count
+        for rows in table.whole_batches():
+            count += len(rows)
+            if since.isdigit():
+                late = pc.greater_equal(rows["commit_version"], int(since))
+                lacking = pc.equal(pc.coalesce(rows[ROW_SHA256.name], ""), "")
+                bare.extend(rows.filter(pc.and_(late, lacking))[key].to_pylist())
+            yield rows
+
+    for row, wrong in breaks(table.declared, parts()):
+        yield Finding(f"{name} {row}", wrong)
+    for row in bare:
+        yield Finding(f"{name} {row}", "has no hash: it was changed after it was written")
+    if count < added:
+        yield Finding(name, f"has {count} rows, and {added} were added: some were taken away")
 
 
 def _unreadable(error: CatalogError) -> Finding:
@@ -148,36 +202,38 @@ def _owners(rows: pa.Table, column: str, value: str) -> str:
     return _some(rows.filter(pc.equal(rows[column], value)).column(0).to_pandas())
 
 
-def _meshes(catalog: Catalog, structures: pd.DataFrame) -> Iterator[Finding]:
-    for sha256, rows in structures.groupby("mesh_sha256"):
-        try:
-            mesh = catalog.meshes.get(sha256)
-        except CatalogError as error:
-            yield Finding(error.what, f"{error.found}; the mesh of {_some(rows['structure_id'])}")
-            continue
-        counts = (len(mesh.vertices), len(mesh.triangles))
-        wrong = rows[(rows["n_vertices"] != counts[0]) | (rows["n_triangles"] != counts[1])]
-        if len(wrong):
+def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
+    """Counts of structures that are not those of their meshes."""
+    for sha256, rows in held["structures"].to_pandas().groupby("mesh_sha256"):
+        counts = contents["meshes"].sizes.get(sha256)
+        wrong = rows if counts is None else rows[rows[["n_vertices", "n_triangles"]].ne(counts).any(axis=1)]
+        if counts is not None and len(wrong):
             yield Finding(
                 f"mesh {sha256}", f"has {counts} parts, not as said of {_some(wrong['structure_id'])}"
             )
 
 
-def _contents(catalog: Catalog, held: dict[str, pa.Table]) -> Iterator[Finding]:
-    """What plans see and what was flown, each read and compared with its hash."""
-    for read, rows, column in (
-        *((catalog.surfaces.get, held["transfers"], column) for column in SURFACES),
-        (catalog.supposed_surfaces.get, held["transfers"], "supposed_sha256"),
-        (catalog.supposed_surfaces.get, held["decisions"].drop_columns("decision_id"), "supposed_sha256"),
-        (catalog.flown, held["flights"].drop_columns("flight_id"), "flight_sha256"),
-        (catalog.looks.get, held["flights"].drop_columns("flight_id"), "looks_sha256"),
+def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
+    """What is kept by its content and is damaged or not there, and whose it is."""
+    place, told = catalog.location.rstrip("/"), set()
+    for name, rows, column in (
+        ("meshes", held["structures"], "mesh_sha256"),
+        *(("surfaces", held["transfers"], column) for column in SURFACES),
+        ("supposed", held["transfers"], "supposed_sha256"),
+        ("supposed", held["decisions"].drop_columns("decision_id"), "supposed_sha256"),
+        ("flown", held["flights"].drop_columns("flight_id"), "flight_sha256"),
+        ("looks", held["flights"].drop_columns("flight_id"), "looks_sha256"),
     ):
-        for sha256 in _texts(rows[column]):
-            try:
-                if sha256.as_py():
-                    read(sha256.as_py())
-            except CatalogError as error:
-                yield Finding(error.what, f"{error.found}; of {_owners(rows, column, sha256.as_py())}")
+        for sha256 in filter(None, _texts(rows[column]).to_pylist()):
+            file, wrong = fault_of(contents, name, sha256)
+            if wrong:
+                told.add(file)
+                whose = "the mesh of" if name == "meshes" else "of"
+                yield Finding(f"{place}/{file}", f"{wrong}; {whose} {_owners(rows, column, sha256)}")
+    for name, kept in contents.items():
+        for sha256, wrong in kept.faults.items():
+            if wrong and (file := f"{name}/{sha256}.parquet") not in told:
+                yield Finding(f"{place}/{file}", wrong)
 
 
 def _settings(transfers: pa.Table) -> Iterator[Finding]:
