@@ -144,7 +144,7 @@ def _last_checkpoint(log: FileStore) -> Iterator[Fault]:
         }
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException):
         so = {}
-    if json.dumps(so, separators=(",", ":")).encode() != content:
+    if json.dumps(so, separators=(",", ":")).encode() != content.removesuffix(b"\n"):
         yield log.path("_last_checkpoint"), _CHANGED
 
 

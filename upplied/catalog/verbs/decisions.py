@@ -14,7 +14,7 @@ import pandas as pd
 import pyarrow.compute as pc
 
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import adding, ordering, queries
+from upplied.catalog.verbs import adding, custody, ordering, queries
 from upplied.catalog.verbs.frames import frame
 from upplied.catalog.verbs.standing import Standing, standing_of, unit_of
 from upplied.errors import RefusedError, SettingsError
@@ -59,6 +59,8 @@ def in_force(catalog: Reading, **asked: Any) -> pd.DataFrame:
     judged = standing(catalog).judged
     now = [judged.get(unit_of(row)) == hashes.get(row["target_id"]) for row in found.to_dict("records")]
     found["target_changed"] = [not same for same in now]
+    altered = custody.alterations(catalog, found["transfer_id"].tolist(), standing(catalog))
+    found["altered"] = found["transfer_id"].map(altered).fillna("").astype(object)
     return found
 
 
@@ -113,6 +115,7 @@ def release(
 ) -> str:
     """See `Catalog.release`."""
     row = _plan(catalog, transfer_id)
+    custody.check_releasable(catalog, row)
     now = standing(catalog)
     forced = _check_release(catalog, row, now.of(transfer_id), tuple(force))
     unit = unit_of(row)
@@ -203,6 +206,7 @@ def _decide(catalog: Reading, row: Row, state: str, by: str, note: str, **said: 
         "by": by.strip(),
         "note": note,
         "plan_sha256": row["waypoints_sha256"],
+        "plan_row_sha256": custody.seals(catalog, [row["transfer_id"]])[row["transfer_id"]],
         "code_version": code_version(),
         **said,
     }
