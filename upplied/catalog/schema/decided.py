@@ -56,6 +56,7 @@ DECISIONS = Table(
             "",
             "the last decision that whoever released knew of; a release after another one does not count",
         ),
+        Column("signature", TEXT, "", "of who decided, Ed25519 (`upplied keys`); empty: not signed"),
         Column("code_version", TEXT, "", "version of the program"),
         *committed("when it was decided"),
     ),

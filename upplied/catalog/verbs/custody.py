@@ -15,6 +15,7 @@ from upplied.catalog.schema.rows import ADDED, Row
 from upplied.catalog.store.chain import changed_rows, head_of, is_chained
 from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.owned import step_faults
+from upplied.catalog.verbs.roster import roster_of
 from upplied.errors import RefusedError
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) 
     if not released:
         return {}
     rows, hashes = _stored(catalog, released)
+    roster, order = roster_of(catalog), now.order
     table, names = catalog.tables["decisions"], [row["decision_id"] for row in released.values()]
     changed = dict(changed_rows(table.declared, table.whole(pc.field("decision_id").isin(names))))
     found = {}
@@ -57,6 +59,8 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) 
         plan, decision = row["transfer_id"], released[row["transfer_id"]]
         if decision["decision_id"] in changed:
             found[plan] = f"its release {changed[decision['decision_id']]}"
+        elif wrong := roster.fault(decision, order):
+            found[plan] = f"its release does not count: {wrong}"
         elif decision["plan_sha256"] != row["waypoints_sha256"]:
             found[plan] = "its waypoints are not those that were released"
         elif decision["plan_row_sha256"] and decision["plan_row_sha256"] != hashes[plan]:
@@ -95,6 +99,15 @@ def chain_heads(catalog: Reading) -> dict[str, str]:
     found = {name: head_of(rows) for name, table in columns.items()
              if is_chained(table.declared) and len(rows := table.whole())}  # fmt: skip
     return {name: sha256 for name, sha256 in found.items() if sha256}
+
+
+def foreign_plans(catalog: Reading) -> list[str]:
+    """The plans that were imported and not measured here."""
+    columns = ["transfer_id", "imported_from", "status", *ordering.SLOT, *ordering.NEWEST]
+    rows = ordering.in_order(
+        catalog.tables["transfers"].read(None, list(dict.fromkeys(columns))), newest=False
+    )
+    return [row["transfer_id"] for row in rows.to_pylist() if plan_rows.is_foreign(row)]
 
 
 def heads_in_words(heads: dict[str, str], names: Iterable[str] = ("decisions", "flights")) -> str:

@@ -16,6 +16,7 @@ import pyarrow.compute as pc
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs import adding, custody, ordering, queries
 from upplied.catalog.verbs.frames import frame
+from upplied.catalog.verbs.roster import check_name, roster_of, signature
 from upplied.catalog.verbs.standing import Standing, standing_of, unit_of
 from upplied.errors import RefusedError, SettingsError
 from upplied.provenance import code_version
@@ -117,6 +118,7 @@ def release(
     row = _plan(catalog, transfer_id)
     custody.check_releasable(catalog, row)
     now = standing(catalog)
+    roster_of(catalog).check_may_release(by.strip())
     forced = _check_release(catalog, row, now.of(transfer_id), tuple(force))
     unit = unit_of(row)
     known = now.last.get(unit, "") if after is None else after
@@ -198,6 +200,7 @@ def _decide(catalog: Reading, row: Row, state: str, by: str, note: str, **said: 
             raise SettingsError(f"{what} of a decision", f"has {len(text)} letters", f"at most {_LONGEST}")
     if not by.strip():
         raise SettingsError("a decision", "says not who decided", "a name", "say --by NAME")
+    check_name(by.strip())
     name = adding.new_commit_id(catalog)
     made = {
         "decision_id": name,
@@ -210,5 +213,6 @@ def _decide(catalog: Reading, row: Row, state: str, by: str, note: str, **said: 
         "code_version": code_version(),
         **said,
     }
+    made["signature"] = signature(roster_of(catalog), made)
     adding.add_rows(catalog, "decisions", [made])
     return name

@@ -26,6 +26,8 @@ from upplied.catalog.verbs.byte_checks import (
     rows_added,
     stored_contents,
 )
+from upplied.catalog.verbs.custody import alterations
+from upplied.catalog.verbs.decisions import standing
 from upplied.catalog.verbs.owned import as_frame, step_faults
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.catalog.verbs.standing import DERIVED
@@ -98,6 +100,7 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
         found += _read(broken_values(name, (rows.to_pandas() for rows in table.batches(columns))))
         found += _read(_changed_rows(table))
     found += _lost_heads(catalog, heads)
+    found += _read(_not_as_released(catalog))
     found += _references(held)
     contents = stored_contents(catalog)
     found += _meshes(held, contents)
@@ -106,6 +109,14 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
     for name, rows in (("poses", held["demonstrations"]), ("waypoints", held["transfers"])):
         found += _read(Finding(f"{name} of {row}", wrong) for row, wrong in step_faults(catalog, name, rows))
     return found
+
+
+def _not_as_released(catalog: Catalog) -> Iterator[Finding]:
+    """Plans in force that are not what was released."""
+    now = standing(catalog)
+    plans = [row["transfer_id"] for row in now.in_force.values()]
+    for plan, wrong in alterations(catalog, plans, now).items():
+        yield Finding(f"plan {plan}, which is in force", wrong)
 
 
 def _lost_heads(catalog: Catalog, heads: Collection[str]) -> Iterator[Finding]:
