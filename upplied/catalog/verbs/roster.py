@@ -85,15 +85,7 @@ class Roster:
                     raise ValueError("its people are not texts")
                 bytes.fromhex(one.key)
                 check_name(one.name)
-        except (
-            OSError,
-            pa.ArrowException,
-            ValueError,
-            KeyError,
-            TypeError,
-            RecursionError,
-            UppliedError,
-        ) as error:
+        except (OSError, ValueError, KeyError, TypeError, RecursionError, UppliedError) as error:
             remedy = "take it from a backup; until then nothing is released"
             raise CatalogError(self.path, f"is no roster: {error}", "who may release", remedy) from None
         return people
@@ -175,9 +167,8 @@ def check_name(name: str) -> str:
 
 def _skeleton(name: str) -> str:
     """What a name looks like."""
-    plain = unicodedata.normalize("NFKD", name.casefold()).translate(
-        {ord(one): like for one, like in _LIKE.items()}
-    )
+    table = {ord(letter): like for letter, like in _LIKE.items()}
+    plain = unicodedata.normalize("NFKD", name.casefold()).translate(table)
     plain = plain.replace("0", "o").replace("1", "l").replace("i", "l").replace("rn", "m")
     return "".join(letter for letter in plain if letter.isalnum())
 
