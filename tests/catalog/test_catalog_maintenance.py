@@ -14,6 +14,7 @@ import pytest
 from catalog_records import demonstration, key_of, plan, structure
 
 from upplied.catalog import compact, export_tables, history, open_catalog, vacuum, verify
+from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store import delta, merging
 from upplied.catalog.verbs import adding, verification
@@ -284,7 +285,7 @@ def test_published_files_say_units_and_version(catalog, tmp_path):
     for path in (tmp_path / "waypoints.parquet").rglob("*.parquet"):
         schema = pa.parquet.read_schema(path)
         assert schema.field("t_s").metadata[b"unit"] == b"s"
-        assert schema.metadata[b"schema_version"] == b"2"
+        assert schema.metadata[b"schema_version"] == str(SCHEMA_VERSION).encode()
 
 
 def test_publishing_in_pieces_gives_the_same(catalog, tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""A plan does not hang on chance: a millimetre on the vertices, their order, or another seed of the samples."""
+"""A plan does not hang on chance: a millimetre on vertices, the order of triangles, another seed."""
 
 from __future__ import annotations
 

@@ -41,6 +41,7 @@ ADDED = (
     "added_at",
     "commit_id",
     "commit_version",
+    "row_sha256",
 )  # of a row: when and by which commit it was added
 
 # --- structures --------------------------------------------------------------------------------

@@ -7,10 +7,12 @@ would be lost.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
 import random
+import secrets
 import time
-import uuid
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from functools import partial
@@ -19,6 +21,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 from deltalake import CommitProperties, DeltaTable, Transaction
@@ -26,14 +29,16 @@ from deltalake import Schema as DeltaSchema
 from deltalake.exceptions import CommitFailedError
 from deltalake.transaction import AddAction
 
-from upplied.catalog.schema.columns import Table
+from upplied.catalog.schema.columns import BEFORE_SHA256, ROW_SHA256, Table
 from upplied.catalog.schema.migrations import SCHEMA_VERSION, needed, upgraded
+from upplied.catalog.store.chain import is_chained, sealed
 from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.errors import explained
-from upplied.catalog.store.files import sync_path
+from upplied.catalog.store.files import FileStore, sync_path
 from upplied.catalog.store.identity import Identity
 from upplied.catalog.store.log import TableLog
-from upplied.catalog.store.opening import VERSION_KEY, in_schema
+from upplied.catalog.store.log_hashes import STATED, unstated
+from upplied.catalog.store.opening import HASHED_KEY, VERSION_KEY, in_schema
 from upplied.catalog.store.statistics import statistics
 from upplied.errors import CatalogError
 
@@ -63,6 +68,7 @@ class StoredTable(TableLog):
         super().__init__(root, declared, identity)
         self._clock = Clock(root)
         self._dataset: tuple[int, ds.Dataset] | None = None
+        self._stated = (-1, "")  # of a version of the log: hashes of its entries that none of them states
 
     def dataset(self, version: int | None = None) -> ds.Dataset | None:
         """The rows as of the newest commit, or of an older version; None where nothing was committed."""
@@ -128,12 +134,24 @@ class StoredTable(TableLog):
                 rows = in_schema(pa.table(batch), wanted)
                 yield upgraded(self.declared, rows).select(columns)
 
-    def whole(self, where: ds.Expression) -> pa.Table:
+    def whole(self, where: ds.Expression | None = None) -> pa.Table:
         """The rows that fit, with the columns that only a newer program knows as well."""
         dataset = self.dataset()
         if dataset is None:
             return self.declared.schema.empty_table()
-        found = explained(self.uri, partial(dataset.to_table, filter=where))
+        return self._complete(explained(self.uri, partial(dataset.to_table, filter=where)))
+
+    def whole_batches(self) -> Iterator[pa.Table]:
+        """All rows with all their columns, some at a time."""
+        dataset = self.dataset()
+        if dataset is None:
+            return
+        scanner = dataset.scanner(batch_size=_ROW_GROUP, batch_readahead=1, fragment_readahead=1)
+        with closing(scanner.to_batches()) as found:
+            while (batch := explained(self.uri, partial(next, found, None))) is not None:
+                yield self._complete(pa.table(batch))
+
+    def _complete(self, found: pa.Table) -> pa.Table:
         unknown = [field for field in found.schema if field.name not in self.declared.names]
         known = upgraded(self.declared, in_schema(found, self.declared.schema))
         for field in unknown:
@@ -175,7 +193,7 @@ class StoredTable(TableLog):
                     return None
                 done = act(delta)
                 delta.update_incremental()
-                self._heads.note(delta.version())
+                self._heads.note(delta.version(), self._unstated(delta))
                 return done
 
         return self._insist(once)
@@ -204,14 +222,14 @@ class StoredTable(TableLog):
             if new:
                 delta.alter.add_columns(list(DeltaSchema.from_arrow(pa.schema(new)).fields))
             if int(delta.metadata().configuration[VERSION_KEY]) < SCHEMA_VERSION:
-                raised = {VERSION_KEY: str(SCHEMA_VERSION)}
+                raised = {VERSION_KEY: str(SCHEMA_VERSION), HASHED_KEY: str(delta.version() + 1)}
                 delta.alter.set_table_properties(raised, raise_if_not_exists=False)
 
     def new_file(self, rows: pa.Table) -> AddAction:
         """Write a data file that no commit names yet."""
         sink = BytesIO()
         pq.write_table(rows, sink, row_group_size=_ROW_GROUP, compression="zstd")
-        name = f"part-{uuid.uuid4()}.parquet"
+        name = f"part-{hashlib.sha256(sink.getbuffer()).hexdigest()}-{secrets.token_hex(4)}.parquet"
         self._files.write(name, sink.getvalue())
         return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, statistics(rows))
 
@@ -233,6 +251,7 @@ class StoredTable(TableLog):
                 numbered = numbered.set_column(
                     numbered.schema.get_field_index(name), field, pa.repeat(stamp, len(rows))
                 )
+            numbered = sealed(numbered, self._chain(delta) if is_chained(self.declared) else None)
             added = self.new_file(numbered)
             try:
                 self._commit(delta, added, numbered, [Transaction(_ORDER, now)])
@@ -240,15 +259,30 @@ class StoredTable(TableLog):
                 self._files.remove(added.path)
                 raise
 
+    def _chain(self, delta: DeltaTable) -> pa.Table:
+        """The rows that the next ones follow: all of each where none has a hash yet."""
+        rows = self.rows_of(delta)
+        found = rows.to_table([ROW_SHA256.name, BEFORE_SHA256.name, "commit_version"])
+        return found if pc.any(pc.greater(found[0], "")).as_py() else self._complete(rows.to_table())
+
+    def _unstated(self, delta: DeltaTable) -> str:
+        """The hashes of entries of the log that none of them states, as JSON."""
+        version = delta.version()
+        if self._stated[0] != version:
+            found = unstated(FileStore(f"{self.uri}/_delta_log"), version)
+            self._stated = version, json.dumps(found)
+        return self._stated[1]
+
     def _commit(self, delta: DeltaTable, added: AddAction, rows: pa.Table, order: list[Transaction]) -> None:
-        said = CommitProperties({"rows": str(len(rows))}, max_commit_retries=30, app_transactions=order)
+        about = {"rows": str(len(rows)), STATED: self._unstated(delta)}
+        said = CommitProperties(about, max_commit_retries=30, app_transactions=order)
         delta.create_write_transaction([added], "append", rows.schema, commit_properties=said)
         delta.update_incremental()
         if self._files.local:
             entry = Path(self.uri) / "_delta_log" / f"{delta.version():020}.json"
             sync_path(entry)
             sync_path(entry.parent)
-        self._heads.note(delta.version())
+        self._heads.note(delta.version(), self._unstated(delta))
 
 
 def _encoded(rows: pa.Table) -> pa.Table:
