@@ -54,7 +54,8 @@ def stored_steps(
         first, last = chunk[id_name].iloc[0], chunk[id_name].iloc[-1]
         ids = list(chunk[id_name])
         within = (pc.field(id_name) >= first) & (pc.field(id_name) <= last) & pc.field(id_name).isin(ids)
-        stored = pa.concat_tables(catalog.tables[name].batches(TABLES[name].names, within))
+        commits = chunk["commit_id"].unique()
+        stored = pa.concat_tables(catalog.tables[name].batches(TABLES[name].names, within, commits=commits))
         wanted = pa.table({id_name: ids, "commit_id": list(chunk["commit_id"])})
         owned = stored.join(wanted, [id_name, "commit_id"], join_type="left semi")
         yield chunk, owned.sort_by([(column, "ascending") for column in (id_name, "commit_id", "seq")])
@@ -91,7 +92,9 @@ def parted_steps(
             wanted = _named(
                 pa.table({n: pa.array(owners[n].tolist(), pa.string()) for n in (key, "commit_id")}), key
             )
-            for rows in _gathered(catalog.tables[name].batches(TABLES[name].names, where)):
+            commits = owners["commit_id"].unique()
+            stored = catalog.tables[name].batches(TABLES[name].names, where, commits=commits)
+            for rows in _gathered(stored):
                 place = _place(_named(rows, key), wanted)
                 rows = rows.filter(pa.array(place >= 0))
                 of = number[place[place >= 0]]

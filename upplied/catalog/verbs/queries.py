@@ -181,7 +181,8 @@ def steps(table: StoredTable, row: Row) -> pa.Table:
     name, count = declared.names[0], row[f"n_{declared.name}"]
     if not count:
         return declared.schema.empty_table()
-    found = table.read((pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name]))
+    own = (pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name])
+    found = table.read(own, commits=[row["commit_id"]])
     found = found.take(pc.sort_indices(found["seq"]))
     what, remedy = f"{declared.name} of {row[name]}", "take the damaged files from a backup"
     if len(found) != count:
