@@ -24,6 +24,7 @@ import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
 from upplied.catalog import Catalog, compact, open_catalog
+from upplied.catalog.schema.steps import pose_arrays, poses_sha256
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.config import settings_for
 from upplied.records import Measures, Plan, Trajectory
@@ -43,8 +44,10 @@ def generate(catalog: Catalog, transfers: int) -> None:
         order = np.argsort(keys)
         ids = [keys[at][:20] for at in order]
         when = START + timedelta(minutes=first // BATCH)
-        commit = catalog.tables["waypoints"].keep(waypoints(rng, ids), when)
-        catalog.tables["transfers"].append(plans(rng, numbers, keys, commit, first // BATCH))
+        steps = waypoints(rng, ids)
+        hashes = {name: sha256_of(steps.slice(at * POINTS, POINTS)) for at, name in enumerate(ids)}
+        commit = catalog.tables["waypoints"].keep(steps, when)
+        catalog.tables["transfers"].append(plans(rng, numbers, keys, hashes, commit, first // BATCH))
     compact(catalog)
 
 
@@ -68,8 +71,18 @@ def waypoints(rng: np.random.Generator, ids: list[str]) -> pa.Table:
     return pa.table([columns[name] for name in TABLES["waypoints"].names], schema=TABLES["waypoints"].schema)
 
 
+def sha256_of(steps: pa.Table) -> str:
+    """The hash that the row of these steps keeps."""
+    return poses_sha256(steps["t_s"].to_numpy(), *pose_arrays(steps), np.asarray(steps["is_viewpoint"]))
+
+
 def plans(
-    rng: np.random.Generator, numbers: np.ndarray, keys: list[str], commit: str, night: int
+    rng: np.random.Generator,
+    numbers: np.ndarray,
+    keys: list[str],
+    hashes: dict[str, str],
+    commit: str,
+    night: int,
 ) -> pa.Table:
     """Rows of plans: every pair is planned twice, a tenth is refused."""
     count = len(numbers)
@@ -78,6 +91,7 @@ def plans(
     texts: dict[str, Any] = {
         "transfer_id": [key[:20] for key in keys],
         "key": keys,
+        "waypoints_sha256": [hashes[key[:20]] for key in keys],
         "demonstration_id": np.char.add("flight-", (pair % 50).astype(str)),
         "source_id": np.char.add("source-", (pair % 50).astype(str)),
         "target_id": np.char.add("target-", (pair // 50).astype(str)),

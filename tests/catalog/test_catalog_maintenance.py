@@ -304,12 +304,12 @@ def test_published_files_say_units_and_version(catalog, tmp_path):
 
 
 def test_publishing_in_pieces_gives_the_same(catalog, tmp_path, monkeypatch):
-    from upplied.catalog.verbs import owned, published
+    from upplied.catalog.verbs import owned, parted, published
 
     export_tables(catalog, tmp_path / "whole")
     monkeypatch.setattr(owned, "CHUNK", 70)
     monkeypatch.setattr(owned, "GATHERED", 100)
-    monkeypatch.setattr(published, "_PLANS", 3)
+    monkeypatch.setattr(parted, "_LOT", 3)
     monkeypatch.setattr(published, "_ROW_GROUP", 2)
     export_tables(catalog, tmp_path / "pieces")
     for name in TABLES:
@@ -321,8 +321,8 @@ def test_a_publication_that_fails_leaves_what_was_there(catalog, tmp_path):
     export_tables(catalog, tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.rglob("tables/*/**/*") if path.is_file()}
     assert len(before) > 5
-    rewrite(catalog, "waypoints", lambda rows: pd.concat([rows, rows[rows["seq"] == 0]]))
     catalog.add_plans([(key_of("late"), plan("t0", 77), {})])
+    rewrite(catalog, "waypoints", lambda rows: pd.concat([rows, rows[rows["seq"] == 0]]))
     with pytest.raises(CatalogError):
         export_tables(open_catalog(catalog.location), tmp_path)
     rewrite(catalog, "waypoints", lambda rows: rows.iloc[:0])
