@@ -40,6 +40,15 @@ PROVENANCE = (
 ID_DIGITS = 20  # of the key in `transfer_id`: 80 bits, still short enough to type
 
 
+#: What `imported_from` ends with: whether what a dataset says of a plan was measured here.
+AS_IT_SAYS = "measures as it says"
+
+
+def is_foreign(row: Mapping[str, Any]) -> bool:
+    """Whether a plan was imported and never measured here: it settles nothing, and nobody flies it."""
+    return str(row.get("imported_from") or "").endswith(AS_IT_SAYS)
+
+
 def transfer_id(key: str) -> str:
     """The name of the plan with this key."""
     return key[:ID_DIGITS]

@@ -7,7 +7,7 @@ put in: it is printed where people keep it.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -64,29 +64,31 @@ def root_of(stored: pa.Table) -> str:
     return hashlib.sha256("\n".join(sorted(older)).encode()).hexdigest() if older else ""
 
 
-def breaks(table: Table, parts: Iterator[pa.Table]) -> Iterator[tuple[str, str]]:
-    """Rows that are not those that were written, each with what is wrong, in words.
+def breaks(table: Table, parts: Iterable[pa.Table]) -> Iterator[tuple[str, str]]:
+    """Rows that are not those that were written, or do not follow each other: which, and what is wrong.
 
     Parameters
     ----------
     table : Table
-    parts : iterator of Table
+    parts : iterable of Table
         All rows with all their columns, some at a time.
     """
-    key, chained = table.names[0], is_chained(table)
-    rows: list[pa.Table] = []
+    chain: list[pa.Table] = []
     for part in parts:
-        hashes = content_hashes(part)
-        stated, names = part[_HASH].to_pylist(), part[key].to_pylist()
-        before = part[_BEFORE].to_pylist() if chained else [""] * len(part)
-        for name, content, said, one in zip(names, hashes, stated, before, strict=True):
-            if said and said != (link(one or "", content) if chained else content):
-                yield str(name), "does not match its hash: it was changed after it was written"
-        rows.append(part)
-        if not chained:
-            rows.clear()
-    if rows:
-        yield from _loose(key, pa.concat_tables(rows, promote_options="default"))
+        yield from changed_rows(table, part)
+        if is_chained(table):
+            chain.append(part)
+    if chain:
+        yield from _loose(table.names[0], pa.concat_tables(chain, promote_options="default"))
+
+
+def changed_rows(table: Table, rows: pa.Table) -> Iterator[tuple[str, str]]:
+    """Rows, with all their columns, that do not match their own hashes: which, and what is wrong."""
+    before = rows[_BEFORE].to_pylist() if is_chained(table) else [None] * len(rows)
+    names, stated = rows[table.names[0]].to_pylist(), rows[_HASH].to_pylist()
+    for name, content, said, one in zip(names, content_hashes(rows), stated, before, strict=True):
+        if said and said != (content if one is None else link(one, content)):
+            yield str(name), "does not match its hash: it was changed after it was written"
 
 
 def _loose(key: str, rows: pa.Table) -> Iterator[tuple[str, str]]:

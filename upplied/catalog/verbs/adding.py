@@ -82,8 +82,13 @@ def add_plans(catalog: Reading, plans: Sequence[Planned]) -> int:
     return _add(catalog, "transfers", made, _repeated(table, again, {"planned_at": catalog.clock.now()}))
 
 
-def _makes_way(stored: Row, status: str, run_id: str = "") -> bool:
-    """Whether a row of the same plan is added: after a failure a result, or another run's failure."""
+def _makes_way(stored: Row, status: str, run_id: str = "", foreign: bool = False) -> bool:
+    """Whether a row of the same plan is added: after a failure a result, or another run's failure.
+
+    And after what was imported and not measured here, what was.
+    """
+    if plan_rows.is_foreign(stored):
+        return not foreign
     failed_again = status == "failed" and run_id in ("", stored["run_id"])
     return stored["status"] == "failed" and not failed_again
 
@@ -127,7 +132,12 @@ def add_overruled(catalog: Reading, given: Sequence[Mapping[str, Any]]) -> int:
 def adopt_plans(catalog: Reading, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:
     """Add plans of another catalog as they are, with the steps that they own there."""
     stored = ordering.rows_of_keys(catalog.tables["transfers"], [row["key"] for row in plans])
-    new = [row for row in plans if row["key"] not in stored or _makes_way(stored[row["key"]], row["status"])]
+    new = [
+        row
+        for row in plans
+        if row["key"] not in stored
+        or _makes_way(stored[row["key"]], row["status"], foreign=plan_rows.is_foreign(row))
+    ]
     owned = [waypoints[row["transfer_id"], row["commit_id"]] for row in new if row["n_waypoints"]]
     commit = _add_steps(catalog, "waypoints", owned)
     undecided = dict.fromkeys(DERIVED)  # what was decided about them elsewhere is not decided here

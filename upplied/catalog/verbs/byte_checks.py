@@ -152,8 +152,7 @@ def _last_checkpoint(log: FileStore) -> Iterator[Fault]:
         }
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException):
         so = {}
-    whole = json.dumps(so, separators=(",", ":")).encode()
-    if content not in (whole, whole + b"\n"):
+    if json.dumps(so, separators=(",", ":")).encode() != content.removesuffix(b"\n"):
         yield log.path("_last_checkpoint"), _CHANGED
 
 

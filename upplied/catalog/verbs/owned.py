@@ -20,20 +20,20 @@ from upplied.errors import CatalogError
 from upplied.records import Ints
 
 if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
+    from upplied.catalog.reading import Reading
 
 CHUNK = 1_000_000  # steps held in memory at once
-GATHERED = 250_000  # steps that are parted at a time
+GATHERED = 250_000  # steps that are parted or compared at a time
 
 
-def checked_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
+def checked_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
     """As `owned_steps`, each trajectory compared with the hash in its row; one that differs is an error."""
     for steps in owned_steps(catalog, name, owners):
         _check(name, steps, owners)
         yield steps
 
 
-def owned_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
+def owned_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
     """The steps that the given rows own, ordered by owner and sequence, a bounded number at a time."""
     id_name, count_name = TABLES[name].names[0], f"n_{name}"
     for chunk, owned in stored_steps(catalog, name, owners):
@@ -44,7 +44,7 @@ def owned_steps(catalog: Catalog, name: str, owners: pd.DataFrame) -> Iterator[p
 
 
 def stored_steps(
-    catalog: Catalog, name: str, owners: pd.DataFrame, most: int = CHUNK
+    catalog: Reading, name: str, owners: pd.DataFrame, most: int = CHUNK
 ) -> Iterator[tuple[pd.DataFrame, pa.Table]]:
     """Some of the given rows at a time, with what is stored of their steps, in order: all of it or not."""
     id_name, count_name = TABLES[name].names[0], f"n_{name}"
@@ -61,8 +61,36 @@ def stored_steps(
         yield chunk, owned.sort_by([(column, "ascending") for column in (id_name, "commit_id", "seq")])
 
 
+def step_faults(catalog: Reading, name: str, rows: pa.Table) -> Iterator[tuple[str, str]]:
+    """Steps that are missing, too many, out of order, or not those whose hash the row keeps, and whose."""
+    key, count = TABLES[name].names[0], f"n_{name}"
+    owning = rows.filter(pc.greater(rows[count], 0)).select([key, "commit_id", count, f"{name}_sha256"])
+    # As texts: a dictionary's would be sorted as they stand in it.
+    texts = pa.schema([TABLES[name].schema.field(column) for column in (key, "commit_id")])
+    texts = pa.schema([*texts, (count, pa.int64()), (f"{name}_sha256", pa.string())])
+    owners = as_frame(owning.cast(texts)).drop_duplicates([key, "commit_id"])
+    for chunk, steps in stored_steps(catalog, name, owners, GATHERED):
+        grouped = steps.group_by([key, "commit_id"]).aggregate([([], "count_all")])
+        counts = {(row[key], row["commit_id"]): row["count_all"] for row in grouped.to_pylist()}
+        rows = list(chunk[[key, "commit_id", count, f"{name}_sha256"]].itertuples(index=False, name=None))
+        miscounted = set()
+        for row_id, commit, said, _ in rows:
+            if (there := counts.get((row_id, commit), 0)) != said:
+                miscounted.add(row_id)
+                yield row_id, f"{there} steps, the row says {said}"
+        hashes = {(row_id, commit): sha256 for row_id, commit, _, sha256 in rows}
+        for row_id, wrong in unlike(name, steps, hashes):
+            if row_id not in miscounted:
+                yield row_id, wrong
+
+
+def as_frame(rows: pa.Table) -> pd.DataFrame:
+    """Rows whose texts stay Arrow's: as Python's, each takes a hundred bytes more."""
+    return rows.to_pandas(types_mapper={pa.string(): pd.ArrowDtype(pa.string())}.get)
+
+
 def parted_steps(
-    catalog: Catalog, name: str, parts: Mapping[str, pd.DataFrame], spool: Path
+    catalog: Reading, name: str, parts: Mapping[str, pd.DataFrame], spool: Path
 ) -> Iterator[tuple[str, pa.Table]]:
     """The stored steps of the owners of each part, in no order, part by part.
 

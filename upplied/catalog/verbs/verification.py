@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import starmap
 from typing import TYPE_CHECKING
@@ -13,9 +13,8 @@ import pyarrow.compute as pc
 
 from upplied.catalog.schema.columns import ROW_SHA256, Column
 from upplied.catalog.schema.plan_rows import settings_text
-from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.chain import breaks, head_of, is_chained
+from upplied.catalog.store.chain import breaks, is_chained
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.opening import HASHED_KEY
 from upplied.catalog.store.surfaces import SURFACES
@@ -27,16 +26,18 @@ from upplied.catalog.verbs.byte_checks import (
     rows_added,
     stored_contents,
 )
-from upplied.catalog.verbs.owned import stored_steps
+from upplied.catalog.verbs.custody import alterations
+from upplied.catalog.verbs.decisions import standing
+from upplied.catalog.verbs.owned import as_frame, step_faults
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.catalog.verbs.standing import DERIVED
-from upplied.errors import CatalogError, UppliedError
+from upplied.errors import CatalogError, SettingsError, UppliedError
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
+_LEAST_DIGITS = 12  # of a hash that was noted
 _NAMED = 5  # ids that a finding names; it counts the others
-_STEPS = 250_000  # compared at a time
 #: What is held of every row at once, its name first; all else is looked at some rows at a time.
 _HELD = {
     "structures": ["structure_id", "mesh_sha256", "n_vertices", "n_triangles"],
@@ -65,11 +66,18 @@ class Finding:
         return f"{self.what}: {self.found}"
 
 
-def verify(catalog: Catalog) -> list[Finding]:
-    """Check every row, count, reference and hash; an empty list means that all is well.
+def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
+    """Check every byte, row, count, reference and hash; an empty list means that all is well.
 
     Rows are those of every version, not of the current ones alone. Only what is committed counts:
     points that a stopped writer left behind are no finding.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    heads : collection of str
+        Hashes of rows as they were noted earlier (`custody.chain_heads`), or how these begin: a row that was
+        taken away since is a finding.
     """
     catalog.identity.required()
     found = list(starmap(Finding, readable(lambda: changed_files(catalog))))
@@ -80,6 +88,9 @@ def verify(catalog: Catalog) -> list[Finding]:
             held[name] = catalog.tables[name].narrow(columns)
         except CatalogError as error:
             unreadable.append(_unreadable(error))
+    short = [head for head in heads if len(head) < _LEAST_DIGITS]
+    if short:
+        raise SettingsError(f"head {short[0]!r}", "is too short", f"at least {_LEAST_DIGITS} digits")
     if unreadable:  # what refers to a table that cannot be read cannot be judged
         return [*found, *unreadable]
     for name in _HELD:
@@ -88,24 +99,33 @@ def verify(catalog: Catalog) -> list[Finding]:
         columns = [column for column in table.declared.names if column not in derived]
         found += _read(broken_values(name, (rows.to_pandas() for rows in table.batches(columns))))
         found += _read(_changed_rows(table))
+    found += _lost_heads(catalog, heads)
+    found += _read(_not_as_released(catalog))
     found += _references(held)
     contents = stored_contents(catalog)
     found += _meshes(held, contents)
     found += _contents(catalog, held, contents)
     found += _settings(held["transfers"].select(["transfer_id", "settings_json", "settings_sha256"]))
-    found += _read(_steps(catalog, "poses", held["demonstrations"]))
-    found += _read(_steps(catalog, "waypoints", held["transfers"]))
+    for name, rows in (("poses", held["demonstrations"]), ("waypoints", held["transfers"])):
+        found += _read(Finding(f"{name} of {row}", wrong) for row, wrong in step_faults(catalog, name, rows))
     return found
 
 
-def chain_heads(catalog: Catalog) -> dict[str, str]:
-    """The hash of the last row of each table whose rows follow each other; none where there is no row.
+def _not_as_released(catalog: Catalog) -> Iterator[Finding]:
+    """Plans in force that are not what was released."""
+    now = standing(catalog)
+    plans = [row["transfer_id"] for row in now.in_force.values()]
+    for plan, wrong in alterations(catalog, plans, now).items():
+        yield Finding(f"plan {plan}, which is in force", wrong)
 
-    Whoever keeps these can tell later that nothing before them was changed or taken away.
-    """
-    found = {name: head_of(rows) for name, table in catalog.tables.items()
-             if is_chained(table.declared) and len(rows := table.whole())}  # fmt: skip
-    return {name: sha256 for name, sha256 in found.items() if sha256}
+
+def _lost_heads(catalog: Catalog, heads: Collection[str]) -> Iterator[Finding]:
+    """Heads that were noted earlier and that no row has."""
+    chained = [table for table in catalog.tables.values() if is_chained(table.declared)] if heads else []
+    known = [sha256 for table in chained for sha256 in table.read(None, [ROW_SHA256.name])[0].to_pylist()]
+    for head in heads:
+        if not any((sha256 or "").startswith(head) for sha256 in known):
+            yield Finding(f"head {head}", "no row has this hash: rows were taken away or changed")
 
 
 def _changed_rows(table: StoredTable) -> Iterator[Finding]:
@@ -238,7 +258,7 @@ def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, F
 
 def _settings(transfers: pa.Table) -> Iterator[Finding]:
     """Settings that do not match their hash, where this program knows all of them."""
-    for (text, sha256), rows in _frame(transfers).groupby(
+    for (text, sha256), rows in as_frame(transfers).groupby(
         ["settings_json", "settings_sha256"], observed=True
     ):
         try:
@@ -250,34 +270,6 @@ def _settings(transfers: pa.Table) -> Iterator[Finding]:
             continue
         if settings.sha256 != sha256 and settings_text(settings) == text:
             yield Finding(f"settings {sha256[:12]}", f"do not match it; of {_some(rows['transfer_id'])}")
-
-
-def _steps(catalog: Catalog, name: str, rows: pa.Table) -> Iterator[Finding]:
-    """Steps that are missing, too many, out of order, or not those whose hash the row keeps."""
-    key, count = TABLES[name].names[0], f"n_{name}"
-    owning = rows.filter(pc.greater(rows[count], 0)).select([key, "commit_id", count, f"{name}_sha256"])
-    # As texts: a dictionary's would be sorted as they stand in it.
-    texts = pa.schema([TABLES[name].schema.field(column) for column in (key, "commit_id")])
-    texts = pa.schema([*texts, (count, pa.int64()), (f"{name}_sha256", pa.string())])
-    owners = _frame(owning.cast(texts)).drop_duplicates([key, "commit_id"])
-    for chunk, steps in stored_steps(catalog, name, owners, _STEPS):
-        grouped = steps.group_by([key, "commit_id"]).aggregate([([], "count_all")])
-        counts = {(row[key], row["commit_id"]): row["count_all"] for row in grouped.to_pylist()}
-        rows = list(chunk[[key, "commit_id", count, f"{name}_sha256"]].itertuples(index=False, name=None))
-        miscounted = set()
-        for row_id, commit, said, _ in rows:
-            if (there := counts.get((row_id, commit), 0)) != said:
-                miscounted.add(row_id)
-                yield Finding(f"{name} of {row_id}", f"{there} steps, the row says {said}")
-        hashes = {(row_id, commit): sha256 for row_id, commit, _, sha256 in rows}
-        for row_id, wrong in unlike(name, steps, hashes):
-            if row_id not in miscounted:
-                yield Finding(f"{name} of {row_id}", wrong)
-
-
-def _frame(rows: pa.Table) -> pd.DataFrame:
-    """Rows whose texts stay Arrow's: as Python's, each takes a hundred bytes more."""
-    return rows.to_pandas(types_mapper={pa.string(): pd.ArrowDtype(pa.string())}.get)
 
 
 def _some(names: pd.Series) -> str:
