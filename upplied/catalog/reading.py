@@ -16,7 +16,6 @@ from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.contents import ContentStore
-from upplied.catalog.store.current import Current
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.identity import Identity
 from upplied.catalog.store.labels import FaceLabels
@@ -26,6 +25,7 @@ from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.steps import StepTable
 from upplied.catalog.store.surfaces import REMEDY, SUPPOSED, SurfaceStore
 from upplied.catalog.verbs import ordering, queries
+from upplied.catalog.verbs.current import Current
 from upplied.catalog.verbs.frames import When, frame
 from upplied.catalog.verbs.queries import PlannedTrajectory, Which
 from upplied.checks import check_id, suggested
