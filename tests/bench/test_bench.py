@@ -106,6 +106,6 @@ def test_every_benchmark_can_be_loaded() -> None:
     load = f"import sys; sys.path.insert(0, {str(BENCH)!r}); from upplied.scene import open3d; open3d(); "
     names = sorted(path.stem for path in BENCH.glob("*.py"))
     done = subprocess.run(
-        [sys.executable, "-c", load.format(", ".join(names))], capture_output=True, text=True
+        [sys.executable, "-c", f"{load}import {', '.join(names)}"], capture_output=True, text=True
     )
     assert len(names) > 30 and done.returncode == 0, done.stderr
