@@ -13,12 +13,13 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
 
-from upplied.catalog import Catalog
+from upplied.catalog import Cache, Catalog
+from upplied.config import digest
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.admission import Admission, Asked
 from upplied.fleet.learn import gather, learnt_flight, learnt_structure
@@ -89,11 +90,13 @@ def ingest_structures(
     """
     entries = (asked or Asked()).of(read_manifest(manifest))
     table = catalog.create().structures()
-    known = _hashes(table, "structure_id")
-    stored = _Stored(known, dict(zip(table["structure_id"], table[_SIZES].to_numpy(), strict=True)))
+    known = {row.structure_id: (row.sha256, row.site, row.notes) for row in table.itertuples()}
+    sizes = dict(zip(table["structure_id"], table[_SIZES].to_numpy(), strict=True))
+    stored = _Stored(known, sizes, catalog.cache)
     read = partial(learnt_structure, *_place(catalog))
     reads = each(read, entries, lambda entry: entry.structure_id, workers, stored.same)
-    admitted = Admission(catalog).admitted(reads, {entry.structure_id: entry for entry in entries}, BATCH)
+    by_id = {entry.structure_id: entry for entry in entries}
+    admitted = stored.noted(Admission(catalog).admitted(reads, by_id, BATCH), by_id)
     ingested = _keep(admitted, known, lambda it: it.structure_id, catalog.add_structures, progress)
     if prune:
         gone = sorted(known.keys() - {entry.structure_id for entry in entries})
@@ -130,7 +133,7 @@ def ingest_demonstrations(
     table = catalog.demonstrations()
     if options.strict:  # what was taken with a warning is asked again
         table = table[table["verdict"] != "warned"]
-    known = _hashes(table, "demonstration_id")
+    known = {row.demonstration_id: (row.sha256,) for row in table.itertuples()}
     placements = placements_of(catalog.structures())
     read = partial(learnt_flight, *_place(catalog), placements, options=options)
     same = partial(_same_log, known, placements, options)
@@ -170,39 +173,70 @@ def find_logs(logs: Iterable[str | Path]) -> list[Path]:
     return found
 
 
-def _hashes(table: pd.DataFrame, key: str) -> dict[str, str]:
-    return dict(zip(table[key], table["sha256"], strict=True))
-
-
 _SIZES = ["size_x_m", "size_y_m", "size_z_m"]
 
 
 @dataclass(frozen=True)
 class _Stored:
-    """What the catalog knows of its structures, by id."""
+    """What the catalog knows of its structures, by id.
 
-    sha256: Mapping[str, str]
+    The words of a row are those of its entry, and what was found on the way. Which entry gave which words is
+    noted in the cache; where that is lost, a row is as its entry says if its words begin so.
+    """
+
+    said: Mapping[str, tuple[str, ...]]  # hash, site and notes
     size_m: Mapping[str, np.ndarray]
+    cache: Cache
 
     def same(self, entry: StructureEntry) -> Ingested | None:
         """Whether file and entry are as they were; a nominal size that fails is for the reader to tell."""
         name = entry.structure_id
-        if name not in self.sha256:
+        if name not in self.said:
             return None
         box = np.stack([np.zeros(3), self.size_m[name]])
-        if nominal_problems(box, entry, ()) or meshes.fingerprint(entry) != self.sha256[name]:
+        if nominal_problems(box, entry, ()) or meshes.fingerprint(entry) != self.said[name][0]:
             return None
-        return Ingested(name, "unchanged")
+        _, site, notes = self.said[name]
+        begins = f"{notes}; ".startswith(f"{entry.notes}; ") or not entry.notes
+        told = _Words(site, entry.notes if begins else notes)
+        words = self.cache.get(_WORDS, _Words, digest(self.said[name])) or told
+        return Ingested(name, "unchanged") if words == _Words(entry.site, entry.notes) else None
+
+    def noted(
+        self, reads: Iterator[tuple[str, Any]], entries: Mapping[str, StructureEntry]
+    ) -> Iterator[tuple[str, Any]]:
+        """The same, each structure with a note of which entry gave its words."""
+        for name, read in reads:
+            if isinstance(read, Structure):
+                entry = entries[name]
+                self.cache.put(_WORDS, digest(_said(read)), _Words(entry.site, entry.notes))
+            yield name, read
+
+
+@dataclass(frozen=True)
+class _Words:
+    """What an entry says that no plan depends on."""
+
+    site: str
+    notes: str
+
+
+_WORDS = "words"
+
+
+def _said(read: Structure | Demonstration) -> tuple[str, ...]:
+    """What is new or changed where it differs; a demonstration's hash is of all its words."""
+    return (read.sha256, read.site, read.notes) if isinstance(read, Structure) else (read.sha256,)
 
 
 def _same_log(
-    known: Mapping[str, str], placements: Mapping[str, Placement], options: LogOptions, path: Path
+    known: Mapping[str, tuple[str, ...]], placements: Mapping[str, Placement], options: LogOptions, path: Path
 ) -> Ingested | None:
     """Whether a log and what is said of it are as they were."""
     if not known:
         return None
     name, sha256 = log_reader.fingerprint(path, options, placements)
-    return Ingested(name, "unchanged") if known.get(name) == sha256 else None
+    return Ingested(name, "unchanged") if known.get(name) == (sha256,) else None
 
 
 def each(
@@ -246,7 +280,7 @@ def _findings(read: Structure | Demonstration) -> tuple[str, ...]:
 
 def _keep(
     reads: Iterator[tuple[str, Kept | Ingested | str]],
-    known: Mapping[str, str],
+    known: Mapping[str, tuple[str, ...]],
     identify: Callable[[Kept], str],
     add: Callable[[list[Kept]], object],
     progress: Progress,
@@ -260,7 +294,7 @@ def _keep(
             ingested.append(Ingested(name, "failed", read))
         elif (first := seen.setdefault(item, name)) is not name:
             ingested.append(Ingested(name, "failed", f"{name}: its id {item!r} is that of {first}"))
-        elif isinstance(read, Ingested) or known.get(item) == read.sha256:
+        elif isinstance(read, Ingested) or known.get(item) == _said(read):
             ingested.append(Ingested(item, "unchanged"))
         else:
             ingested.append(Ingested(item, "added", findings=_findings(read)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import pyarrow as pa
 
@@ -51,7 +52,7 @@ class Table:
     columns: tuple[Column, ...]
     order: tuple[str, ...]  # of the rows in merged files: what is asked for together lies together
 
-    @property
+    @cached_property
     def schema(self) -> pa.Schema:
         """The Arrow schema."""
         return pa.schema([column.field for column in self.columns])

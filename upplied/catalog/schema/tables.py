@@ -312,3 +312,6 @@ TABLES = {
         EDITS,
     )
 }
+
+#: The tables of steps, and whose rows own them.
+STEPS = {"waypoints": "transfers", "poses": "demonstrations"}

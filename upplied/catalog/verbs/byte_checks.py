@@ -20,12 +20,14 @@ from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.identity import Heads
 from upplied.catalog.store.log_hashes import changed_entries, rows_stated
 from upplied.catalog.store.opening import HASHED_KEY
+from upplied.catalog.store.steps import HASH_DIGITS, StepTable
 from upplied.errors import CatalogError
 
 if TYPE_CHECKING:
     from upplied.catalog.reading import Reading
 
 _PART = re.compile(r"part-([0-9a-f]{64})-[0-9a-f]{8}\.parquet")
+_STEPS = re.compile(rf"[0-9]{{8}}-[0-9]{{6}}-[0-9]{{6}}-([0-9a-f]{{{HASH_DIGITS}}})\.parquet")
 _CHANGED = "was changed after it was written; take it from a backup"
 
 Fault = tuple[str, str]  # what, and what is wrong with it
@@ -110,21 +112,27 @@ def rows_added(table: StoredTable) -> int:
 def _data_files(table: StoredTable) -> Iterator[Fault]:
     """Data files whose bytes do not have the hash in their name; retired ones too, while they are there."""
     files = FileStore(table.uri)
-    for name in files.names():
-        if told := _PART.fullmatch(name):
-            try:
-                if hashlib.sha256(files.read(name)).hexdigest() != told[1]:
-                    yield files.path(name), _CHANGED
-            except FileNotFoundError:
-                continue  # removed meanwhile
-            except (OSError, pa.ArrowException) as error:
-                yield files.path(name), f"cannot be read: {error}"
+    yield from _changed(files, _PART)
+    if isinstance(table, StepTable):
+        yield from _changed(table.files, _STEPS)
     delta = table.delta()
     if delta is not None and delta.metadata().configuration.get(HASHED_KEY) == "0":
         live = pa.table(delta.get_add_actions())["path"].to_pylist()
         for name in live:
             if not _PART.fullmatch(name):
                 yield files.path(name), "was put in by another program"
+
+
+def _changed(files: FileStore, named: re.Pattern[str]) -> Iterator[Fault]:
+    for name in files.names():
+        if told := named.fullmatch(name):
+            try:
+                if not hashlib.sha256(files.read(name)).hexdigest().startswith(told[1]):
+                    yield files.path(name), _CHANGED
+            except FileNotFoundError:
+                continue  # removed meanwhile
+            except (OSError, pa.ArrowException) as error:
+                yield files.path(name), f"cannot be read: {error}"
 
 
 def _last_checkpoint(log: FileStore) -> Iterator[Fault]:

@@ -56,7 +56,7 @@ def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:
     ids = [plan_rows.transfer_id(key) for key in asked]
     found: dict[str, list[Row]] = {}
     # First whether there are any, of one narrow column: most often there are none.
-    known = table.read(pc.field("transfer_id").isin(ids), ["transfer_id"])["transfer_id"].unique()
+    known = table.named(pa.array(ids, pa.string()))
     if len(known):
         for row in rows.rows_of(table.read(pc.field("transfer_id").isin(known))):
             found.setdefault(row["key"], []).append(row)

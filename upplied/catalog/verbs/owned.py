@@ -54,7 +54,8 @@ def stored_steps(
         first, last = chunk[id_name].iloc[0], chunk[id_name].iloc[-1]
         ids = list(chunk[id_name])
         within = (pc.field(id_name) >= first) & (pc.field(id_name) <= last) & pc.field(id_name).isin(ids)
-        stored = pa.concat_tables(catalog.tables[name].batches(TABLES[name].names, within))
+        commits = chunk["commit_id"].unique()
+        stored = pa.concat_tables(catalog.tables[name].batches(TABLES[name].names, within, commits=commits))
         wanted = pa.table({id_name: ids, "commit_id": list(chunk["commit_id"])})
         owned = stored.join(wanted, [id_name, "commit_id"], join_type="left semi")
         yield chunk, owned.sort_by([(column, "ascending") for column in (id_name, "commit_id", "seq")])
@@ -91,10 +92,9 @@ def as_frame(rows: pa.Table) -> pd.DataFrame:
 def parted_steps(
     catalog: Reading, name: str, parts: Mapping[str, pd.DataFrame], spool: Path
 ) -> Iterator[tuple[str, pa.Table]]:
-    """The steps of the owners of each part, as `checked_steps` has them, part by part.
+    """The stored steps of the owners of each part, in no order, part by part.
 
-    The stored steps are read once, however many the parts are: each row goes to a file of its part, and
-    each file is then put in order.
+    They are read once, however many the parts are: each row goes to a file of its part.
 
     Parameters
     ----------
@@ -116,13 +116,13 @@ def parted_steps(
     try:
         with ExitStack() as files:
             sinks: dict[int, pa.ipc.RecordBatchStreamWriter] = {}
-            wanted = _named(
-                pa.table({n: pa.array(owners[n].tolist(), pa.string()) for n in (key, "commit_id")}), key
-            )
-            for rows in _gathered(catalog.tables[name].batches(TABLES[name].names, where)):
-                place = _place(_named(rows, key), wanted)
-                rows = rows.filter(pa.array(place >= 0))
-                of = number[place[place >= 0]]
+            wanted = named(owners, key)
+            commits = owners["commit_id"].unique()
+            stored = catalog.tables[name].batches(TABLES[name].names, where, commits=commits)
+            for rows in _gathered(stored):
+                at = place(named(rows, key), wanted)
+                rows = rows.filter(pa.array(at >= 0))
+                of = number[at[at >= 0]]
                 order = np.argsort(of, kind="stable")
                 ends = np.flatnonzero(np.diff(of[order], append=-1)) + 1
                 rows = rows.take(pa.array(order))
@@ -132,20 +132,25 @@ def parted_steps(
                         sink = files.enter_context(pa.OSFile(str(spool / str(part)), "wb"))
                         sinks[part] = files.enter_context(pa.ipc.new_stream(sink, rows.schema))
                     sinks[part].write_table(rows.slice(first, end - first))
-        for part, (path, own) in enumerate(parts.items()):
-            yield path, _in_order(name, own, spool / str(part))
+        for part, path in enumerate(parts):
+            yield path, _spooled(name, spool / str(part))
     finally:
         shutil.rmtree(spool, ignore_errors=True)
 
 
-def _in_order(name: str, owners: pd.DataFrame, file: Path) -> pa.Table:
-    """The steps of one part, ordered by owner and sequence, and compared with their hashes."""
+def _spooled(name: str, file: Path) -> pa.Table:
+    """What was gathered for one part."""
+    if not file.exists():
+        return TABLES[name].schema.empty_table()
+    with pa.OSFile(str(file), "rb") as source, pa.ipc.open_stream(source) as stream:
+        steps = stream.read_all()
+    file.unlink()
+    return steps
+
+
+def in_order(name: str, owners: pd.DataFrame, steps: pa.Table) -> pa.Table:
+    """The steps of some owners, ordered by owner and sequence, and compared with their hashes."""
     key = TABLES[name].names[0]
-    steps = TABLES[name].schema.empty_table()
-    if file.exists():
-        with pa.OSFile(str(file), "rb") as source, pa.ipc.open_stream(source) as stream:
-            steps = stream.read_all()
-        file.unlink()
     if len(steps) != owners[f"n_{name}"].sum():
         first, last = owners[key].min(), owners[key].max()
         raise _missing(name, first, last, len(steps), owners[f"n_{name}"].sum())
@@ -154,7 +159,7 @@ def _in_order(name: str, owners: pd.DataFrame, file: Path) -> pa.Table:
     return steps
 
 
-def _place(names: pa.Array, wanted: pa.Array) -> Ints:
+def place(names: pa.Array, wanted: pa.Array) -> Ints:
     """Where each name stands among the wanted ones, -1 where it does not.
 
     Looked up by the few names of these steps, so that no table of all that are wanted is made for each lot.
@@ -167,9 +172,15 @@ def _place(names: pa.Array, wanted: pa.Array) -> Ints:
     return np.asarray(place[encoded.indices.to_numpy()], np.int64)
 
 
-def _named(rows: pa.Table, key: str) -> pa.Array:
-    """What tells the owner of each step."""
-    return pc.binary_join_element_wise(rows[key], rows["commit_id"], "/").combine_chunks()
+def named(rows: pa.Table | pd.DataFrame, key: str) -> pa.Array:
+    """What tells the owner of each step, or each owner."""
+    ids, commits = (
+        rows[name].combine_chunks()
+        if isinstance(rows, pa.Table)
+        else pa.array(rows[name].tolist(), pa.string())
+        for name in (key, "commit_id")
+    )
+    return pc.binary_join_element_wise(ids, commits, "/")
 
 
 def _gathered(batches: Iterable[pa.Table]) -> Iterator[pa.Table]:
