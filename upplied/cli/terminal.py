@@ -136,6 +136,13 @@ def _cell(value: Any) -> str:
 
 def ingested_report(ingested: Sequence[Ingested]) -> int:
     """Say what became of the files; 1 when one of them failed."""
+    rows = [
+        {"file": item.file, "is": item.status, "as": item.words or item.reason.removeprefix(f"{item.file}: ")}
+        for item in ingested
+        if item.file and item.status != "unchanged"
+    ]
+    if rows:
+        show("flights", rows)
     for item in ingested:
         if item.status == "failed":
             complain(f"failed: {item.reason}")
@@ -143,7 +150,7 @@ def ingested_report(ingested: Sequence[Ingested]) -> int:
             say(f"{item.name}: {finding}")
     counts = {
         status: sum(item.status == status for item in ingested)
-        for status in ("added", "unchanged", "retired", "failed")
+        for status in ("added", "readable", "unchanged", "retired", "failed", "passed over")
     }
     console.print(
         ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "nothing to read"

@@ -63,6 +63,12 @@ class LogOptions:
     structure_heading_deg: float | None = None  # of +X, clockwise from north
     structure_datum: str = ""  # of the altitude: "ellipsoid" or "amsl"
     geoid_undulation_m: float | None = None  # ellipsoid minus mean sea level, where datums differ
+    takeoff_alt_m: float | None = (
+        None  # of the place of take-off, in the structure's datum: heights may count from it
+    )
+    unit_m: float | None = (
+        None  # what one unit of the log's lengths is: a reconstruction has a scale of its own
+    )
     # What the poses are of, and the camera.
     convention: str = ""  # in which the poses are written, where it is not what the schema says
     body_frame: str = ""  # "camera" (x forward), "optical" (z forward) or "body" (x forward, with a mount)
@@ -104,6 +110,8 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "structure_alt_m": (-1000, 20_000),
     "structure_heading_deg": (-360, 360),
     "geoid_undulation_m": (-200, 200),
+    "takeoff_alt_m": (-1000, 20_000),
+    "unit_m": (1e-6, 1e6),
     "start_s": (-1e7, 1e7),
     "stop_s": (-1e7, 1e7),
     "start_ns": (0, 2**63 - 1),
@@ -143,7 +151,7 @@ def inspection(
     for name, values in metadata:
         if name == "inspection":
             facts = _merged(facts, values, f"{path}: metadata inspection", strict=False)
-    sidecar = path.with_suffix(".toml")
+    sidecar = path / "inspection.toml" if path.is_dir() else path.with_suffix(".toml")
     if sidecar.is_file():
         facts = _merged(facts, _read_toml(sidecar), str(sidecar), strict=True)
     for item in fields(LogOptions):
@@ -169,6 +177,12 @@ def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
         structure_heading_deg=placement.heading_deg,
         structure_datum=placement.datum,
     )
+
+
+def stated(facts: LogOptions, defaults: Mapping[str, Any]) -> LogOptions:
+    """The facts with what a kind of file says of itself, where nobody says otherwise."""
+    unsaid = {name: value for name, value in defaults.items() if getattr(facts, name) in ("", None)}
+    return replace(facts, **unsaid)
 
 
 def safe_id(text: str) -> str:

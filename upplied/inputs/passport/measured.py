@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.mcap.recording import Recording
 from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.conventions import Fit, best_fits
 from upplied.inputs.passport.settings import PassportSettings
@@ -20,6 +19,7 @@ from upplied.inputs.passport.sight import Sight, ground_of, sight_of
 from upplied.inputs.passport.velocity import motion_of, turning_of
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, ZOOM_UNHEARD
+from upplied.inputs.sources.source import Source
 from upplied.polylines import chosen_evenly, leg_lengths
 from upplied.poses import angle_between
 from upplied.records import Camera, Floats, Ints, Structure
@@ -36,7 +36,7 @@ _TURNING = 0.5  # least share of the directions round the vertical that a closed
 class Reading:
     """What the reader knows of a log and its flight, for the passport."""
 
-    recording: Recording
+    source: Source
     logged: Track  # clean, as logged, in its own frame
     flown: Track  # the camera's poses, structure frame, before its time was changed
     kept: Track  # after
@@ -172,8 +172,8 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         frame=reading.logged.parent,
         child=reading.logged.child,
         frames=tuple(note for note in flown.notes if "frame" in note or "mount" in note or "camera" in note),
-        read_pct=_read_pct(reading.recording),
-        losses=tuple(reading.recording.losses),
+        read_pct=reading.source.read_pct,
+        losses=tuple(reading.source.losses),
     )  # fmt: skip
 
 
@@ -276,9 +276,3 @@ def _assumed(reading: Reading) -> tuple[str, ...]:
     if not (reading.logged.parent or reading.logged.child):
         said.append("a frame with z up (the log names none)")
     return tuple(said)
-
-
-def _read_pct(recording: Recording) -> float:
-    total = sum(ref.stop - ref.start for ref in recording.chunks) or recording.size
-    missing = max(recording.size - recording.read_to, 0) if recording.losses else 0
-    return float(100 * max(1 - recording.lost_bytes / total - missing / max(recording.size, 1), 0))
