@@ -14,6 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from upplied.config import digest
 from upplied.errors import InputError
 from upplied.inputs.flight import window
@@ -24,9 +26,10 @@ from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_fr
 from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.publishers import check_one
 from upplied.inputs.flight.tracks import Track
+from upplied.inputs.flight.whole import phases
 from upplied.inputs.mcap.recording import open_recording
 from upplied.inputs.passport.conventions import converted
-from upplied.inputs.passport.measured import Reading
+from upplied.inputs.passport.measured import SEEN, Reading
 from upplied.inputs.passport.passport import passport_of
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.passport.settings import SHAPING, PassportSettings
@@ -38,6 +41,7 @@ from upplied.inputs.sources.source import Source
 from upplied.inputs.tables import Table
 from upplied.poses import normalised
 from upplied.records import Demonstration, Placement, Structure
+from upplied.scene import scene_of
 
 __all__ = ["LogOptions", "read_demonstration"]
 
@@ -157,7 +161,7 @@ def _demonstration(
     # One source of poses: a topic, or the transforms.
     track, topic, chosen = _source(tables, tree, facts, camera_frame, what)
     # The inspection alone; what is no pose dropped and counted.
-    track, cut = window.inspected(steady(timed(track)), tables, facts, what)
+    track, cut, told = window.inspected(steady(timed(track)), tables, facts, what)
     track = clean(track, facts, f"{what}, {topic}")
     check_one(track, facts, f"{what}, {topic}")
     track = _in_metres(track, facts, f"{what}, {topic}")
@@ -173,6 +177,13 @@ def _demonstration(
         return in_structure_frame(in_frame(seen, facts, tree, f"{what}, {topic}"), facts)
 
     flown = to_camera(track)
+    if structure is not None and not told and len(flown) > 1:
+        parts = phases(flown, scene_of(structure), SEEN * camera.max_range_m)
+        if parts is not None:
+            since_s = (flown.t_ns - flown.t_ns[0]) * 1e-9
+            inside = (since_s >= parts.start_s) & (since_s <= parts.stop_s)
+            track, flown = track.take(np.isin(track.t_ns, flown.t_ns[inside])), flown.take(inside)
+            cut = [f"the inspection was found in the log: {parts}"]
     check_dropped(flown, facts, f"{what}, {topic}")
     _check_length(flown, facts, what)
     gap_s = silence_s(flown, facts.gap_s)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.inputs.flight.clean import UNSET
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
@@ -16,6 +17,7 @@ from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.conventions import Fit, best_fits
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Sight, ground_of, sight_of
+from upplied.inputs.passport.steadiness import steadiness
 from upplied.inputs.passport.velocity import motion_of, turning_of
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, ZOOM_UNHEARD
@@ -26,7 +28,7 @@ from upplied.records import Camera, Floats, Ints, Structure
 from upplied.scene import scene_of
 
 _LOOKS = 500  # poses of a flight that are measured against the structure, spread evenly over it
-_REACH = 1.2  # of the camera's range: a little beyond is no other convention
+SEEN = 1.2  # of the camera's range: a little beyond is no other convention
 _SPAN_S = 0.5  # over which speed is measured: shorter ones are noise of the sensors
 _ZOOMS = 20  # that are listed
 _TURNING = 0.5  # least share of the directions round the vertical that a closed flight looks in
@@ -81,6 +83,16 @@ class Measured:
     speed_p99_mps: float = 0.0
     acceleration_p99_mps2: float = 0.0
     turn_p99_degps: float = 0.0
+    jumps: int = 0  # to another place, between two poses
+    jump_m: float = 0.0  # the largest
+    spikes: int = 0  # single poses off the others, dropped or not
+    unset: int = 0  # poses without an attitude: dropped
+    roll_deg: float = float("nan")  # of the camera, median size
+    step_s: float = 0.0  # between poses, usual
+    stills: bool = False  # photos: nothing is missing between poses
+    planned: bool = False  # a mission, not a flight
+    clock_ratio: float = float("nan")  # of the time by the source's clock and by the recorder's
+    year: int = 0  # of the first stamp
     clock: str = ""
     clock_steps: int = 0
     span_s: float = 0.0
@@ -125,13 +137,14 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         reading.to_camera,
         scene,
         floor,
-        _REACH * reading.camera.max_range_m,
+        SEEN * reading.camera.max_range_m,
         2.0 if doubtful else 1 - settings.fit_gain_pct / 100,  # no other could explain enough more
     )
     best = others[0] if others else None
     motion = motion_of(reading.logged, reading.velocity)
     speed, acceleration, turning = _motion(flown, reading.gap_s)
     zoomed = _zoomed(flown, settings.zoom_pct)
+    steady = steadiness(reading.logged, flown, reading.gap_s)
     return Measured(
         poses=len(reading.kept),
         ground_declared=declared,
@@ -155,6 +168,11 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         speed_p99_mps=speed,
         acceleration_p99_mps2=acceleration,
         turn_p99_degps=turning,
+        **vars(steady),
+        unset=flown.dropped.get(UNSET, 0),
+        stills=reading.source.stills,
+        planned=reading.source.planned,
+        year=1970 + int(flown.t_ns[0] / 1e9 / 86_400 / 365.2425),
         clock=flown.clock,
         clock_steps=reading.logged.clock_steps,
         span_s=pace.span_s,
