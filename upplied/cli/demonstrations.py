@@ -81,7 +81,7 @@ def add(
         Logs of any kind, photogrammetry projects, missions, folders of photos, or folders of all of these.
     """
     from upplied import fleet
-    from upplied.fleet.ingest import find_logs
+    from upplied.fleet.ingest import find_logs, passed_over
     from upplied.inputs.passport.settings import changed
     from upplied.inputs.sidecar import LogOptions
 
@@ -93,7 +93,7 @@ def add(
         ingested = fleet.ingest_demonstrations(
             opened(catalog), logs, workers, lambda _: advance(), options=options, dry_run=dry_run
         )
-    code = ingested_report(ingested)
+    code = ingested_report([*ingested, *passed_over(logs)])
     names = [item.name for item in ingested if item.status in ("added", "unchanged")]
     if not code and names:
         next_step(f"transfer {names[0]}", "carry it to every other structure of its kind", catalog)

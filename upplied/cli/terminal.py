@@ -136,12 +136,17 @@ def _cell(value: Any) -> str:
 
 def ingested_report(ingested: Sequence[Ingested]) -> int:
     """Say what became of the files; 1 when one of them failed."""
-    rows = [
-        {"file": item.file, "is": item.status, "as": item.words or item.reason.removeprefix(f"{item.file}: ")}
-        for item in ingested
-        if item.file and item.status != "unchanged"
-    ]
-    if rows:
+    shown = [item for item in ingested if item.file and item.status != "unchanged"]
+    if shown:
+        above = os.path.commonpath([os.path.dirname(item.file) for item in shown])
+        rows = [
+            {
+                "file": os.path.relpath(item.file, above),
+                "is": item.status,
+                "as": item.words or item.reason.removeprefix(f"{item.file}: "),
+            }
+            for item in shown
+        ]
         show("flights", rows)
     for item in ingested:
         if item.status == "failed":

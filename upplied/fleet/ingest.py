@@ -132,7 +132,7 @@ def ingest_demonstrations(
     Returns
     -------
     list of Ingested
-        Of every file that is no part of another flight.
+        Of every flight, and of what looks like one and cannot be read; the rest tells `passed_over`.
 
     Raises
     ------
@@ -158,7 +158,12 @@ def ingest_demonstrations(
     status = {"added": "readable"} if dry_run else {}
     named = [replace(one, status=status.get(one.status, one.status)) for one in ingested]
     taken = dict(zip(flights, named, strict=True))
-    return [_told(one, taken.get(str(one.path))) for one in found if one.status != "part"]
+    return [_told(one, taken.get(str(one.path))) for one in found if one.status in ("flight", "refused")]
+
+
+def passed_over(logs: Iterable[str | Path]) -> list[Ingested]:
+    """The files that are named, or lie in folders that are named, and are no flights nor parts of one."""
+    return [_told(one, None) for one in _surveyed([Path(log) for log in logs]) if one.status == "other"]
 
 
 def _told(found: Found, taken: Ingested | None) -> Ingested:
