@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from test_separation import scanned
 
+from upplied.inputs import repair
+from upplied.inputs.concerns import concerns, cut_off
 from upplied.inputs.flight.clean import UNSET, breaks, clean
 from upplied.inputs.flight.clock import steady
 from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import Track, at_times
 from upplied.inputs.flight.whole import phases
+from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.passport import conventions
 from upplied.inputs.passport.aim import aim_of
-from upplied.inputs.passport.measured import _off_centre
+from upplied.inputs.passport.measured import _named, _off_centre
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import inside, sight_of
 from upplied.inputs.passport.steadiness import steadiness
+from upplied.inputs.raw import RawMesh
 from upplied.inputs.separation import separated
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.topology import topology_of
 from upplied.poses import from_yaw_pitch
-from upplied.records import Camera
+from upplied.records import Camera, Surroundings
 from upplied.samples.fleet import member
 from upplied.scene import scene_of
 
@@ -47,8 +53,8 @@ def test_the_aim_is_a_line_only_where_most_of_the_flight_lies_near_it() -> None:
     flown = ring(off=20.0)
     assert aim_of(flown.positions, flown.quat_xyzw, SCENE).off_deg == pytest.approx(20, abs=3)
     rng = np.random.default_rng(0)
-    wild = ring().quat_xyzw.copy()
-    some = rng.random(len(wild)) < 0.5  # half of the looks go anywhere between 30 and 70 deg aside
+    wild = ring(off=20.0).quat_xyzw.copy()
+    some = np.arange(len(wild)) % 5 < 2  # two looks in five go anywhere between 30 and 70 deg aside
     aside = np.radians(rng.uniform(30, 70, some.sum()) * rng.choice([-1, 1], some.sum()))
     wild[some] = (Rotation.from_rotvec(np.outer(aside, [0, 0, 1])) * Rotation.from_quat(wild[some])).as_quat()
     aim = aim_of(flown.positions, wild, SCENE)
@@ -75,6 +81,28 @@ def test_of_conventions_that_fit_alike_the_common_one_is_named() -> None:
     assert found[0].convention.rare == min(fit.convention.rare for fit in alike.values())
     rare = [fit.convention.rare for fit in found if fit.share > 0.99]
     assert rare == sorted(rare)
+
+
+@pytest.mark.parametrize(("share", "first"), [(0.93, "ned"), (0.99, "offset")])
+def test_a_rare_mistake_is_named_where_it_fits_clearly_better(monkeypatch, share: float, first: str) -> None:
+    def fits(positions, quats, *others):
+        shares = np.full(len(positions), 0.2)
+        if len(positions) > 1:
+            shares[0], shares[-1] = 0.90, share
+        return shares
+
+    monkeypatch.setattr(conventions, "fits", fits)
+    flown = ring(60)
+    found = conventions.best_fits(flown, lambda track: track, SCENE, -np.inf, 1e3)[1]
+    assert found[0].convention.name.split(" ")[0] == first
+
+
+def test_where_two_conventions_fit_alike_both_are_named() -> None:
+    one, other = (conventions.Fit(conventions.NAMED[name], 0.9) for name in ("mirrored-x", "mirrored-y"))
+    told = _named([one, other])
+    assert "(mirrored-y)" in told["other_words"] and "cannot be told" in told["other_advice"]
+    alone = _named([one, replace(other, share=0.8)])
+    assert "(mirrored-y)" not in alone["other_words"] and "cannot be told" not in alone["other_advice"]
 
 
 def test_an_offset_is_told_with_its_sign() -> None:
@@ -137,8 +165,28 @@ def test_nothing_is_interpolated_across_a_reset() -> None:
 
 @pytest.mark.parametrize(("slope", "found"), [(0.2, True), (0.5, False)])
 def test_ground_that_is_steep_is_none(slope: float, found: bool) -> None:
-    scene, _ = scanned(CUBE, slope)
+    scene, _ = scanned(member("turbine-1-v1").structure, slope)
     assert (separated(scene).ground_z_m is not None) == found
+
+
+def test_what_floats_or_was_cut_off_is_told() -> None:
+    entry = StructureEntry("hall", "building", Path("hall.stl"), surroundings=Surroundings(ground_z_m=0.0))
+    assert rules_of(CUBE.vertices, entry) == set()
+    assert rules_of(CUBE.vertices + np.array([0, 0, 30.0]), entry) == {"floating"}
+    ship = member("cruise-v1").structure
+    vertices, triangles, _, _ = repair.clean(ship.vertices, ship.triangles)
+    assert cut_off(vertices, topology_of(triangles).rim) == ()
+    flat = vertices[:, [2, 1, 0]] * [-1, 1, 1]  # on its stern, and cut 35 % below its bow
+    at = float(np.quantile(flat[:, 2], 0)) + 0.35 * float(np.ptp(flat[:, 2]))
+    rest, corners, _ = repair.clip_below(flat, triangles, at)
+    rest, corners, _, _ = repair.clean(rest[:, [2, 1, 0]] * [1, 1, -1], corners)
+    (told,) = cut_off(rest, topology_of(corners).rim)
+    assert told.rule == "cut-off" and f"x = {at:.1f} m" in told.found
+
+
+def rules_of(vertices: np.ndarray, entry: StructureEntry) -> set[str]:
+    raw = RawMesh(vertices)
+    return {item.rule for item in concerns(vertices, raw, entry, np.eye(3))} & {"floating", "below-ground"}
 
 
 def test_an_attitude_that_was_never_set_is_left_out_and_one_that_is_level_stays() -> None:

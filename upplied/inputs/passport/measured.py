@@ -140,7 +140,6 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         SEEN * reading.camera.max_range_m,
         2.0 if doubtful else 1 - settings.fit_gain_pct / 100,  # no other could explain enough more
     )
-    best = others[0] if others else None
     motion = motion_of(reading.logged, reading.velocity)
     speed, acceleration, turning = _motion(flown, reading.gap_s)
     zoomed = _zoomed(flown, settings.zoom_pct)
@@ -157,7 +156,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         shown_pct=_pct(sight.shown > 0),
         range_m=float(np.median(sight.range_m[sight.meets])) if sight.meets.any() else float("nan"),
         fit_pct=100 * given,
-        **_named(best),
+        **_named(others),
         off_centre_m=(round(off[0], 1), round(off[1], 1)),
         off_centre_sure=sure,
         aim_drift_deg=aim.drift_deg,
@@ -199,14 +198,20 @@ def _pct(good: np.ndarray) -> float:
     return float(100 * np.mean(good)) if len(good) else 0.0
 
 
-def _named(best: Fit | None) -> dict[str, Any]:
-    if best is None:
+def _named(others: Sequence[Fit]) -> dict[str, Any]:
+    """The convention that fits best, with that which fits as well: then nothing is claimed."""
+    if not others:
         return {}
-    item = best.convention
+    best = others[0]
+    item, share = best.convention, round(best.share, 2)
+    second = [fit.convention for fit in others[1:2] if round(fit.share, 2) == share]
+    alike = [each for each in second if each.rare == item.rare]
+    words = item.words + "".join(f", or as {each.words} ({each.name})" for each in alike[:1])
+    advice = f"which of the two it is cannot be told: {item.advice}" if alike else item.advice
     return {
         "other": item.name,
-        "other_words": item.words,
-        "other_advice": item.advice,
+        "other_words": words,
+        "other_advice": advice,
         "other_fit_pct": 100 * best.share,
     }
 
