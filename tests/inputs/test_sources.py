@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_logs import Flight, flight
 from made_sources import UNTIMED, WRITERS, bag2, photos
+from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
+from upplied.inputs.passport.rules import RULES
 from upplied.inputs.sources import door
 from upplied.poses import angle_between
+from upplied.records import Demonstration
+from upplied.samples.fleet import member
 
 
 def spiral() -> Flight:
@@ -69,6 +74,45 @@ def test_a_reconstruction_of_unknown_scale_asks_for_it(tmp_path: Path) -> None:
         read_demonstration(path, LogOptions(structure_id="tank"))
     found = read_demonstration(path, LogOptions(structure_id="tank", unit_m=2.0))
     assert np.abs(found.positions - 2 * spiral().positions).max() < 1e-6
+
+
+def test_a_flight_is_laid_on_its_structure_by_named_points(tmp_path: Path) -> None:
+    """A reconstruction, turned, shifted and of another scale, comes back to where it was flown."""
+    flown, turn = spiral(), Rotation.from_euler("xyz", [0.3, -1.0, 2.0])
+    shift, scale = np.array([4.0, -2.0, 1.0]), 0.37
+    moved = Flight(
+        flown.t_ns,
+        (turn.apply(flown.positions) + shift) * scale,
+        (turn * Rotation.from_quat(flown.quat_xyzw)).as_quat(),
+    )
+    path, _ = WRITERS["colmap text"](tmp_path, moved)
+    named = {
+        "nose": (8.0, 0.0, 1.0),
+        "tail": (-8.0, 1.0, 2.0),
+        "left": (0.0, 6.0, 0.0),
+        "top": (0.0, 0.0, 5.0),
+    }
+    structure = replace(member("a320-v1").structure, landmarks=named)
+    seen = {name: tuple((turn.apply(place) + shift) * scale) for name, place in named.items()}
+    everything = tuple(RULES)
+
+    def read(points: dict[str, tuple[float, ...]]) -> Demonstration:
+        options = LogOptions(structure_id="a320-v1", points=tuple(points.items()), allow=everything)
+        return read_demonstration(path, options, structures=lambda name: structure)
+
+    found = read(seen)
+    assert np.abs(found.positions - flown.positions).max() < 1e-6
+    assert np.degrees(angle_between(found.quat_xyzw, flown.quat_xyzw)).max() < 1e-4
+    assert "registered by 4 points at a scale of 2.7027" in found.notes and "nose 0.00 m" in found.notes
+    with pytest.raises(InputError, match=r"misses its points after registration: nose"):
+        read(seen | {"nose": (0.0, 0.0, 0.0)})
+    with pytest.raises(InputError, match="no landmark wing"):
+        read(seen | {"wing": (0.0, 0.0, 0.0)})
+    with pytest.raises(InputError, match="2 points"):
+        read({name: seen[name] for name in ("nose", "tail")})
+    line = {name: (at, 0.0, 0.0) for at, name in enumerate(named)}
+    with pytest.raises(InputError, match="on one line"):
+        read(line)
 
 
 def test_every_file_of_a_folder_is_named(tmp_path: Path) -> None:

@@ -48,6 +48,10 @@ StrictOption = Annotated[bool, Parameter(negative="", help="Refuse what is odd t
 StructureOption = Annotated[
     str, Parameter(help="What was flown, where no side-car says it.", show_default=False)
 ]
+RegisterOption = Annotated[
+    tuple[str, ...],
+    Parameter(negative="", help="A landmark in the log's frame, as NAME=X,Y,Z.", show_default=False),
+]
 PublisherOption = Annotated[
     str, Parameter(help="The body that is meant: a frame, or #7 for channel 7.", show_default=False)
 ]
@@ -61,6 +65,7 @@ def add(
     set_: SetOption = (),
     publisher: PublisherOption = "",
     structure: StructureOption = "",
+    register: RegisterOption = (),
     start: Annotated[
         float | None, Parameter(help="Of the inspection, s from the first pose.", show_default=False)
     ] = None,
@@ -87,7 +92,7 @@ def add(
 
     options = LogOptions(
         allow=tuple(allow), strict=strict, passport=changed(set_), publisher=publisher,
-        structure_id=structure, start_s=start, stop_s=stop,
+        structure_id=structure, points=_points(register), start_s=start, stop_s=stop,
     )  # fmt: skip
     with progress("reading flights", len(find_logs(logs))) as advance:
         ingested = fleet.ingest_demonstrations(
@@ -98,6 +103,20 @@ def add(
     if not code and names:
         next_step(f"transfer {names[0]}", "carry it to every other structure of its kind", catalog)
     return code
+
+
+def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], ...]:
+    """Landmarks in the log's frame, as they are said."""
+    from upplied.errors import SettingsError
+
+    found = []
+    for said in register:
+        name, _, place = said.partition("=")
+        try:
+            found.append((name, tuple(float(part) for part in place.split(","))))
+        except ValueError:
+            raise SettingsError(f"--register {said[:60]}", "is no point", "NAME=X,Y,Z") from None
+    return tuple(found)
 
 
 @app.command(name="list")

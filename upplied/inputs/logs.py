@@ -25,6 +25,7 @@ from upplied.inputs.flight.clock import steady
 from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame
 from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.publishers import check_one
+from upplied.inputs.flight.registering import registered
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.flight.whole import phases
 from upplied.inputs.mcap.recording import open_recording
@@ -164,6 +165,7 @@ def _demonstration(
     track, cut, told = window.inspected(steady(timed(track)), tables, facts, what)
     track = clean(track, facts, f"{what}, {topic}")
     check_one(track, facts, f"{what}, {topic}")
+    facts, placing = registered(facts, track, structure, f"{what}, {topic}")
     track = _in_metres(track, facts, f"{what}, {topic}")
     track = converted(track, facts.convention) if facts.convention else track
     through = partial(cameras.through, camera, zoom, track, what=what)
@@ -189,7 +191,7 @@ def _demonstration(
     gap_s = silence_s(flown, facts.gap_s)
     kept, pace = paced(flown, gap_s, facts.passport)
     broken, how = breaks(kept, gap_s)
-    notes += [*source.notes, *more, *chosen, *cut, *kept.notes, *how, *pace.words]
+    notes += [*source.notes, *filter(None, [placing]), *more, *chosen, *cut, *kept.notes, *how, *pace.words]
     passport: Mapping[str, Any] = {}
     if structure is not None:
         overruled = _overruled(

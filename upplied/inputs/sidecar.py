@@ -56,6 +56,7 @@ class LogOptions:
     frame_id: str = ""
     structure_position_m: Vector | None = None  # x y z
     structure_quat_xyzw: Vector | None = None  # structure to log frame
+    points: tuple[tuple[str, Vector], ...] = ()  # landmarks in the log's frame, by which it is registered
     # Or, for geodetic logs, where the structure stands.
     structure_lat_deg: float | None = None
     structure_lon_deg: float | None = None
@@ -96,6 +97,7 @@ _VECTORS = {
     "body_T_camera_position_m": 3,
     "body_T_camera_quat_xyzw": 4,
 }
+_POINTS = 1000  # that anybody would name
 _INTEGERS = ("start_ns", "end_ns")
 _TEXTS = tuple(item.name for item in fields(LogOptions) if item.default == "")
 _NAMES = tuple(item.name for item in fields(LogOptions) if item.name not in _READER_ONLY)
@@ -227,6 +229,8 @@ def _value(name: str, value: Any, what: str) -> Any:
     try:
         if isinstance(value, bool):
             raise TypeError
+        if name == "points":
+            return tuple((str(key), tuple(float(part) for part in place)) for key, place in value.items())
         if name in _VECTORS:
             return tuple(float(part) for part in (value.split() if isinstance(value, str) else value))
         if name in _INTEGERS:
@@ -236,9 +240,11 @@ def _value(name: str, value: Any, what: str) -> Any:
                 raise TypeError
             return value
         return float(value)
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError, OverflowError, AttributeError):
         form = (
-            f"{_VECTORS[name]} numbers"
+            "a table of names and three numbers each"
+            if name == "points"
+            else f"{_VECTORS[name]} numbers"
             if name in _VECTORS
             else f"text of at most {MAX_TEXT} characters"
             if name in _TEXTS
@@ -250,6 +256,8 @@ def _value(name: str, value: Any, what: str) -> Any:
 def _checked(facts: LogOptions, what: str) -> LogOptions:
     for name, size in _VECTORS.items():
         _check_vector(name, getattr(facts, name), size, what)
+    for name, point in facts.points[:_POINTS]:
+        _check_vector(f"points, {name[:60]}", point, 3, what)
     for name in ("structure_id", "demonstration_id"):
         if getattr(facts, name):
             check_id(getattr(facts, name), f"{what}, {name}")

@@ -64,6 +64,7 @@ class PassportSettings:
     least_recorded_pct: float = 20.0  # of the time from the first pose to the last
     odd_recorded_pct: float = 95.0
     hover_cap_s: float = 30.0  # of standing still with a still camera: more is cut
+    register_m: float = 0.5  # by which a flight may miss its named points
     least_read_pct: float = 50.0  # of a damaged log
 
 
