@@ -25,6 +25,7 @@ from upplied.errors import CatalogError
 from upplied.fleet import edits, flights, gaps
 from upplied.fleet import manifest as shards
 from upplied.fleet.flight_logs import add_flight_logs
+from upplied.fleet.ingest import passed_over
 from upplied.inputs import structure_rules
 from upplied.inputs.passport import settings as passport
 from upplied.inputs.sidecar import LogOptions
@@ -85,7 +86,7 @@ def ingest_demonstrations(
     """Every log into the catalog; a bad log stops itself alone."""
     options = LogOptions(allow=tuple(allow), strict=strict, passport=passport.changed(tuple(said)))
     ingested = fleet.ingest_demonstrations(open_catalog(catalog), logs, workers, options=options)
-    return [_plain(item) for item in ingested]
+    return [_plain(item) for item in (*ingested, *passed_over(logs))]
 
 
 @materialize(SOMEWHERE, name="ingest-flights", task_run_name="ingest flights", **STORED)
