@@ -24,7 +24,8 @@ import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
 from upplied.catalog import Catalog, compact, open_catalog
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.steps import pose_arrays, poses_sha256
+from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.config import settings_for
 from upplied.records import Measures, Plan, Trajectory
 
@@ -41,14 +42,16 @@ def generate(catalog: Catalog, transfers: int) -> None:
         numbers = np.arange(first, min(first + BATCH, transfers))
         keys = [hashlib.sha256(str(number).encode()).hexdigest() for number in numbers]
         order = np.argsort(keys)
-        commit = f"{START + timedelta(minutes=first // BATCH):%Y%m%d-%H%M%S-%f}-{first:08x}"
         ids = [keys[at][:20] for at in order]
-        catalog.tables["waypoints"].append(waypoints(rng, ids, commit))
-        catalog.tables["transfers"].append(plans(rng, numbers, keys, commit, first // BATCH))
+        when = START + timedelta(minutes=first // BATCH)
+        steps = waypoints(rng, ids)
+        hashes = {name: sha256_of(steps.slice(at * POINTS, POINTS)) for at, name in enumerate(ids)}
+        commit = catalog.tables["waypoints"].keep(steps, when)
+        catalog.tables["transfers"].append(plans(rng, numbers, keys, hashes, commit, first // BATCH))
     compact(catalog)
 
 
-def waypoints(rng: np.random.Generator, ids: list[str], commit: str) -> pa.Table:
+def waypoints(rng: np.random.Generator, ids: list[str]) -> pa.Table:
     """Random steps of some plans."""
     count = len(ids) * POINTS
     walk = np.cumsum(rng.normal(size=(len(ids), POINTS, 3)), axis=1).reshape(count, 3)
@@ -62,13 +65,24 @@ def waypoints(rng: np.random.Generator, ids: list[str], commit: str) -> pa.Table
         **dict(zip(("qx", "qy", "qz"), quats.T, strict=False)),
         "qw": np.abs(quats[:, 3]),
         "is_viewpoint": rng.random(count) < 0.3,
-        "commit_id": pa.repeat(commit, count),
+        "commit_id": pa.repeat("", count),
     }
+    columns |= {name: pa.nulls(count, pa.float64()) for name in ("hfov_deg", "vfov_deg")}
     return pa.table([columns[name] for name in TABLES["waypoints"].names], schema=TABLES["waypoints"].schema)
 
 
+def sha256_of(steps: pa.Table) -> str:
+    """The hash that the row of these steps keeps."""
+    return poses_sha256(steps["t_s"].to_numpy(), *pose_arrays(steps), np.asarray(steps["is_viewpoint"]))
+
+
 def plans(
-    rng: np.random.Generator, numbers: np.ndarray, keys: list[str], commit: str, night: int
+    rng: np.random.Generator,
+    numbers: np.ndarray,
+    keys: list[str],
+    hashes: dict[str, str],
+    commit: str,
+    night: int,
 ) -> pa.Table:
     """Rows of plans: every pair is planned twice, a tenth is refused."""
     count = len(numbers)
@@ -77,6 +91,7 @@ def plans(
     texts: dict[str, Any] = {
         "transfer_id": [key[:20] for key in keys],
         "key": keys,
+        "waypoints_sha256": [hashes[key[:20]] for key in keys],
         "demonstration_id": np.char.add("flight-", (pair % 50).astype(str)),
         "source_id": np.char.add("source-", (pair % 50).astype(str)),
         "target_id": np.char.add("target-", (pair // 50).astype(str)),
@@ -101,8 +116,10 @@ def plans(
             columns.append(pa.array(rng.random(count) * 50))
         elif pa.types.is_integer(field.type):
             columns.append(pa.array(rng.integers(0, POINTS, count)))
-        else:
+        elif pa.types.is_string(field.type):
             columns.append(pa.array([""] * count))
+        else:
+            columns.append(pa.nulls(count, field.type))
     return pa.table(columns, schema=TABLES["transfers"].schema)
 
 
@@ -134,9 +151,10 @@ def compared(ours: Callable[[], Any], theirs: Callable[[], Any], repeat: int = 9
 
 def scan(catalog: Catalog, name: str, where: ds.Expression | None, columns: list[str] | None) -> pa.Table:
     """Pyarrow's own scan of the same files, without our code and without delta-rs."""
-    delta = catalog.tables[name].delta()
-    assert delta is not None
-    files = [uri.removeprefix("file://") for uri in delta.file_uris()]
+    if name in STEPS:
+        files = [catalog.tables[name].files.path(file) for file in catalog.tables[name].files.names()]
+    else:
+        files = [uri.removeprefix("file://") for uri in catalog.tables[name].delta().file_uris()]
     return ds.dataset(files, schema=TABLES[name].schema).to_table(filter=where, columns=columns).to_pandas()
 
 
@@ -224,9 +242,10 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     options.add_argument("--full", action="store_true", help="1 million transfers")
+    options.add_argument("--plans", type=int, default=100_000)
     options.add_argument("--keep", type=Path, help="folder of the generated catalog")
     chosen = options.parse_args()
-    count = 1_000_000 if chosen.full else 100_000
+    count = 1_000_000 if chosen.full else chosen.plans
     with tempfile.TemporaryDirectory() as scratch:
         place = (chosen.keep or Path(scratch)) / f"catalog-{count}"
         catalog = open_catalog(place)

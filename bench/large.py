@@ -228,9 +228,9 @@ def count(catalog: Catalog, preset: str) -> str:
 
 
 def files(catalog: Catalog) -> str:
-    """How many data files the large tables have."""
-    found = {name: catalog.tables[name].delta() for name in ("transfers", "waypoints")}
-    return ", ".join(f"{len(d.file_uris())} files of {name}" for name, d in found.items() if d is not None)
+    """How many data files the plans and their steps have."""
+    plans, steps = catalog.tables["transfers"].delta(), catalog.tables["waypoints"].files.names()
+    return f"{len(plans.file_uris())} files of transfers, {len(steps)} of waypoints"
 
 
 def line(*cells: object) -> None:

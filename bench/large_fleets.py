@@ -14,7 +14,6 @@ from upplied import fleet
 from upplied.catalog import Catalog
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.verbs.adding import new_commit_id
 from upplied.config import settings_for
 from upplied.records import Demonstration, Measures, Plan, Trajectory
 
@@ -33,16 +32,15 @@ def generate(catalog: Catalog, targets: str, demonstrations: str) -> str:
     path = Trajectory(np.arange(STEPS) * 1.0, flight.positions[some], flight.quat_xyzw[some])
     for at in range(0, len(jobs), AT_ONCE):
         part = jobs[at : at + AT_ONCE]
-        commit = new_commit_id(catalog)
         names = pa.array([plan_rows.transfer_id(job.key) for job in part])
         plan = Plan(
             "d", part[0].source_id, "t", part[0].kind, "baseline", "ok", trajectory=path,
             is_viewpoint=np.ones(STEPS, bool), measures=Measures(min_clearance_m=2.0),
         )  # fmt: skip
-        one = plan_rows.waypoint_table("x", plan, commit)
+        one = plan_rows.waypoint_table("x", plan)
         steps = one.take(pa.array(np.tile(np.arange(STEPS), len(part))))
         steps = put(steps, "transfer_id", names.take(pa.array(np.repeat(np.arange(len(part)), STEPS))))
-        catalog.tables["waypoints"].append(steps)
+        commit = catalog.tables["waypoints"].keep(steps, catalog.clock.now())
         said = {"settings": settings, "run_id": "generated", "planned_on": "here/1/pool"}
         row = {**plan_rows.transfer_row(part[0].key, plan, said), "commit_id": commit}
         made = rows.table_of(TABLES["transfers"], [row]).take(pa.array(np.zeros(len(part), int)))

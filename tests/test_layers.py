@@ -267,3 +267,11 @@ def test_what_an_import_must_not_load(statement: str, unwanted: tuple[str, ...])
     code = f"{statement}; import sys; print([name for name in {unwanted} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_catalog_is_built_from_its_schema_up() -> None:
+    above = {"schema": ("store", "verbs"), "store": ("verbs",)}
+    for room, others in above.items():
+        for path in (ROOT / "upplied" / "catalog" / room).glob("*.py"):
+            text = path.read_text(encoding="utf-8")
+            assert not [name for name in others if f"upplied.catalog.{name}" in text.split('"""')[2]], path

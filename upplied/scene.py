@@ -21,6 +21,7 @@ import numpy as np
 from upplied import reconstruction
 from upplied.disc_cells import DiscCells
 from upplied.discs import Discs, hexagons
+from upplied.extras import extra
 from upplied.records import Bools, Floats, Ints, Structure
 from upplied.threads import ray_threads
 from upplied.vectors import area_vectors
@@ -32,12 +33,12 @@ def open3d() -> Any:
     try:
         ctypes.CDLL("libusb-1.0.so.0")
     except OSError:
-        import libusb_package
-
+        with extra("plan"):
+            import libusb_package
         path = libusb_package.get_library_path()
         if path is not None:
             ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
-    with _plots_deferred():
+    with extra("plan"), _plots_deferred():
         import open3d as module
 
     module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)

@@ -73,3 +73,39 @@ def test_what_a_large_fleet_needs_on_several_machines() -> None:
     assert set(steps) == {"stage", "hand_out", "machine 1", "machine 2", "machine 3", "count", "published"}
     assert all(0 < float(step[1]) < 2 for step in steps.values()), lines
     assert steps["count"][3:9] == ["24", "plans,", "0", "twice,", "0", "left;"], lines
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_what_writing_and_publishing_cost() -> None:
+    printed = run("writing.py", "--plans", "400", "--writers", "2")
+    figures = {line[:32].strip(): float(line[32:]) for line in printed.splitlines()[1:8]}
+    assert figures["plans"] == 400
+    assert 0 < figures["live, MB"] <= figures["written, MB"]
+    assert [line.split()[1] for line in printed.splitlines()[8:]] == ["all", "nothing", "one"]
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_what_questions_to_a_catalog_cost() -> None:
+    printed = run("catalog.py", "--plans", "4000")
+    assert "one trajectory: " in printed and "commit 3 of 256 plans" in printed
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_what_the_history_of_a_patch_costs() -> None:
+    printed = run("history.py", "--structures", "20", "--flights", "3", "--patches", "50")
+    assert printed.count(" of 3 saw it") == 3
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_every_benchmark_can_be_loaded() -> None:
+    """With all it imports, which moves."""
+    load = f"import sys; sys.path.insert(0, {str(BENCH)!r}); from upplied.scene import open3d; open3d(); "
+    names = sorted(path.stem for path in BENCH.glob("*.py"))
+    done = subprocess.run(
+        [sys.executable, "-c", f"{load}import {', '.join(names)}"], capture_output=True, text=True
+    )
+    assert len(names) > 30 and done.returncode == 0, done.stderr

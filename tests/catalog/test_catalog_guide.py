@@ -74,8 +74,8 @@ def test_pandas_duckdb_polars_and_the_catalog_agree(place):
     )
     path = str(place / "reports" / "transfers.parquet")
     pandas = pd.read_parquet(path).query("status == 'ok'").groupby("preset")["coverage_seen_pct"].mean()
-    question = f"SELECT preset, avg(coverage_seen_pct) m FROM '{path}' WHERE status = 'ok' GROUP BY preset"
-    duck = duckdb.sql(question).df().set_index("preset")["m"]
+    question = "SELECT preset, avg(coverage_seen_pct) m FROM '{}' WHERE status = 'ok' GROUP BY preset"
+    duck = duckdb.sql(question.format(f"{path}/**/*.parquet")).df().set_index("preset")["m"]
     scanned = pl.scan_parquet(path).filter(pl.col("status") == "ok").group_by("preset")
     polars = dict(scanned.agg(pl.col("coverage_seen_pct").mean()).collect().iter_rows())
     for preset, value in ours.items():

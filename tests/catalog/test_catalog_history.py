@@ -36,9 +36,7 @@ def test_history_tells_every_commit_newest_first(catalog):
     assert added.groupby("table")["rows_added"].sum().to_dict() == {
         "structures": 3,
         "demonstrations": 1,
-        "poses": 50,
         "transfers": 2,
-        "waypoints": 120,
     }
     assert told["at"].is_monotonic_decreasing
     assert len(history(catalog, limit=2)) == 2

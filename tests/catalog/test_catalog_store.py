@@ -10,6 +10,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import boto3
 import pytest
@@ -17,6 +18,7 @@ from catalog_records import demonstration, differences, key_of, plan, structure
 from pyarrow.fs import S3FileSystem
 
 from upplied.catalog import compact, export_tables, open_catalog, vacuum, verify
+from upplied.catalog.store.files import FileStore
 from upplied.errors import CatalogError
 
 SECRET = "not-to-be-seen-anywhere"
@@ -79,6 +81,30 @@ def store(endpoint, monkeypatch, tmp_path):
 def content(client) -> dict[str, bytes]:
     names = [item["Key"] for item in client.list_objects_v2(Bucket=BUCKET)["Contents"]]
     return {name: client.get_object(Bucket=BUCKET, Key=name)["Body"].read() for name in names}
+
+
+def test_writers_who_come_first_at_once_make_one_catalog(store, monkeypatch):
+    drawn = f"s3://{BUCKET}/drawn"
+    files = [FileStore(drawn) for _ in range(4)]
+    monkeypatch.setattr(FileStore, "has", lambda *_: False)  # all look before the first of them writes
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(lambda at: files[at].create("note", f"of {at}".encode()), range(4)))
+    said = files[0].read("note")
+    files[1].create("note", b"of somebody who comes later")
+    assert said == files[0].read("note")
+
+
+def test_who_looked_before_another_wrote_takes_its_identity(store, monkeypatch):
+    drawn, has = f"s3://{BUCKET}/drawn", FileStore.has
+    first = open_catalog(drawn).create().identity.id
+    looks = [False, False]  # before the other wrote: is there a catalog, and a file
+
+    def looked(files, name):
+        return looks.pop() if name == "catalog.json" and looks else has(files, name)
+
+    monkeypatch.setattr(FileStore, "has", looked)
+    assert open_catalog(drawn).create().identity.id == first
+    assert open_catalog(drawn).identity.id == first
 
 
 def test_everything_works_as_in_a_folder(store, tmp_path):

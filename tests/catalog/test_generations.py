@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.verbs.generations import Generation, check, clean, current, linked, switch
+from upplied.catalog.verbs.generations import Before, Generation, check, clean, current, switch
 from upplied.errors import CatalogError
 
 
@@ -92,10 +92,21 @@ def test_without_a_current_one_all_are_kept(tmp_path: Path) -> None:
 
 def test_files_made_from_the_same_are_taken_over(tmp_path: Path) -> None:
     switch(tmp_path, draft(tmp_path, file="old"), Generation("one", parts={"file": "x", "gone": "x"}))
-    tables, before = tmp_path / "tables", current(tmp_path)
-    folder = draft(tmp_path)
-    assert linked(tables, folder, "file", before, Generation(parts={"file": "x"}))
+    tables = tmp_path / "tables"
+    folder, before = draft(tmp_path), Before(tables, current(tmp_path))
+    assert before.linked(folder, "file", Generation(parts={"file": "x"}))
     assert (folder / "file").read_text() == "old" and (folder / "file").stat().st_nlink == 2
-    assert not linked(tables, folder, "file", before, Generation(parts={"file": "y"}))
-    assert not linked(tables, folder, "gone", before, Generation(parts={"gone": "x"}))
-    assert not linked(tables, folder, "file", None, Generation(parts={"file": "x"}))
+    assert not before.linked(folder, "file", Generation(parts={"file": "y"}))
+    assert not before.linked(folder, "gone", Generation(parts={"gone": "x"}))
+    assert not Before(tables, None).linked(folder, "file", Generation(parts={"file": "x"}))
+
+
+def test_a_file_is_found_by_what_it_is_whatever_it_holds(tmp_path: Path) -> None:
+    parts = {"1-of-2-aa.parquet": "", "2-of-2-bb.parquet": "", "plain.parquet": "x"}
+    switch(tmp_path, draft(tmp_path, **{"1-of-2-aa.parquet": "one"}), Generation("one", parts=parts))
+    before = Before(tmp_path / "tables", current(tmp_path))
+    like = before.like("1-of-2-cc.parquet")
+    assert like is not None and like.read_text() == "one"
+    for file in ("2-of-2-cc.parquet", "1-of-4-aa.parquet", "plain.parquet"):
+        assert before.like(file) is None, "a file that is gone, of other parts, or of no parts"
+    assert Before(tmp_path / "tables", None).like("1-of-2-aa.parquet") is None

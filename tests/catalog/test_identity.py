@@ -111,22 +111,25 @@ def test_an_identity_that_is_none_is_told(catalog, text):
 
 
 @pytest.mark.parametrize("lost", [1, 2, 4])
-@pytest.mark.parametrize("table", ["transfers", "waypoints"])
-def test_missing_newest_log_entries_are_noticed(catalog, table, lost):
-    log = sorted(Path(catalog.location, table, "_delta_log").glob("*.json"))
+def test_missing_newest_log_entries_are_noticed(catalog, lost):
+    log = sorted(Path(catalog.location, "transfers", "_delta_log").glob("*.json"))
     for entry in log[-lost:]:
         entry.unlink()
     again = open_catalog(catalog.location)
-    for question in (
-        again.transfers,
-        lambda: again.add_plans([(key_of(9), plan(), {})]),
-    ):
-        if table == "waypoints" and question == again.transfers:
-            continue  # asks nothing of the points
+    for question in (again.transfers, lambda: again.add_plans([(key_of(9), plan(), {})])):
         with pytest.raises(CatalogError, match=r"missing.*backup"):
             question()
     assert any("missing" in told and "backup" in told for told in map(str, verify(again)))
-    assert sorted(Path(catalog.location, table, "_delta_log").glob("*.json")) == log[:-lost]
+    assert sorted(Path(catalog.location, "transfers", "_delta_log").glob("*.json")) == log[:-lost]
+
+
+@pytest.mark.parametrize("table", ["waypoints", "poses"])
+def test_steps_that_are_gone_are_noticed(catalog, table):
+    shutil.rmtree(Path(catalog.location, "steps", table))
+    again = open_catalog(catalog.location)
+    with pytest.raises(CatalogError, match=r"0 steps are stored.*backup"):
+        again.demonstration("flight") if table == "poses" else again.trajectory(key_of(2)[:20])
+    assert any("0 steps" in told for told in map(str, verify(again)))
 
 
 def test_a_table_that_is_gone_is_not_taken_for_an_empty_one(catalog):
@@ -157,7 +160,7 @@ def test_one_changed_bit_never_becomes_a_trajectory(catalog):
     name, wanted = key_of(1)[:20], plan("target", 1).trajectory
     file = next(
         path
-        for path in Path(catalog.location, "waypoints").glob("*.parquet")
+        for path in Path(catalog.location, "steps", "waypoints").iterdir()
         if name.encode() in path.read_bytes()
     )
     whole, told = file.read_bytes(), 0

@@ -70,16 +70,18 @@ def test_any_program_reads_them(catalog, tmp_path):
     pd.testing.assert_frame_equal(one, catalog.waypoints(key_of(3)[:20]), check_dtype=False)
     found = duckdb.sql(
         f"SELECT count(*) FROM '{tmp_path}/out/waypoints.parquet/**/*.parquet' "
-        f"JOIN '{tmp_path}/out/transfers.parquet' USING (transfer_id)"
+        f"JOIN '{tmp_path}/out/transfers.parquet/**/*.parquet' USING (transfer_id)"
     )
     assert found.df().iloc[0, 0] == 360
 
 
-def test_what_did_not_change_is_not_written_again(catalog, tmp_path):
+def test_what_did_not_change_is_not_written_again(catalog, tmp_path, monkeypatch):
+    monkeypatch.setattr(published.parted, "_STEPS", 100)
+    monkeypatch.setattr(published.parted, "_PLANS", 2)
     place = tmp_path / "out"
     export_tables(catalog, place)
     before = stamps(place)
-    assert sum(name.startswith("waypoints.parquet/box/") for name in before) == 3  # one a month
+    assert sum(name.startswith("waypoints.parquet/box/") for name in before) > 2
     export_tables(catalog, place)
     assert stamps(place) == before
     compact(catalog)
@@ -89,24 +91,80 @@ def test_what_did_not_change_is_not_written_again(catalog, tmp_path):
     export_tables(catalog, place)
     after = stamps(place)
     assert whole(place) == 6
-    same = {name for name in after if before.get(name) == after[name]}
-    assert {name.split("/")[2] for name in same if name.startswith("waypoints")} == {"2026-01", "2026-03"}
-    assert {name for name in same if not name.startswith("waypoints")} >= {
-        "structures.parquet",
-        "demonstrations.parquet",
-        "flights.parquet",
-        "overruled.parquet",
-    }
-    assert before["transfers.parquet"] != after["transfers.parquet"]
+    new = {name for name in after if before.get(name) != after[name]}
+    assert sorted(name.split("/")[0] for name in new) == ["transfers.parquet", "waypoints.parquet"]
+    assert {name.rpartition("-")[0] for name in before} == {name.rpartition("-")[0] for name in after}
+    pd.testing.assert_frame_equal(
+        pd.read_parquet(place / "transfers.parquet").sort_values("transfer_id", ignore_index=True),
+        catalog.transfers().sort_values("transfer_id", ignore_index=True),
+        check_dtype=False,
+    )
 
 
-def test_many_plans_of_a_month_are_split_by_target(catalog, tmp_path, monkeypatch):
-    export_tables(catalog, tmp_path / "one")
-    monkeypatch.setattr(published, "_PART_STEPS", 50)
-    monkeypatch.setattr(published.owned, "CHUNK", 130)
+def test_a_changed_file_is_made_from_the_one_before_and_what_changed(catalog, tmp_path, monkeypatch):
     place = tmp_path / "out"
     export_tables(catalog, place)
-    assert len([name for name in stamps(place) if name.startswith("waypoints")]) > 3
+    catalog.add_plans([(key_of("new"), plan("t1", 99), {"planned_at": night(3)})])
+    catalog.review(key_of(3)[:20], "me")
+    catalog.retire_structures(["t5"])
+    read, stored = [], published.parted.owned.parted_steps
+
+    def noted(catalog, name, parts, spool):
+        read.extend(transfer_id for part in parts.values() for transfer_id in part.iloc[:, 0])
+        return stored(catalog, name, parts, spool)
+
+    monkeypatch.setattr(published.parted.owned, "parted_steps", noted)
+    export_tables(catalog, place)
+    assert read == [key_of("new")[:20]]
+    assert whole(place) == 5
+    anew = tmp_path / "anew"
+    export_tables(catalog, anew)
+    files = {str(path.relative_to(anew)) for path in anew.glob("tables/g*/**/*.parquet") if path.is_file()}
+    assert files == {
+        str(path.relative_to(place)).replace("g000002", "g000001")
+        for path in place.glob("tables/g000002/**/*.parquet")
+        if path.is_file()
+    }
+    for name in ("transfers", "waypoints"):
+        left, right = (pd.read_parquet(at / f"{name}.parquet") for at in (place, anew))
+        pd.testing.assert_frame_equal(left, right)
+    states = pd.read_parquet(place / "transfers.parquet").set_index("transfer_id")["state"]
+    assert states[key_of(3)[:20]] == "reviewed" and (states == "draft").sum() == 4
+
+
+def test_a_damaged_file_of_before_is_no_source_of_steps(catalog, tmp_path):
+    """It is read, compared with the hash in its row, and told of; never published again."""
+    place = tmp_path / "out"
+    export_tables(catalog, place)
+    new = plan("t1", 99)
+    catalog.add_plans([(key_of("new"), new, {"planned_at": night(3)})])
+    catalog.add_structures([structure("near")])
+    export_tables(catalog, place)
+    for path in (place / "tables" / "current").resolve().glob("waypoints.parquet/box/*.parquet"):
+        rows = pd.read_parquet(path)
+        path.unlink()
+        rows.assign(x_m=rows["x_m"] + 1).to_parquet(path)
+    before = os.readlink(place / "tables" / "current")
+    for number in range(6):  # some file that changes has plans that stay
+        catalog.add_plans([(key_of("more", number), plan(f"t{number}", number, preset="paper"), {})])
+    with pytest.raises(CatalogError, match="hash in their row"):
+        export_tables(catalog, place)
+    assert os.readlink(place / "tables" / "current") == before
+
+
+def test_large_tables_are_split_by_target(catalog, tmp_path, monkeypatch):
+    monkeypatch.setattr(published.parted, "_STEPS", 10_000)
+    export_tables(catalog, tmp_path / "one")
+    monkeypatch.setattr(published.parted, "_STEPS", 50)
+    monkeypatch.setattr(published.parted, "_PLANS", 1)
+    monkeypatch.setattr(published.parted, "_LOT", 2)
+    monkeypatch.setattr(published.parted.owned, "CHUNK", 130)
+    monkeypatch.setattr(published.parted.owned, "GATHERED", 130)
+    place = tmp_path / "out"
+    export_tables(catalog, place)
+    for name in ("waypoints", "transfers"):
+        assert len([file for file in stamps(place) if file.startswith(name)]) > 3
+        assert len([file for file in stamps(tmp_path / "one") if file.startswith(name)]) == 1
     assert whole(place) == 6
     left, right = (
         pd.read_parquet(at / "waypoints.parquet").sort_values(["transfer_id", "seq"]).reset_index(drop=True)

@@ -50,7 +50,7 @@ def test_what_is_stated_of_a_surface_comes_back_and_an_older_row_states_nothing(
 def test_demonstration_round_trip(seed: int):
     given = demonstration(seed=seed)
     row = through("demonstrations", rows.demonstration_row(given))
-    assert differences(given, rows.demonstration_of(row, rows.pose_table(given, "c"))) == []
+    assert differences(given, rows.demonstration_of(row, rows.pose_table(given))) == []
 
 
 def test_path_length_leaves_breaks_out():
@@ -64,7 +64,7 @@ def test_plan_round_trip(status: str):
     given = replace(plan(status=status), surface=None)
     row = through("transfers", plan_rows.transfer_row(key_of(status), given, {}))
     steps = (
-        plan_rows.waypoint_table("id", given, "c")
+        plan_rows.waypoint_table("id", given)
         if given.trajectory
         else TABLES["waypoints"].schema.empty_table()
     )
@@ -76,9 +76,7 @@ def test_missing_measures_are_null_not_nan():
     row = through("transfers", plan_rows.transfer_row(key_of(1), given, {}))
     assert row["frechet_m"] == 1.0
     assert row["coverage_seen_pct"] is None
-    assert np.isnan(
-        plan_rows.plan_of(row, plan_rows.waypoint_table("id", given, "c")).measures.coverage_seen_pct
-    )
+    assert np.isnan(plan_rows.plan_of(row, plan_rows.waypoint_table("id", given)).measures.coverage_seen_pct)
 
 
 def test_stored_orientations_have_w_not_negative_and_are_the_same():

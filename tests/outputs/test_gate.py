@@ -155,6 +155,7 @@ def test_speed_acceleration_height_time_and_coverage_have_their_rules():
     assert coverage_breaches(float("nan"), Limits()) == coverage_breaches(0.96, Limits()) == []
     told = {"preset", "verdict", "superseded", "clearance", "keep-out", "geofence", "ceiling", "ground"}
     told |= {"released", "rejected", "recalled"}  # test_decisions.py
+    told |= {"foreign", "altered"}  # test_custody.py
     told |= {"zoom"}  # test_zoom.py
     assert told | {"finite", "height", "speed", "acceleration", "coverage"} == set(RULES)
     assert "at [1.0, 2.0, 3.0] m" in str(Breach("ground", "z", "low", (1.0, 2.0, 3.0)))

@@ -12,19 +12,20 @@ import pyarrow.compute as pc
 
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.contents import ContentStore
-from upplied.catalog.store.current import Current
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.identity import Identity
 from upplied.catalog.store.labels import FaceLabels
 from upplied.catalog.store.looks import StoredLooks
 from upplied.catalog.store.meshes import MeshStore
 from upplied.catalog.store.places import cache_folder, checked
+from upplied.catalog.store.steps import StepTable
 from upplied.catalog.store.surfaces import REMEDY, SUPPOSED, SurfaceStore
 from upplied.catalog.verbs import ordering, queries
+from upplied.catalog.verbs.current import Current
 from upplied.catalog.verbs.frames import When, frame
 from upplied.catalog.verbs.queries import PlannedTrajectory, Which
 from upplied.checks import check_id, suggested
@@ -46,7 +47,8 @@ class Reading:
         self.clock = Clock(self.location)
         self.identity = Identity(self.location, list(TABLES))
         self.tables = {
-            name: StoredTable(self.location, table, self.identity) for name, table in TABLES.items()
+            name: (StepTable if name in STEPS else StoredTable)(self.location, table, self.identity)
+            for name, table in TABLES.items()
         }
         self.meshes = MeshStore(self.location)
         self.surfaces = SurfaceStore(self.location)

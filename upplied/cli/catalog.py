@@ -166,14 +166,35 @@ def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOptio
 
 
 @app.command
-def verify(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Check every row, count, reference and hash."""
-    from upplied.catalog import verify as check
+def verify(
+    *,
+    head: Annotated[
+        tuple[str, ...], Parameter(negative="", help="A head that was noted earlier: its row must be there.")
+    ] = (),
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """Check every byte, row, count, reference and hash, and say the head of each chain of rows.
 
-    found = check(opened(catalog))
+    Heads are the hashes of the last rows: noted, as briefs and missions do, they can be asked for later.
+    """
+    from upplied.catalog import verify as check
+    from upplied.catalog.verbs.custody import HEAD_DIGITS, chain_heads, foreign_plans
+
+    store = opened(catalog)
+    found, heads, foreign = check(store, head), chain_heads(store), foreign_plans(store)
     if json:
-        show("", [vars(finding) for finding in found], json)
+        said = {
+            "findings": [vars(finding) for finding in found],
+            "heads": heads,
+            "not_measured_here": foreign,
+        }
+        show("", [said], json)
     else:
+        for name, sha256 in heads.items():
+            say(f"head of {name}: {sha256[:HEAD_DIGITS]}")
+        if foreign:
+            say(f"{len(foreign)} imported plans were not measured here: {', '.join(foreign[:5])}")
         for finding in found:
             say(finding)
         console.print(

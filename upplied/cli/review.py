@@ -36,6 +36,7 @@ LISTED = {
     "coverage_inspected_pct": "inspected %",
     "min_clearance_m": "clear m",
     "newer_draft": "newer draft",
+    "altered": "not as released",
 }
 
 
@@ -144,7 +145,10 @@ def list_in_force(
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """List the plans in force; exit code 1 where one was recalled and none is in force in its place."""
+    """List the plans in force.
+
+    Exit code 1 where one was recalled and none is in force in its place, or one is not what was released.
+    """
     from upplied.cli.catalog import rows_of
 
     store = opened(catalog)
@@ -154,4 +158,7 @@ def list_in_force(
     for row in recalled.to_dict("records"):
         what = f"recalled: {row['transfer_id']}, {row['demonstration_id']} on {row['target_id']}"
         complain(f"{what}: {row['state_note']}")
-    return int(bool(len(recalled)))
+    altered = found[found["altered"] != ""]
+    for row in altered.to_dict("records"):
+        complain(f"not what was released: {row['transfer_id']} on {row['target_id']}: {row['altered']}")
+    return int(bool(len(recalled) or len(altered)))

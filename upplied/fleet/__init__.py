@@ -81,7 +81,6 @@ _HOME = {
         "Resources",
         "Run",
         "Shard",
-        "Shard",
         "bundles",
         "cores",
         "plan_here",

@@ -18,6 +18,7 @@ from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.flight_logs import flight_columns, required_of, viewpoint_index
 from upplied.outputs.flown import Flown, flight_row, flown_of
 from upplied.outputs.missions import gate
+from upplied.outputs.missions.options import DRAFTS
 from upplied.outputs.render import keep_overruled, undecided
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import METHOD_VERSION
@@ -134,7 +135,7 @@ def _through_gate(catalog: Catalog, row: Row, force: tuple[str, ...]) -> None:
         *gate.broken_by(plan_of(catalog, row), target, asked),
         *undecided(catalog, {**row, "state": state}),
     ]
-    found = [breach for breach in found if breach.rule != "released"]  # a flight in simulation decides that
+    found = [breach for breach in found if breach.rule not in DRAFTS]  # a flight in simulation may be of any
     overruled = gate.pass_or_refuse(f"transfer {row['transfer_id']}", found, force)
     keep_overruled(catalog, row, "fly", "", overruled)
 

@@ -10,7 +10,7 @@ import numpy as np
 from upplied.checks import check_finite, check_id
 from upplied.config import digest
 from upplied.errors import InputError
-from upplied.inputs.concerns import concerns, nominal_problems
+from upplied.inputs.concerns import concerns, cut_off, nominal_problems
 from upplied.inputs.files import open_regular
 from upplied.inputs.findings import Findings
 from upplied.inputs.formats.reader import read_raw
@@ -189,6 +189,7 @@ def _mesh(
         verdicts.append(broken(RULES["looks-scanned"], found))
     hidden = np.unique(topology.component[outside.hidden])
     final = topology_of(triangles) if drop.any() else topology
+    verdicts += cut_off(vertices, final.rim)
     findings = Findings(
         **_declared(raw, entry),
         repairs=repairs,

@@ -9,6 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from upplied.catalog import Catalog
+from upplied.catalog.schema.plan_rows import is_foreign
+from upplied.catalog.verbs.custody import FOREIGN_PLAN, alterations, chain_heads, heads_in_words
+from upplied.catalog.verbs.decisions import standing
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.errors import CatalogError, UppliedError
 from upplied.outputs import figures
@@ -18,7 +22,7 @@ from upplied.outputs.draw.views import View
 from upplied.outputs.files import replace_file
 from upplied.outputs.mission_zones import MissionZones
 from upplied.outputs.missions import Exported, MissionOptions, export, missions_for
-from upplied.outputs.missions.gate import Breach
+from upplied.outputs.missions.gate import CUSTODY, Breach
 from upplied.outputs.reports import Source, plan_of
 
 
@@ -77,7 +81,11 @@ def export_transfer(
     keep = partial(keep_overruled, source, row, "export", format)
     found, plan = undecided(source, row), plan_of(source, row)
     zones = MissionZones(source, plan, structure, camera)
-    made = export(plan, structure, format, path, options, camera, found, keep, zones.told)
+    custody = custody_notes(source)
+    made = export(
+        *(plan, structure, format, path, options, camera, found, keep),
+        lambda missions: (*zones.told(missions), *custody),
+    )
     if not zones.asked:
         return made
     rows = [{name: None if value != value else value for name, value in one.items()}
@@ -115,7 +123,14 @@ def brief_transfer(
     told = MissionZones(source, plan, structure, camera).told(missions)
     keep_overruled(source, row, "brief", format, missions[0].overruled)
     warnings = json.loads(row.get("warnings") or "[]")
-    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, told))
+    said = (*told, *custody_notes(source))
+    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, said))
+
+
+def custody_notes(source: Source) -> tuple[str, ...]:
+    """The last decision and flight of a catalog, by their hashes, as a note of a mission."""
+    words = heads_in_words(chain_heads(source)) if isinstance(source, Catalog) else ""
+    return (f"{CUSTODY}: {words}",) if words else ()
 
 
 def keep_overruled(source: Any, row: Any, way: str, format: str, overruled: Sequence[Breach]) -> None:
@@ -134,15 +149,19 @@ def keep_overruled(source: Any, row: Any, way: str, format: str, overruled: Sequ
 
 
 def undecided(source: Source, row: Any) -> list[Breach]:
-    """What speaks against flying a plan by what was decided about it, and about others of its pair."""
+    """What speaks against flying a plan by where it came from and by what was decided about its pair."""
     state, who = row.get("state") or "draft", row.get("state_by") or "nobody"
+    found = [Breach("foreign", FOREIGN_PLAN[0])] if is_foreign(row) else []
     if state == "released":
-        return []
+        if isinstance(source, Catalog):
+            wrong = alterations(source, [row["transfer_id"]], standing(source))
+            found += [Breach("altered", f"it is not what was released: {one}") for one in wrong.values()]
+        return found
     if state in ("rejected", "recalled"):
-        return [Breach(state, f"{who} did so: {row.get('state_note') or 'no reason was given'}")]
+        return [*found, Breach(state, f"{who} did so: {row.get('state_note') or 'no reason was given'}")]
     if state == "superseded":
-        return [Breach("superseded", f"{who} released another plan of {row['target_id']}")]
-    return [Breach("released", f"it is a {state} plan"), *_newer(source, row)]
+        return [*found, Breach("superseded", f"{who} released another plan of {row['target_id']}")]
+    return [Breach("released", f"it is a {state} plan"), *found, *_newer(source, row)]
 
 
 def _newer(source: Source, row: Any) -> list[Breach]:

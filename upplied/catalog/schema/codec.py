@@ -27,6 +27,8 @@ from upplied.errors import CatalogError
 R = TypeVar("R")
 Array = NDArray[Any]
 
+_FILE_SHA256 = b"file_sha256"  # hash of the file's bytes as they would be with `_UNKNOWN` here
+_UNKNOWN = b"0" * 64
 _MAX_BYTES = 4 << 30  # of one decoded array: a broken file must not make us allocate more
 
 
@@ -34,6 +36,7 @@ def encode(record: Any, name: str = "") -> bytes:
     """The bytes of a Parquet file, under a name that they carry; equal records and names, equal bytes."""
     plain, arrays = _parts(record)
     metadata = {b"record": plain.encode(), b"sha256": content_sha256(plain, arrays).encode()}
+    metadata[_FILE_SHA256] = _UNKNOWN
     if name:
         metadata[b"name"] = name.encode()
     schema_fields, columns = [], []
@@ -47,7 +50,20 @@ def encode(record: Any, name: str = "") -> bytes:
     pq.write_table(
         table, sink, compression="zstd", compression_level=1, use_dictionary=False, write_statistics=False
     )
-    return sink.getvalue()
+    content = sink.getvalue()
+    return content.replace(_UNKNOWN, hashlib.sha256(content).hexdigest().encode(), 1)
+
+
+def is_as_written(content: bytes) -> bool:
+    """Whether no byte was changed since `encode`; nobody can tell of what an older program wrote."""
+    try:
+        file = pq.ParquetFile(BytesIO(content))
+        said, declared = file.metadata.metadata.get(_FILE_SHA256, b""), file.schema_arrow.metadata or {}
+    except (pa.ArrowException, OSError, ValueError, AttributeError):
+        return False
+    if not said:
+        return _FILE_SHA256 not in declared
+    return hashlib.sha256(content.replace(said, _UNKNOWN, 1)).hexdigest().encode() == said
 
 
 def decode(content: bytes, record_type: type[R], sha256: str | None = None, name: str = "") -> R:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import pyarrow as pa
 
@@ -51,7 +52,7 @@ class Table:
     columns: tuple[Column, ...]
     order: tuple[str, ...]  # of the rows in merged files: what is asked for together lies together
 
-    @property
+    @cached_property
     def schema(self) -> pa.Schema:
         """The Arrow schema."""
         return pa.schema([column.field for column in self.columns])
@@ -77,10 +78,19 @@ COMMIT_VERSION = Column(
     required=True,
     low=-1,
 )
+ROW_SHA256 = Column(
+    "row_sha256", TEXT, "", "hash of all that the row says; empty in rows of before schema version 3"
+)
+BEFORE_SHA256 = Column(
+    "before_sha256",
+    TEXT,
+    "",
+    "`row_sha256` of the row before it, which is part of its own: no row can be changed or taken away unseen",
+)
 ADDED = "by the clock of the place, never before what was added earlier"
 
 
-def committed(when: str) -> tuple[Column, ...]:
-    """The columns that say by which commit a row came, and when, in words."""
+def committed(when: str, chained: bool = True) -> tuple[Column, ...]:
+    """The columns that say by which commit a row came, when, in words, and after which row."""
     moment = Column("added_at", MOMENT, "UTC", f"{when}, {ADDED}", required=True)
-    return COMMIT, moment, COMMIT_VERSION
+    return COMMIT, moment, COMMIT_VERSION, ROW_SHA256, *((BEFORE_SHA256,) if chained else ())

@@ -42,6 +42,7 @@ DECISIONS = Table(
         Column("note", TEXT, "", "why"),
         Column("forced", TEXT, "", "rules that were overruled by name"),
         Column("plan_sha256", TEXT, "", "hash of the waypoints that were decided about"),
+        Column("plan_row_sha256", TEXT, "", "hash of what its row said of it then; empty in older rows"),
         Column("target_sha256", TEXT, "", "hash of the target that the plan was judged against"),
         Column(
             "supposed_sha256",
@@ -55,6 +56,7 @@ DECISIONS = Table(
             "",
             "the last decision that whoever released knew of; a release after another one does not count",
         ),
+        Column("signature", TEXT, "", "of who decided, Ed25519 (`upplied keys`); empty: not signed"),
         Column("code_version", TEXT, "", "version of the program"),
         *committed("when it was decided"),
     ),

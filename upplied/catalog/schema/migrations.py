@@ -9,6 +9,9 @@ reads older tables as they are and raises their version with its first row.
 - 2: rows stand in the order of commits (`commit_version`; in a row of version 1 it is -1, and among those
   the clocks count as before), and `transfers.added_at` tells when a plan was added, which in a row of
   version 1 is when it was planned.
+- 3: rows carry a hash (`row_sha256`), and those of tables that belong to one place follow each other
+  (`before_sha256`): the first that does follows the hash of all that came before there were hashes.
+  The steps of a commit are a file (`upplied.catalog.store.steps`); those of earlier commits stay in tables.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ import pyarrow.compute as pc
 
 from upplied.catalog.schema.columns import Table
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 _FROM_BEFORE = -1  # the commit of rows of schema version 1
 _NEEDS = {"added_at": "planned_at"}  # column -> the one it is taken from where it is missing

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, is_dataclass
 from datetime import UTC, datetime
 from typing import Any
 
@@ -38,6 +38,15 @@ PROVENANCE = (
 )
 
 ID_DIGITS = 20  # of the key in `transfer_id`: 80 bits, still short enough to type
+
+
+#: What `imported_from` ends with: whether what a dataset says of a plan was measured here.
+AS_IT_SAYS = "measures as it says"
+
+
+def is_foreign(row: Mapping[str, Any]) -> bool:
+    """Whether a plan was imported and never measured here: it settles nothing, and nobody flies it."""
+    return str(row.get("imported_from") or "").endswith(AS_IT_SAYS)
 
 
 def transfer_id(key: str) -> str:
@@ -94,7 +103,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
                 "acceptance_evidence",
             )
         },
-        **asdict(plan.measures),
+        **_values(plan.measures),
         "standoff_mode": standoff_mode(settings),
         "n_viewpoints": plan.n_viewpoints,
         "n_waypoints": 0 if path is None else len(path),
@@ -120,13 +129,13 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
     }
 
 
-def waypoint_table(name: str, plan: Plan, commit_id: str) -> pa.Table:
-    """The rows of `waypoints` of one plan that has a trajectory."""
+def waypoint_table(name: str, plan: Plan) -> pa.Table:
+    """The rows of `waypoints` of one plan that has a trajectory, without their commit."""
     assert plan.trajectory is not None
     path = plan.trajectory
     columns = {
         "transfer_id": name,
-        "commit_id": commit_id,
+        "commit_id": "",
         "t_s": np.asarray(path.t_s, float),
         "is_viewpoint": _viewpoint_flags(plan),
     }
@@ -187,7 +196,14 @@ def standoff_mode(settings: Settings) -> str:
 
 def settings_text(settings: Settings) -> str:
     """The JSON of all settings."""
-    return json_text(asdict(settings))
+    stages = _values(settings).items()
+    return json_text({name: _values(stage) if is_dataclass(stage) else stage for name, stage in stages})
+
+
+def _values(record: Any) -> dict[str, Any]:
+    """The fields of a record, without the deep copies of `asdict`."""
+    known = vars(record)
+    return {name: known[name] for name in record.__dataclass_fields__}
 
 
 def _plan_sha256(plan: Plan) -> str:
@@ -204,8 +220,7 @@ def _viewpoint_flags(plan: Plan) -> Bools:
 
 
 def _registration_json(registration: Registration) -> str:
-    plain = {item.name: getattr(registration, item.name) for item in fields(registration)}
-    return json_text({name: _json_value(value) for name, value in plain.items()})
+    return json_text({name: _json_value(value) for name, value in _values(registration).items()})
 
 
 def _json_value(value: Any) -> Any:

@@ -41,6 +41,7 @@ ADDED = (
     "added_at",
     "commit_id",
     "commit_version",
+    "row_sha256",
 )  # of a row: when and by which commit it was added
 
 # --- structures --------------------------------------------------------------------------------
@@ -173,11 +174,11 @@ def _passport_columns(passport: Mapping[str, Any]) -> Row:
     }
 
 
-def pose_table(demonstration: Demonstration, commit_id: str) -> pa.Table:
-    """The rows of `poses` of one demonstration."""
+def pose_table(demonstration: Demonstration) -> pa.Table:
+    """The rows of `poses` of one demonstration, without their commit."""
     columns = {
         "demonstration_id": demonstration.demonstration_id,
-        "commit_id": commit_id,
+        "commit_id": "",
         "t_ns": np.asarray(demonstration.t_ns, np.int64),
     }
     flown = demonstration

@@ -15,6 +15,7 @@ from upplied.catalog.schema.columns import ADDED as _ADDED
 from upplied.catalog.schema.columns import COMMIT as _COMMIT
 from upplied.catalog.schema.columns import COMMIT_VERSION as _COMMIT_VERSION
 from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE, Column, Table, committed
+from upplied.catalog.schema.columns import ROW_SHA256 as _ROW_SHA256
 from upplied.catalog.schema.columns import identity as _id
 from upplied.catalog.schema.decided import DECIDED, DECISIONS, OVERRULED
 from upplied.catalog.schema.edited import EDITS
@@ -37,6 +38,7 @@ def _version_of(whole: str) -> tuple[Column, ...]:
         Column("added_at", MOMENT, "UTC", f"when this version was added, {_ADDED}", required=True),
         _COMMIT,
         _COMMIT_VERSION,
+        _ROW_SHA256,
     )
 
 
@@ -218,7 +220,12 @@ TRANSFERS = Table(
         Column("warnings", TEXT, "", "JSON list of what a pilot should know"),
         Column("planned_at", MOMENT, "UTC", "when it was planned, by the planner's clock", required=True),
         Column("run_id", TEXT, "", "the run that planned it"),
-        Column("planned_on", TEXT, "", "where it was planned: host/process/engine"),
+        Column(
+            "planned_on",
+            TEXT,
+            "",
+            "where it was planned: host/process/engine, and after a colon the engine's worker",
+        ),
         Column("code_version", TEXT, "", "version of the program, with the commit where it ran from one"),
         Column("method_version", TEXT, "", "version of the method, raised when results may change"),
         Column("sources_sha256", TEXT, "", "digest of the sources that it was planned by"),
@@ -260,7 +267,7 @@ TRANSFERS = Table(
         ),
         *DECIDED,
         _id("key", "hash of everything the plan depends on"),
-        *committed("when it was added"),
+        *committed("when it was added", chained=False),
     ),
     ("transfer_id", "planned_at"),
 )
@@ -305,3 +312,6 @@ TABLES = {
         EDITS,
     )
 }
+
+#: The tables of steps, and whose rows own them.
+STEPS = {"waypoints": "transfers", "poses": "demonstrations"}

@@ -34,7 +34,7 @@ class ContentStore(Generic[R]):
     def __init__(self, root: str, folder: str, record_type: type[R], remedy: str) -> None:
         self.files = FileStore(f"{root.rstrip('/')}/{folder}")
         self.folder = folder
-        self._type, self._remedy = record_type, remedy
+        self.record_type, self._remedy = record_type, remedy
         self._kept: set[str] = set()  # by this process: a surface's samples serve many plans
 
     def put(self, record: R) -> str:
@@ -60,7 +60,7 @@ class ContentStore(Generic[R]):
             If it is not there, or is damaged.
         """
         try:
-            return decode(self.files.read(file_name(sha256)), self._type, sha256)
+            return decode(self.files.read(file_name(sha256)), self.record_type, sha256)
         except (OSError, pa.ArrowException) as error:
             path = self.path(sha256)
             raise CatalogError(path, f"cannot be read: {error}", "", remedy_of(path, str(error))) from None

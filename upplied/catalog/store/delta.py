@@ -7,18 +7,21 @@ would be lost.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
 import random
+import secrets
 import time
-import uuid
-from collections.abc import Callable, Iterator
-from contextlib import closing
+from collections.abc import Callable, Collection, Iterator
+from contextlib import closing, nullcontext
 from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TypeVar
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 from deltalake import CommitProperties, DeltaTable, Transaction
@@ -26,14 +29,17 @@ from deltalake import Schema as DeltaSchema
 from deltalake.exceptions import CommitFailedError
 from deltalake.transaction import AddAction
 
-from upplied.catalog.schema.columns import Table
+from upplied.catalog.schema.columns import BEFORE_SHA256, ROW_SHA256, Table
 from upplied.catalog.schema.migrations import SCHEMA_VERSION, needed, upgraded
+from upplied.catalog.store.chain import is_chained, sealed
 from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.errors import explained
-from upplied.catalog.store.files import sync_path
+from upplied.catalog.store.files import FileStore, sync_path
 from upplied.catalog.store.identity import Identity
+from upplied.catalog.store.locking import turn
 from upplied.catalog.store.log import TableLog
-from upplied.catalog.store.opening import VERSION_KEY, in_schema
+from upplied.catalog.store.log_hashes import STATED, unstated
+from upplied.catalog.store.opening import HASHED_KEY, VERSION_KEY, in_schema
 from upplied.catalog.store.statistics import statistics
 from upplied.errors import CatalogError
 
@@ -61,11 +67,22 @@ class StoredTable(TableLog):
 
     def __init__(self, root: str, declared: Table, identity: Identity | None = None) -> None:
         super().__init__(root, declared, identity)
+        self._root = root
+        self._turn = Path(root) / "heads" / f"{declared.name}.turn"
         self._clock = Clock(root)
         self._dataset: tuple[int, ds.Dataset] | None = None
+        self._stated = (-1, "")  # of a version of the log: hashes of its entries that none of them states
+        self._columns_added = False
+        self._log = FileStore(f"{self.uri}/_delta_log")
+        self._names: dict[str, pa.ChunkedArray] = {}  # of rows, by data file
 
-    def dataset(self, version: int | None = None) -> ds.Dataset | None:
-        """The rows as of the newest commit, or of an older version; None where nothing was committed."""
+    def dataset(
+        self, version: int | None = None, commits: Collection[str] | None = None
+    ) -> ds.Dataset | None:
+        """The rows as of the newest commit, or of an older version; None where nothing was committed.
+
+        Where only some `commits` are asked for, rows of others may be left out.
+        """
         if version is not None:
             return self._older(version)
         with self._lock:
@@ -81,12 +98,13 @@ class StoredTable(TableLog):
         where: ds.Expression | None = None,
         columns: list[str] | None = None,
         version: int | None = None,
+        commits: Collection[str] | None = None,
     ) -> pa.Table:
         """The rows that fit, in the declared columns and types; those an older program lacked are null."""
         schema = self.declared.schema
         asked = self.declared.names if columns is None else columns
         wanted = pa.schema([schema.field(name) for name in needed(self.declared, asked)])
-        dataset = self.dataset(version)
+        dataset = self.dataset(version, commits)
         if dataset is None:
             return wanted.empty_table().select(asked)
         present = [name for name in wanted.names if name in dataset.schema.names]
@@ -101,13 +119,17 @@ class StoredTable(TableLog):
         return pa.concat_tables(parts).unify_dictionaries()
 
     def batches(
-        self, columns: list[str], where: ds.Expression | None = None, version: int | None = None
+        self,
+        columns: list[str],
+        where: ds.Expression | None = None,
+        version: int | None = None,
+        commits: Collection[str] | None = None,
     ) -> Iterator[pa.Table]:
         """As `read`, some rows at a time; the first ones may be none."""
         schema = self.declared.schema
         wanted = pa.schema([schema.field(name) for name in needed(self.declared, columns)])
         yield wanted.empty_table().select(columns)
-        dataset = self.dataset(version)
+        dataset = self.dataset(version, commits)
         if dataset is None:
             return
         present = [name for name in wanted.names if name in dataset.schema.names]
@@ -128,20 +150,48 @@ class StoredTable(TableLog):
                 rows = in_schema(pa.table(batch), wanted)
                 yield upgraded(self.declared, rows).select(columns)
 
-    def whole(self, where: ds.Expression) -> pa.Table:
+    def whole(self, where: ds.Expression | None = None) -> pa.Table:
         """The rows that fit, with the columns that only a newer program knows as well."""
         dataset = self.dataset()
         if dataset is None:
             return self.declared.schema.empty_table()
-        found = explained(self.uri, partial(dataset.to_table, filter=where))
+        return self._complete(explained(self.uri, partial(dataset.to_table, filter=where)))
+
+    def whole_batches(self) -> Iterator[pa.Table]:
+        """All rows with all their columns, some at a time."""
+        dataset = self.dataset()
+        if dataset is None:
+            return
+        scanner = dataset.scanner(batch_size=_ROW_GROUP, batch_readahead=1, fragment_readahead=1)
+        with closing(scanner.to_batches()) as found:
+            while (batch := explained(self.uri, partial(next, found, None))) is not None:
+                yield self._complete(pa.table(batch))
+
+    def _complete(self, found: pa.Table) -> pa.Table:
         unknown = [field for field in found.schema if field.name not in self.declared.names]
         known = upgraded(self.declared, in_schema(found, self.declared.schema))
         for field in unknown:
             known = known.append_column(field, found[field.name])
         return known
 
-    def append(self, rows: pa.Table) -> None:
-        """Commit rows, all or none; returns when they are there to stay.
+    def named(self, names: pa.Array) -> pa.Array:
+        """Those of some names of rows, of the first column, that are stored; each data file is read once.
+
+        (A dataset states the range of every column of every file, which costs more than all the rest where a
+        table is written: names of plans are hashes, so that no file is spared by its range.)
+        """
+        with self._lock:
+            delta = self._refreshed()
+            files = [] if delta is None else [uri.rsplit("/", 1)[-1] for uri in delta.file_uris()]
+            read = partial(
+                pq.read_table, columns=self.declared.names[:1], filesystem=self._files.filesystem()
+            )
+            new = {name: explained(self.uri, partial(read, name))[0] for name in {*files} - {*self._names}}
+            self._names = {name: new.get(name, self._names.get(name)) for name in files}
+            return names.filter(pc.is_in(names, pa.chunked_array(self._names.values(), pa.string())))
+
+    def append(self, rows: pa.Table) -> int:
+        """Commit rows, all or none; returns the version that has them when they are there to stay.
 
         Where the table has the columns, they get the number of their commit and its time.
 
@@ -152,18 +202,16 @@ class StoredTable(TableLog):
         """
         # The file is written here and not by delta-rs: on the disk before a commit names it, and an
         # error of the disk comes back as an error (delta-rs 1.6 prints a panic besides).
-        self._insist(self._ready)
-        if "commit_version" in self.declared.names:
-            self._insist(lambda: self._append_next(rows))
-            return
-        added = explained(self.uri, lambda: self.new_file(rows))
-        self._insist(lambda: self._append(added, rows))
+        if not self._columns_added:
+            self._insist(self._ready)
+            self._columns_added = True
+        # Those who write take turns where the disk lets them: who loses numbers and writes its file again.
+        with turn(self._turn) if self._files.local else nullcontext():
+            return self._insist(lambda: self._append_next(rows))
 
-    def _append(self, added: AddAction, rows: pa.Table) -> None:
-        with self._lock:
-            delta = self._refreshed()
-            assert delta is not None
-            self._commit(delta, added, rows, [])
+    def beside(self) -> StoredTable:
+        """The same table, opened anew: for who works on it while others write through this one."""
+        return StoredTable(self._root, self.declared, self._identity)
 
     def change(self, act: Callable[[DeltaTable], T]) -> T | None:
         """Do maintenance on the newest version, again where a writer was faster; None without a table."""
@@ -175,7 +223,7 @@ class StoredTable(TableLog):
                     return None
                 done = act(delta)
                 delta.update_incremental()
-                self._heads.note(delta.version())
+                self._heads.note(delta.version(), self._unstated(delta.version()))
                 return done
 
         return self._insist(once)
@@ -204,18 +252,18 @@ class StoredTable(TableLog):
             if new:
                 delta.alter.add_columns(list(DeltaSchema.from_arrow(pa.schema(new)).fields))
             if int(delta.metadata().configuration[VERSION_KEY]) < SCHEMA_VERSION:
-                raised = {VERSION_KEY: str(SCHEMA_VERSION)}
+                raised = {VERSION_KEY: str(SCHEMA_VERSION), HASHED_KEY: str(delta.version() + 1)}
                 delta.alter.set_table_properties(raised, raise_if_not_exists=False)
 
     def new_file(self, rows: pa.Table) -> AddAction:
         """Write a data file that no commit names yet."""
         sink = BytesIO()
         pq.write_table(rows, sink, row_group_size=_ROW_GROUP, compression="zstd")
-        name = f"part-{uuid.uuid4()}.parquet"
+        name = f"part-{hashlib.sha256(sink.getbuffer()).hexdigest()}-{secrets.token_hex(4)}.parquet"
         self._files.write(name, sink.getvalue())
         return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, statistics(rows))
 
-    def _append_next(self, rows: pa.Table) -> None:
+    def _append_next(self, rows: pa.Table) -> int:
         """Commit rows as the next in order; where another writer was faster, they are numbered anew.
 
         All who number rows advance one transaction of the table, its time in microseconds, so that of
@@ -233,22 +281,39 @@ class StoredTable(TableLog):
                 numbered = numbered.set_column(
                     numbered.schema.get_field_index(name), field, pa.repeat(stamp, len(rows))
                 )
+            numbered = sealed(numbered, self._chain(delta) if is_chained(self.declared) else None)
             added = self.new_file(numbered)
+            about = {"rows": str(len(rows)), STATED: self._unstated(delta.version())}
+            said = CommitProperties(about, max_commit_retries=30, app_transactions=[Transaction(_ORDER, now)])
             try:
-                self._commit(delta, added, numbered, [Transaction(_ORDER, now)])
+                delta.create_write_transaction([added], "append", rows.schema, commit_properties=said)
             except CommitFailedError:
                 self._files.remove(added.path)
                 raise
+            return self._committed(delta.version() + 1, added.path)
 
-    def _commit(self, delta: DeltaTable, added: AddAction, rows: pa.Table, order: list[Transaction]) -> None:
-        said = CommitProperties({"rows": str(len(rows))}, max_commit_retries=30, app_transactions=order)
-        delta.create_write_transaction([added], "append", rows.schema, commit_properties=said)
-        delta.update_incremental()
+    def _committed(self, version: int, name: str) -> int:
+        """The version that brought a data file, at least a given one, once it is there to stay."""
+        while name.encode() not in self._log.read(entry := f"{version:020}.json"):
+            version += 1  # somebody merged files meanwhile
         if self._files.local:
-            entry = Path(self.uri) / "_delta_log" / f"{delta.version():020}.json"
-            sync_path(entry)
-            sync_path(entry.parent)
-        self._heads.note(delta.version())
+            sync_path(Path(self._log.path(entry)))
+            sync_path(Path(self._log.root))
+        self._heads.note(version, self._unstated(version))
+        return version
+
+    def _chain(self, delta: DeltaTable) -> pa.Table:
+        """The rows that the next ones follow: all of each where none has a hash yet."""
+        rows = self.rows_of(delta)
+        found = rows.to_table([ROW_SHA256.name, BEFORE_SHA256.name, "commit_version"])
+        return found if pc.any(pc.greater(found[0], "")).as_py() else self._complete(rows.to_table())
+
+    def _unstated(self, version: int) -> str:
+        """The hashes of entries of the log up to a version that none of them states, as JSON."""
+        if self._stated[0] != version:
+            found = unstated(self._log, version)
+            self._stated = version, json.dumps(found)
+        return self._stated[1]
 
 
 def _encoded(rows: pa.Table) -> pa.Table:

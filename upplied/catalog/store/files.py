@@ -8,7 +8,12 @@ import uuid
 from datetime import datetime
 from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.fs as pafs
+from deltalake import DeltaTable
+from deltalake.exceptions import CommitFailedError, DeltaError
+
+_CONTENT = "upplied.content"  # property of a table that stands for a file
 
 
 class FileStore:
@@ -93,10 +98,10 @@ class FileStore:
             return bytes(stream.read())
 
     def create(self, name: str, content: bytes) -> None:
-        """Write a file unless it is there; of several who do so at once, on a disk one alone succeeds."""
+        """Write a file unless it is there; of several who do so at once one alone succeeds."""
         if not self.local:
             if not self.has(name):
-                self.write(name, content)
+                self.write(name, self._first(name, content))
             return
         path = Path(self.path(name))
         draft = path.with_name(f".{name}.{uuid.uuid4().hex[:8]}.draft")
@@ -111,6 +116,26 @@ class FileStore:
         finally:
             draft.unlink(missing_ok=True)
         sync_path(path.parent)
+
+    def _first(self, name: str, content: bytes) -> bytes:
+        """What the first of several who create a file in an object store would write.
+
+        Pyarrow always replaces what is there. Delta-rs puts the first entry of a log on condition that there
+        is none: who makes a table that holds the content has made the file, and the others read it there.
+        """
+        uri = self.path(f"{name}.first")
+        try:
+            with contextlib.suppress(CommitFailedError):
+                DeltaTable.create(
+                    uri,
+                    pa.schema([("content", pa.string())]),
+                    mode="ignore",
+                    configuration={_CONTENT: content.decode()},
+                    raise_if_key_not_exists=False,
+                )
+            return str(DeltaTable(uri).metadata().configuration[_CONTENT]).encode()
+        except DeltaError as error:
+            raise OSError(str(error)) from None
 
     def remove(self, name: str) -> None:
         """Remove a file; nothing where it is not there."""

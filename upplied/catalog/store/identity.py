@@ -1,13 +1,14 @@
 """What tells that a place is a catalog, which one, and how far its tables had come.
 
-``catalog.json`` beside the tables holds the name that was drawn when the catalog was made. ``heads/``
-holds an empty file ``<table>-<version>`` for the newest commit of each table that somebody saw:
-a log that ends before it has lost its newest entries.
+``catalog.json`` beside the tables holds the name that was drawn when the catalog was made, and its own hash.
+``heads/`` holds a file ``<table>-<version>`` for the newest commit of each table that somebody saw, with the
+hash of its entry: a log that ends before it has lost its newest entries.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import uuid
 from collections.abc import Sequence
@@ -70,12 +71,18 @@ class Identity:
         if not self.id:
             said = {"format": _FORMAT, "id": uuid.uuid4().hex, "made_at": datetime.now(UTC).isoformat()}
             try:
-                self.files.create(_FILE, (json.dumps(said, indent=1) + "\n").encode())
+                self.files.create(_FILE, _text(said).encode())
             except _TRIED as error:
                 remedy = "free space, or ask for the right to write there; nothing was changed"
                 raise CatalogError(self.files.root, f"cannot be written: {error}", "", remedy) from None
             self._id = self._read()
         return self._id or ""
+
+    def is_as_written(self) -> bool:
+        """Whether no byte of the identity was changed; nobody can tell of what an older program wrote."""
+        content = self.files.read(_FILE) if self.files.has(_FILE) else b"{}"
+        said = json.loads(content)
+        return "sha256" not in said or content == _text(said).encode()
 
     def _read(self) -> str | None:
         what = self.files.path(_FILE)
@@ -92,6 +99,13 @@ class Identity:
         if not isinstance(said, dict) or said.get("format") != _FORMAT or not isinstance(said.get("id"), str):
             raise CatalogError(what, "is not the identity of a catalog", f'"format": "{_FORMAT}"')
         return str(said["id"])
+
+
+def _text(said: dict[str, str]) -> str:
+    """The file of an identity, with the hash of what it says."""
+    said = {name: value for name, value in said.items() if name != "sha256"}
+    sha256 = hashlib.sha256(json.dumps(said).encode()).hexdigest()
+    return json.dumps({**said, "sha256": sha256}, indent=1) + "\n"
 
 
 class Heads:
@@ -113,13 +127,18 @@ class Heads:
         """The version; -1 where none was noted."""
         return max(map(self._version, self._names()), default=-1)
 
-    def note(self, version: int) -> None:
+    def stated(self) -> str:
+        """What was noted of the newest version; empty where nothing was."""
+        names = sorted(self._names(), key=self._version)
+        return self._files.read(names[-1]).decode(errors="replace") if names else ""
+
+    def note(self, version: int, stated: str = "") -> None:
         """Note a version that is committed; where that is impossible, its loss would not be noticed."""
         if version <= self._noted:
             return
         with contextlib.suppress(*_TRIED):
             # One file per version: whoever comes later never takes the note back.
-            self._files.write(f"{self._prefix}{version:020}", b"", lasting=False)
+            self._files.write(f"{self._prefix}{version:020}", stated.encode(), lasting=False)
             self._noted = version
             for name in self._names():
                 if self._version(name) < version:

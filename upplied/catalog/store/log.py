@@ -13,11 +13,12 @@ from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.store.errors import explained
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.identity import Heads, Identity
-from upplied.catalog.store.opening import VERSION_KEY, check_version, opened
+from upplied.catalog.store.log_hashes import CHECKPOINTS
+from upplied.catalog.store.opening import HASHED_KEY, VERSION_KEY, check_version, opened
 from upplied.errors import CatalogError
 
 _PROPERTIES = {
-    "delta.checkpointInterval": "50",
+    "delta.checkpointInterval": str(CHECKPOINTS),
     "delta.logRetentionDuration": "interval 365 days",
     "delta.deletedFileRetentionDuration": "interval 30 days",
 }
@@ -77,7 +78,7 @@ class TableLog:
             mode="ignore",
             name=self.declared.name,
             description=self.declared.meaning,
-            configuration={VERSION_KEY: str(SCHEMA_VERSION), **_PROPERTIES},
+            configuration={VERSION_KEY: str(SCHEMA_VERSION), HASHED_KEY: "0", **_PROPERTIES},
             raise_if_key_not_exists=False,
         )
         return self._delta

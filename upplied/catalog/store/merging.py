@@ -7,8 +7,11 @@ that one trajectory lies in many row groups.
 from __future__ import annotations
 
 import logging
+import math
+import threading
 import time
 from dataclasses import replace
+from typing import Any
 
 import pyarrow as pa
 from deltalake import CommitProperties, DeltaTable, Transaction
@@ -19,11 +22,12 @@ from upplied.errors import CatalogError
 
 log = logging.getLogger(__name__)
 
+_OF_FILES = ["path", "size_bytes", "modification_time", "num_records"]
 TARGET_BYTES = 64 << 20  # of a data file
 DECODED_BYTES = 256 << 20  # of its rows in memory, where merging holds them some three times
 _ROWS_WEIGHED = 100
-_LOOKED_AT = 16
-_MANY = 32
+_MANY = 16  # files that are merged while a table is written; their rows differ by less than so many times
+_TIDIED_BYTES = 16 << 20  # of rows in memory: a writer has little to spare; the rest is for `merge`
 
 
 def merge(table: StoredTable, size_bytes: int) -> int:
@@ -34,18 +38,21 @@ def merge(table: StoredTable, size_bytes: int) -> int:
     return merged
 
 
-def tidy(table: StoredTable, size_bytes: int) -> None:
-    """Merge the small files of a table now and then, while it is written; questions stay quick.
+def tidy(table: StoredTable, version: int) -> None:
+    """Merge small files of a table now and then, beside those who write it; questions stay quick.
 
-    Whoever makes every sixteenth commit looks, and merges where there are many. What hinders it is no
-    matter of the row that was added.
+    Whoever makes every sixteenth commit does so, in a thread that only the end of the process waits for. Only
+    files of about the same size are merged, so that a row is written again as often as its file can grow
+    sixteenfold, and not with every merge. What hinders it is no matter of the rows that were added.
     """
+    if version % _MANY == 0:
+        threading.Thread(target=_tidied, args=(table.beside(),), name=f"tidy {table.declared.name}").start()
+
+
+def _tidied(table: StoredTable) -> None:
     try:
-        delta = table.delta()
-        if delta is None or delta.version() % _LOOKED_AT:
-            return
-        if len(_small(table, delta, size_bytes)) >= _MANY:
-            table.change(lambda found: _merge_oldest(table, found, size_bytes))
+        while table.change(lambda delta: _merged(table, delta, _of_a_size(table, delta))):
+            pass
     except CatalogError as error:
         log.warning("small files of %s were not merged: %s", table.uri, error)
 
@@ -61,7 +68,10 @@ def removing() -> CommitProperties:
 
 
 def _merge_oldest(table: StoredTable, delta: DeltaTable, size_bytes: int) -> int:
-    chosen = _oldest_small(table, delta, size_bytes)
+    return _merged(table, delta, _oldest_small(table, delta, size_bytes))
+
+
+def _merged(table: StoredTable, delta: DeltaTable, chosen: dict[str, int]) -> int:
     if len(chosen) < 2:
         return 0
     rows = _rows_of(table, delta, set(chosen))
@@ -85,12 +95,29 @@ def _oldest_small(table: StoredTable, delta: DeltaTable, size_bytes: int) -> dic
     return chosen
 
 
+def _of_a_size(table: StoredTable, delta: DeltaTable) -> dict[str, int]:
+    """Names and sizes of the oldest of the smallest files that are many and have about as many rows."""
+    classes: dict[int, list[dict[str, Any]]] = {}
+    for file in _files(delta):
+        classes.setdefault(int(math.log(max(file["num_records"] or 1, 1), _MANY)), []).append(file)
+    many = next((files[:_MANY] for _, files in sorted(classes.items()) if len(files) >= _MANY), [])
+    rows = sum(file["num_records"] or 0 for file in many)
+    if rows and rows * _row_bytes(table, delta) > _TIDIED_BYTES:
+        return {}
+    return {file["path"]: file["size_bytes"] for file in many}
+
+
+def _files(delta: DeltaTable) -> list[dict[str, Any]]:
+    """The data files, oldest first."""
+    files = pa.table(delta.get_add_actions()).select(_OF_FILES).to_pylist()
+    return sorted(files, key=lambda file: (file["modification_time"], file["path"]))
+
+
 def _small(table: StoredTable, delta: DeltaTable, size_bytes: int) -> list[tuple[str, int, float]]:
     """Files less than half of the largest that is made, oldest first: name, size, and share of that."""
-    files = pa.table(delta.get_add_actions())
     row_bytes = _row_bytes(table, delta)
     found = []
-    for file in sorted(files.to_pylist(), key=lambda file: (file["modification_time"], file["path"])):
+    for file in _files(delta):
         size, rows = file["size_bytes"], file["num_records"] or 0
         share = max(size / size_bytes, rows * row_bytes / DECODED_BYTES)
         if share < 0.5:

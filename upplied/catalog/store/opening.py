@@ -12,6 +12,7 @@ from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.errors import CatalogError
 
 VERSION_KEY = "upplied.schemaVersion"  # a property of each table
+HASHED_KEY = "upplied.hashedFrom"  # another: the first version whose rows carry hashes
 
 
 def in_schema(found: pa.Table, schema: pa.Schema) -> pa.Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,8 @@ from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.store.merging import TARGET_BYTES, tidy
+from upplied.catalog.store.merging import tidy
+from upplied.catalog.store.steps import StepTable
 from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.standing import DERIVED
 from upplied.checks import check_id
@@ -55,9 +56,7 @@ def add_demonstrations(catalog: Reading, demonstrations: Sequence[Demonstration]
         row = rows.demonstration_row(item)
         if not _known("demonstrations", current.get(item.demonstration_id), row):
             new[item.demonstration_id] = row, item
-    commit = _add_steps(
-        catalog, "poses", lambda commit: [rows.pose_table(item, commit) for _, item in new.values()]
-    )
+    commit = _add_steps(catalog, "poses", [rows.pose_table(item) for _, item in new.values()])
     return _add(catalog, "demonstrations", [{**row, "commit_id": commit} for row, _ in new.values()])
 
 
@@ -77,17 +76,19 @@ def add_plans(catalog: Reading, plans: Sequence[Planned]) -> int:
     flown = {
         plan_rows.transfer_id(key): plan for key, (plan, _) in new.items() if plan.trajectory is not None
     }
-    commit = _add_steps(
-        catalog,
-        "waypoints",
-        lambda commit: [plan_rows.waypoint_table(name, flown[name], commit) for name in sorted(flown)],
-    )
+    steps = [plan_rows.waypoint_table(name, flown[name]) for name in sorted(flown)]
+    commit = _add_steps(catalog, "waypoints", steps)
     made = [{**row, "commit_id": commit} for row in _transfer_rows(catalog, new)]
     return _add(catalog, "transfers", made, _repeated(table, again, {"planned_at": catalog.clock.now()}))
 
 
-def _makes_way(stored: Row, status: str, run_id: str = "") -> bool:
-    """Whether a row of the same plan is added: after a failure a result, or another run's failure."""
+def _makes_way(stored: Row, status: str, run_id: str = "", foreign: bool = False) -> bool:
+    """Whether a row of the same plan is added: after a failure a result, or another run's failure.
+
+    And after what was imported and not measured here, what was.
+    """
+    if plan_rows.is_foreign(stored):
+        return not foreign
     failed_again = status == "failed" and run_id in ("", stored["run_id"])
     return stored["status"] == "failed" and not failed_again
 
@@ -131,15 +132,14 @@ def add_overruled(catalog: Reading, given: Sequence[Mapping[str, Any]]) -> int:
 def adopt_plans(catalog: Reading, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:
     """Add plans of another catalog as they are, with the steps that they own there."""
     stored = ordering.rows_of_keys(catalog.tables["transfers"], [row["key"] for row in plans])
-    new = [row for row in plans if row["key"] not in stored or _makes_way(stored[row["key"]], row["status"])]
+    new = [
+        row
+        for row in plans
+        if row["key"] not in stored
+        or _makes_way(stored[row["key"]], row["status"], foreign=plan_rows.is_foreign(row))
+    ]
     owned = [waypoints[row["transfer_id"], row["commit_id"]] for row in new if row["n_waypoints"]]
-
-    def carrying(commit: str) -> list[pa.Table]:
-        at = TABLES["waypoints"].names.index("commit_id")
-        field = TABLES["waypoints"].schema.field(at)
-        return [steps.set_column(at, field, pa.repeat(commit, len(steps))) for steps in owned]
-
-    commit = _add_steps(catalog, "waypoints", carrying)
+    commit = _add_steps(catalog, "waypoints", owned)
     undecided = dict.fromkeys(DERIVED)  # what was decided about them elsewhere is not decided here
     return _add(catalog, "transfers", [{**row, **undecided, "commit_id": commit} for row in new])
 
@@ -204,19 +204,17 @@ def _add(catalog: Reading, name: str, made: list[Row], more: pa.Table | None = N
     new = rows.table_of(TABLES[name], [{**commit, **row} for row in made])
     new = new if more is None else pa.concat_tables([new, more], promote_options="default")
     if len(new):
-        catalog.tables[name].append(new)
-        tidy(catalog.tables[name], TARGET_BYTES)
+        tidy(catalog.tables[name], catalog.tables[name].append(new))
     return len(new)
 
 
-def _add_steps(catalog: Reading, name: str, build: Callable[[str], list[pa.Table]]) -> str:
-    """Commit steps, where there are any; returns the commit that the rows owning them must carry."""
-    commit = new_commit_id(catalog)
-    steps = build(commit)
-    if steps:
-        catalog.tables[name].append(pa.concat_tables(steps))
-        tidy(catalog.tables[name], TARGET_BYTES)
-    return commit
+def _add_steps(catalog: Reading, name: str, steps: list[pa.Table]) -> str:
+    """Keep steps, where there are any; returns the commit that the rows owning them must carry."""
+    if not steps:
+        return new_commit_id(catalog)
+    table = catalog.tables[name]
+    assert isinstance(table, StepTable)
+    return table.keep(pa.concat_tables(steps), catalog.clock.now())
 
 
 def new_commit_id(catalog: Reading) -> str:

@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +34,7 @@ _OF_ONE_PLACE = ("flights", "decisions", "overruled", "settings", "requirements"
 EXCHANGED = [name for name in TABLES if name not in _OF_ONE_PLACE]
 
 _DATASET = "dataset.json"
+_MAX_ABOUT_BYTES = 64 << 20  # of dataset.json
 _MAX_BYTES = 8 << 30  # of one file of a folder that is imported
 
 
@@ -91,18 +92,20 @@ Licence: {licence}.{whom}
 """
 
 
-def check_files(place: Path) -> None:
-    """Compare the files that are there with the hashes they should have.
+def check_files(place: Path) -> set[str]:
+    """Compare the files that are there with the hashes they should have; their names.
+
+    Nothing else of the folder is read.
 
     Raises
     ------
     CatalogError
         If one is missing, was changed, is not listed or lies elsewhere.
     """
+    about = _about(place)
     try:
-        about = json.loads((place / _DATASET).read_text(encoding="utf-8"))
         version, files = int(about["schema_version"]), dict(about["files"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise CatalogError(f"{place / _DATASET}", f"cannot be read: {error}", "an exported folder") from None
     if version > SCHEMA_VERSION:
         raise CatalogError(
@@ -115,11 +118,34 @@ def check_files(place: Path) -> None:
             raise CatalogError(f"{place}: {name[:200]}", "is not listed, or lies outside the folder")
         if not path.is_file() or path.stat().st_size > _MAX_BYTES or _sha256(path) != files[name]:
             raise CatalogError(str(path), "is missing, too large, or not the file that was exported")
+    return set(files)
+
+
+def checked_bytes(place: Path, listed: Collection[str], name: str) -> bytes:
+    """The bytes of a file of a dataset; one that is not among those that were checked is refused."""
+    if name not in listed:
+        remedy = "export the dataset again"
+        raise CatalogError(
+            str(place / name), "is missing, or not listed", f"what plans name is in {_DATASET}", remedy
+        )
+    return (place / name).read_bytes()
+
+
+def _about(place: Path) -> dict[str, Any]:
+    """What a dataset says of itself."""
+    path = place / _DATASET
+    try:
+        if not path.is_file() or path.stat().st_size > _MAX_ABOUT_BYTES:
+            raise OSError("it is no file, or too large")
+        said = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise CatalogError(str(path), f"cannot be read: {error}", "an exported folder") from None
+    return said if isinstance(said, dict) else {}
 
 
 def name_of(place: Path) -> str:
     """The name of a dataset whose files were checked; the folder's where it has none."""
-    said = str(json.loads((place / _DATASET).read_text(encoding="utf-8")).get("name", ""))
+    said = str(_about(place).get("name", ""))
     return said if re.fullmatch(r"[A-Za-z0-9_-]{1,64}", said) else place.resolve().name[:64]
 
 

@@ -14,8 +14,9 @@ import pandas as pd
 import pyarrow.compute as pc
 
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import adding, ordering, queries
+from upplied.catalog.verbs import adding, custody, ordering, queries
 from upplied.catalog.verbs.frames import frame
+from upplied.catalog.verbs.roster import check_name, roster_of, signature
 from upplied.catalog.verbs.standing import Standing, standing_of, unit_of
 from upplied.errors import RefusedError, SettingsError
 from upplied.provenance import code_version
@@ -59,6 +60,8 @@ def in_force(catalog: Reading, **asked: Any) -> pd.DataFrame:
     judged = standing(catalog).judged
     now = [judged.get(unit_of(row)) == hashes.get(row["target_id"]) for row in found.to_dict("records")]
     found["target_changed"] = [not same for same in now]
+    altered = custody.alterations(catalog, found["transfer_id"].tolist(), standing(catalog))
+    found["altered"] = found["transfer_id"].map(altered).fillna("").astype(object)
     return found
 
 
@@ -113,7 +116,9 @@ def release(
 ) -> str:
     """See `Catalog.release`."""
     row = _plan(catalog, transfer_id)
+    custody.check_releasable(catalog, row)
     now = standing(catalog)
+    roster_of(catalog).check_may_release(by.strip())
     forced = _check_release(catalog, row, now.of(transfer_id), tuple(force))
     unit = unit_of(row)
     known = now.last.get(unit, "") if after is None else after
@@ -195,6 +200,7 @@ def _decide(catalog: Reading, row: Row, state: str, by: str, note: str, **said: 
             raise SettingsError(f"{what} of a decision", f"has {len(text)} letters", f"at most {_LONGEST}")
     if not by.strip():
         raise SettingsError("a decision", "says not who decided", "a name", "say --by NAME")
+    check_name(by.strip())
     name = adding.new_commit_id(catalog)
     made = {
         "decision_id": name,
@@ -203,8 +209,10 @@ def _decide(catalog: Reading, row: Row, state: str, by: str, note: str, **said: 
         "by": by.strip(),
         "note": note,
         "plan_sha256": row["waypoints_sha256"],
+        "plan_row_sha256": custody.seals(catalog, [row["transfer_id"]])[row["transfer_id"]],
         "code_version": code_version(),
         **said,
     }
+    made["signature"] = signature(roster_of(catalog), made)
     adding.add_rows(catalog, "decisions", [made])
     return name

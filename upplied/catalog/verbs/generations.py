@@ -51,24 +51,46 @@ def check(place: Path, before: Generation, now: Generation, transfers: int) -> N
         raise CatalogError(str(place), found, "a publication does not shrink to nothing", remedy)
 
 
-def linked(tables: Path, draft: Path, file: str, before: Generation | None, now: Generation) -> bool:
-    """Whether a file was published before, made from the same, and now is in the draft as well."""
-    old = tables / "current" / file
-    if before is None or before.parts.get(file) != now.parts[file] or not old.is_file():
-        return False
-    (draft / file).parent.mkdir(parents=True, exist_ok=True)
-    try:
-        os.link(old.resolve(), draft / file)
-    except OSError:  # a disk without links
-        shutil.copy2(old, draft / file)
-    return True
+class Before:
+    """The files of the generation before, for those that take its place.
+
+    Parameters
+    ----------
+    tables : path
+        The folder of generations.
+    generation : Generation or None
+        What the current one holds; None where there is none.
+    """
+
+    def __init__(self, tables: Path, generation: Generation | None) -> None:
+        self._parts = {} if generation is None else generation.parts
+        self._place = (tables / "current").resolve()
+        self._named = {file.rpartition("-")[0]: file for file in self._parts if "-" in file}
+
+    def linked(self, draft: Path, file: str, now: Generation) -> bool:
+        """Whether a file was published before, made from the same, and now is in the draft as well."""
+        if self._parts.get(file) != now.parts[file]:
+            return False
+        (draft / file).parent.mkdir(parents=True, exist_ok=True)
+        try:
+            os.link(self._place / file, draft / file)
+        except FileNotFoundError:
+            return False
+        except OSError:  # a disk without links
+            shutil.copy2(self._place / file, draft / file)
+        return True
+
+    def like(self, file: str) -> Path | None:
+        """The file of the same name but for the hash at its end, where there is one."""
+        name = self._named.get(file.rpartition("-")[0])
+        return self._place / name if name and (self._place / name).is_file() else None
 
 
 def switch(place: Path, draft: Path, now: Generation) -> None:
     """Make the draft the current generation, in one step once all of it is on the disk."""
     tables = place / "tables"
     with (draft / _SAID).open("w") as sink:
-        json.dump(asdict(now), sink, indent=1, sort_keys=True)
+        json.dump(asdict(now), sink, indent=0, sort_keys=True)
         sink.flush()
         os.fsync(sink.fileno())
     for folder in [path for path in draft.rglob("*") if path.is_dir()] + [draft]:

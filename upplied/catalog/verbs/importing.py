@@ -24,7 +24,7 @@ from upplied.catalog.store.contents import file_name
 from upplied.catalog.store.opening import in_schema
 from upplied.catalog.store.surfaces import SUPPOSED, SURFACES, Samples, States
 from upplied.catalog.verbs import adding
-from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, name_of
+from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, checked_bytes, name_of
 from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
 from upplied.catalog.verbs.verification import broken_values
 from upplied.checks import check_id
@@ -71,7 +71,7 @@ def import_dataset(
         catalog. Nothing is added then.
     """
     place = Path(folder)
-    check_files(place)
+    listed = check_files(place)
     tables = {name: _read(place, name) for name in EXCHANGED}
     for name in ("structures", "demonstrations", "transfers"):
         frame = tables[name].to_pandas()
@@ -81,7 +81,7 @@ def import_dataset(
             for value in frame[column].unique():
                 check_id(value, f"{place}: {name}.{column}")
     steps = {name: _by_owner(tables[name]) for name in ("poses", "waypoints")}
-    structures = [_structure(place, row) for row in _newest(tables["structures"])]
+    structures = [_structure(place, listed, row) for row in _newest(tables["structures"])]
     demonstrations = [
         rows.demonstration_of(row, _steps(place, steps["poses"], "poses", row))
         for row in _newest(tables["demonstrations"])
@@ -94,7 +94,7 @@ def import_dataset(
             _steps(place, steps["waypoints"], "waypoints", row)
     dataset = name_of(place)
     for row in plans:
-        row["imported_from"] = f"{dataset}, measures as it says"
+        row["imported_from"] = f"{dataset}, {plan_rows.AS_IT_SAYS}"
     if measured is not None:
         for row, left in _measured_anew(
             place, plans, steps["waypoints"], structures, demonstrations, measured
@@ -105,10 +105,9 @@ def import_dataset(
     new_demonstrations = _unknown(catalog, "demonstrations", demonstrations, replace)
     for row in plans:
         for column in SURFACES:
-            row[column] = _surface(catalog, place, row[column])
-        if row["supposed_sha256"]:
-            path = place / SUPPOSED / file_name(row["supposed_sha256"])
-            catalog.supposed_surfaces.put(_kept(path, SupposedSurface, row["supposed_sha256"]))
+            row[column] = _surface(catalog, place, listed, row[column])
+        if sha256 := row["supposed_sha256"]:
+            catalog.supposed_surfaces.put(_kept(place, listed, SUPPOSED, SupposedSurface, sha256))
     return {
         "structures": catalog.add_structures(new_structures),
         "demonstrations": catalog.add_demonstrations(new_demonstrations),
@@ -200,31 +199,28 @@ def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: 
     return steps
 
 
-def _structure(place: Path, row: Row) -> Structure:
-    path = place / "meshes" / file_name(row["mesh_sha256"])
-    return rows.structure_of(row, _kept(path, Structure, row["mesh_sha256"]))
+def _structure(place: Path, listed: set[str], row: Row) -> Structure:
+    return rows.structure_of(row, _kept(place, listed, "meshes", Structure, row["mesh_sha256"]))
 
 
-def _kept(path: Path, record_type: type[R], sha256: str) -> R:
+def _kept(place: Path, listed: set[str], folder: str, record_type: type[R], sha256: str) -> R:
     """The record that a dataset keeps in a file by its content."""
+    name = f"{folder}/{file_name(sha256)}"
+    content = checked_bytes(place, listed, name)
     try:
-        record = codec.decode(path.read_bytes(), record_type)
-    except OSError as error:
-        raise CatalogError(str(path), f"cannot be read: {error}") from None
-    if codec.sha256_of(record) != sha256:
-        raise CatalogError(str(path), "has other content than its name says")
-    return record
+        return codec.decode(content, record_type, sha256)
+    except CatalogError as error:
+        raise CatalogError(str(place / name), error.found) from None
 
 
-def _surface(catalog: Catalog, place: Path, sha256: str) -> str:
+def _surface(catalog: Catalog, place: Path, listed: set[str], sha256: str) -> str:
     """Take in what a plan sees of its target; the hash of it, or nothing where the folder has it not."""
-    store = catalog.surfaces
-    if not sha256 or not (path := place / "surfaces" / file_name(sha256)).exists():
+    if not sha256 or f"surfaces/{file_name(sha256)}" not in listed:
         return ""
-    states = codec.decode(path.read_bytes(), States, sha256)
-    samples = (place / "samples" / file_name(states.samples_sha256)).read_bytes()
-    store.samples.put(codec.decode(samples, Samples, states.samples_sha256))
-    return store.states.put(states)
+    states = _kept(place, listed, "surfaces", States, sha256)
+    samples = _kept(place, listed, "samples", Samples, states.samples_sha256)
+    catalog.surfaces.samples.put(samples)
+    return catalog.surfaces.states.put(states)
 
 
 def _unknown(catalog: Catalog, name: str, records: list[Any], replace: bool) -> list[Any]:

@@ -9,15 +9,16 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
+from upplied.catalog.schema.plan_rows import is_foreign
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import decisions, ordering
+from upplied.catalog.verbs import custody, decisions, ordering
 from upplied.errors import RefusedError
 
 if TYPE_CHECKING:
     from upplied.catalog.reading import Reading
 
 #: Of a row of `transfers`, what `check_leaves` asks.
-ASKED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable")
+ASKED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
 
 
 def check_leaves(catalog: Reading, row: Row, force: Collection[str] = ()) -> None:
@@ -29,8 +30,8 @@ def check_leaves(catalog: Reading, row: Row, force: Collection[str] = ()) -> Non
     row : mapping
         Of `transfers`, with the columns of `ASKED`.
     force : collection of str
-        Rules that are overruled: ``preset``, ``verdict``, ``rejected``, ``recalled``, ``superseded``
-        (docs/checks.md).
+        Rules that are overruled: ``preset``, ``verdict``, ``foreign``, ``altered``, ``rejected``,
+        ``recalled``, ``superseded`` (docs/checks.md).
 
     Raises
     ------
@@ -41,7 +42,12 @@ def check_leaves(catalog: Reading, row: Row, force: Collection[str] = ()) -> Non
         found["preset"] = f"the plan is of preset {row['preset']}, which is for comparison"
     if row["not_flyable"]:
         found["verdict"] = str(row["not_flyable"])
-    state = decisions.standing(catalog).of(row["transfer_id"])
+    if is_foreign(row):
+        found["foreign"] = custody.FOREIGN_PLAN[0]
+    now = decisions.standing(catalog)
+    state = now.of(row["transfer_id"])
+    for wrong in custody.alterations(catalog, [row["transfer_id"]], now).values():
+        found["altered"] = wrong
     if state in ("rejected", "recalled", "superseded"):
         found[state] = f"the plan is {state}"
     elif state != "released" and ordering.superseded(catalog.tables["transfers"], [row]):

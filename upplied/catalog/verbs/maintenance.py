@@ -8,13 +8,12 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import pyarrow.compute as pc
-import pyarrow.dataset as ds
 from deltalake import DeltaTable
 
-from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.schema.tables import STEPS
 from upplied.catalog.store.files import FileStore
-from upplied.catalog.store.merging import TARGET_BYTES, merge, removing
+from upplied.catalog.store.merging import TARGET_BYTES, merge
+from upplied.catalog.store.steps import StepTable
 from upplied.catalog.store.surfaces import SURFACES
 from upplied.errors import SettingsError
 
@@ -25,14 +24,12 @@ KEEP_DAYS = 30.0  # of versions that `version` can still ask for
 SHORTEST_KEEP_HOURS = 1.0  # a writer that takes longer between points and row would lose its points
 CACHE_BYTES = 20 << 30
 
-_OWNERS = {"waypoints": "transfers", "poses": "demonstrations"}
-
 
 @dataclass(frozen=True)
 class Kept:
     """What maintenance did."""
 
-    orphan_commits: dict[str, int]  # of writers that were stopped, by table
+    orphan_commits: dict[str, int]  # of steps, of writers that were stopped, by table
     surfaces_removed: int  # that no plan names
     files_removed: dict[str, int]  # by table
     drafts_removed: int
@@ -75,35 +72,14 @@ def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
         removed = delta.vacuum(max(1, int(hours)), dry_run=False, enforce_retention_duration=False, full=True)
         return len(removed)
 
-    tables = catalog.tables
+    steps = [(name, table.files) for name, table in catalog.tables.items() if isinstance(table, StepTable)]
     return Kept(
-        {steps: _drop_orphans(tables[steps], tables[owner], before) for steps, owner in _OWNERS.items()},
+        {name: _drop_unnamed(catalog, files, [(STEPS[name], "commit_id")], before) for name, files in steps},
         _drop_surfaces(catalog, before),
-        {name: table.change(remove) or 0 for name, table in tables.items()},
+        {name: table.change(remove) or 0 for name, table in catalog.tables.items()},
         0 if "://" in catalog.location else _remove_drafts(Path(catalog.location), before),
         catalog.cache.prune(cache_bytes),
     )
-
-
-def orphans(steps: StoredTable, owners: StoredTable, before: datetime) -> list[str]:
-    """Commits of steps that no row owns, older than a moment."""
-    youngest = f"{before:%Y%m%d-%H%M%S-%f}"  # commit ids begin with their time
-    held = _commits(steps, pc.field("commit_id") < youngest)
-    return sorted(held - _commits(owners))
-
-
-def _commits(table: StoredTable, where: ds.Expression | None = None) -> set[str]:
-    """The commits of the rows that fit."""
-    parts = table.batches(["commit_id"], where)
-    return {commit for rows in parts for commit in pc.unique(rows["commit_id"]).to_pylist()}
-
-
-def _drop_orphans(steps: StoredTable, owners: StoredTable, before: datetime) -> int:
-    found = orphans(steps, owners, before)
-    if found:
-        listed = ", ".join(f"'{commit}'" for commit in found)
-        steps.change(lambda delta: delta.delete(f"commit_id IN ({listed})", commit_properties=removing()))
-    return len(found)
 
 
 def _drop_surfaces(catalog: Catalog, before: datetime) -> int:

@@ -56,7 +56,7 @@ def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:
     ids = [plan_rows.transfer_id(key) for key in asked]
     found: dict[str, list[Row]] = {}
     # First whether there are any, of one narrow column: most often there are none.
-    known = table.read(pc.field("transfer_id").isin(ids), ["transfer_id"])["transfer_id"].unique()
+    known = table.named(pa.array(ids, pa.string()))
     if len(known):
         for row in rows.rows_of(table.read(pc.field("transfer_id").isin(known))):
             found.setdefault(row["key"], []).append(row)
@@ -114,9 +114,10 @@ def _settled(
             known[PAIR[1]].unique()
         )
     ours = ["run_id"] if retry_failed and run_id else []
-    columns = ["transfer_id", *SLOT, *NEWEST, "status", *ours, *more]
+    columns = ["transfer_id", *SLOT, *NEWEST, "status", "imported_from", *ours, *more]
     found = in_order(table.narrow(columns, where), newest=True)
-    held = pc.is_in(found["transfer_id"], asked)
+    foreign = pc.ends_with(found["imported_from"].cast(pa.string()), plan_rows.AS_IT_SAYS)
+    held = pc.and_(pc.is_in(found["transfer_id"], asked), pc.invert(foreign))
     if retry_failed:
         done = pc.not_equal(found["status"], "failed")
         held = pc.and_(held, pc.or_(done, pc.equal(found["run_id"], run_id)) if ours else done)

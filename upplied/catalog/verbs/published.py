@@ -13,12 +13,10 @@ are those of one generation.)
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import re
 import shutil
 import uuid
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,14 +28,12 @@ import pyarrow.parquet as pq
 from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.locking import locked
-from upplied.catalog.verbs import owned, queries
+from upplied.catalog.verbs import parted
 from upplied.catalog.verbs.decisions import foremost
 from upplied.catalog.verbs.frames import decoded
-from upplied.catalog.verbs.generations import Generation, check, clean, current, linked, switch
+from upplied.catalog.verbs.generations import Before, Generation, check, clean, current, switch
 from upplied.catalog.verbs.standing import DERIVED
-from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import CatalogError
 
@@ -46,12 +42,7 @@ if TYPE_CHECKING:
 
 _ROW_GROUP = 16_384
 #: Of a plan: what names its row, what its steps are found by, and what is decided about it.
-_OF_PLANS = (
-    *("transfer_id", "commit_id", "commit_version", "planned_at", "kind", "target_id"),
-    *("n_waypoints", "waypoints_sha256", *DERIVED),
-)
-_PLANS = 50_000  # read and written at a time
-_PART_STEPS = 250_000  # of a file of waypoints, about: what a changed plan makes us write again
+_OF_PLANS = (*parted.NAMED, "kind", "target_id", "n_waypoints", "waypoints_sha256", *DERIVED)
 
 
 def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool = False) -> dict[str, int]:
@@ -137,24 +128,31 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
     if before is not None and not force:
         check(place, before, now, len(transfers))
     kinds = dict(zip(frames["structures"]["structure_id"], frames["structures"]["kind"], strict=True))
-    steps = {
-        "waypoints": _parts(transfers[transfers["n_waypoints"] > 0], "waypoints", "planned_at", None),
-        "poses": _parts(demonstrations, "poses", "added_at", kinds),
+    of_demonstrations = demonstrations.rename(columns={"structure_id": "target_id"})
+    of_demonstrations["kind"] = of_demonstrations["target_id"].map(kinds).fillna("unknown")
+    planned = transfers[transfers["n_waypoints"] > 0]
+    parts = {
+        "transfers": parted.plan_files(transfers),
+        "waypoints": parted.step_files("waypoints", planned),
+        "poses": parted.step_files("poses", of_demonstrations),
     }
     tables = place / "tables"
     draft = tables / f".{uuid.uuid4().hex[:8]}.draft"
     try:
         clean(tables)
         draft.mkdir(parents=True)
+        was = Before(tables, before)
         now.rows["transfers"] = len(transfers)
-        _put_plans(catalog, tables, draft, transfers, before, now)
+        for name, owners in (("waypoints", planned), ("poses", demonstrations)):
+            now.rows[name] = int(owners[f"n_{name}"].sum())
         for name, frame in frames.items():
             now.rows[name] = len(frame)
-            _put_frame(tables, draft, name, frame, before, now)
-        for name, parts in steps.items():
-            parts = parts or {f"{name}.parquet/none.parquet": _no_owners(name)}
-            now.rows[name] = int(sum(part[f"n_{name}"].sum() for part in parts.values()))
-            _put_steps(catalog, tables, draft, name, parts, before, now)
+            _put_frame(was, draft, name, frame, now)
+        for name, files in parts.items():
+            now.parts |= dict.fromkeys(files.files, "")
+            new = files.of([file for file in sorted(files.files) if not was.linked(draft, file, now)])
+            for file, rows in parted.rows_of(catalog, was, name, new, draft / ".spool"):
+                write(draft / file, TABLES[name], iter([rows]))
         if before is not None and before.parts == now.parts and before.catalog == now.catalog:
             return _in_order(now.rows)  # what is published says the same
         switch(place, draft, now)
@@ -171,75 +169,13 @@ def _in_order(rows: dict[str, int]) -> dict[str, int]:
     return {name: rows[name] for name in TABLES if name in rows}
 
 
-def _no_owners(name: str) -> pd.DataFrame:
-    """No owners: their file of steps has the columns and no rows."""
-    return pd.DataFrame({TABLES[name].names[0]: [], "commit_id": [], f"{name}_sha256": [], f"n_{name}": []})
-
-
-def _parts(
-    owners: pd.DataFrame, name: str, when: str, kinds: dict[str, str] | None
-) -> dict[str, pd.DataFrame]:
-    """The owners of each file of steps: by kind and month, and by target where those are many."""
-    key, target = TABLES[name].names[0], "target_id" if kinds is None else "structure_id"
-    kind = owners["kind"] if kinds is None else owners["structure_id"].map(kinds).fillna("unknown")
-    month = owners[when].dt.strftime("%Y-%m")
-    found: dict[str, pd.DataFrame] = {}
-    for (of, at), rows in owners.groupby([kind.rename("kind"), month.rename("month")]):
-        count = 1
-        while rows[f"n_{name}"].sum() > count * _PART_STEPS:
-            count *= 2
-        bucket = rows[target].map(lambda text, count=count: zlib.crc32(text.encode()) % count)
-        for number, part in rows.groupby(bucket):
-            part = part[[key, "commit_id", f"{name}_sha256", f"n_{name}"]].sort_values([key, "commit_id"])
-            names = part[[key, "commit_id", f"{name}_sha256"]].to_numpy().tolist()
-            made_of = digest([SCHEMA_VERSION, TABLES[name].names, names])
-            path = f"{check_id(of, 'kind')}/{at}/{number + 1}-of-{count}-{made_of[:16]}.parquet"
-            found[f"{name}.parquet/{path}"] = part
-    return found
-
-
-def _put_frame(
-    tables: Path, draft: Path, name: str, frame: pd.DataFrame, before: Generation | None, now: Generation
-) -> None:
+def _put_frame(was: Before, draft: Path, name: str, frame: pd.DataFrame, now: Generation) -> None:
     """Write a table that is one file, unless it was published just so."""
     file = f"{name}.parquet"
     rows = pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
     now.parts[file] = digest([SCHEMA_VERSION, _content(rows)])
-    if not linked(tables, draft, file, before, now):
+    if not was.linked(draft, file, now):
         write(draft / file, TABLES[name], iter([rows]))
-
-
-def _put_plans(
-    catalog: Catalog,
-    tables: Path,
-    draft: Path,
-    plans: pd.DataFrame,
-    before: Generation | None,
-    now: Generation,
-) -> None:
-    """Write the table of plans, some at a time, unless it was published just so."""
-    declared, file = TABLES["transfers"], "transfers.parquet"
-    parts = [plans.iloc[at : at + _PLANS] for at in range(0, max(len(plans), 1), _PLANS)]
-    made_of = hashlib.sha256(digest([SCHEMA_VERSION, declared.names]).encode())
-    for part in parts:
-        made_of.update(json.dumps(part.astype(str).to_numpy().tolist()).encode())
-    now.parts[file] = made_of.hexdigest()
-    if linked(tables, draft, file, before, now):
-        return
-    table = catalog.tables["transfers"]
-    write(draft / file, declared, (_whole(table, part, len(plans)) for part in parts))
-
-
-def _whole(table: StoredTable, plans: pd.DataFrame, of: int) -> pa.Table:
-    """All columns of some plans; texts that repeat are kept once."""
-    schema = table.declared.schema
-    known = pa.Table.from_pandas(
-        plans, pa.schema([schema.field(name) for name in plans]), preserve_index=False
-    )
-    more = queries.completed(table, plans, [n for n in table.declared.names if n not in plans], of)
-    for name in more.column_names:
-        known = known.append_column(name, more[name])
-    return known.select(table.declared.names)
 
 
 def _content(rows: pa.Table) -> str:
@@ -248,23 +184,6 @@ def _content(rows: pa.Table) -> str:
     with pa.ipc.new_stream(sink, rows.schema) as writer:
         writer.write_table(rows.combine_chunks(), max_chunksize=_ROW_GROUP)
     return hashlib.sha256(sink.getvalue()).hexdigest()
-
-
-def _put_steps(
-    catalog: Catalog,
-    tables: Path,
-    draft: Path,
-    name: str,
-    parts: dict[str, pd.DataFrame],
-    before: Generation | None,
-    now: Generation,
-) -> None:
-    """Write the files of steps whose owners changed, one at a time."""
-    now.parts |= {path: Path(path).stem for path in parts}
-    changed = [path for path in sorted(parts) if not linked(tables, draft, path, before, now)]
-    wanted = {path: parts[path] for path in changed}
-    for path, steps in owned.parted_steps(catalog, name, wanted, draft / ".spool"):
-        write(draft / path, TABLES[name], iter([steps]))
 
 
 def write(path: Path, declared: Table, parts: Iterator[pa.Table]) -> int:

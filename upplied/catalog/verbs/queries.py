@@ -130,10 +130,12 @@ def completed(
     """
     import pandas as pd
 
-    few = len(found) < max(_FEW * of, _FEW_ROWS)
-    where = (
-        pc.field("transfer_id").isin(pa.array(found["transfer_id"].tolist(), pa.string())) if few else None
-    )
+    where = None
+    if len(found) < max(_FEW * of, _FEW_ROWS):
+        where = pc.field("transfer_id").isin(pa.array(found["transfer_id"].tolist(), pa.string()))
+        oldest = found["commit_version"].min() if len(found) else -1
+        if oldest >= 0:  # which spares files; of rows of schema version 1 it is null
+            where &= pc.field("commit_version") >= int(oldest)
     more = table.narrow(list(dict.fromkeys([*_NAMED, *wanted])), where, version)
     names = frame(decoded(more.select(_NAMED)))
     first = ~names.duplicated().to_numpy()  # one commit of an older program might bring a row twice
@@ -181,7 +183,8 @@ def steps(table: StoredTable, row: Row) -> pa.Table:
     name, count = declared.names[0], row[f"n_{declared.name}"]
     if not count:
         return declared.schema.empty_table()
-    found = table.read((pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name]))
+    own = (pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name])
+    found = table.read(own, commits=[row["commit_id"]])
     found = found.take(pc.sort_indices(found["seq"]))
     what, remedy = f"{declared.name} of {row[name]}", "take the damaged files from a backup"
     if len(found) != count:

@@ -33,6 +33,7 @@ class Standing:
     in_force: dict[Unit, Row] = field(default_factory=dict)  # the release that counts
     last: dict[Unit, str] = field(default_factory=dict)  # the decision that the next release must know of
     judged: dict[Unit, str] = field(default_factory=dict)  # target that the plan in force was last judged on
+    order: dict[str, int] = field(default_factory=dict)  # decision -> where it stands among all
     void: set[str] = field(default_factory=set)  # releases that came after a decision they did not know of
 
     def of(self, transfer_id: str) -> str:
@@ -49,6 +50,7 @@ def standing_of(decisions: Iterable[Row]) -> Standing:
     """What follows from decisions, in the order of commits."""
     now = Standing()
     for row in decisions:
+        now.order[row["decision_id"]] = len(now.order)
         unit, plan, said = unit_of(row), row["transfer_id"], row["state"]
         before = now.in_force.get(unit)
         if said == "released":

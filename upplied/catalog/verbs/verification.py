@@ -2,29 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import starmap
 from typing import TYPE_CHECKING
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from upplied.catalog.schema.columns import Column
+from upplied.catalog.schema.columns import ROW_SHA256, Column
 from upplied.catalog.schema.plan_rows import settings_text
-from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.store.chain import breaks, is_chained
+from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.opening import HASHED_KEY
 from upplied.catalog.store.surfaces import SURFACES
-from upplied.catalog.verbs.owned import stored_steps
+from upplied.catalog.verbs.byte_checks import (
+    Folder,
+    changed_files,
+    fault_of,
+    readable,
+    rows_added,
+    stored_contents,
+)
+from upplied.catalog.verbs.custody import alterations
+from upplied.catalog.verbs.decisions import standing
+from upplied.catalog.verbs.owned import as_frame, step_faults
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.catalog.verbs.standing import DERIVED
-from upplied.errors import CatalogError, UppliedError
+from upplied.errors import CatalogError, SettingsError, UppliedError
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
+_LEAST_DIGITS = 12  # of a hash that was noted
 _NAMED = 5  # ids that a finding names; it counts the others
-_STEPS = 250_000  # compared at a time
 #: What is held of every row at once, its name first; all else is looked at some rows at a time.
 _HELD = {
     "structures": ["structure_id", "mesh_sha256", "n_vertices", "n_triangles"],
@@ -36,6 +49,9 @@ _HELD = {
     "flights": ["flight_id", "transfer_id", "flight_sha256", "looks_sha256"],
     "decisions": ["decision_id", "transfer_id", "supposed_sha256"],
     "overruled": ["overruled_id", "transfer_id"],
+    "settings": [TABLES["settings"].names[0]],
+    "requirements": [TABLES["requirements"].names[0]],
+    "edits": ["edit_id", "base_id", "transfer_id"],
 }
 
 
@@ -50,34 +66,92 @@ class Finding:
         return f"{self.what}: {self.found}"
 
 
-def verify(catalog: Catalog) -> list[Finding]:
-    """Check every row, count, reference and hash; an empty list means that all is well.
+def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
+    """Check every byte, row, count, reference and hash; an empty list means that all is well.
 
     Rows are those of every version, not of the current ones alone. Only what is committed counts:
     points that a stopped writer left behind are no finding.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    heads : collection of str
+        Hashes of rows as they were noted earlier (`custody.chain_heads`), or how these begin: a row that was
+        taken away since is a finding.
     """
     catalog.identity.required()
-    found: list[Finding] = []
+    found = list(starmap(Finding, readable(lambda: changed_files(catalog))))
     held: dict[str, pa.Table] = {}
+    unreadable: list[Finding] = []
     for name, columns in _HELD.items():
         try:
             held[name] = catalog.tables[name].narrow(columns)
         except CatalogError as error:
-            found.append(_unreadable(error))
-    if found:  # what refers to a table that cannot be read cannot be judged
-        return found
+            unreadable.append(_unreadable(error))
+    short = [head for head in heads if len(head) < _LEAST_DIGITS]
+    if short:
+        raise SettingsError(f"head {short[0]!r}", "is too short", f"at least {_LEAST_DIGITS} digits")
+    if unreadable:  # what refers to a table that cannot be read cannot be judged
+        return [*found, *unreadable]
     for name in _HELD:
         table = catalog.tables[name]
         derived = DERIVED if name == "transfers" else ()
         columns = [column for column in table.declared.names if column not in derived]
         found += _read(broken_values(name, (rows.to_pandas() for rows in table.batches(columns))))
+        found += _read(_changed_rows(table))
+    found += _lost_heads(catalog, heads)
+    found += _read(_not_as_released(catalog))
     found += _references(held)
-    found += _meshes(catalog, held["structures"].to_pandas())
-    found += _contents(catalog, held)
+    contents = stored_contents(catalog)
+    found += _meshes(held, contents)
+    found += _contents(catalog, held, contents)
     found += _settings(held["transfers"].select(["transfer_id", "settings_json", "settings_sha256"]))
-    found += _read(_steps(catalog, "poses", held["demonstrations"]))
-    found += _read(_steps(catalog, "waypoints", held["transfers"]))
+    for name, rows in (("poses", held["demonstrations"]), ("waypoints", held["transfers"])):
+        found += _read(Finding(f"{name} of {row}", wrong) for row, wrong in step_faults(catalog, name, rows))
     return found
+
+
+def _not_as_released(catalog: Catalog) -> Iterator[Finding]:
+    """Plans in force that are not what was released."""
+    now = standing(catalog)
+    plans = [row["transfer_id"] for row in now.in_force.values()]
+    for plan, wrong in alterations(catalog, plans, now).items():
+        yield Finding(f"plan {plan}, which is in force", wrong)
+
+
+def _lost_heads(catalog: Catalog, heads: Collection[str]) -> Iterator[Finding]:
+    """Heads that were noted earlier and that no row has."""
+    chained = [table for table in catalog.tables.values() if is_chained(table.declared)] if heads else []
+    known = [sha256 for table in chained for sha256 in table.read(None, [ROW_SHA256.name])[0].to_pylist()]
+    for head in heads:
+        if not any((sha256 or "").startswith(head) for sha256 in known):
+            yield Finding(f"head {head}", "no row has this hash: rows were taken away or changed")
+
+
+def _changed_rows(table: StoredTable) -> Iterator[Finding]:
+    """Rows that do not match their hashes, lack them, or are fewer than were added."""
+    added, delta = rows_added(table), table.delta()
+    since = "" if delta is None else delta.metadata().configuration.get(HASHED_KEY, "")
+    key, name = table.declared.names[0], table.declared.name
+    bare: list[str] = []
+    count = 0
+
+    def parts() -> Iterator[pa.Table]:
+        nonlocal count
+        for rows in table.whole_batches():
+            count += len(rows)
+            if since.isdigit():
+                late = pc.greater_equal(rows["commit_version"], int(since))
+                lacking = pc.equal(pc.coalesce(rows[ROW_SHA256.name], ""), "")
+                bare.extend(rows.filter(pc.and_(late, lacking))[key].to_pylist())
+            yield rows
+
+    for row, wrong in breaks(table.declared, parts()):
+        yield Finding(f"{name} {row}", wrong)
+    for row in bare:
+        yield Finding(f"{name} {row}", "has no hash: it was changed after it was written")
+    if count < added:
+        yield Finding(name, f"has {count} rows, and {added} were added: some were taken away")
 
 
 def _unreadable(error: CatalogError) -> Finding:
@@ -148,41 +222,43 @@ def _owners(rows: pa.Table, column: str, value: str) -> str:
     return _some(rows.filter(pc.equal(rows[column], value)).column(0).to_pandas())
 
 
-def _meshes(catalog: Catalog, structures: pd.DataFrame) -> Iterator[Finding]:
-    for sha256, rows in structures.groupby("mesh_sha256"):
-        try:
-            mesh = catalog.meshes.get(sha256)
-        except CatalogError as error:
-            yield Finding(error.what, f"{error.found}; the mesh of {_some(rows['structure_id'])}")
-            continue
-        counts = (len(mesh.vertices), len(mesh.triangles))
-        wrong = rows[(rows["n_vertices"] != counts[0]) | (rows["n_triangles"] != counts[1])]
-        if len(wrong):
+def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
+    """Counts of structures that are not those of their meshes."""
+    for sha256, rows in held["structures"].to_pandas().groupby("mesh_sha256"):
+        counts = contents["meshes"].sizes.get(sha256)
+        wrong = rows if counts is None else rows[rows[["n_vertices", "n_triangles"]].ne(counts).any(axis=1)]
+        if counts is not None and len(wrong):
             yield Finding(
                 f"mesh {sha256}", f"has {counts} parts, not as said of {_some(wrong['structure_id'])}"
             )
 
 
-def _contents(catalog: Catalog, held: dict[str, pa.Table]) -> Iterator[Finding]:
-    """What plans see and what was flown, each read and compared with its hash."""
-    for read, rows, column in (
-        *((catalog.surfaces.get, held["transfers"], column) for column in SURFACES),
-        (catalog.supposed_surfaces.get, held["transfers"], "supposed_sha256"),
-        (catalog.supposed_surfaces.get, held["decisions"].drop_columns("decision_id"), "supposed_sha256"),
-        (catalog.flown, held["flights"].drop_columns("flight_id"), "flight_sha256"),
-        (catalog.looks.get, held["flights"].drop_columns("flight_id"), "looks_sha256"),
+def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
+    """What is kept by its content and is damaged or not there, and whose it is."""
+    place, told = catalog.location.rstrip("/"), set()
+    for name, rows, column in (
+        ("meshes", held["structures"], "mesh_sha256"),
+        *(("surfaces", held["transfers"], column) for column in SURFACES),
+        ("supposed", held["transfers"], "supposed_sha256"),
+        ("supposed", held["decisions"].drop_columns("decision_id"), "supposed_sha256"),
+        ("flown", held["flights"].drop_columns("flight_id"), "flight_sha256"),
+        ("looks", held["flights"].drop_columns("flight_id"), "looks_sha256"),
     ):
-        for sha256 in _texts(rows[column]):
-            try:
-                if sha256.as_py():
-                    read(sha256.as_py())
-            except CatalogError as error:
-                yield Finding(error.what, f"{error.found}; of {_owners(rows, column, sha256.as_py())}")
+        for sha256 in filter(None, _texts(rows[column]).to_pylist()):
+            file, wrong = fault_of(contents, name, sha256)
+            if wrong:
+                told.add(file)
+                whose = "the mesh of" if name == "meshes" else "of"
+                yield Finding(f"{place}/{file}", f"{wrong}; {whose} {_owners(rows, column, sha256)}")
+    for name, kept in contents.items():
+        for sha256, wrong in kept.faults.items():
+            if wrong and (file := f"{name}/{sha256}.parquet") not in told:
+                yield Finding(f"{place}/{file}", wrong)
 
 
 def _settings(transfers: pa.Table) -> Iterator[Finding]:
     """Settings that do not match their hash, where this program knows all of them."""
-    for (text, sha256), rows in _frame(transfers).groupby(
+    for (text, sha256), rows in as_frame(transfers).groupby(
         ["settings_json", "settings_sha256"], observed=True
     ):
         try:
@@ -194,34 +270,6 @@ def _settings(transfers: pa.Table) -> Iterator[Finding]:
             continue
         if settings.sha256 != sha256 and settings_text(settings) == text:
             yield Finding(f"settings {sha256[:12]}", f"do not match it; of {_some(rows['transfer_id'])}")
-
-
-def _steps(catalog: Catalog, name: str, rows: pa.Table) -> Iterator[Finding]:
-    """Steps that are missing, too many, out of order, or not those whose hash the row keeps."""
-    key, count = TABLES[name].names[0], f"n_{name}"
-    owning = rows.filter(pc.greater(rows[count], 0)).select([key, "commit_id", count, f"{name}_sha256"])
-    # As texts: a dictionary's would be sorted as they stand in it.
-    texts = pa.schema([TABLES[name].schema.field(column) for column in (key, "commit_id")])
-    texts = pa.schema([*texts, (count, pa.int64()), (f"{name}_sha256", pa.string())])
-    owners = _frame(owning.cast(texts)).drop_duplicates([key, "commit_id"])
-    for chunk, steps in stored_steps(catalog, name, owners, _STEPS):
-        grouped = steps.group_by([key, "commit_id"]).aggregate([([], "count_all")])
-        counts = {(row[key], row["commit_id"]): row["count_all"] for row in grouped.to_pylist()}
-        rows = list(chunk[[key, "commit_id", count, f"{name}_sha256"]].itertuples(index=False, name=None))
-        miscounted = set()
-        for row_id, commit, said, _ in rows:
-            if (there := counts.get((row_id, commit), 0)) != said:
-                miscounted.add(row_id)
-                yield Finding(f"{name} of {row_id}", f"{there} steps, the row says {said}")
-        hashes = {(row_id, commit): sha256 for row_id, commit, _, sha256 in rows}
-        for row_id, wrong in unlike(name, steps, hashes):
-            if row_id not in miscounted:
-                yield Finding(f"{name} of {row_id}", wrong)
-
-
-def _frame(rows: pa.Table) -> pd.DataFrame:
-    """Rows whose texts stay Arrow's: as Python's, each takes a hundred bytes more."""
-    return rows.to_pandas(types_mapper={pa.string(): pd.ArrowDtype(pa.string())}.get)
 
 
 def _some(names: pd.Series) -> str:

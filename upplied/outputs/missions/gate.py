@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
-from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.missions.options import DRAFTS, MissionOptions
 from upplied.outputs.missions.reading import Reading, planned
 from upplied.outputs.missions.ways import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance
@@ -23,6 +23,7 @@ from upplied.scene import Scene
 from upplied.supposed_scene import scene_for
 
 DRAFT = "DRAFT, NOT RELEASED:"  # what a mission says of itself that nobody released
+CUSTODY = "custody"  # how a note begins that says what the mission can be traced by
 ZONE = "zone"  # how a note begins that says what becomes of a zone that must be seen
 _EXACT_M = 0.02  # within which a clearance is known, and a file states a place
 _ROUNDING = 1.02  # of speeds: files round them
@@ -43,6 +44,9 @@ RULES = {
         Rule("preset", "only `recommended` is made to be flown; others are for comparison", "plan with it"),
         Rule("verdict", "the plan reaches what it must to be flown", "plan it again, or another one"),
         Rule("released", "nothing is flown that nobody signed", "release it: upplied release ID --by NAME"),
+        Rule("foreign", "what is flown was judged here", "plan it here, or import it again with --verify"),
+        Rule("altered", "what is flown is what was released", "take the catalog from a backup; see: "
+             "upplied catalog verify"),
         Rule("rejected", "nothing is flown that somebody rejected", "export the plan in force"),
         Rule("recalled", "the plan is safe at the structure as it now is", "release a newer plan"),
         Rule("superseded", "another plan of this pair takes its place", "export that one"),
@@ -190,23 +194,22 @@ def pass_or_refuse(what: str, found: Iterable[Breach], force: tuple[str, ...]) -
 
 
 def _overrule(breach: Breach) -> str:
-    return "--draft" if breach.rule == "released" else f"--force {breach.rule}"
+    return "--draft" if breach.rule in DRAFTS else f"--force {breach.rule}"
 
 
 def told(overruled: Iterable[Breach]) -> list[str]:
     """Breaches that were overruled, as notes of a mission."""
     return [
-        f"{DRAFT} {breach.found}" if breach.rule == "released" else f"OVERRULED {breach}"
-        for breach in overruled
+        f"{DRAFT} {breach.found}" if breach.rule in DRAFTS else f"OVERRULED {breach}" for breach in overruled
     ]
 
 
 def written(notes: Iterable[str]) -> list[str]:
     """Of the notes of a mission, those that its file says where its format has little room for words.
 
-    That nobody released it, and what becomes of the zones that must be seen.
+    That nobody released it, what it can be traced by, and what becomes of the zones that must be seen.
     """
-    return [note for note in notes if note.startswith((DRAFT, ZONE))]
+    return [note for note in notes if note.startswith((DRAFT, CUSTODY, ZONE))]
 
 
 def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene) -> Iterator[Breach]:

@@ -7,6 +7,8 @@ from typing import Literal
 
 from upplied.errors import SettingsError
 
+#: Rules of what nobody released as it is: it leaves as a draft alone.
+DRAFTS = ("released", "foreign", "altered")
 Altitude = Literal["relative", "amsl", "ellipsoid"]
 
 
@@ -39,17 +41,16 @@ class MissionOptions:
     payload: int | None = None  # DJI's payload number where the model has none of its own
     least_seen_pct: float = 95.0  # of what the plan sees, that the mission must see as it is flown
     force: tuple[str, ...] = ()  # rules of the gate that are overruled, by name
-    draft: bool = False  # a plan of a catalog that nobody released may leave, and says so
+    draft: bool = False  # a plan that nobody released, as it is or at all, may leave, and says so
 
     @property
     def overruled(self) -> tuple[str, ...]:
         """Rules that are overruled; a draft leaves by its own word alone."""
-        named = tuple(rule for rule in self.force if rule != "released")
-        return (*named, "released") if self.draft else named
+        return (*self.force, *DRAFTS) if self.draft else self.force
 
     def __post_init__(self) -> None:
-        if "released" in self.force:
-            raise SettingsError("rule 'released'", "is not overruled by name", "", "say --draft")
+        for rule in {*DRAFTS} & {*self.force}:
+            raise SettingsError(f"rule {rule!r}", "is not overruled by name", "", "say --draft")
         positive = ("clearance_m", "corner_m", "photo_distance_m", "transit_mps")
         for name in positive:
             if not getattr(self, name) > 0:

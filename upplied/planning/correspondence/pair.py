@@ -101,7 +101,9 @@ def grained(
     structure: Structure, cloud: Cloud, meant: Bools, clouds: CloudSettings, memo: Memo = no_memo
 ) -> Grained:
     """A structure's samples, finer where something is meant (N,), remembered."""
-    key = content_key("fine", structure.sha256, clouds, digest(np.flatnonzero(meant).tolist()))
+    # Parts are of the pair, where those of one structure are inferred from the other's.
+    facts = np.flatnonzero(meant).tolist(), [] if cloud.part is None else cloud.part.tolist()
+    key = content_key("fine", structure.sha256, clouds, digest(facts))
     memo = remembering(memo, structure.sha256)
 
     def finer() -> Grained:

@@ -1,0 +1,174 @@
+"""What it costs to write a fleet's plans by several processes at once, and to publish one change of it.
+
+python bench/writing.py                      50 000 plans in 500 commits by 4 processes
+python bench/writing.py --plans 4000         fewer, in commits of a hundred
+python bench/writing.py --keep DIR           keep the catalog
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import hashlib
+import json
+import multiprocessing
+import resource
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from upplied.catalog import Catalog, export_tables, open_catalog
+from upplied.config import settings_for
+from upplied.records import Demonstration, Measures, Plan, Registration, Structure, Trajectory
+
+STEPS = 60  # waypoints of a plan
+BATCH = 100  # plans of a commit
+PLANS_OF_A_TARGET = 10
+
+
+def fill(place: str, first: int, last: int, step: int) -> None:
+    """Commit every `step`-th batch; print what it took, as JSON."""
+    catalog = open_catalog(place)
+    settings = settings_for("recommended")
+    times = []
+    for batch in range(first, last, step):
+        made = [planned(number, settings) for number in range(batch * BATCH, (batch + 1) * BATCH)]
+        began = time.perf_counter()
+        catalog.add_plans(made)
+        times.append(time.perf_counter() - began)
+    del catalog
+    Path(place, f"writer-{first}.json").write_text(json.dumps({"longest": max(times), **spent()}))
+
+
+def planned(number: int, settings, again: int = 0) -> tuple[str, Plan, dict]:
+    """One plan of a random path, with what a planner says of it."""
+    rng = np.random.default_rng([number, again])
+    quats = rng.normal(size=(STEPS, 4))
+    path = Trajectory(
+        np.arange(STEPS) * 0.5,
+        np.cumsum(rng.normal(size=(STEPS, 3)), axis=0),
+        quats / np.linalg.norm(quats, axis=1, keepdims=True),
+    )
+    laid = Registration(rng.random(3), np.eye(3), rng.random(3), 0.1, True)
+    target = number // PLANS_OF_A_TARGET
+    plan = Plan(
+        f"flight-{number % PLANS_OF_A_TARGET}", "source-0", f"target-{target:05}", "ship", "recommended",
+        "ok",
+        trajectory=path, is_viewpoint=rng.random(STEPS) < 0.3, registration=laid,
+        measures=Measures(), warnings=("it is windy",), surface_sha256=f"{number:064d}",
+    )  # fmt: skip
+    key = hashlib.sha256(f"{number}-{again}".encode()).hexdigest()
+    hashes = {f"{name}_sha256": f"{again:064d}" for name in ("demonstration", "source", "target")}
+    return key, plan, {"settings": settings, "run_id": f"run-{again}", "planning_s": 1.0, **hashes}
+
+
+def spent() -> dict[str, float]:
+    """CPU seconds of this process, and its peak memory, MB."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return {"cpu": used.ru_utime + used.ru_stime, "mb": used.ru_maxrss / 1024}
+
+
+def stage(catalog: Catalog, targets: int) -> None:
+    """The structures and demonstrations of the fleet."""
+    catalog.add_structures([box("source-0"), *(box(f"target-{at:05}") for at in range(targets))])
+    path = np.cumsum(np.ones((STEPS, 3)), axis=0)
+    t_ns = np.arange(STEPS) * 10**9
+    quats = np.tile([0.0, 0.0, 0.0, 1.0], (STEPS, 1))
+    catalog.add_demonstrations(
+        [Demonstration(f"flight-{at}", "source-0", t_ns, path + at, quats) for at in range(PLANS_OF_A_TARGET)]
+    )
+
+
+def box(name: str, sha256: str = "") -> Structure:
+    """A triangle that stands for a structure."""
+    return Structure(name, "ship", np.eye(3), np.array([[0, 1, 2]]), sha256=sha256)
+
+
+def size_mb(place: Path, since_ns: int = 0) -> float:
+    """Bytes of the files under a folder that were written since a moment, MB."""
+    found = {
+        (s.st_ino, s.st_size)
+        for p in place.rglob("*")
+        if p.is_file() and (s := p.stat()).st_mtime_ns >= since_ns
+    }
+    return sum(size for _, size in found) / 1e6
+
+
+def live_mb(catalog: Catalog) -> float:
+    """Bytes of the newest versions, MB."""
+    total = 0
+    for stored in catalog.tables.values():
+        if (delta := stored.delta()) is not None:
+            total += sum(Path(uri.removeprefix("file://")).stat().st_size for uri in delta.file_uris())
+    return total / 1e6 + size_mb(Path(catalog.location) / "steps")
+
+
+def main() -> None:
+    """Print the tables."""
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    options.add_argument("--plans", type=int, default=50_000)
+    options.add_argument("--writers", type=int, default=4)
+    options.add_argument("--keep", type=Path, help="folder of the catalog")
+    chosen = options.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        place = chosen.keep or Path(scratch)
+        catalog = open_catalog(place / "catalog").create()
+        stage(catalog, chosen.plans // PLANS_OF_A_TARGET)
+        empty = size_mb(place)
+        write(catalog, chosen.plans // BATCH, chosen.writers, empty)
+        publish(catalog, place / "out", chosen.plans)
+
+
+def write(catalog: Catalog, commits: int, writers: int, empty: float) -> None:
+    """The plans, by several processes."""
+    spawn = multiprocessing.get_context("spawn")
+    began = time.perf_counter()
+    processes = [
+        spawn.Process(target=fill, args=(str(catalog.location), at, commits, writers))
+        for at in range(writers)
+    ]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    took = time.perf_counter() - began
+    root = Path(catalog.location)
+    told = [json.loads(path.read_text()) for path in root.glob("writer-*.json")]
+    rows = {
+        "CPU, s": sum(one["cpu"] for one in told),
+        "wall, s": took,
+        "longest commit, s": max(one["longest"] for one in told),
+        "peak memory of a writer, MB": max(one["mb"] for one in told),
+        "written, MB": size_mb(root) - empty,
+        "live, MB": live_mb(catalog),
+        "plans": len(catalog.transfers(columns=["transfer_id"])),
+    }
+    print(f"{commits} commits of {BATCH} plans by {writers} processes")
+    for name, value in rows.items():
+        print(f"  {name:30}{value:10.2f}")
+
+
+def publish(catalog: Catalog, out: Path, plans: int) -> None:
+    """The first publication, one of nothing new, and one of a changed structure."""
+    settings = settings_for("recommended")
+    for what in ("all", "nothing new", "one structure"):
+        if what == "one structure":
+            catalog.add_structures([box("target-00007", "1" * 64)])
+            catalog.add_plans([planned(70 + at, settings, 1) for at in range(PLANS_OF_A_TARGET)])
+        gc.collect()
+        began, cpu, since = time.perf_counter(), spent()["cpu"], time.time_ns()
+        counts = export_tables(catalog, out)
+        wall, cpu = time.perf_counter() - began, spent()["cpu"] - cpu
+        print(
+            f"publish {what:14}{cpu:8.2f} CPU-s{wall:8.2f} s{size_mb(out, since):10.2f} MB written, "
+            f"{counts['transfers']} plans"
+        )
+        assert counts["transfers"] == plans
+
+
+if __name__ == "__main__":
+    main()

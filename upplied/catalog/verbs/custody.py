@@ -1,0 +1,125 @@
+"""Whether a plan that was released is still what was released, and whether it was measured here at all."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from upplied.catalog.schema import plan_rows
+from upplied.catalog.schema.columns import ROW_SHA256
+from upplied.catalog.schema.row_hashes import content_hashes
+from upplied.catalog.schema.rows import ADDED, Row
+from upplied.catalog.store.chain import changed_rows, head_of, is_chained
+from upplied.catalog.verbs import ordering
+from upplied.catalog.verbs.owned import step_faults
+from upplied.catalog.verbs.roster import roster_of
+from upplied.errors import RefusedError
+
+if TYPE_CHECKING:
+    from upplied.catalog.reading import Reading
+    from upplied.catalog.verbs.standing import Standing
+
+HEAD_DIGITS = 20  # of a hash, where people read it
+_NOT_ITS_OWN = {*ADDED, "planned_at"}  # of a row of plans: another when it becomes current again
+
+
+def seals(catalog: Reading, transfer_ids: Collection[str]) -> dict[str, str]:
+    """The hash of what the row of each plan says, its trajectory's hash among it, as it is stored now."""
+    _, hashes = _stored(catalog, transfer_ids)
+    return hashes
+
+
+def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) -> dict[str, str]:
+    """Why plans are not what was released, in words; nothing of those that are, or that nobody released.
+
+    Their waypoints and rows are read again and compared with what the release says, and the release with
+    its own hash.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    transfer_ids : collection of str
+    now : Standing
+        What follows from the decisions.
+    """
+    released = {plan: now.why[plan] for plan in transfer_ids if now.of(plan) == "released"}
+    if not released:
+        return {}
+    rows, hashes = _stored(catalog, released)
+    roster, order = roster_of(catalog), now.order
+    table, names = catalog.tables["decisions"], [row["decision_id"] for row in released.values()]
+    changed = dict(changed_rows(table.declared, table.whole(pc.field("decision_id").isin(names))))
+    found = {}
+    for plan, wrong in step_faults(catalog, "waypoints", rows):
+        found[plan] = wrong
+    for row in rows.select(["transfer_id", "waypoints_sha256", ROW_SHA256.name]).to_pylist():
+        plan, decision = row["transfer_id"], released[row["transfer_id"]]
+        if decision["decision_id"] in changed:
+            found[plan] = f"its release {changed[decision['decision_id']]}"
+        elif wrong := roster.fault(decision, order):
+            found[plan] = f"its release does not count: {wrong}"
+        elif decision["plan_sha256"] != row["waypoints_sha256"]:
+            found[plan] = "its waypoints are not those that were released"
+        elif decision["plan_row_sha256"] and decision["plan_row_sha256"] != hashes[plan]:
+            found[plan] = "what its row says is not what it said when it was released"
+    return found
+
+
+def check_releasable(catalog: Reading, row: Row) -> None:
+    """Refuse a plan that was never measured here, or whose row or steps are not as they were written.
+
+    Raises
+    ------
+    RefusedError
+    CatalogError
+        If its steps are not those that were planned.
+    """
+    what = f"release of {row['transfer_id']}"
+    if plan_rows.is_foreign(row):
+        remedy = "plan it here, or import it again with --verify"
+        raise RefusedError(what, *FOREIGN_PLAN, remedy)
+    catalog.path_of(row)
+    stored, _ = _stored(catalog, [row["transfer_id"]])
+    for _, wrong in changed_rows(catalog.tables["transfers"].declared, stored):
+        raise RefusedError(what, f"its row {wrong}", "what is released is what was planned", "plan it again")
+
+
+FOREIGN_PLAN = ("it was imported and not measured here", "what is flown was judged here")
+
+
+def chain_heads(catalog: Reading) -> dict[str, str]:
+    """The hash of the last row of each table whose rows follow each other; none where there is no row.
+
+    Whoever keeps these can tell later that nothing before them was changed or taken away.
+    """
+    columns = catalog.tables
+    found = {name: head_of(rows) for name, table in columns.items()
+             if is_chained(table.declared) and len(rows := table.whole())}  # fmt: skip
+    return {name: sha256 for name, sha256 in found.items() if sha256}
+
+
+def foreign_plans(catalog: Reading) -> list[str]:
+    """The plans that were imported and not measured here."""
+    columns = ["transfer_id", "imported_from", "status", *ordering.SLOT, *ordering.NEWEST]
+    rows = ordering.in_order(
+        catalog.tables["transfers"].read(None, list(dict.fromkeys(columns))), newest=False
+    )
+    return [row["transfer_id"] for row in rows.to_pylist() if plan_rows.is_foreign(row)]
+
+
+def heads_in_words(heads: dict[str, str], names: Iterable[str] = ("decisions", "flights")) -> str:
+    """The heads of some tables, in one line; empty where they have no rows."""
+    return ", ".join(f"{name} {heads[name][:HEAD_DIGITS]}" for name in names if name in heads)
+
+
+def _stored(catalog: Reading, transfer_ids: Collection[str]) -> tuple[pa.Table, dict[str, str]]:
+    """The rows that stand for plans, with all their columns, and the hash of what each says."""
+    ids = pa.array(sorted(transfer_ids), pa.string())
+    rows = catalog.tables["transfers"].whole(pc.field("transfer_id").isin(ids))
+    rows = ordering.in_order(rows, newest=False)
+    own = rows.select([name for name in rows.column_names if name not in _NOT_ITS_OWN])
+    names = rows["transfer_id"].to_pylist()
+    return rows, dict(zip(names, content_hashes(own), strict=True))

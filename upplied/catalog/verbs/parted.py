@@ -1,0 +1,190 @@
+"""Published tables of many files: plans and steps by kind, and by target in as many files as keep each small.
+
+A file is named by what it holds. What a changed file has in common with the one before it is taken from
+there, so that a change costs what changed, and not the fleet.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from upplied.catalog.schema.columns import Table
+from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.verbs import owned, queries
+from upplied.catalog.verbs.frames import decoded
+from upplied.catalog.verbs.generations import Before
+from upplied.checks import check_id
+from upplied.config import digest
+from upplied.records import Floats, Ints
+
+if TYPE_CHECKING:
+    from upplied.catalog.database import Catalog
+
+Files = dict[str, pd.DataFrame]  # by name: what names the rows in it, or owns them
+
+NAMED = (
+    "transfer_id",
+    "commit_id",
+    "commit_version",
+    "planned_at",
+)  # what tells a plan's row from others
+_PLANS = 256  # of a file, about: what a changed plan makes us write again
+_STEPS = 4000
+_FILES = 1024  # of a kind at most: as many as one still lists, links and opens at once
+_LOT = 50_000  # plans that are read at a time
+
+
+@dataclass(frozen=True)
+class Parted:
+    """Rows, and which of them each file holds, in its order."""
+
+    rows: pd.DataFrame  # what names the rows of a table, or owns them
+    files: dict[str, Ints]  # their places, by the name of the file
+
+    def of(self, files: Iterable[str]) -> Files:
+        """The rows of some files."""
+        return {file: self.rows.iloc[self.files[file]] for file in files}
+
+
+def plan_files(plans: pd.DataFrame) -> Parted:
+    """The files of `transfers`."""
+    return _files("transfers", plans, list(plans.columns), np.ones(len(plans)), _PLANS)
+
+
+def step_files(name: str, owners: pd.DataFrame) -> Parted:
+    """The files of `waypoints` or `poses`, of these owners, each with its `kind` and `target_id`."""
+    key = TABLES[name].names[0]
+    names = [key, "commit_id", f"{name}_sha256", f"n_{name}"]
+    owners = owners[[*names, "kind", "target_id"]].sort_values([key, "commit_id"])
+    return _files(name, owners, names, owners[f"n_{name}"].to_numpy(), _STEPS)
+
+
+def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, most: int) -> Parted:
+    """Rows by file, so that each file has about so much weight."""
+    rows.attrs.clear()  # which pandas copies with every choice of rows
+    made_of = digest([SCHEMA_VERSION, TABLES[name].names])
+    texts = _texts(rows[columns])
+    found: dict[str, Ints] = {}
+    for kind, at in rows.groupby("kind").indices.items():
+        folder = f"{name}.parquet/{check_id(str(kind), 'kind')}"
+        count = 1
+        while count < _FILES and weight[at].sum() > count * most:
+            count *= 2
+        targets = rows["target_id"].iloc[at]
+        bucket = targets.map({one: zlib.crc32(one.encode()) % count for one in targets.unique()}).to_numpy()
+        order = np.argsort(bucket, kind="stable")
+        for own in np.split(order, np.flatnonzero(np.diff(bucket[order])) + 1):
+            held = "\n".join([made_of, *texts.take(pa.array(at[own])).to_pylist()])
+            sha256 = hashlib.sha256(held.encode()).hexdigest()
+            found[f"{folder}/{bucket[own[0]] + 1:04}-of-{count:04}-{sha256[:16]}.parquet"] = at[own]
+    nothing = {f"{name}.parquet/none-{made_of[:16]}.parquet": np.empty(0, np.int64)}
+    return Parted(rows[columns], found or nothing)
+
+
+def _texts(rows: pd.DataFrame) -> pa.Array:
+    """Each row as one text."""
+    table = pa.Table.from_pandas(rows, preserve_index=False)
+    columns = [table[name].combine_chunks() for name in rows]
+    texts = [
+        (column.cast(pa.int64()) if pa.types.is_timestamp(column.type) else column)
+        .cast(pa.string())
+        .fill_null("")
+        for column in columns
+    ]
+    return pc.binary_join_element_wise(*texts, "\x1f")
+
+
+def rows_of(
+    catalog: Catalog, was: Before, name: str, files: Files, spool: Path
+) -> Iterator[tuple[str, pa.Table]]:
+    """All that each of some files holds, in its order."""
+    if name == "transfers":
+        return _plans(catalog, was, files)
+    return _steps(catalog, was, name, files, spool)
+
+
+def _plans(catalog: Catalog, was: Before, files: Files) -> Iterator[tuple[str, pa.Table]]:
+    table, whole = catalog.tables["transfers"], sum(map(len, files.values()))
+    for lot in _lots(files, {file: len(own) for file, own in files.items()}, _LOT):
+        old = {file: _before(was, file, TABLES["transfers"]) for file in lot}
+        place = {file: _place(old[file], files[file]) for file in lot}
+        lacking = pd.concat([files[file][place[file] < 0] for file in lot])
+        known = list(lacking.columns)
+        rest = pa.schema([field for field in table.declared.schema if field.name not in known])
+        new = decoded(queries.completed(table, lacking, rest.names, whole)).cast(rest)
+        first = 0
+        for file in lot:
+            own, at = files[file], place[file]
+            count = int((at < 0).sum())
+            both = pa.concat_tables([old[file].select(rest.names).cast(rest), new.slice(first, count)])
+            at[at < 0] = len(old[file]) + np.arange(count)
+            first += count
+            rows = both.take(pa.array(at))
+            for column in known:
+                field = table.declared.schema.field(column)
+                rows = rows.append_column(field, pa.Array.from_pandas(own[column], type=field.type))
+            yield file, rows.select(table.declared.names)
+
+
+def _place(old: pa.Table, own: pd.DataFrame) -> Ints:
+    """Where each row stands in the file of before, -1 where it does not."""
+    names = list(NAMED)
+    there = pd.MultiIndex.from_frame(old.select(names).to_pandas())
+    return there.get_indexer(pd.MultiIndex.from_frame(own[names])) if len(old) else np.full(len(own), -1)
+
+
+def _steps(
+    catalog: Catalog, was: Before, name: str, files: Files, spool: Path
+) -> Iterator[tuple[str, pa.Table]]:
+    declared, key = TABLES[name], TABLES[name].names[0]
+    lacking = {}
+    for file, own in files.items():
+        known = owned.named(_before(was, file, declared, [key, "commit_id"]), key).unique()
+        lacking[file] = own[~pc.is_in(owned.named(own, key), known).to_numpy(zero_copy_only=False)]
+    lots = list(_lots(files, {file: own[f"n_{name}"].sum() for file, own in lacking.items()}, owned.GATHERED))
+    wanted = {str(at): pd.concat([lacking[file] for file in lot]) for at, lot in enumerate(lots)}
+    for at, new in owned.parted_steps(catalog, name, wanted, spool):
+        lot = lots[int(at)]
+        numbers = np.repeat(np.arange(len(lot)), [len(lacking[file]) for file in lot])
+        number = numbers[owned.place(owned.named(new, key), owned.named(wanted[at], key))]
+        new = new.take(pa.array(np.argsort(number, kind="stable")))
+        ends = np.cumsum(np.bincount(number, minlength=len(lot)))
+        for file, first, end in zip(lot, [0, *ends], ends, strict=False):
+            old, own = _before(was, file, declared), files[file]
+            still = old.filter(pc.is_in(owned.named(old, key), owned.named(own, key)))
+            yield file, owned.in_order(name, own, pa.concat_tables([still, new.slice(first, end - first)]))
+
+
+def _lots(files: Files, weight: Mapping[str, float], most: int) -> Iterator[list[str]]:
+    """Some files at a time, of about so much weight."""
+    lot: list[str] = []
+    held = 0.0
+    for file in files:
+        if lot and held + weight[file] > most:
+            yield lot
+            lot, held = [], 0.0
+        lot.append(file)
+        held += weight[file]
+    if lot:
+        yield lot
+
+
+def _before(was: Before, file: str, declared: Table, columns: list[str] | None = None) -> pa.Table:
+    """What was in the file of before; nothing where there was none, or one of other columns."""
+    path = was.like(file)
+    empty = declared.schema.empty_table().select(columns or declared.names)
+    if path is None or pq.read_schema(path).names != declared.names:
+        return empty
+    return pq.read_table(path, columns=columns).cast(empty.schema)
