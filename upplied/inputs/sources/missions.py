@@ -10,10 +10,8 @@ import csv
 import io
 import json
 import zipfile
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from defusedxml import ElementTree
@@ -62,18 +60,9 @@ def read(path: Path, fields: Fields) -> Source:
     """The planned flight of a mission."""
     data = read_regular(path, MAX_BYTES)
     head = data.lstrip(b"\xef\xbb\xbf \r\n\t")
-    reader: Callable[[bytes, Path], Route] = (
-        _zipped
-        if head[:2] == b"PK"
-        else _waypoints
-        if head.startswith(b"QGC WPL")
-        else _plan
-        if head[:1] == b"{"
-        else _marks
-        if head[:1] == b"<"
-        else _litchi
-    )
-    route = reader(data, path)
+    readers = {b"PK": _zipped, b"QGC WPL": _waypoints, b"{": _plan, b"<": _marks}
+    found = [reader for start, reader in readers.items() if head.startswith(start)]
+    route = found[0](data, path) if found else _litchi(data, path)
     rows = np.array(route.rows, float).reshape(-1, 6)
     if len(rows) < 2 or not np.isfinite(rows[:, :3]).all():
         raise InputError(
@@ -125,7 +114,7 @@ def _commands(items: list[tuple[int, int, list[float]]], route: Route) -> Route:
         elif command in (_MOUNT, _GIMBAL):
             route.pitch = params[0]
         elif command in (_WAYPOINT, _SPLINE) and frame in _FRAMES and (params[4] or params[5]):
-            route.add(params[4], params[5], params[6], params[3] or np.nan)
+            route.add(params[4], params[5], params[6], params[3])
     if len(datums) > 1:
         raise ValueError("its waypoints have heights of several kinds")
     return route
@@ -166,12 +155,14 @@ def _plan(data: bytes, path: Path) -> Route:
 
 
 def _waypoints(data: bytes, path: Path) -> Route:
-    lines = [
-        line.split() for line in data.decode("ascii").splitlines()[2:] if line.strip()
-    ]  # the first is home
-    return _commands(
-        [(int(row[3]), int(row[2]), [float(value) for value in row[4:11]]) for row in lines], Route()
-    )
+    items = []
+    for line in data.decode("ascii").splitlines()[2:]:  # the first is home
+        row = line.split()
+        params = [float(value) for value in row[4:11]]
+        if params:
+            params[3] = params[3] or np.nan  # the format has no other word for none
+            items.append((int(row[3]), int(row[2]), params))
+    return _commands(items, Route())
 
 
 def _litchi(data: bytes, path: Path) -> Route:
@@ -233,22 +224,18 @@ def _marks(data: bytes, path: Path) -> Route:
     )
     for mark in root.iter("Placemark"):
         lon, lat = (float(value) for value in str(mark.findtext("Point/coordinates")).split(",")[:2])
-        fixed = str(mark.findtext(".//waypointHeadingAngleEnable")).strip() == "1"
-        yaw = float(mark.findtext(".//waypointHeadingAngle") or "nan") if fixed else np.nan
-        for turn in mark.iter("actionActuatorFuncParam"):
-            if turn.findtext("gimbalPitchRotateAngle") is not None:
-                route.pitch = float(str(turn.findtext("gimbalPitchRotateAngle")))
-            if str(turn.findtext("gimbalYawRotateEnable")).strip() == "1" and _north(turn):
-                yaw = float(str(turn.findtext("gimbalYawRotateAngle")))
-        route.add(
-            lat,
-            lon,
-            float(str(mark.findtext("executeHeight"))),
-            yaw,
-            speed=float(mark.findtext("waypointSpeed") or "nan"),
-        )
+        turned = str(mark.findtext(".//waypointHeadingMode")).strip() in ("smoothTransition", "fixed")
+        yaw = float(mark.findtext(".//waypointHeadingAngle") or "nan") if turned else np.nan
+        here, ahead = route.pitch, route.pitch
+        for action in mark.iter("action"):
+            pitch = action.findtext(".//gimbalPitchRotateAngle")
+            if pitch is not None and action.findtext("actionActuatorFunc") == "gimbalEvenlyRotate":
+                ahead = float(pitch)  # reached at the next waypoint
+            elif pitch is not None:
+                here = ahead = float(pitch)
+            if (heading := action.findtext(".//aircraftHeading")) is not None:
+                yaw = float(heading)
+        speed = float(mark.findtext("waypointSpeed") or "nan")
+        route.add(lat, lon, float(str(mark.findtext("executeHeight"))), yaw, here, speed)
+        route.pitch = ahead
     return route
-
-
-def _north(turn: Any) -> bool:
-    return str(turn.findtext("gimbalHeadingYawBase")).strip() == "north"
