@@ -294,7 +294,7 @@ def _walked(folder: Path) -> Iterator[tuple[Path, list[str], Sequence[str]]]:
     """A folder and those in it; links are not followed."""
     for place, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        if "_delta_log" in folders:  # a table of a catalog
+        if "catalog.json" in names and "heads" in folders:  # a catalog holds no flights of others
             folders.clear()
             continue
         yield Path(place), folders, [name for name in names if (Path(place) / name).is_file()]
