@@ -14,8 +14,7 @@ from catalog_records import demonstration, differences, key_of, plan, structure
 import upplied
 from upplied.catalog.database import Catalog, open_catalog
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store import current
-from upplied.catalog.verbs import adding, ordering
+from upplied.catalog.verbs import adding, current, ordering
 from upplied.errors import CatalogError, InputError
 
 
