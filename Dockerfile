@@ -7,8 +7,8 @@ RUN apt-get update \
  && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /opt/upplied
-COPY requirements.lock .
-RUN python -m pip install --no-cache-dir --no-deps --require-hashes --only-binary :all: -r requirements.lock
+COPY requirements-runtime.lock .
+RUN python -m pip install --no-cache-dir --no-deps --require-hashes --only-binary :all: -r requirements-runtime.lock
 COPY pyproject.toml setup.py MANIFEST.in README.md LICENSE prefect.yaml ./
 COPY flows flows
 COPY upplied upplied
@@ -17,7 +17,8 @@ RUN python -m pip install --no-cache-dir --no-deps --no-build-isolation . \
  && mkdir /fleet \
  && chown upplied /fleet
 
-# The fleet's folder: catalog, reports and Prefect's own. Mount what should stay.
+# The fleet's folder: catalog, reports and Prefect's own. Mount what should stay; meshes and logs are read from where
+# UPPLIED_ROOTS says (compose.yaml mounts them under /data). Nothing here runs as root, and uid 1000 must be able to read them.
 USER upplied
 WORKDIR /fleet
 ENV UPPLIED_HOME=/fleet DO_NOT_TRACK=1

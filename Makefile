@@ -10,6 +10,7 @@ PYTHON ?= $(shell for p in $(PYTHONS); do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' >/dev/null 2>&1 && echo $$p && break; done)
 
 BIN := .venv/bin
+RUNS := .venv/.runs
 READY := .venv/.ready
 
 # Prefect and its server report to nobody.
@@ -19,26 +20,31 @@ export PREFECT_SERVER_ANALYTICS_ENABLED := false
 help: ## list what make can do
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-# One line that moves on, from pip's many; all of them are in .venv/install.log.
-PACKAGES = $$(grep -c '^[A-Za-z].*==' requirements.lock)
-define COUNTED
-awk -v of=$(PACKAGES) -v all=.venv/install.log '{ print > all } /^Collecting/ { n++; printf "\r      %d of about %d packages", n, of; fflush() } \
-	/^Installing/ { printf "\n      unpacking them\n"; fflush() }'
+# Packages as the lock $(1) pins them, told in one line that moves on instead of pip's many, which are in .venv/install.log.
+define LOCKED
+@set -o pipefail; $(BIN)/python -m pip install --disable-pip-version-check --no-deps --require-hashes --only-binary :all: \
+	--progress-bar off -r $(1) 2>&1 | awk -v of=$$(grep -c '^[A-Za-z].*==' $(1)) -v all=.venv/install.log '{ print > all } \
+	/^Collecting/ { n++; printf "\r      %d of at most %d packages", n, of; fflush() } \
+	/^Installing/ { printf "\n      unpacking them\n"; fflush() }' || { tail -20 .venv/install.log; exit 1; }
 endef
 
-$(READY): requirements.lock pyproject.toml setup.py
+$(RUNS): requirements-runtime.lock pyproject.toml setup.py
 	@test -n "$(PYTHON)" || { echo "No Python from 3.11 to 3.14 found: install one, or say make PYTHON=/path/to/python3"; exit 1; }
-	@echo "Once: about 1 GB is downloaded into .venv, in two to ten minutes."
+	@echo "Once: 460 MB are downloaded, and 1.4 GB unpacked into .venv, in two to ten minutes."
 	@echo "1/3 .venv with $$($(PYTHON) --version)"
 	@$(PYTHON) -m venv .venv
-	@echo "2/3 packages, as requirements.lock pins them"
-	@set -o pipefail; $(BIN)/python -m pip install --disable-pip-version-check --no-deps --require-hashes --only-binary :all: \
-		--progress-bar off -r requirements.lock 2>&1 | $(COUNTED) || { tail -20 .venv/install.log; exit 1; }
+	@echo "2/3 packages, as requirements-runtime.lock pins them"
+	$(call LOCKED,requirements-runtime.lock)
 	@echo "3/3 upplied itself"
 	@$(BIN)/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation --quiet --editable .
 	@touch $@
 
-quickstart: $(READY) ## environment, sample fleet, every transfer, reports: the whole way once
+$(READY): $(RUNS) requirements.lock
+	@echo "Once, for development: 265 MB more are downloaded, and 1.4 GB unpacked, as requirements.lock pins them."
+	$(call LOCKED,requirements.lock)
+	@touch $@
+
+quickstart: $(RUNS) ## environment, sample fleet, every transfer, reports: the whole way once
 	@$(BIN)/python -m upplied.flows.quickstart
 
 TESTS ?= not slow
@@ -86,10 +92,13 @@ docs: $(READY) ## the documentation as a site: open site/index.html
 pictures: $(READY) ## draw the documentation's pictures again, after a change of the method (minutes)
 	$(BIN)/python docs/making/pictures.py
 
-serve: $(READY) ## a Prefect server with the deployments and a worker, until Ctrl-C
+serve: $(RUNS) ## a Prefect server with the deployments and a worker, until Ctrl-C
 	@$(BIN)/upplied serve
 
-lock: $(READY) ## resolve requirements.lock again for every Python and platform
+COMPILE = $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header \
+	--no-annotate --native-tls --quiet
+
+lock: $(READY) ## resolve both locks again for every Python and platform: development's, and of it what runs
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet uv
-	$(BIN)/uv pip compile pyproject.toml --extra dev --python-version 3.11 --universal --upgrade \
-		--generate-hashes --no-emit-index-url --no-header --no-annotate --native-tls --quiet --output-file requirements.lock
+	$(COMPILE) --extra dev --upgrade --output-file requirements.lock
+	$(COMPILE) --extra service --constraint requirements.lock --upgrade --output-file requirements-runtime.lock

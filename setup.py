@@ -14,7 +14,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 from setuptools.command.build_py import build_py
 
-CARRIED = ("prefect.yaml", "requirements.lock")
+CARRIED = ("prefect.yaml", "requirements-runtime.lock")
 
 
 class Build(build_py):

@@ -66,3 +66,39 @@ def _hidden(origin: Floats, rays: Floats, corners: Floats, slack: float) -> Bool
                 hidden[k] = True
                 break
     return hidden
+
+
+def least_distance(structure: Structure, positions: Floats) -> float:
+    """The least distance of positions (N, 3) from the mesh, m: to every triangle (Ericson 2005, 5.1.5)."""
+    return float(_least(np.ascontiguousarray(positions), structure.vertices[structure.triangles]))
+
+
+@njit(cache=True)
+def _least(points: Floats, corners: Floats) -> float:
+    best = np.inf
+    for p in points:
+        for t in range(len(corners)):
+            a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
+            ab, ac, ap = b - a, c - a, p - a
+            d1, d2 = np.dot(ab, ap), np.dot(ac, ap)
+            bp, cp = p - b, p - c
+            d3, d4 = np.dot(ab, bp), np.dot(ac, bp)
+            d5, d6 = np.dot(ab, cp), np.dot(ac, cp)
+            va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+            if d1 <= 0 and d2 <= 0:
+                near = a
+            elif d3 >= 0 and d4 <= d3:
+                near = b
+            elif d6 >= 0 and d5 <= d6:
+                near = c
+            elif vc <= 0 and d1 >= 0 and d3 <= 0:
+                near = a + ab * (d1 / (d1 - d3))
+            elif vb <= 0 and d2 >= 0 and d6 <= 0:
+                near = a + ac * (d2 / (d2 - d6))
+            elif va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
+                near = b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)))
+            else:
+                near = a + ab * (vb / (va + vb + vc)) + ac * (vc / (va + vb + vc))
+            gap = p - near
+            best = min(best, np.dot(gap, gap))
+    return np.sqrt(best)

@@ -234,6 +234,7 @@ def _structure(
             vertices=vertices,
             triangles=triangles,
             normals=normals,
+            surface=None if variant == DIVIDED else "scanned",
             surroundings=Surroundings(ground_z_m=0.0),
         )
     )

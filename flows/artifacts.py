@@ -23,7 +23,7 @@ MOST_ROWS = 500  # an artifact is for reading; the published table holds them al
 
 def ingested_artifacts(key: str, ingested: Sequence[dict[str, str]]) -> str:
     """What became of each file; returns the same in one line."""
-    counts = dict.fromkeys(("added", "unchanged", "retired", "failed"), 0)
+    counts = dict.fromkeys(("added", "unchanged", "retired", "failed", "passed over"), 0)
     for item in ingested:
         counts[item["status"]] += 1
     summary = ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "nothing"

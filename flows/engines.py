@@ -5,7 +5,7 @@ All of it is somebody else's engine. What is kept is the same, byte for byte, wh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -26,30 +26,51 @@ from .progress import advancing, progress
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+FEW = 5  # of what was lost, in a state's message
 ELSEWHERE = 8  # processes of a cluster that shards are cut for, where nothing is said
 
 
 @dataclass
 class Planned:
-    """What came of a run's jobs, and of how many shards an engine lost."""
+    """What came of a run's jobs, and what an engine lost meanwhile."""
 
     result: fleet.Result = field(default_factory=fleet.Result)
     shards: int = 0
     lost: list[str] = field(default_factory=list)  # why, of each that was lost and planned by the run itself
+    workers: list[str] = field(default_factory=list)  # that began a shard and did not end it
+    repeated: list[str] = field(default_factory=list)  # those shards, each with who ended it
 
     def include(self, other: Planned) -> None:
         """Add what came of more jobs."""
         self.result.include(other.result)
         self.shards += other.shards
         self.lost += other.lost
+        self.workers += other.workers
+        self.repeated += other.repeated
+
+    def attempted(self, shards: Mapping[str, fleet.Shard], attempts: Sequence[manifest.Attempt]) -> None:
+        """Take in who worked on which shard, by their names, and whose work did not end."""
+        unended = [each for each in attempts if not each.ended]
+        self.workers += sorted({each.worker for each in unended})
+        by = {each.shard: each.worker for each in attempts if each.ended}
+        for name in dict.fromkeys(each.shard for each in unended):
+            self.repeated.append(f"{fleet.shard_name(shards[name])} (by {by.get(name, 'this run')})")
 
     @property
-    def told(self) -> str:
-        """How many shards were lost, and why, in words; empty where none was."""
-        if not self.lost:
-            return ""
-        reasons = "; ".join(dict.fromkeys(self.lost))
-        return f"{len(self.lost)} of {self.shards} shards were lost by the engine and planned here: {reasons}"
+    def loss(self) -> str:
+        """Which workers and shards were lost, why, and who did their work; empty where none was."""
+        text = []
+        if self.workers:
+            text.append(f"Lost workers: {_few(self.workers)}; done again: {_few(self.repeated)}")
+        if self.lost:
+            lost = f"{len(self.lost)} of {self.shards} shards were lost by the engine and planned here"
+            text.append(f"{lost}: {_few(dict.fromkeys(self.lost))}")
+        return ". ".join(text)
+
+
+def _few(texts: Collection[str]) -> str:
+    more = f" and {len(texts) - FEW} more" if len(texts) > FEW else ""
+    return ", ".join(list(texts)[:FEW]) + more
 
 
 def plan(catalog: str, jobs: Sequence[fleet.Job], resources: Resources, run_id: str = "") -> Planned:
@@ -91,8 +112,9 @@ def _on_pool(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources, 
     shards = fleet.bundles(jobs, size)
     asked = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
     given: dict[str, Any] = {"catalog": str(catalog.location), "run_id": run_id, "resources": asked}
+    planned = Planned(shards=len(shards))
     with (
-        _written(catalog, run_id, shards) as names,
+        _written(catalog, run_id, shards, planned) as names,
         ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST)) as runner,
     ):
         submitted = [
@@ -102,8 +124,8 @@ def _on_pool(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources, 
             )
             for shard, name in zip(shards, names, strict=True)
         ]
-        lost = _waited_for(shards, submitted)
-    return _completed(catalog, jobs, resources, run_id, Planned(shards=len(shards), lost=lost))
+        planned.lost = _waited_for(shards, submitted)
+    return _completed(catalog, jobs, resources, run_id, planned)
 
 
 def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources, run_id: str) -> Planned:
@@ -116,22 +138,27 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
         "engine": resources.engine,
         "limits": limits,
     }
-    with _written(catalog, run_id, shards) as names, _cluster(resources) as runner:
+    planned = Planned(shards=len(shards))
+    with _written(catalog, run_id, shards, planned) as names, _cluster(resources) as runner:
         submitted = [
             runner.submit(
                 tasks.plan_elsewhere, {"name": fleet.shard_name(shard), "shard": name, "given": given}
             )
             for shard, name in zip(shards, names, strict=True)
         ]
-        lost = _waited_for(shards, submitted)
-    return _completed(catalog, jobs, resources, run_id, Planned(shards=len(shards), lost=lost))
+        planned.lost = _waited_for(shards, submitted)
+    return _completed(catalog, jobs, resources, run_id, planned)
 
 
 @contextmanager
-def _written(catalog: Catalog, run_id: str, shards: Sequence[fleet.Shard]) -> Iterator[list[str]]:
-    """The shards where all machines can read them, as long as the block lasts."""
+def _written(
+    catalog: Catalog, run_id: str, shards: Sequence[fleet.Shard], planned: Planned
+) -> Iterator[list[str]]:
+    """The shards where all machines can read them, as long as the block lasts; then who worked on them."""
     try:
-        yield manifest.write_shards(catalog, run_id, shards)
+        yield (names := manifest.write_shards(catalog, run_id, shards))
+        by_name = dict(zip(names, shards, strict=True))
+        planned.attempted(by_name, manifest.attempts(catalog, run_id))
     finally:
         manifest.remove_shards(catalog, run_id)
 

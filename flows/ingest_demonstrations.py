@@ -28,10 +28,10 @@ def ingest_demonstrations(
     strict: bool = False,
     bounds: FlightBounds = FlightBounds(),  # type: ignore[valid-type] # noqa: B008
 ) -> State:
-    """Read logs, or folders of them; what is new or changed is kept.
+    """Read flights of any kind, or folders of them; what is new or changed is kept.
 
     Args:
-        logs: MCAP files, or folders of them.
+        logs: Logs, photogrammetry projects, missions, folders of photos, or folders of all of these.
         catalog: Folder or object-store URI.
         workers: Processes; 0 takes one per core.
         allow: Rules that are overruled for these logs, which is kept (docs/checks.md).

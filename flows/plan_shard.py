@@ -13,6 +13,7 @@ from . import states
 from .engines import here
 from .parameters import Location, Resources
 from .roots import check_roots
+from .tasks import worker_of
 
 ALL_CORES = Resources()
 
@@ -31,7 +32,8 @@ def plan_shard(catalog: Location, run_id: str, shard: str, resources: Resources 
         resources: Processes, time and memory on this machine.
     """
     check_roots(catalog=catalog)
-    jobs = manifest.read_shard(catalog, shard)
+    jobs, worker = manifest.read_shard(catalog, shard), worker_of("pool")
     _, missing = fleet.kept(open_catalog(catalog), jobs, run_id)
-    result = here(catalog, missing, resources, run_id, engine="pool")
+    with manifest.attempt(catalog, shard, worker):
+        result = here(catalog, missing, resources, run_id, worker)
     return states.of_shard(str(result))

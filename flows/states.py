@@ -51,7 +51,7 @@ def planned(summary: str, made: Planned, problems: Sequence[str], most_lost: flo
         Share of shards that the engine may lose.
     """
     failures = [f"{job}: {reason}" for job, status, reason in made.result.troubles if status == "failed"]
-    told = ". ".join(filter(None, (summary, made.told)))
+    told = ". ".join(filter(None, (summary, made.loss)))
     if len(made.lost) > most_lost * made.shards:
         return Failed(message=f"{told}. More than {most_lost:.0%} of the shards were lost")
     recalls = [text for text in problems if text.startswith("RECALLED")]  # before all else

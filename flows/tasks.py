@@ -6,6 +6,8 @@ table is not the record of what is done: the catalog is.
 
 from __future__ import annotations
 
+import os
+import socket
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,6 +25,7 @@ from upplied.errors import CatalogError
 from upplied.fleet import edits, flights, gaps
 from upplied.fleet import manifest as shards
 from upplied.fleet.flight_logs import add_flight_logs
+from upplied.fleet.ingest import passed_over
 from upplied.inputs import structure_rules
 from upplied.inputs.passport import settings as passport
 from upplied.inputs.sidecar import LogOptions
@@ -83,7 +86,7 @@ def ingest_demonstrations(
     """Every log into the catalog; a bad log stops itself alone."""
     options = LogOptions(allow=tuple(allow), strict=strict, passport=passport.changed(tuple(said)))
     ingested = fleet.ingest_demonstrations(open_catalog(catalog), logs, workers, options=options)
-    return [_plain(item) for item in ingested]
+    return [_plain(item) for item in (*ingested, *passed_over(logs))]
 
 
 @materialize(SOMEWHERE, name="ingest-flights", task_run_name="ingest flights", **STORED)
@@ -131,8 +134,22 @@ def plan_shard(name: str, run_id: str, shard: int) -> None:
 @task(name="plan-elsewhere", task_run_name="{name}", cache_policy=NO_CACHE)
 def plan_elsewhere(name: str, shard: str, given: dict[str, Any]) -> None:
     """Plan one shard in the process that an engine chose."""
-    catalog, limits = given["catalog"], fleet.Limits(**given["limits"])
-    fleet.plan_here(catalog, shards.read_shard(catalog, shard), given["run_id"], given["engine"], limits)
+    catalog, limits, worker = given["catalog"], fleet.Limits(**given["limits"]), worker_of(given["engine"])
+    with shards.attempt(catalog, shard, worker):
+        fleet.plan_here(catalog, shards.read_shard(catalog, shard), given["run_id"], worker, limits)
+
+
+def worker_of(engine: str) -> str:
+    """The engine and its worker that this process belongs to, by the name that the engine knows it by."""
+    if engine == "dask":
+        from distributed import get_worker
+
+        return f"dask:{get_worker().address.split('://')[-1]}"
+    if engine == "ray":
+        from ray import get_runtime_context
+
+        return f"ray:{get_runtime_context().get_worker_id()}"
+    return f"{engine}:{os.environ.get('PREFECT__WORKER_NAME') or socket.gethostname()}"
 
 
 @task(name="plan-on-pool", task_run_name="{name}", cache_policy=NO_CACHE, retries=1)

@@ -16,9 +16,13 @@ from pathlib import Path
 from prefect.events import emit_event
 from watchfiles import watch as changes
 
+from upplied.errors import InputError
+from upplied.inputs.sources import door, photos
+
 LANDED = "upplied.log.landed"
 FLOWN = "upplied.flight.landed"  # of a log that is a flight of a plan, not a demonstration
 QUIET_S = 10.0  # without a change: a log that says itself that it is whole waits no longer
+STILL_S = 60.0  # of a file that cannot say it, and of a folder of photos
 PATIENCE_S = 600.0  # one that never says so is told all the same, and ingest finds what is wrong with it
 MAGIC = b"\x89MCAP0\r\n"  # MCAP specification, "Format": a file begins and ends with it
 
@@ -42,18 +46,47 @@ class Landing:
     def landed(self) -> Iterator[Path]:
         """Logs that have come whole since the last look, or have been changed and are whole again."""
         now = self._clock()
-        for path in sorted(self.folder.rglob("*.mcap")):
+        for path, parts in self._flights():
             with suppress(OSError):  # gone since it was listed, or a link to nothing
-                stat = path.stat()
-                facts = stat.st_size, stat.st_mtime_ns
+                stats = [part.stat() for part in parts]
+                facts = sum(stat.st_size for stat in stats), max(stat.st_mtime_ns for stat in stats)
                 before, since = self._seen.get(path, (None, now))
                 self._seen[path] = facts, since if facts == before else now
                 if self._told.get(path) == facts:
                     continue
                 quiet = now - self._seen[path][1]
-                if quiet >= (QUIET_S if is_whole(path) else PATIENCE_S):
+                if quiet >= _wait_s(path):
                     self._told[path] = facts
-                    yield path
+                    if looks_like_flight(path):
+                        yield path
+
+    def _flights(self) -> Iterator[tuple[Path, list[Path]]]:
+        """Files, and folders of photos with these."""
+        for place in sorted({self.folder, *(path.parent for path in self.folder.rglob("*"))}):
+            images = photos.members(place)
+            if len(images) > 1:
+                yield place, images
+            for path in sorted(set(place.iterdir()) - set(images)):
+                if path.is_file() and not path.name.startswith("."):
+                    yield path, [path]
+
+
+def _wait_s(path: Path) -> float:
+    """How long a file is quiet before it counts as come whole."""
+    if path.is_dir():
+        return STILL_S
+    with path.open("rb") as file:
+        if path.suffix != ".mcap" and file.read(len(MAGIC)) != MAGIC:
+            return STILL_S
+    return QUIET_S if is_whole(path) else PATIENCE_S
+
+
+def looks_like_flight(path: Path) -> bool:
+    """Whether there is a flight to read, or one that cannot be read: ingest says then why."""
+    try:
+        return bool(door.kind_of(path))
+    except InputError:
+        return True
 
 
 def is_whole(path: Path) -> bool:

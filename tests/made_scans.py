@@ -30,11 +30,12 @@ def body() -> Structure:
 
 
 def cut(structure: Structure, first: float = END, last: float = np.inf) -> Structure:
-    """Without what lies between two places along x."""
+    """A scan, exact, that lacks what lies between two places along x."""
     middle = structure.vertices[structure.triangles][:, :, 0].mean(axis=1)
     far = (middle > first) & (middle < last)
     used, triangles = np.unique(structure.triangles[~far], return_inverse=True)
-    return replace(structure, vertices=structure.vertices[used], triangles=triangles.reshape(-1, 3))
+    exact = replace(structure, surface="scanned", surface_error_m=0.0)
+    return replace(exact, vertices=structure.vertices[used], triangles=triangles.reshape(-1, 3))
 
 
 def as_cloud(structure: Structure, number: int = 60_000) -> Structure:
@@ -49,4 +50,5 @@ def as_cloud(structure: Structure, number: int = 60_000) -> Structure:
         vertices=np.asarray(found.points),
         triangles=np.empty((0, 3), np.int64),
         normals=np.asarray(found.normals),
+        surface_error_m=None,
     )

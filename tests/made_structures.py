@@ -54,7 +54,8 @@ def one_piece(of: Structure) -> Structure:
     first = [of.triangles[np.flatnonzero(piece == each)[0], 0] for each in range(int(piece.max()) + 1)]
     bridges = np.array([[a, b, b] for a, b in itertools.pairwise(first)], np.int64).reshape(-1, 3)
     joined = np.concatenate([of.triangles, bridges])
-    return replace(of, structure_id=f"{of.structure_id}-scan", triangles=joined, sha256="")
+    exact = replace(of, surface="scanned", surface_error_m=0.0, sha256="")
+    return replace(exact, structure_id=f"{of.structure_id}-scan", triangles=joined)
 
 
 def _parts(family: str, about) -> tuple[Boxes, list[tuple[float, float, float, float]]]:

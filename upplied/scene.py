@@ -21,6 +21,7 @@ import numpy as np
 from upplied import reconstruction
 from upplied.disc_cells import DiscCells
 from upplied.discs import Discs, hexagons
+from upplied.extras import extra
 from upplied.records import Bools, Floats, Ints, Structure
 from upplied.threads import ray_threads
 from upplied.vectors import area_vectors
@@ -32,12 +33,12 @@ def open3d() -> Any:
     try:
         ctypes.CDLL("libusb-1.0.so.0")
     except OSError:
-        import libusb_package
-
+        with extra("plan"):
+            import libusb_package
         path = libusb_package.get_library_path()
         if path is not None:
             ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
-    with _plots_deferred():
+    with extra("plan"), _plots_deferred():
         import open3d as module
 
     module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
@@ -243,15 +244,15 @@ def scene_of(structure: Structure, threads: int = 0) -> Scene:
 
 def surface_error_m(structure: Structure) -> float:
     """How far the surface may lie from where a structure has it, m: as stated, or as its form tells."""
-    if structure.surface_error_m is not None:
-        return structure.surface_error_m
-    return reconstruction.error_m(structure) if len(structure.triangles) else discs_of(structure).error_m()
+    if len(structure.triangles):
+        return reconstruction.held(structure).error_m
+    stated = structure.surface_error_m
+    return discs_of(structure).error_m() if stated is None else stated
 
 
 def _new_scene(structure: Structure, threads: int) -> Scene:
-    stated = structure.surface_error_m
     if len(structure.triangles):
-        of = reconstruction.held(structure) if stated is None else reconstruction.Held(stated)
+        of = reconstruction.held(structure)
         return Scene(
             structure.vertices,
             structure.triangles,
@@ -260,8 +261,7 @@ def _new_scene(structure: Structure, threads: int) -> Scene:
             thin_m=of.thin_m,
             thin_error_m=of.thin_error_m,
         )
-    discs = discs_of(structure)
-    error_m = discs.error_m() if stated is None else stated
+    discs, error_m = discs_of(structure), surface_error_m(structure)
     cells = DiscCells.of(discs.points, discs.normals, discs.radius_m)
     # In the order of the cells: what lies together in space does so in memory, and the tree is sooner made.
     mesh = hexagons(cells.points, cells.normals, cells.radius_m)

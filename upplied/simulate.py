@@ -147,7 +147,7 @@ def measure_flown(
         told = [one for one in siblings if one.structure_id == plan.parts_told_by]
         pair = study(structure_in(here, source), structure_in(there, target), settings, memo, told)
         takes = takes_of(demonstration_in(here, demonstration), pair, settings, memo)
-        found, surface, warnings = judge(trajectory_in(there, flown), None, takes, settings, memo)
+        found, surface, warnings = judge(trajectory_in(there, flown), None, takes, settings)
     return replace(
         plan,
         trajectory=flown,

@@ -18,7 +18,9 @@ def triangle_areas(structure: Structure) -> Floats:
     return structure.derived("triangle areas", areas)
 
 
-def points_on_triangles(structure: Structure, number: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
+def points_on_triangles(
+    structure: Structure, number: int, rng: np.random.Generator, some: Ints | None = None
+) -> tuple[Floats, Ints]:
     """Points spread evenly by area over a mesh: stratified along the cumulated area.
 
     Parameters
@@ -26,6 +28,8 @@ def points_on_triangles(structure: Structure, number: int, rng: np.random.Genera
     structure : Structure
     number : int
     rng : numpy.random.Generator
+    some : array of int, shape (S,), optional
+        The triangles to spread them over; all where not given.
 
     Returns
     -------
@@ -33,9 +37,11 @@ def points_on_triangles(structure: Structure, number: int, rng: np.random.Genera
     triangle : array of int, shape (number,)
         On which each lies.
     """
-    cumulated = np.cumsum(triangle_areas(structure))
+    area = triangle_areas(structure)
+    cumulated = np.cumsum(area if some is None else area[some])
     along = (np.arange(number) + rng.random(number)) / number * cumulated[-1]
     triangle = np.minimum(np.searchsorted(cumulated, along, side="right"), len(cumulated) - 1)
+    triangle = triangle if some is None else some[triangle]
     chosen = structure.vertices[structure.triangles[triangle]]
     root, second = np.sqrt(rng.random(number))[:, None], rng.random(number)[:, None]
     points = chosen[:, 0] * (1 - root) + root * (chosen[:, 1] * (1 - second) + chosen[:, 2] * second)

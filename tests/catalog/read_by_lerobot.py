@@ -19,6 +19,8 @@ print(  # noqa: T201 - read by the test
             "episodes": dataset.meta.total_episodes,
             "frames": len(dataset),
             "fps": dataset.meta.fps,
+            "splits": dict(dataset.meta.info.splits),
+            "kinds": [str(episode["kind"]) for episode in dataset.meta.episodes],
             "tasks": sorted({frame["task"] for frame in frames}),
             "states": [frame["observation.state"].tolist() for frame in frames],
             "actions": [frame["action"].tolist() for frame in frames],

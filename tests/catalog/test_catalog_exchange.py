@@ -184,7 +184,7 @@ def test_an_export_says_what_it_lacks(catalog, tmp_path):
 
 
 def test_lerobot_layout(catalog, tmp_path):
-    counts = export_lerobot(catalog, tmp_path / "set", catalog.transfers(), fps=20)
+    counts = export_lerobot(catalog, tmp_path / "set", catalog.transfers(), fps=20, demonstrations=[])
     info = json.loads((tmp_path / "set" / "meta" / "info.json").read_text())
     assert info["codebase_version"] == "v3.0"
     assert info["total_episodes"] == counts["episodes"] == 3  # the refused one has no trajectory
@@ -238,8 +238,8 @@ def test_lerobot_files_are_split_between_episodes(catalog, tmp_path, monkeypatch
 
 
 def test_lerobot_needs_a_trajectory(catalog, tmp_path):
-    with pytest.raises(InputError, match="0 plans with a trajectory"):
-        export_lerobot(catalog, tmp_path / "x", catalog.transfers(status="refused"))
+    with pytest.raises(InputError, match="0 plans with a trajectory and 0 demonstrations"):
+        export_lerobot(catalog, tmp_path / "x", catalog.transfers(status="refused"), demonstrations=[])
 
 
 def test_an_imported_failure_makes_way(catalog, folder, tmp_path):

@@ -33,13 +33,17 @@ def test_bare_structure_round_trip():
     assert differences(Surroundings(), back.surroundings) == []
 
 
-@pytest.mark.parametrize("stated", [0.0, 0.15, None])
-def test_what_is_stated_of_a_surface_comes_back_and_an_older_row_states_nothing(stated: float | None):
-    given = structure(surface_error_m=stated)
+@pytest.mark.parametrize(("surface", "stated"), [("drawn", 0.0), ("scanned", 0.15), (None, None)])
+def test_what_is_stated_of_a_surface_comes_back_and_an_older_row_states_nothing(
+    surface: str | None, stated: float | None
+):
+    given = structure(surface=surface, surface_error_m=stated)
     row = rows.structure_row(given, "0" * 64)
-    assert rows.structure_of(through("structures", row), given).surface_error_m == stated
-    del row["surface_error_m"]
-    assert rows.structure_of(through("structures", row), given).surface_error_m is None
+    back = rows.structure_of(through("structures", row), given)
+    assert (back.surface, back.surface_error_m) == (surface, stated)
+    del row["surface"], row["surface_error_m"]
+    older = rows.structure_of(through("structures", row), given)
+    assert older.surface is None and older.surface_error_m is None
 
 
 @pytest.mark.parametrize("seed", range(3))

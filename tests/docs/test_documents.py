@@ -6,11 +6,17 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+EXTRAS = PROJECT["optional-dependencies"]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("[!.]*/README.md"), *ROOT.glob("docs/*.md")])
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -96,7 +102,7 @@ def test_links_lead_somewhere(document):
 
 
 @pytest.mark.parametrize(
-    "path", [ROOT / "Makefile", ROOT / "requirements.lock", *DOCUMENTS], ids=lambda p: p.name
+    "path", [ROOT / "Makefile", *ROOT.glob("requirements*.lock"), *DOCUMENTS], ids=lambda p: p.name
 )
 def test_no_place_of_one_machine_is_named(path):
     text = path.read_text(encoding="utf-8")
@@ -104,21 +110,73 @@ def test_no_place_of_one_machine_is_named(path):
 
 
 def test_the_lock_pins_what_pyproject_asks_for():
-    import tomllib
-
-    from packaging.requirements import Requirement
-
     lock = (ROOT / "requirements.lock").read_text()
     pinned = dict(re.findall(r"^([a-z0-9-]+)==([^ ;\\]+)", lock, re.MULTILINE))
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"]
-    wanted = [Requirement(text) for text in project["dependencies"] + extras["dev"]]
-    for own in [one for one in wanted if one.name == "upplied"]:
+    wanted = [Requirement(text) for text in PROJECT["dependencies"] + EXTRAS["dev"]]
+    while own := next((one for one in wanted if one.name == "upplied"), None):
         wanted.remove(own)
-        wanted += [Requirement(text) for name in own.extras for text in extras[name]]
+        wanted += [Requirement(text) for name in own.extras for text in EXTRAS[name]]
     assert len(wanted) > 40
     for one in wanted:
         name = re.sub(r"[-_.]+", "-", one.name).lower()
         assert name in pinned, f"{name} is not locked: make lock"
         assert one.specifier.contains(pinned[name]), f"{name} {pinned[name]} is not {one.specifier}"
     assert "--hash=sha256:" in lock
+
+
+def pins_of(name: str) -> dict[str, str]:
+    """Each package of a lock, by its name and marker, with its version and hashes."""
+    text = (ROOT / name).read_text().replace("\\\n", " ")
+    return {re.sub(r"==[^ ;]+", "", line.split("--hash")[0]).strip(): line for line in text.splitlines()}
+
+
+def installed(requirements: list[str]) -> set[str]:
+    """What these bring on this machine, by the metadata of what is installed: all of it, and nothing else."""
+    found: set[tuple[str, str]] = set()
+    waiting = [(Requirement(text), "") for text in requirements]
+    while waiting:
+        one, asked = waiting.pop()
+        if one.marker and not one.marker.evaluate({"extra": asked}):
+            continue
+        name = canonicalize_name(one.name)
+        if name == "upplied":
+            waiting += [(Requirement(text), "") for extra in one.extras for text in EXTRAS[extra]]
+            continue
+        for extra in ({""} | one.extras) - {of for known, of in found if known == name}:
+            found.add((name, extra))
+            waiting += [(Requirement(text), extra) for text in metadata.requires(name) or ()]
+    return {name for name, _ in found}
+
+
+def test_the_lock_that_runs_is_a_part_of_that_of_development_and_whole():
+    """What Dockerfile and make quickstart install: the same files, all that is needed and no tool more."""
+    runs, develops = pins_of("requirements-runtime.lock"), pins_of("requirements.lock")
+    assert set(runs.items()) <= set(develops.items()), "made from another lock: make lock"
+    pinned = [Requirement(re.sub(r" *\\$", "", line.split("--hash")[0])) for line in runs.values()]
+    here = {canonicalize_name(one.name) for one in pinned if not one.marker or one.marker.evaluate()}
+    assert here == installed(PROJECT["dependencies"] + EXTRAS["service"])
+    assert not here & {"pytest", "mypy", "ruff", "playwright", "boto3", "evo"}
+
+
+def test_what_is_told_of_the_size_of_an_install_is_its_size():
+    """From the lists of their files, which leave out the byte code that is written when they are unpacked."""
+    told = float(re.search(r"([\d.]+) GB unpacked into .venv", (ROOT / "Makefile").read_text())[1])
+    names = installed(PROJECT["dependencies"] + EXTRAS["service"])
+    size = sum(file.size or 0 for name in names for file in metadata.files(name) or ())
+    assert 0.8 * told < size / 1e9 < 1.1 * told, size
+    assert f"{told:g} GB unpacked" in (ROOT / "README.md").read_text()
+
+
+def test_every_room_of_tests_has_its_command_and_no_test_has_a_stop_watch():
+    words = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    rooms = {
+        path.parent.name
+        for path in (ROOT / "tests").glob("*/**/test_*.py")
+        if path.parent.parent.name == "tests"
+    }
+    assert {"catalog", "fleet", "flows", "inputs"} <= rooms
+    for room in rooms:
+        assert re.search(rf"`\.venv/bin/python -m pytest [^`]*tests/{room}\b[^`]*`", words), room
+    timed = re.compile(r"assert\b.*\b(perf_counter|process_time|monotonic)\(\) - ")
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        assert not timed.search(path.read_text(encoding="utf-8")), f"{path.name} asserts a time"

@@ -22,7 +22,6 @@ NOT_IMPORTED = {
     "open3d": "the same package for other platforms",
     "fastapi": "kept below what breaks Prefect",
     "sqlalchemy": "kept below what breaks Prefect's schedules",
-    "ray": "prefect-ray starts it",
     "setuptools": "builds the package",
     "ruff": "a command",
     "mypy": "a command",
@@ -40,12 +39,15 @@ CORE, DEV = ("upplied",), ("upplied", "flows", "tests", "bench", "docs", "exampl
 # What only an extra brings may be imported in these files, and nowhere else in the package.
 EXTRA_FILES = {
     "formats": {"upplied/inputs/formats/clouds.py"},
+    "ardupilot": {"upplied/inputs/sources/ardupilot.py"},
     "export": {
         "upplied/outputs/pages.py",
         "upplied/outputs/draw/sheet.py",
         "upplied/outputs/draw/sketch.py",
         "upplied/outputs/camera_pictures.py",
     },
+    "plan": {"upplied/scene.py"},
+    "signing": {"upplied/catalog/verbs/roster.py"},
     "fleet": set(),
     "dask": set(),
     "ray": set(),
@@ -94,7 +96,7 @@ def test_what_is_declared_is_imported() -> None:
     assert idle <= set(NOT_IMPORTED), f"declared, never imported: {sorted(idle - set(NOT_IMPORTED))}"
     assert set(NOT_IMPORTED) <= every, f"no longer declared: {sorted(set(NOT_IMPORTED) - every)}"
     core = {name for module in imported(*CORE) for name in distributions(module)}
-    idle = declared(PROJECT["dependencies"]) - core - {"open3d"}
+    idle = declared(PROJECT["dependencies"]) - core
     assert not idle, f"a dependency of everybody, and the package never imports it: {sorted(idle)}"
 
 
@@ -118,7 +120,7 @@ def test_flows_import_what_the_extra_fleet_brings() -> None:
 def test_what_developers_install_brings_every_extra_that_runs_here() -> None:
     own = [Requirement(text) for text in EXTRAS["dev"] if Requirement(text).name == "upplied"]
     brought = {name for one in own for name in one.extras}
-    assert {"fleet", "formats", "export"} <= brought
+    assert {"plan", "fleet", "formats", "export", "dask"} <= brought
 
 
 @pytest.mark.parametrize(

@@ -81,15 +81,15 @@ def wait_for_another(folder: str) -> None:
     """A start-up that ends when two processes are in it."""
     Path(folder, str(os.getpid())).touch()
     deadline = time.monotonic() + 60
-    while len(list(Path(folder).iterdir())) < 2 and time.monotonic() < deadline:
+    while len(list(Path(folder).iterdir())) < 2:
+        assert time.monotonic() < deadline, "nobody else starts"
         time.sleep(0.01)
 
 
 def test_processes_start_beside_each_other(tmp_path):
     with Workers(2, wait_for_another, (str(tmp_path),)) as workers, ThreadPoolExecutor(2) as threads:
-        began = time.monotonic()
         assert sorted(threads.map(workers.run, [slow_square] * 2, [2, 3])) == [4, 9]
-        assert time.monotonic() - began < 60, "the second process started after the first was ready"
+    assert len(list(tmp_path.iterdir())) == 2, "one gave up, and another was started in its place"
 
 
 def test_an_error_of_the_job_itself_comes_back_as_it_was_raised():

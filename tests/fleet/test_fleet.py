@@ -13,7 +13,7 @@ from upplied.catalog import Catalog
 from upplied.config import settings_for
 from upplied.errors import InputError
 from upplied.fleet import ingest
-from upplied.fleet.run import SINGLE_TARGETS, shards
+from upplied.fleet.run import SHARDS_EACH, shards
 from upplied.outputs.logs import write_log
 from upplied.planning.plan import transfer_key
 from upplied.samples.fleet import member, random_member
@@ -120,7 +120,7 @@ def test_unknown_names_are_refused_with_the_known_ones(planned, plan_request):
         fleet.decide(planned, plan_request)
 
 
-@pytest.mark.parametrize(("targets", "demonstrations"), [(3, 1), (3, 5), (40, 2), (SINGLE_TARGETS + 300, 1)])
+@pytest.mark.parametrize(("targets", "demonstrations"), [(0, 0), (3, 1), (3, 5), (40, 2), (1300, 1)])
 def test_shards_hold_every_job_once(targets, demonstrations):
     jobs = jobs_for(targets, demonstrations)
     made = shards(jobs, workers=2)
@@ -139,11 +139,20 @@ def by_target(job):
     return job.target_id, job.demonstration_id
 
 
-def test_shards_are_one_target_until_they_are_too_many():
-    assert {len(shard) for shard in shards(jobs_for(40, 3), 2)} == {3}
-    many = shards(jobs_for(10_000), 2)
-    assert 100 <= len(many) <= 200
-    assert max(len(shard) for shard in many) <= 100
+@pytest.mark.parametrize(
+    ("targets", "demonstrations", "tasks"),
+    [(3, 1, 3), (7, 1, 7), (3, 40, 16), (40, 3, 16), (1000, 1, 16), (10_000, 1, 157)],
+)
+def test_a_fleet_is_a_few_tasks_a_worker_and_none_is_a_tenth_larger_than_another(
+    targets, demonstrations, tasks
+):
+    """A task of an engine costs as much as the plan of a small target."""
+    made = shards(jobs_for(targets, demonstrations), 2)
+    assert len(made) == tasks <= max(2 * SHARDS_EACH, targets / 60)
+    sizes = [len({job.target_id for job in shard}) if targets >= 8 else len(shard) for shard in made]
+    assert max(sizes) <= min(sizes) + 1
+    if targets >= 8:
+        assert sum(sizes) == targets, "a target is in two shards, which would lay it out twice"
 
 
 def test_a_bad_file_stops_itself_alone(tmp_path):

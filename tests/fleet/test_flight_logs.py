@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,14 +19,19 @@ from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import InputError, RefusedError, SettingsError
 from upplied.fleet.flight_logs import Judged, judge_log, keep
+from upplied.fleet.flights import _row
 from upplied.fleet.gaps import flight_row, plan_gap
 from upplied.fleet.promoting import promote_flight
 from upplied.inputs.photos import photo_times
 from upplied.outputs import logs
+from upplied.outputs.flown import Flown, seen_as_flown
 from upplied.outputs.logs import write_log
+from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.publish import publish_pages
 from upplied.planning.surface.samples import surface_samples
-from upplied.records import Demonstration, Plan, Trajectory
+from upplied.poses import interpolate
+from upplied.proof.as_flown import looks_of
+from upplied.records import SURFACE_STATES, Cloud, Demonstration, Measures, Plan, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.scene import scene_of
@@ -201,6 +207,128 @@ def test_photos_that_are_no_times_are_told(tmp_path, text):
         photo_times(path)
 
 
+def noisy(path: Trajectory, seed: int = 0) -> Trajectory:
+    """As a vehicle flies: a few centimetres beside it."""
+    off = np.random.default_rng(seed).normal(0, 0.05, path.positions.shape)
+    return replace(path, positions=path.positions + off)
+
+
+def written(folder, path: Trajectory, name: str = "back", start_ns: int = START_NS, **more):
+    """The log of a path."""
+    t_ns = start_ns + np.round(path.t_s * 1e9).astype(np.int64)
+    poses = {"t_ns": t_ns, "positions": path.positions, "quat_xyzw": path.quat_xyzw}
+    record = replace(FLOWN, demonstration_id=name, **poses)
+    return write_log(folder / f"{name}.mcap", record, CUBE, heavy_topic=False, **more)
+
+
+def test_photos_after_a_hover_are_placed_by_the_clock_of_the_log(catalog, made, tmp_path):
+    """A hover is shortened in demonstrations; here that would move every photo after it."""
+    flown = noisy(interpolate(made.trajectory, np.arange(0.0, made.trajectory.t_s[-1], 0.1)))
+    middle = int(np.searchsorted(flown.t_s, 60.0))
+    still = noisy(flown.take(np.full(1200, middle)), 1)
+    t_s = np.concatenate(
+        [flown.t_s[:middle], flown.t_s[middle] + np.arange(1200) * 0.1, flown.t_s[middle:] + 120]
+    )
+    path = Trajectory(
+        t_s,
+        np.concatenate([flown.positions[:middle], still.positions, flown.positions[middle:]]),
+        np.concatenate([flown.quat_xyzw[:middle], still.quat_xyzw, flown.quat_xyzw[middle:]]),
+    )
+    log = written(tmp_path, path)
+    # Photos before the hover alone, then after it alone: each shows its own half.
+    shown = []
+    for name, moments in (("before", np.arange(1.0, 60.0)), ("after", np.arange(181.0, 238.0))):
+        times = tmp_path / f"{name}.csv"
+        times.write_text("\n".join(str(START_NS + int(s * 1e9)) for s in moments))
+        found = judged(catalog, log, photos=times)
+        assert found.row["duration_s"] == pytest.approx(path.t_s[-1], abs=0.2)
+        assert re.search(r"waited for 12\d s at (59|60) s", found.row["findings"])
+        truth = looks_of(path, found.surface, FLOWN.camera, scene_of(CUBE), moments).seen
+        assert (found.flown.looks.seen == truth).mean() > 0.995
+        shown.append(truth)
+    assert (shown[0] != shown[1]).mean() > 0.2  # so the half that is shown does tell
+
+
+def test_an_export_of_a_plan_is_no_flight_of_it(catalog, made, tmp_path):
+    path = tmp_path / "plan.mcap"
+    path.write_bytes(mcap_bytes(made, CUBE))
+    with pytest.raises(InputError, match="is an export of a plan: its metadata say so"):
+        judged(catalog, path)
+    every = interpolate(made.trajectory, np.arange(0.0, made.trajectory.t_s[-1], 0.1))
+    with pytest.raises(RefusedError, match=f"holds the poses of the plan {ID} itself"):
+        judged(catalog, written(tmp_path, every))
+    slower = replace(every, t_s=every.t_s * 1.3)
+    with pytest.raises(RefusedError, match="holds the poses of the plan"):
+        judged(catalog, written(tmp_path, slower))
+    assert judged(catalog, written(tmp_path, noisy(every))).row["kind"] == "flown"
+
+
+def test_a_simulated_flight_is_never_a_flown_one(catalog, made, tmp_path):
+    path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
+    marked = written(tmp_path, path, "marked", simulated=True)
+    with pytest.raises(InputError, match="is the log of a simulated flight"):
+        judged(catalog, marked)
+    flown = Flown(
+        ID, catalog.transfer(ID)["waypoints_sha256"], 4.0, 0.0, True, 2, path, Measures(min_clearance_m=3.0)
+    )
+    plain = written(tmp_path, path)
+    assert judged(catalog, plain).row["kind"] == "flown"  # nobody can know it yet
+    catalog.add_flight(_row(catalog, "f" * 64, catalog.transfer(ID), flown), path)
+    with pytest.raises(RefusedError, match="holds the poses of the simulated flight"):
+        judged(catalog, plain)
+
+
+@pytest.mark.parametrize("start_ns", [0, 915_148_800_000_000_000, 2_100_000_000_000_000_000])
+def test_a_flight_of_no_possible_day_is_refused(catalog, made, tmp_path, start_ns):
+    path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
+    with pytest.raises(InputError, match=r"by its own clock .rule: a date from 2000 to now"):
+        judged(catalog, written(tmp_path, path, start_ns=start_ns + 10**9))
+
+
+def test_a_flight_of_another_mission_is_told_by_its_fit(catalog, made, tmp_path):
+    """Both lie round the same structure, a metre and a half apart."""
+    path = made.trajectory
+    middle = path.positions.mean(axis=0)
+    wide = replace(path, positions=middle + (path.positions - middle) * [1.2, 1.2, 1.0] + [0, 0, 0.8])
+    other = hashlib.sha256(b"wide").hexdigest()
+    catalog.add_plans([(other, replace(made, trajectory=wide, preset="baseline"), {})])
+    for mine, theirs, flown in ((ID, other[:20], wide), (other[:20], ID, path)):
+        log = written(tmp_path, fly_trajectory(flown, wind=Wind(3.0), seed=1))
+        with pytest.raises(RefusedError, match=f"is a flight of plan {theirs}"):
+            judged(catalog, log, plan=mine)
+        assert judged(catalog, log, plan=theirs).row["transfer_id"] == theirs
+
+
+def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, made, tmp_path, capsys):
+    """A vehicle that flew 2.5 m beside its plan, and a log that is 2.5 m off, are the same log."""
+    flown = fly_trajectory(made.trajectory, wind=Wind(2.0), seed=2)
+    beside = replace(flown, positions=flown.positions + np.array([2.0, -1.5, 0.0]))
+    log = written(tmp_path, beside)
+    row = keep(catalog, judged(catalog, log))
+    assert row["shift_m"] == pytest.approx(2.5, abs=0.3) and row["place_error_m"] >= row["shift_m"]
+    looks = catalog.looks.get(row["looks_sha256"])
+    surface = catalog.surface(ID)
+    truth, scene = [], scene_of(CUBE)
+    for path in (beside, flown):
+        truth.append(looks_of(path, Cloud(surface.points, surface.normals), FLOWN.camera, scene).seen)
+    certain = np.isin(np.arange(len(surface.points)), looks.certain.patch)
+    assert (certain & ~(truth[0] & truth[1])).mean() < 0.01
+    required = surface.state == 1
+    assert row["required_pct"] == pytest.approx(100 * certain[required].mean())
+    assert row["assumed_pct"] > 2 and len(looks.certain.patch) < len(looks.patch)
+    unseen = looks.patch[np.flatnonzero(looks.assumed)[0]]
+    assert not catalog.looks_at("cube-v1", surface.points[unseen])["seen"].any()
+    publish_pages(catalog, tmp_path / "reports", pictures=0)
+    (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
+    said = f"{row['assumed_pct']:.1f} % more if the log was rightly moved onto its plan"
+    assert said in page.read_text() and "was seen for certain" in page.read_text()
+    states = seen_as_flown(surface, looks.certain.patch, np.setdiff1d(looks.patch, looks.certain.patch)).state
+    assert {SURFACE_STATES[state] for state in np.unique(states)} >= {"shown", "seen if corrected"}
+    # With a stated accuracy no more than that is corrected.
+    fixed = judge_log(catalog.location, str(log), ID, None, None, 0.1).row
+    assert fixed["shift_m"] == 0 and fixed["assumed_pct"] == 0 and "left as logged" in fixed["findings"]
+
+
 def test_a_log_of_another_structure_or_on_no_plan_is_refused(catalog, log, tmp_path):
     other = replace(CUBE, structure_id="other-v1", sha256="other")
     catalog.add_structures([other])
@@ -219,10 +347,6 @@ def test_a_log_of_another_structure_or_on_no_plan_is_refused(catalog, log, tmp_p
 
 
 def test_a_simulated_flight_is_a_flight(catalog, made):
-    from upplied.fleet.flights import _row
-    from upplied.outputs.flown import Flown
-    from upplied.records import Measures
-
     path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
     half = Trajectory(path.t_s[:600], path.positions[:600], path.quat_xyzw[:600])
     flown = Flown(

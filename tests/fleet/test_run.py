@@ -153,3 +153,28 @@ def test_the_shards_of_a_run_are_read_as_they_were_written_and_nothing_else_is(c
     manifest.remove_shards(catalog, "night-1")
     manifest.remove_shards(catalog, "night-1")
     assert not path.parent.exists()
+
+
+def test_who_works_on_a_shard_lies_beside_it_and_whoever_was_lost_did_not_end(catalog):
+    jobs = fleet.decide(catalog, REQUEST).jobs
+    first, second = manifest.write_shards(catalog, "night-1", [(jobs[0],), (jobs[1],)])
+    here = f"{socket.gethostname()}/{os.getpid()}"
+    lost = manifest.attempt(str(catalog.location), first, "dask:10.0.0.7:40123")
+    lost.__enter__()  # and never left: its process is gone
+    with (
+        pytest.raises(CatalogError, match="full"),
+        manifest.attempt(str(catalog.location), second, "pool:planner-1"),
+    ):
+        raise CatalogError("structures", "full")
+    with manifest.attempt(str(catalog.location), first, "dask:10.0.0.8:40123"):
+        pass
+    Path(catalog.location, manifest.FOLDER, "night-1", "00000.torn.json").write_bytes(b'{"shard": ')
+    found = manifest.attempts(catalog, "night-1")
+    assert [(one.shard, one.worker, one.ended) for one in found] == [
+        (first, f"{here}/dask:10.0.0.7:40123", False),
+        (first, f"{here}/dask:10.0.0.8:40123", True),
+        (second, f"{here}/pool:planner-1", True),
+    ]
+    assert manifest.attempts(catalog, "night-2") == []
+    manifest.remove_shards(catalog, "night-1")
+    assert manifest.attempts(catalog, "night-1") == []

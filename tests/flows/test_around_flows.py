@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 
 import prefect_api
@@ -18,9 +19,12 @@ import pytest
 import yaml
 from processes import ended
 
+from upplied import fleet
 from upplied.cli import main
+from upplied.config import settings_for
 from upplied.errors import InputError, SettingsError
-from upplied.flows import pages, pool, watch
+from upplied.fleet import manifest
+from upplied.flows import engines, pages, pool, states, watch
 from upplied.flows.environment import ROOTS, SETTINGS, environment, home, profile
 from upplied.flows.roots import check_roots
 from upplied.flows.server import ServerError, free_port, offspring, private_server, stop
@@ -278,3 +282,25 @@ def test_a_flow_that_finds_no_space_or_right_ends_in_words():
         raise OSError(errno.ENOSPC, "No space left on device", "reports/index.html")
 
     assert told_in_words(full)().message == "reports/index.html: No space left on device"
+
+
+def test_the_state_of_a_run_names_lost_workers_and_who_did_their_work():
+    job = fleet.Job("cube-sides-v1", "cube-v1", "box", "box", settings_for("baseline"), "", "", ("",) * 3)
+    shards = {f"night/{number:05}.parquet": (replace(job, target_id=f"box-{number}"),) for number in range(8)}
+    names = list(shards)
+    made = engines.Planned(fleet.Result(ok=8), shards=8)
+    assert states.planned("8 ok", made, [], 0.5).message == "8 ok"
+    made.attempted(shards, [manifest.Attempt(name, "a/1/dask:x", True) for name in names])
+    assert states.planned("8 ok", made, [], 0.5).message == "8 ok", "nothing was lost"
+    lost = [manifest.Attempt(name, "a/2/dask:y") for name in names[:2]]
+    made.attempted(shards, [*lost, manifest.Attempt(names[0], "a/1/dask:x", True)])
+    first, second = (str(shards[name][0]) for name in names[:2])
+    assert states.planned("8 ok", made, [], 0.5).message == (
+        f"8 ok. Lost workers: a/2/dask:y; done again: {first} (by a/1/dask:x), {second} (by this run)"
+    )
+    more = engines.Planned()
+    more.attempted(shards, [manifest.Attempt(name, f"a/{name}/dask:z") for name in names])
+    made.include(more)
+    assert made.loss.count("dask:z") == 4 and "and 4 more; done again" in made.loss, (
+        "a state is read in a line"
+    )

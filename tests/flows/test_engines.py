@@ -2,60 +2,79 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
-import tempfile
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from itertools import chain
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+from clusters import RUN, boxes, dask_cluster, first_attempt, kept, message, ray_cluster, start_run
 from processes import cut_the_power
 
-from upplied.catalog import Catalog, open_catalog
-from upplied.flows.server import free_port, private_server
-from upplied.samples.fleet import member, random_member
-from upplied.samples.pilot import fly
+from upplied import fleet
+from upplied.catalog import Catalog, verify
+from upplied.fleet import manifest
+from upplied.flows.server import private_server
+
+# Addresses as they are given, not the one that the machine has on its network; and a word they share.
+LOOPBACK = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": "x" * 32}
 
 pytestmark = [pytest.mark.slow, pytest.mark.server, pytest.mark.filterwarnings("default")]
 
-KEPT = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
-
-RUN = """
-import sys
-from upplied.flows.transfer_fleet import transfer_fleet
-if __name__ == "__main__":
-    resources = {"engine": sys.argv[2], "workers": 2, "address": sys.argv[3]}
-    presets = ["baseline", "paper"]
-    print(transfer_fleet(sys.argv[1], "", presets=presets, resources=resources, return_state=True).message)
-"""
-
-
-def boxes(location: Path) -> Catalog:
-    catalog = open_catalog(location)
-    cube = member("cube-v1").structure
-    catalog.add_structures([cube, *(random_member("box", seed).structure for seed in (1, 2, 3))])
-    catalog.add_demonstrations([fly(cube, "sides")])
-    return catalog
-
 
 def planned(catalog: Catalog, engine: str, environment: dict[str, str], address: str = "") -> list[dict]:
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, str(catalog.location), engine, address],
-        env=environment | {"PREFECT_LOGGING_LEVEL": "WARNING"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert "6 ok, 0 refused, 0 failed, 0 unchanged" in done.stdout, done.stdout + done.stderr
-    assert "lost" not in done.stdout + done.stderr
-    rows = catalog.transfers().sort_values("transfer_id")
+    told = message(start_run(catalog, engine, address, environment))
+    assert "6 ok, 0 refused, 0 failed, 0 unchanged" in told, told
+    assert "lost" not in told.lower()
+    rows = catalog.transfers()
     assert rows["run_id"].nunique() == 1
-    assert {where.split("/")[2] for where in rows["planned_on"]} == {engine}, rows["planned_on"].tolist()
-    return rows[KEPT].to_dict("records")
+    where = [place.split("/", 2)[2] for place in rows["planned_on"]]
+    assert {place.split(":")[0] for place in where} == {engine}, where
+    assert engine == "local" or all(place.partition(":")[2] for place in where), "no worker is named"
+    return kept(catalog)
+
+
+@pytest.mark.ci
+def test_a_worker_of_dask_that_is_killed_is_named_and_another_does_its_work(tmp_path):
+    pytest.importorskip("prefect_dask")
+    fleet.transfer(
+        here := boxes(tmp_path / "here"),
+        fleet.decide(here, fleet.PlanRequest(("baseline", "paper"))).jobs,
+        "here",
+        fleet.Resources(1),
+    )
+    there = boxes(tmp_path / "there")
+    with private_server(tmp_path / "prefect") as server, dask_cluster(tmp_path) as (address, processes):
+        server.wait()
+        night = start_run(there, "dask", address, server.environment)
+        lost = first_attempt(there, night)
+        (victim,) = [each for each in processes if each.pid == int(lost.worker.split("/")[1])]
+        cut_the_power(victim.pid)
+        told = message(night)
+    assert "6 ok, 0 refused, 0 failed, 0 unchanged. Lost workers: " in told, told
+    assert lost.worker in told and "done again: cube-sides-v1 to box-random-" in told
+    assert "planned here" not in told, "another worker was there"
+    others = {where.split("/", 2)[2] for where in there.transfers()["planned_on"]}
+    assert any(f"/{other})" in told for other in others), (told, others)
+    assert kept(here) == kept(there)
+    assert not list(Path(there.location, manifest.FOLDER).iterdir())
+
+
+@pytest.mark.ci
+def test_where_the_scheduler_of_dask_is_killed_the_run_plans_the_rest_itself(tmp_path):
+    pytest.importorskip("prefect_dask")
+    catalog = boxes(tmp_path / "catalog")
+    with private_server(tmp_path / "prefect") as server, dask_cluster(tmp_path) as (address, processes):
+        server.wait()
+        night = start_run(catalog, "dask", address, server.environment)
+        first_attempt(catalog, night)
+        cut_the_power(processes[0].pid)
+        told = message(night)
+    assert "6 ok, 0 refused, 0 failed, 0 unchanged" in told, told
+    assert "shards were lost by the engine and planned here" in told
+    rows = catalog.transfers(every=True)
+    assert len(rows) == len(rows["key"].unique()) == 6
+    assert verify(catalog) == []
 
 
 @pytest.mark.parametrize("whose", ["a running cluster", "its own"])
@@ -87,7 +106,7 @@ def test_a_target_that_hangs_on_a_cluster_is_stopped_and_costs_itself_alone(tmp_
     distributed = pytest.importorskip("distributed")
     pytest.importorskip("prefect_dask")
     catalog = boxes(tmp_path / "catalog")
-    code = RUN.replace('"address": sys.argv[3]}', '"address": sys.argv[3], "timeout_s": 0.001}')
+    code = RUN.replace('"most_lost": 1.0}', '"timeout_s": 0.001}')
     with (
         private_server(tmp_path / "prefect") as server,
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
@@ -103,7 +122,7 @@ def test_a_target_that_hangs_on_a_cluster_is_stopped_and_costs_itself_alone(tmp_
     assert "0 ok, 0 refused, 6 failed" in done.stdout, done.stdout + done.stderr
     rows = catalog.transfers()
     assert rows["reason"].str.contains("took longer than 0.001 s").all()
-    assert {where.split("/")[2] for where in rows["planned_on"]} == {"dask"}
+    assert {where.split("/")[2].split(":")[0] for where in rows["planned_on"]} == {"dask"}
 
 
 @pytest.mark.ci
@@ -113,7 +132,7 @@ def test_shards_that_an_engine_loses_are_told_and_too_many_of_them_fail_the_run(
     pytest.importorskip("prefect_dask")
     catalog = boxes(tmp_path / "catalog")
     code = RUN.replace("return_state=True).message", "return_state=True)").replace(
-        '"address": sys.argv[3]}', '"address": sys.argv[3], "most_lost": float(sys.argv[4])}'
+        '"most_lost": 1.0', '"most_lost": float(sys.argv[4])'
     )
     blind = "import upplied.fleet, upplied.fleet.run as run; run.plan_here = upplied.fleet.plan_here = None"
     told = {}
@@ -151,41 +170,6 @@ def test_shards_that_an_engine_loses_are_told_and_too_many_of_them_fail_the_run(
     assert {where.split("/")[2] for where in rows["planned_on"]} == {"local"}
 
 
-@contextmanager
-def ray_cluster(environment: dict[str, str]) -> Iterator[str]:
-    """A running Ray cluster of two worker processes on the loopback interface; its address."""
-    folder = tempfile.mkdtemp(prefix="ray-")  # a short path: its sockets lie in there
-    address = f"127.0.0.1:{free_port()}"
-    host, port = address.split(":")
-    options = {
-        "--node-ip-address": host,
-        "--port": port,
-        "--num-cpus": "2",
-        "--object-store-memory": str(100 * 2**20),
-        "--include-dashboard": "false",
-        "--temp-dir": folder,
-    }
-    command = [sys.executable, "-m", "ray.scripts.scripts", "start", "--head", "--block"]
-    with (Path(folder) / "ray.log").open("wb") as log:
-        head = subprocess.Popen(
-            [*command, *chain(*options.items())],
-            env=environment,
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
-        )
-    try:
-        deadline = time.monotonic() + 180
-        while "Ray runtime started" not in (told := (Path(folder) / "ray.log").read_text()):
-            assert head.poll() is None and time.monotonic() < deadline, told
-            time.sleep(0.5)
-        yield address
-    finally:
-        cut_the_power(head.pid)
-        head.wait()
-        shutil.rmtree(folder, ignore_errors=True)
-
-
 @pytest.mark.parametrize("whose", ["a running cluster", "its own"])
 @pytest.mark.ci
 def test_ray_gives_the_same_bytes(tmp_path, whose):
@@ -193,13 +177,36 @@ def test_ray_gives_the_same_bytes(tmp_path, whose):
     with private_server(tmp_path / "prefect") as server:
         server.wait()
         here = planned(boxes(tmp_path / "here"), "local", server.environment)
-        # Addresses as they are given, not the one that the machine has on its network; and a word they share.
-        loopback = {
-            "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",
-            "RAY_AUTH_MODE": "token",
-            "RAY_AUTH_TOKEN": "x" * 32,
-        }
-        loopback |= server.environment
-        with ray_cluster(loopback) if whose == "a running cluster" else nullcontext("") as address:
-            there = planned(boxes(tmp_path / "there"), "ray", loopback, address)
+        variables = server.environment | LOOPBACK
+        cluster = ray_cluster(variables) if whose == "a running cluster" else nullcontext(("", None))
+        with cluster as (address, _):
+            there = planned(boxes(tmp_path / "there"), "ray", variables, address)
     assert here == there
+
+
+@pytest.mark.parametrize("whose", ["a worker", "the scheduler"])
+@pytest.mark.ci
+def test_what_ray_loses_is_named_and_planned_once(tmp_path, whose):
+    """Ray ends the run itself with its scheduler; what it kept stays, and the next run plans the rest."""
+    pytest.importorskip("prefect_ray", reason="ray is an optional extra: pip install upplied[ray]")
+    catalog = boxes(tmp_path / "catalog")
+    with private_server(tmp_path / "prefect") as server:
+        server.wait()
+        variables = server.environment | LOOPBACK
+        with ray_cluster(variables) as (address, head):
+            night = start_run(catalog, "ray", address, variables)
+            lost = first_attempt(catalog, night)
+            if whose == "a worker":
+                cut_the_power(int(lost.worker.split("/")[1]))
+                told = message(night)
+                assert "6 ok, 0 refused, 0 failed, 0 unchanged. Lost workers: " in told, told
+                assert lost.worker in told and "done again: cube-sides-v1 to box-random-" in told
+                assert "planned here" not in told, "Ray had another worker"
+            else:
+                cut_the_power(head.pid)
+                night.communicate(timeout=600)
+        if whose == "the scheduler":
+            assert "0 refused, 0 failed" in message(start_run(catalog, "local", "", server.environment))
+    rows = catalog.transfers(every=True)
+    assert len(rows) == len(rows["key"].unique()) == 6
+    assert verify(catalog) == []

@@ -25,6 +25,7 @@ from upplied.flows.ingest_flights import ingest_flights
 from upplied.flows.transfer_fleet import transfer_fleet
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
+from upplied.simulate import fly_trajectory
 cube = member("cube-v1").structure
 flown = open_catalog("flown")  # what is planned here is none of the other tests' business
 flown.add_structures([cube, random_member("box", 1).structure])
@@ -32,7 +33,7 @@ flown.add_demonstrations([fly(cube, "sides", seed=1)])
 transfer_fleet("flown", presets=["recommended"], targets=["box-random-1"], reports="")
 catalog = open_catalog("flown")
 plan = catalog.transfers(preset="recommended", status="ok").iloc[0]
-path = catalog.trajectory(plan["transfer_id"])
+path = fly_trajectory(catalog.trajectory(plan["transfer_id"]), seed=1)
 part = path.t_s <= 0.6 * path.t_s[-1]
 demonstration = catalog.demonstration(plan["demonstration_id"])
 flown = replace(

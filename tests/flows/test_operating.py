@@ -93,7 +93,7 @@ def test_the_images_steps_make_a_program_that_serves(tmp_path):
     lines = DOCKERFILE.replace("\\\n", " ")
     steps = [line.removeprefix("RUN ") for line in lines.splitlines() if line.startswith("RUN python -m pip")]
     locked, ours = (step.split("&&")[0].split() for step in steps)
-    assert "--require-hashes" in locked and locked[-1] == "requirements.lock"
+    assert "--require-hashes" in locked and locked[-1] == "requirements-runtime.lock"
     there = tmp_path / "installed"
     done = subprocess.run(
         [sys.executable, *ours[1:], "--target", there, "--quiet"],

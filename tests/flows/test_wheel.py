@@ -34,7 +34,7 @@ def installed(tmp_path_factory) -> Path:
         names = packed.namelist()
         packed.extractall(place / "site")
     assert {name.split("/")[0] for name in names if "dist-info" not in name} == {"upplied"}
-    assert {"prefect.yaml", "requirements.lock"} <= {Path(name).name for name in names}
+    assert {"prefect.yaml", "requirements-runtime.lock"} <= {Path(name).name for name in names}
     return place / "site"
 
 

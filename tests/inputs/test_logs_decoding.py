@@ -19,8 +19,8 @@ from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
 from upplied.inputs.mcap.decoders import Decoder
-from upplied.inputs.mcap.recording import Channel
 from upplied.inputs.mcap.rosmsg import DefinitionError
+from upplied.inputs.tables import Channel
 
 RANGES = {
     "bool": st.booleans(),

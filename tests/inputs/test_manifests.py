@@ -39,6 +39,7 @@ FULL = {
     "ceiling_z": 120.0,
     "landmarks": {"nose": [18.0, 0.0, 3.0]},
     "symmetric": True,
+    "surface": "scanned",
     "surface_error_m": 0.15,
     "drop_hidden": True,
     "drop_outliers": False,
@@ -92,7 +93,7 @@ def test_every_key_is_understood_and_csv_says_what_toml_says(tmp_path: Path) -> 
     assert entry.surroundings.keep_out_m.shape == (1, 2, 3)
     assert entry.surroundings.geofence_m.shape == (3, 2)
     assert entry.landmarks == {"nose": (18.0, 0.0, 3.0)}
-    assert entry.surface_error_m == 0.15
+    assert entry.surface == "scanned" and entry.surface_error_m == 0.15
     assert entry.symmetric and entry.clip_ground and not entry.drop_outliers
 
 
@@ -119,6 +120,7 @@ def test_a_symmetric_structure_needs_no_forward_axis(tmp_path: Path) -> None:
         ({"units": "furlong"}, "m, cm, mm, in, ft"),
         ({"units": -1}, "metres per unit"),
         ({"units": float("nan")}, "metres per unit"),
+        ({"surface": "photographed"}, "one of drawn, scanned"),
         ({"surface_error_m": -0.1}, "from 0 to 10000"),
         ({"surface_error_m": float("nan")}, "from 0 to 10000"),
         ({"surface_error_m": float("inf")}, "from 0 to 10000"),

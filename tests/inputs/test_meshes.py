@@ -114,7 +114,13 @@ def test_nominal_size_is_checked_within_seven_percent(tmp_path: Path) -> None:
 def test_what_is_stated_of_the_surface_is_kept_hashed_and_bounded_by_the_size(tmp_path: Path) -> None:
     silent = saved(tmp_path, *joined(box((10, 4, 2))))
     plain = read_structure(silent)
-    assert plain.surface_error_m is None
+    assert plain.surface is None and plain.surface_error_m is None and not plain.is_scan
+    hashes = {plain.sha256}
+    for surface in ("drawn", "scanned"):
+        found = read_structure(replace(silent, surface=surface))
+        assert found.surface == surface and found.is_scan == (surface == "scanned")
+        hashes.add(found.sha256)
+    assert len(hashes) == 3
     for stated in (0.0, 0.2, 1.0):
         found = read_structure(replace(silent, surface_error_m=stated))
         assert found.surface_error_m == stated and found.sha256 != plain.sha256
@@ -321,3 +327,13 @@ def test_reading_twice_gives_the_same_bytes(tmp_path: Path) -> None:
     one, other = read_structure(entry), read_structure(entry)
     assert one.vertices.tobytes() == other.vertices.tobytes()
     assert one.triangles.tobytes() == other.triangles.tobytes() and one.notes == other.notes
+
+
+def test_a_cloud_is_a_scan_and_not_declared_to_be_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    points = np.random.default_rng(4).uniform(0, 9, (400, 3))
+    trimesh.PointCloud(points).export(path)
+    entry = StructureEntry("cloud", "box", path, 1.0)
+    assert read_structure(entry).is_scan and read_structure(replace(entry, surface="scanned")).is_scan
+    with pytest.raises(InputError, match="is a point cloud and declared to be drawn"):
+        read_structure(replace(entry, surface="drawn"))

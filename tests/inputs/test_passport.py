@@ -39,6 +39,17 @@ BREAKS = {  # of each rule, figures that break it
     "clock-steps": {"clock_steps": 9},
     "mostly-missing": {"recorded_pct": 10.0, "gaps": 9},
     "mostly-unread": {"read_pct": 10.0},
+    "rolled": {"roll_deg": 90.0},
+    "tilted": {"roll_deg": 25.0},
+    "jumps": {"jumps": 2, "jump_m": 1.1},
+    "spikes": {"spikes": 8},
+    "attitude-unset": {"unset": 90},
+    "sparse": {"step_s": 5.0},
+    "planned": {"planned": True},
+    "undated": {"year": 1970},
+    "clock-rate": {"clock_ratio": 3.0},
+    "jerky": {"acceleration_p99_mps2": 9.0},
+    "turns-fast": {"turn_p99_degps": 150.0},
     "clock-stepped": {"clock_steps": 1},
     "near-structure": {"near_pct": 1.0},
     "looks-aside": {"axis_pct": 60.0},
@@ -56,8 +67,13 @@ BREAKS = {  # of each rule, figures that break it
     "salvaged": {"losses": ("the log was not closed",)},
 }
 UP = np.array([0.0, 0.0, 1.0])
-GOOD = replace(Measured(), axis_pct=98.0, shown_pct=100.0, fit_pct=99.0, other_fit_pct=100.0, lowest_m=3.0)
+GOOD = replace(
+    Measured(), axis_pct=98.0, shown_pct=100.0, fit_pct=99.0, other_fit_pct=100.0, lowest_m=3.0, year=2026
+)
 ODD = {
+    "rolled": "tilted",
+    "too-jerky": "jerky",
+    "turns-too-fast": "turns-fast",
     "below-ground": "near",
     "looks-away": "looks-aside",
     "too-fast": "fast",
@@ -92,7 +108,7 @@ def test_the_bounds_of_a_rule_are_settings_that_move_it(check: rules.FlightRule)
     rule = check.rule
     names = {item.name for item in fields(PassportSettings)}
     assert set(check.bounds) <= names
-    if rule.name in ("hovering", "gaps", "near-structure", "zoom") or not check.bounds:
+    if rule.name in ("hovering", "gaps", "near-structure", "zoom", "undated") or not check.bounds:
         return  # their bounds act where time and distance are measured
     loose = {
         name: -1e6 if name.startswith(("least", "odd_axis")) else 1e6

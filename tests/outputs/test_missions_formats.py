@@ -18,6 +18,7 @@ from made_missions import made_plan, placed_box, turning_on_the_spot
 
 from upplied.errors import RefusedError, SettingsError
 from upplied.outputs.missions import FORMATS, MissionOptions, export, litchi, missions_of
+from upplied.outputs.missions.geodesy import from_geodetic
 from upplied.records import Camera
 
 WPML = "{http://www.dji.com/wpmz/1.0.2}"
@@ -55,6 +56,31 @@ def mavsdk_importer():
                 break
         assert system is not None
         yield MissionRaw(system).import_qgroundcontrol_mission_from_string
+
+
+FENCE = np.array([[-60.0, -60.0], [60.0, -60.0], [60.0, 60.0], [-60.0, 60.0]])
+BOX = np.array([[40.0, 40.0, 0.0], [45.0, 50.0, 9.0]])
+
+
+def test_the_autopilot_gets_the_fence_of_the_manifest(tmp_path, mavsdk_importer, mission):
+    """The polygon and the box as items of the fence; a box that is flown over is no fence, and said."""
+    x, y = mission.local[len(mission) // 2, :2]
+    below = np.array([[x - 0.3, y - 0.3, 0.0], [x + 0.3, y + 0.3, 0.1]])
+    structure = placed_box(geofence_m=FENCE, keep_out_m=np.stack([BOX, below]))
+    done = export(made_plan(), structure, "qgc-plan", tmp_path / "a.plan")
+    items = mavsdk_importer(done.paths[0].read_text()).geofence_items
+    assert [(item.command, item.param1) for item in items] == [(5001, 4.0)] * 4 + [(5002, 4.0)] * 4
+    places = np.array([[item.x, item.y] for item in items]) * 1e-7
+    altitude = np.full(len(places), structure.placement.alt_m)
+    local = from_geodetic(np.column_stack([places, altitude]), structure.placement)[:, :2]
+    assert np.allclose(local[:4], FENCE, atol=0.02)
+    assert np.allclose([local[4:].min(axis=0), local[4:].max(axis=0)], BOX[:, :2], atol=0.02)
+    assert any("1 are passed over" in note for note in done.notes)
+    done = export(made_plan(), structure, "mavlink", tmp_path / "a.waypoints")
+    rows = [line.split("\t") for line in done.paths[1].read_text().splitlines()[1:]]
+    assert done.paths[1].name == "a.fence.waypoints"
+    assert [int(row[3]) for row in rows] == [item.command for item in items]
+    assert np.allclose([[float(value) for value in row[8:10]] for row in rows], places, atol=2e-7)
 
 
 @pytest.mark.parametrize("options", [MissionOptions(), MissionOptions(firmware="ardupilot", gimbal="mount")])

@@ -62,7 +62,8 @@ def test_a_log_that_is_right_is_left_as_it_is(plan, flown):
     said = judged(plan, flown)
     assert said.flown_pct > 98 and said.cross_track_p95_m < 0.5 and said.frechet_m < 1.0
     assert not [text for text in said.findings if "broken" in text or "moved" in text]
-    assert said.clearance_m == pytest.approx(path_clearance(SCENE, flown.positions).distance_m)
+    nearest = path_clearance(SCENE, flown.positions).distance_m
+    assert nearest - 0.08 < said.clearance_m <= nearest
 
 
 @settings(max_examples=8, deadline=None)
@@ -151,6 +152,84 @@ def test_a_flight_that_waits_is_matched_by_its_places(plan, flown):
     found = align(plan, Trajectory(t[order], positions[order], quats[order]))
     assert np.isnan(found.clock_s) and found.on_plan.mean() > 0.9
     assert np.nanmin(found.planned_s) < 3 and np.nanmax(found.planned_s) > plan.t_s[-1] - 3
+
+
+def straying(path: Trajectory, seed: int = 0) -> Trajectory:
+    """A log of a path at 10 Hz, with what a receiver adds."""
+    fine = interpolate(path, np.arange(0.0, path.t_s[-1], 0.1))
+    off = np.random.default_rng(seed).normal(0, 0.04, fine.positions.shape)
+    return replace(fine, positions=fine.positions + off)
+
+
+def paced(plan: Trajectory, *paces: float) -> Trajectory:
+    """The plan in equal parts at paces of their own."""
+    pace = np.array(paces)[np.minimum(len(paces) * plan.t_s // plan.t_s[-1], len(paces) - 1).astype(int)]
+    times = np.concatenate([[0.0], np.cumsum(np.diff(plan.t_s) / pace[:-1])])
+    return straying(replace(plan, t_s=times))
+
+
+def reversed_(plan: Trajectory) -> Trajectory:
+    last = plan.t_s[-1] - plan.t_s[::-1]
+    return straying(Trajectory(last, plan.positions[::-1], plan.quat_xyzw[::-1]))
+
+
+def silent(plan: Trajectory) -> Trajectory:
+    log = straying(plan)
+    return log.take((log.t_s < 0.4 * log.t_s[-1]) | (log.t_s > 0.52 * log.t_s[-1]))
+
+
+@pytest.mark.parametrize(
+    "fly_so",
+    [
+        lambda plan: paced(plan, 1 / 1.1),
+        lambda plan: paced(plan, 0.8),
+        lambda plan: paced(plan, 1.25),
+        lambda plan: paced(plan, 0.8, 1.2, 0.9, 1.25),
+        silent,
+        reversed_,
+    ],
+    ids=["slower by 1.1", "slower by 1.25", "faster by 1.25", "changing", "silent", "reversed"],
+)
+def test_a_true_log_is_not_moved_whatever_its_pace_and_order(plan, fly_so):
+    log = fly_so(plan)
+    found = align(plan, log)
+    assert not found.corrected and np.array_equal(found.flown.positions, log.positions)
+    assert found.on_plan.mean() > 0.98 and found.residual_p95_m < 0.25
+    there = interpolate(plan, np.sort(found.planned_s[found.on_plan]))
+    assert np.ptp(there.t_s) > plan.t_s[-1] - 3
+    assert (found.backwards > 0.9) == (fly_so is reversed_)
+
+
+def test_a_larger_stand_off_all_round_is_no_error_of_the_frame(plan):
+    middle = plan.positions.mean(axis=0)
+    off = (plan.positions - middle) * [1, 1, 0]
+    farther = plan.positions + 2.5 * off / np.linalg.norm(off, axis=1, keepdims=True)
+    found = align(plan, straying(replace(plan, positions=farther)))
+    assert not found.corrected and found.on_plan.mean() > 0.95
+
+
+def test_half_a_flight_is_never_moved_as_a_jump_of_its_log(plan, flown):
+    late = (flown.t_s > flown.t_s[-1] / 2)[:, None]
+    away = replace(flown, positions=flown.positions + late * np.array([25.0, 0.0, 0.0]))
+    assert not align(plan, away).jumps and np.array_equal(align(plan, away).flown.positions, away.positions)
+    hole = np.abs(flown.t_s - flown.t_s[-1] / 2) > 0.6  # what jumps in a silence was flown in it
+    beside = replace(flown, positions=flown.positions + late * np.array([4.0, 0.0, 0.0])).take(hole)
+    assert not align(plan, beside).jumps
+
+
+def test_the_way_through_a_silence_does_not_count_for_clearance(plan):
+    """The chord cuts a corner of the structure, which nobody flew."""
+    log = straying(plan)
+    angle = np.unwrap(np.arctan2(*(log.positions - log.positions.mean(axis=0))[:, [1, 0]].T))
+    away = np.flatnonzero(np.abs(angle - angle[0]) < np.radians(130))
+    cut = log.take(np.setdiff1d(np.arange(len(log)), away[20:]))
+    said = judged(plan, cut)
+    assert path_clearance(SCENE, cut.positions).distance_m < said.clearance_m - 0.5
+    pieces = np.split(cut.positions, np.flatnonzero(np.diff(cut.t_s) > 1) + 1)
+    least = min(path_clearance(SCENE, piece).distance_m for piece in pieces)
+    assert least - 0.15 < said.clearance_m <= least
+    assert said.silent_s == pytest.approx(np.diff(cut.t_s).max())
+    assert any("how near it came then is not known" in text for text in said.findings)
 
 
 def test_a_camera_that_stands_still_is_told(plan, flown):

@@ -146,19 +146,15 @@ def test_the_page_is_strict_and_lies_nowhere_else(server):
 # --- what is answered ----------------------------------------------------------------------------
 
 
-def test_a_change_is_judged_as_every_plan_is_in_less_than_a_second_of_cpu(session, capsys):
+def test_a_change_is_judged_as_every_plan_is_and_nothing_is_planned_for_it(session, monkeypatch):
     plan = session.answer("plan", {})
+    monkeypatch.setattr("upplied.fleet.editing.plan_transfer", None)
     assert len(plan["viewpoints"]) == 12 and plan["differences"] == ["against the plan as opened: as good"]
     views = [dict(each) for each in plan["viewpoints"]]
-    took = []
     for _ in range(5):
         views[4]["z_m"] += 0.2
         found = session.answer("judge", wanted(plan, viewpoints=views[:9] + views[10:]))
-        took.append(found["cpu_s"])
         assert "viewpoint 9 left out" in found["words"] and found["path"]["xyz"] != plan["path"]["xyz"]
-    with capsys.disabled():
-        sys.stdout.write(f"\njudged in {max(took):.2f} s of CPU at most\n")
-    assert max(took) < 1.0
     again = session.editing.judged(*session._read(wanted(plan, viewpoints=views[:9] + views[10:])))
     assert found["measures"]["min_clearance_m"] == again.plan.measures.min_clearance_m
     inside = json.loads(json.dumps(views))
@@ -263,7 +259,7 @@ def test_the_keyboard_alone_changes_keeps_and_releases_a_plan(server, catalog, c
         page.keyboard.press("ArrowDown")
         page.keyboard.press("Delete")
         text = judged(page, "viewpoint 4 left out, viewpoint 3 changed")
-        assert "judged in" in text and answers[-1]["cpu_s"] < 1.0
+        assert "judged in" in text
         with capsys.disabled():
             sys.stdout.write(f"\nin Chromium: {text.splitlines()[-1]}, {answers[-1]['cpu_s']:.2f} s of CPU\n")
         page.keyboard.press("Control+z")

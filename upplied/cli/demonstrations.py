@@ -45,6 +45,13 @@ SetOption = Annotated[
     Parameter(name="--set", negative="", help="A bound of a rule, as NAME=VALUE.", show_default=False),
 ]
 StrictOption = Annotated[bool, Parameter(negative="", help="Refuse what is odd too.", show_default=False)]
+StructureOption = Annotated[
+    str, Parameter(help="What was flown, where no side-car says it.", show_default=False)
+]
+RegisterOption = Annotated[
+    tuple[str, ...],
+    Parameter(negative="", help="A landmark in the log's frame, as NAME=X,Y,Z.", show_default=False),
+]
 PublisherOption = Annotated[
     str, Parameter(help="The body that is meant: a frame, or #7 for channel 7.", show_default=False)
 ]
@@ -57,32 +64,59 @@ def add(
     strict: StrictOption = False,
     set_: SetOption = (),
     publisher: PublisherOption = "",
+    structure: StructureOption = "",
+    register: RegisterOption = (),
+    start: Annotated[
+        float | None, Parameter(help="Of the inspection, s from the first pose.", show_default=False)
+    ] = None,
+    stop: Annotated[
+        float | None, Parameter(help="Of the inspection, s from the first pose.", show_default=False)
+    ] = None,
+    dry_run: Annotated[
+        bool, Parameter(negative="", help="Read and judge, store nothing.", show_default=False)
+    ] = False,
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
 ) -> int:
-    """Read logs into the catalog; each is measured against its structure and judged (docs/checks.md).
+    """Read flights into the catalog; each is measured against its structure and judged (docs/checks.md).
 
     Parameters
     ----------
     logs : Path
-        MCAP files, or folders of them.
+        Logs of any kind, photogrammetry projects, missions, folders of photos, or folders of all of these.
     """
     from upplied import fleet
-    from upplied.fleet.ingest import find_logs
+    from upplied.fleet.ingest import find_logs, passed_over
     from upplied.inputs.passport.settings import changed
     from upplied.inputs.sidecar import LogOptions
 
-    options = LogOptions(allow=tuple(allow), strict=strict, passport=changed(set_), publisher=publisher)
-    found = find_logs(logs)
-    with progress("reading logs", len(found)) as advance:
+    options = LogOptions(
+        allow=tuple(allow), strict=strict, passport=changed(set_), publisher=publisher,
+        structure_id=structure, points=_points(register), start_s=start, stop_s=stop,
+    )  # fmt: skip
+    with progress("reading flights", len(find_logs(logs))) as advance:
         ingested = fleet.ingest_demonstrations(
-            opened(catalog), found, workers, lambda _: advance(), options=options
+            opened(catalog), logs, workers, lambda _: advance(), options=options, dry_run=dry_run
         )
-    code = ingested_report(ingested)
+    code = ingested_report([*ingested, *passed_over(logs)])
     names = [item.name for item in ingested if item.status in ("added", "unchanged")]
     if not code and names:
         next_step(f"transfer {names[0]}", "carry it to every other structure of its kind", catalog)
     return code
+
+
+def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], ...]:
+    """Landmarks in the log's frame, as they are said."""
+    from upplied.errors import SettingsError
+
+    found = []
+    for said in register:
+        name, _, place = said.partition("=")
+        try:
+            found.append((name, tuple(float(part) for part in place.split(","))))
+        except ValueError:
+            raise SettingsError(f"--register {said[:60]}", "is no point", "NAME=X,Y,Z") from None
+    return tuple(found)
 
 
 @app.command(name="list")

@@ -7,6 +7,7 @@ import platform
 import shutil
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
@@ -16,7 +17,7 @@ from upplied.cli.terminal import CatalogOption, JsonOption, opened, show
 
 app = App(name="doctor", help="Check that this machine can do the work.")
 
-_INSTALL = "install from requirements.lock, as make quickstart does"
+_INSTALL = "install from requirements-runtime.lock, as make quickstart does"
 
 
 @app.default
@@ -62,7 +63,7 @@ def _packages() -> str:
     """Prefect breaks silently with newer ones of these; a locked install never has them."""
     if find_spec("prefect") is None:
         flows = 'no flows (pip install "upplied[fleet]")'
-        return f"upplied {version('upplied')}, open3d {_open3d_version()}, {flows}"
+        return f"upplied {version('upplied')}, {_open3d_version()}, {flows}"
     wrong = [
         f"{name} {version(name)} (needs {text})"
         for name, bound, text in (("sqlalchemy", (2, 1), "< 2.1"), ("fastapi", (0, 151), "< 0.151"))
@@ -70,7 +71,7 @@ def _packages() -> str:
     ]
     if wrong:
         raise RuntimeError(f"{', '.join(wrong)}: {_INSTALL}")
-    return f"upplied {version('upplied')}, prefect {version('prefect')}, open3d {_open3d_version()}"
+    return f"upplied {version('upplied')}, prefect {version('prefect')}, {_open3d_version()}"
 
 
 def _installed(name: str) -> tuple[int, ...]:
@@ -79,11 +80,9 @@ def _installed(name: str) -> tuple[int, ...]:
 
 def _open3d_version() -> str:
     for name in ("open3d-cpu", "open3d"):
-        try:
-            return version(name)
-        except PackageNotFoundError:
-            continue
-    raise RuntimeError("Open3D is not installed: pip install open3d-cpu (or open3d)")
+        with suppress(PackageNotFoundError):
+            return f"open3d {version(name)}"
+    return 'no planning (pip install "upplied[plan]")'
 
 
 def _open3d() -> str:

@@ -30,8 +30,10 @@ SHOWN = {
     "transfer_id": "plan",
     "target_id": "target",
     "flown_pct": "of the plan's length, flown, %",
-    "required_pct": "of what the plan shows, truly seen, %",
+    "required_pct": "of what the plan shows, certainly seen, %",
+    "assumed_pct": "and besides, if the log was rightly moved onto its plan, %",
     "min_clearance_m": "least clearance, m",
+    "silent_s": "clearance not known for, s",
     "cross_track_p95_m": "off the planned path, 95th percentile, m",
     "plan_frechet_m": "Frechet distance from the part of the plan that was flown, m",
     "duration_s": "duration, s",
@@ -41,7 +43,7 @@ SHOWN = {
     "clock_error_s": "error of that, one sigma, s",
     "shift_m": "the log was moved by, m",
     "turn_deg": "and turned by, deg",
-    "place_error_m": "error of that, one sigma, m",
+    "place_error_m": "positions may be off by, m",
     "camera_yaw_deg": "its camera was turned by, deg",
     "wind": "wind",
     "findings": "findings",
@@ -56,6 +58,7 @@ def add(
     *,
     plan: Annotated[str, Parameter(help="Id of the plan that was flown; else it is found.")] = "",
     photos: Annotated[Path | None, Parameter(help="Times of the photos: ns of the log's clock.")] = None,
+    accuracy: Annotated[float | None, Parameter(help="Of its positions, m, as of RTK.")] = None,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
@@ -71,7 +74,7 @@ def add(
 
     store = opened(catalog)
     with errors.status("reading the log"):
-        row = add_flight_log(store, log, plan, photos)
+        row = add_flight_log(store, log, plan, photos, accuracy_m=accuracy)
     _tell(row, json)
     if not json and ((row["required_pct"] or 0.0) < 100.0 or zones_left_out(store, row)):
         name = row["flight_id"][:_DIGITS]

@@ -47,7 +47,7 @@ def export(
     format: Annotated[
         Literal["parquet", "lerobot", "tum"], Parameter(help="What it is for: any program, learning, evo.")
     ] = "parquet",
-    licence: Annotated[str, Parameter(help="Of parquet: as an SPDX name (CC-BY-4.0), or in words.")] = "",
+    licence: Annotated[str, Parameter(help="As an SPDX name (CC-BY-4.0), or in words.")] = "",
     name: Annotated[str, Parameter(help="With its version, as boxes-v1; else the folder's.")] = "",
     attribution: Annotated[str, Parameter(help="Whom to name.")] = "",
     kind: Annotated[str | None, Parameter(help="Only structures of this kind.")] = None,
@@ -73,8 +73,14 @@ def export(
     if not preset:
         used = [name for name in ("recommended", "paper", "baseline") if name in set(chosen["preset"])]
         chosen = chosen[chosen["preset"].isin(used[:1])]
-    if format != "parquet":
-        _counted(str(folder), (export_lerobot if format == "lerobot" else export_tum)(store, folder, chosen))
+    if format == "tum":
+        _counted(str(folder), export_tum(store, folder, chosen))
+        return 0
+    if format == "lerobot":
+        flown = store.demonstrations()
+        flown = flown[flown["structure_id"].isin(store.structures(kind=kind)["structure_id"])]
+        names = [name for name in flown["demonstration_id"] if demonstration in (None, name)]
+        _counted(str(folder), export_lerobot(store, folder, chosen, 10, names, licence, attribution))
         return 0
     name = name or folder.resolve().name
     _counted(str(folder), export_dataset(store, folder, name, chosen, licence, attribution))

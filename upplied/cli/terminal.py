@@ -136,6 +136,18 @@ def _cell(value: Any) -> str:
 
 def ingested_report(ingested: Sequence[Ingested]) -> int:
     """Say what became of the files; 1 when one of them failed."""
+    shown = [item for item in ingested if item.file and item.status != "unchanged"]
+    if shown:
+        above = os.path.commonpath([os.path.dirname(item.file) for item in shown])
+        rows = [
+            {
+                "file": os.path.relpath(item.file, above),
+                "is": item.status,
+                "as": item.words or item.reason.removeprefix(f"{item.file}: "),
+            }
+            for item in shown
+        ]
+        show("flights", rows)
     for item in ingested:
         if item.status == "failed":
             complain(f"failed: {item.reason}")
@@ -143,7 +155,7 @@ def ingested_report(ingested: Sequence[Ingested]) -> int:
             say(f"{item.name}: {finding}")
     counts = {
         status: sum(item.status == status for item in ingested)
-        for status in ("added", "unchanged", "retired", "failed")
+        for status in ("added", "readable", "unchanged", "retired", "failed", "passed over")
     }
     console.print(
         ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "nothing to read"

@@ -101,7 +101,7 @@ class RefineSettings:
     iterations: int = 20  # at most
     # How much of the demonstrated shape may go for what it shows: the user's trade (`FIDELITIES`).
     fidelity: Literal["strict", "balanced", "coverage"] = "balanced"
-    deviation: float | None = None  # bound on the Frechet distance, z-scored; None: that of the fidelity
+    deviation: float | None = None  # bound on the Frechet distance, z-scored; None: a warning alone
     # Of what the flight was about, the share that the target must have at all.
     least_counterpart: float = 0.5
 
@@ -187,7 +187,7 @@ class VehicleSettings:
 class Fidelity:
     """How like the demonstrated shape a path is to be."""
 
-    deviation: float  # bound on its Frechet distance, z-scored
+    deviation: float  # Frechet distance, z-scored, beyond which a warning tells of it
     shape: float  # weight: share of the surface that a path strayed by its own spread must show more
 
 
@@ -202,18 +202,18 @@ FIDELITIES = {
 class OptimiseSettings:
     """The optimisation of a path: each weight is the share of what is to be shown that a unit is worth."""
 
-    context: float = 0.2  # share of all that is to be shown which goes to what was seen beside the inspected
-    place: float = 0.05  # of straying from the counterparts by a stand-off, mean square
+    context: float = 0.0  # share of all that is to be shown which goes to what was seen beside the inspected
     standoff: float = 1.0  # of being a stand-off too near or too far, beyond the tolerance, mean square
     # The same where the user asks for it in metres, kept or by a ground sampling distance: then it is no wish
     # among others. On a cube, a bridge and a ship 1.6 times as large it costs 2 to 3 points of coverage.
     standoff_in_metres: float = 200.0
     standoff_tolerance: float = 0.08  # of the wanted stand-off
-    smoothness: float = 0.003  # of curving otherwise by a circle whose radius is the stand-off, mean square
     # Of lacking a metre of the safety distance, and of coming a metre nearer than the carried path anywhere.
     clearance: float = 5.0
+    axis: float = 0.5  # of looking a radian farther past what was inspected than the expert did, mean square
     turning: float = 0.005  # of turning the camera by as much again as the demonstration
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
+    starts: int = 2  # that are optimised, of those that are tried
     rounds: int = 3  # of casting rays
     iterations: int = 12  # of the solver in each round
     # Times what was inspected counts surface that must be seen, by area: so much of that may go for it.

@@ -16,9 +16,10 @@ from upplied.catalog.verbs.looks import put_looks
 from upplied.config import CloudSettings, digest
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.ingest import find_logs
-from upplied.fleet.plan_of_flight import plan_of_flight
+from upplied.fleet.plan_of_flight import Laid, plan_of_flight
 from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.fleet.zone_gaps import zones_left_out
+from upplied.inputs.flight.clock import STEPPED
 from upplied.inputs.photos import photo_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.planning.surface.samples import surface_samples
@@ -58,6 +59,7 @@ def add_flight_log(
     photos: str | Path | None = None,
     options: LogOptions | None = None,
     limits: Limits | None = None,
+    accuracy_m: float | None = None,
 ) -> Row:
     """Read the log of a flight, lay it on its plan and keep what came of it; a known log adds nothing.
 
@@ -76,6 +78,8 @@ def add_flight_log(
         What a side-car may say.
     limits : Limits, optional
         Time and memory of reading it: a file that crashes a reader costs itself alone.
+    accuracy_m : float, optional
+        Of the logged positions, m, as of RTK: the log is corrected by no more.
 
     Returns
     -------
@@ -89,10 +93,12 @@ def add_flight_log(
     RefusedError
         If the log lies on no plan.
     """
+    if accuracy_m is not None and not 0 <= accuracy_m < np.inf:
+        raise InputError("accuracy", f"is {accuracy_m:g} m", "0 m or more")
     with Workers(1, limits=limits or Limits()) as workers:
         try:
             place = catalog.location
-            judged: Judged = workers.run(judge_log, place, str(log), transfer_id, photos, options)
+            judged: Judged = workers.run(judge_log, place, str(log), transfer_id, photos, options, accuracy_m)
         except JobKilled as death:
             raise InputError(str(log), str(death)) from None
     return keep(catalog, judged)
@@ -105,7 +111,13 @@ def keep(catalog: Catalog, judged: Judged) -> Row:
     if row["flight_id"] in set(same["flight_id"]):
         return {str(k): v for k, v in same[same["flight_id"] == row["flight_id"]].iloc[-1].items()}
     stored = put_looks(
-        catalog, judged.surface.points, judged.surface.normals, looks.seen, looks.values, looks.pictures
+        catalog,
+        judged.surface.points,
+        judged.surface.normals,
+        looks.seen,
+        looks.values,
+        looks.pictures,
+        looks.assumed,
     )
     row = {**row, "looks_sha256": stored}
     catalog.add_flight(row, judged.path)
@@ -113,18 +125,25 @@ def keep(catalog: Catalog, judged: Judged) -> Row:
 
 
 def judge_log(
-    location: str, log: str, transfer_id: str, photos: str | Path | None, options: LogOptions | None
+    location: str,
+    log: str,
+    transfer_id: str,
+    photos: str | Path | None,
+    options: LogOptions | None,
+    accuracy_m: float | None = None,
 ) -> Judged:
     """In a worker: a log read, laid on its plan and judged."""
     catalog = open_catalog(location)
-    laid = plan_of_flight(catalog, log, transfer_id, options or LogOptions())
+    laid = plan_of_flight(catalog, log, transfer_id, options or LogOptions(), accuracy_m)
     photo_ns = None if photos is None else photo_times(photos)
-    return _judged(catalog, laid.row, laid.flown, laid.on, photo_ns)
+    if photo_ns is not None and STEPPED in laid.flown.notes:
+        found = "cannot be placed: the clock of the log stepped in flight"
+        raise InputError(str(photos), found, "one clock for log and photos", "leave the photos out")
+    return _judged(catalog, laid, photo_ns, accuracy_m)
 
 
-def _judged(
-    catalog: Catalog, row: Row, flown: Demonstration, found: Alignment, photo_ns: Ints | None
-) -> Judged:
+def _judged(catalog: Catalog, laid: Laid, photo_ns: Ints | None, accuracy_m: float | None) -> Judged:
+    row, flown, found = laid.row, laid.flown, laid.on
     target = catalog.structure(row["target_id"])
     plan = catalog.plan(row["transfer_id"])
     camera = flown.camera
@@ -140,6 +159,7 @@ def _judged(
     )
     parts = ["flown", row["transfer_id"], row["waypoints_sha256"], flown.sha256]
     parts.append("" if photo_ns is None else hashlib.sha256(photo_ns.tobytes()).hexdigest())
+    parts += [] if accuracy_m is None else [accuracy_m]
     made = {
         "flight_id": digest(parts),
         "kind": "flown",
@@ -163,7 +183,7 @@ def _wind(flown: Demonstration) -> Row:
 
 def flight_columns(row: Row, found: Alignment, said: AsFlown, required: Bools) -> Row:
     """What every flight says of itself, by the columns of `flights`."""
-    seen = said.looks.seen[required]
+    seen, assumed = said.looks.seen[required], said.looks.assumed
     steps = leg_lengths(found.flown.positions)
     return {
         **{name: row[name] for name in ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")},
@@ -180,6 +200,8 @@ def flight_columns(row: Row, found: Alignment, said: AsFlown, required: Bools) -
         "plan_frechet_m": said.frechet_m,
         "flown_pct": said.flown_pct,
         "required_pct": 100 * float(seen.mean()) if len(seen) else None,
+        "assumed_pct": 0.0 if assumed is None or not len(seen) else 100 * float(assumed[required].mean()),
+        "silent_s": said.silent_s,
         "findings": "; ".join(said.findings),
         "min_clearance_m": said.clearance_m,
         "path_length_m": float(steps.sum()),

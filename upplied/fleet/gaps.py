@@ -62,7 +62,7 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     flown = catalog.plan(str(row["transfer_id"]))
     camera = made_from.demonstration.camera
     surface, required = required_of(catalog, made_from.row, flown, target, camera)
-    looks = catalog.looks.get(str(row["looks_sha256"]))
+    looks = catalog.looks.get(str(row["looks_sha256"])).certain
     seen = np.zeros(len(surface), bool)
     seen[looks.patch] = True
     route = made_from.settings.route

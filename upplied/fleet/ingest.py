@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -33,6 +33,7 @@ from upplied.inputs.passport.passport import findings_of
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.rules import check_allowed, from_json
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.sources.door import Found, survey
 from upplied.records import Demonstration, Placement, Structure
 
 BATCH = 50  # files read before what they hold is committed together
@@ -47,9 +48,13 @@ class Ingested:
     """What became of one file."""
 
     name: str  # the id, or the file where no id is known
-    status: str  # "added", "unchanged", "retired" or "failed"
+    status: (
+        str  # "added", "unchanged", "retired", "failed", "readable" (a trial), or "passed over": no flight
+    )
     reason: str = ""
     findings: tuple[str, ...] = ()  # what is odd about it, or was overruled, in words
+    file: str = ""
+    words: str = ""  # what it is, and as what it was taken
 
 
 Progress = Callable[[Ingested], None]
@@ -111,22 +116,31 @@ def ingest_demonstrations(
     workers: int = 0,
     progress: Progress = _silent,
     options: LogOptions | None = None,
+    dry_run: bool = False,
 ) -> list[Ingested]:
-    """Read logs, or folders of them, and keep those that are new or changed.
+    """Read flights of any kind, or folders of them, and keep those that are new or changed.
 
     Parameters
     ----------
     catalog, workers, progress
         As above.
     logs : paths
-        MCAP files, or folders of them.
+        Logs, photogrammetry projects, missions, folders of photos, or folders of all of these; what
+        each is, its content tells (`upplied.inputs.sources.door`).
     options : LogOptions, optional
         What may be said of all of them; among it the rules of their passports that are overruled.
+    dry_run : bool
+        Read and judge, and keep nothing.
+
+    Returns
+    -------
+    list of Ingested
+        Of every flight, and of what looks like one and cannot be read; the rest tells `passed_over`.
 
     Raises
     ------
     InputError, SettingsError
-        If there is no log, or a rule that is to be overruled does not exist.
+        If a name does not exist, or a rule that is to be overruled does not.
     """
     options = options or LogOptions()
     check_allowed(options.allow, RULES)
@@ -137,10 +151,32 @@ def ingest_demonstrations(
     placements = placements_of(catalog.structures())
     read = partial(learnt_flight, *_place(catalog), placements, options=options)
     same = partial(_same_log, known, placements, options)
-    reads = each(read, find_logs(logs), str, workers, same)
-    ingested = _keep(reads, known, lambda it: it.demonstration_id, catalog.add_demonstrations, progress)
-    gather(catalog)
-    return ingested
+    found = _surveyed([Path(log) for log in logs])
+    flights = {str(one.path): one for one in found if one.is_flight}
+    reads = each(read, [one.path for one in flights.values()], str, workers, same)
+    add = (lambda read: None) if dry_run else catalog.add_demonstrations
+    ingested = _keep(reads, known, lambda it: it.demonstration_id, add, progress)
+    if not dry_run:
+        gather(catalog)
+    status = {"added": "readable"} if dry_run else {}
+    named = [replace(one, status=status.get(one.status, one.status)) for one in ingested]
+    taken = dict(zip(flights, named, strict=True))
+    return [_told(one, taken.get(str(one.path))) for one in found if one.status in ("flight", "refused")]
+
+
+def passed_over(logs: Iterable[str | Path]) -> list[Ingested]:
+    """The files that are named, or lie in folders that are named, and are no flights nor parts of one."""
+    return [_told(one, None) for one in _surveyed([Path(log) for log in logs]) if one.status == "other"]
+
+
+def _told(found: Found, taken: Ingested | None) -> Ingested:
+    """What became of a file, with what it is."""
+    if taken is not None:
+        words = f"{found.words}: {taken.words}" if taken.words else found.words
+        return replace(taken, file=str(found.path), words=words)
+    refused = found.status == "refused"
+    reason = f"{found.path}: {found.words}"
+    return Ingested(found.path.name, "failed" if refused else "passed over", reason, file=str(found.path))
 
 
 def _place(catalog: Catalog) -> tuple[str, Path]:
@@ -155,21 +191,26 @@ def placements_of(structures: pd.DataFrame) -> dict[str, Placement]:
 
 
 def find_logs(logs: Iterable[str | Path]) -> list[Path]:
-    """The MCAP files that are named, or lie in the folders that are named.
+    """The flights that are named, or lie in the folders that are named; files that cannot be read among them.
 
     Raises
     ------
     InputError
-        If a name does not exist, or there is no log at all.
+        If a name does not exist, or there is no flight at all.
     """
-    names = [Path(log) for log in logs]
-    found = []
-    for name in names:
-        if not name.exists():
-            raise InputError(str(name), "does not exist", remedy="check the path")
-        found += sorted(name.rglob("*.mcap")) if name.is_dir() else [name]
-    if not found:
-        raise InputError(", ".join(map(str, names)) or "logs", "no MCAP file was found", "at least one .mcap")
+    return [one.path for one in _surveyed([Path(log) for log in logs]) if one.status in ("flight", "refused")]
+
+
+def _surveyed(names: list[Path]) -> list[Found]:
+    """What the files are; one that is named and is no flight is refused, not passed over."""
+    found = [
+        replace(one, status="refused", words="is no flight that can be read")
+        if one.status == "other" and one.path in names
+        else one
+        for one in survey(names)
+    ]
+    if not any(one.status in ("flight", "refused") for one in found):
+        raise InputError(", ".join(map(str, names)) or "logs", "no flight was found", "at least one log")
     return found
 
 
@@ -278,6 +319,18 @@ def _findings(read: Structure | Demonstration) -> tuple[str, ...]:
     return tuple(map(str, from_json(read.verdicts_json)))
 
 
+def _words(read: Structure | Demonstration) -> str:
+    """As what a flight is taken."""
+    if not isinstance(read, Demonstration):
+        return ""
+    camera = f"camera {read.camera.hfov_deg:.0f} x {read.camera.vfov_deg:.0f} deg"
+    seconds = float(read.t_ns[-1] - read.t_ns[0]) * 1e-9
+    notes = f"; {read.notes}" if read.notes else ""
+    return (
+        f"{read.demonstration_id} of {read.structure_id}, {len(read)} poses, {seconds:.0f} s, {camera}{notes}"
+    )
+
+
 def _keep(
     reads: Iterator[tuple[str, Kept | Ingested | str]],
     known: Mapping[str, tuple[str, ...]],
@@ -297,7 +350,8 @@ def _keep(
         elif isinstance(read, Ingested) or known.get(item) == _said(read):
             ingested.append(Ingested(item, "unchanged"))
         else:
-            ingested.append(Ingested(item, "added", findings=_findings(read)))
+            words = _words(read)
+            ingested.append(Ingested(item, "added", findings=_findings(read), words=words))
             waiting.append(read)
         progress(ingested[-1])
         if len(waiting) >= BATCH:

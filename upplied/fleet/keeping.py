@@ -31,7 +31,7 @@ class Keeper:
     run_id : str
         Of the run that plans, kept with every row.
     engine : str
-        Whose processes plan, kept with every row.
+        Whose processes plan, with the name of its worker (``dask:10.0.0.7:40123``); kept with every row.
     """
 
     def __init__(self, catalog: Catalog, run_id: str, engine: str = "local") -> None:

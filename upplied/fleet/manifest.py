@@ -1,5 +1,8 @@
 """The shards of a run, written beside its catalog: a machine is told where they lie, and reads its own.
 
+Beside each shard lies who works on it: an engine that gives a lost worker's work to another one does not
+say so, and the run reads it here.
+
 Parameters of a run of Prefect's are bounded (512 KiB), and the jobs of a large fleet are not. One Parquet
 file to a shard holds what cannot be said shorter; settings that several have are stored once.
 """
@@ -7,7 +10,10 @@ file to a shard holds what cannot be said shorter; settings that several have ar
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import uuid
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, replace
 from io import BytesIO
 
 import pyarrow as pa
@@ -22,6 +28,7 @@ from upplied.checks import check_id
 from upplied.config import Settings
 from upplied.errors import CatalogError
 from upplied.fleet.decisions import Job
+from upplied.fleet.planner import this_process
 from upplied.fleet.run import Shard
 
 FOLDER = "shards"
@@ -66,6 +73,39 @@ def read_shard(location: str, name: str) -> list[Job]:
         return [_job(row, settings[row["settings_sha256"]]) for row in table.to_pylist()]
     except (OSError, pa.ArrowException, KeyError, TypeError, ValueError) as error:
         raise CatalogError(store.path(name), f"cannot be read: {error}") from None
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One worker's work on one shard, ended unless the worker was lost; `worker` as `planned_on` says it."""
+
+    shard: str
+    worker: str
+    ended: bool = False
+
+
+@contextmanager
+def attempt(location: str, name: str, worker: str) -> Iterator[None]:
+    """Write who works on a shard, and at the end that it ended, whether it failed or not."""
+    store = _store(open_catalog(location))
+    place = f"{name.removesuffix('.parquet')}.{uuid.uuid4().hex}.json"
+    begun = Attempt(name, f"{this_process()}/{worker}")
+    store.write(place, json.dumps(asdict(begun)).encode(), lasting=False)
+    try:
+        yield
+    finally:
+        store.write(place, json.dumps(asdict(replace(begun, ended=True))).encode(), lasting=False)
+
+
+def attempts(catalog: Catalog, run_id: str) -> list[Attempt]:
+    """Who worked on the shards of a run, by shard and worker; of a damaged note nothing is known."""
+    store = FileStore(_store(catalog).path(check_id(run_id, "run")))
+    found = []
+    for name in store.names():
+        with suppress(OSError, ValueError, TypeError):
+            if name.endswith(".json"):
+                found.append(Attempt(**json.loads(store.read(name))))
+    return sorted(found, key=lambda one: (one.shard, one.worker, one.ended))
 
 
 def remove_shards(catalog: Catalog, run_id: str) -> None:

@@ -15,11 +15,14 @@ from upplied.errors import InputError, RefusedError
 from upplied.fleet.ingest import placements_of
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.sidecar import LogOptions
-from upplied.proof.align import Alignment, align
+from upplied.proof.align import Alignment, align, follows_exactly
 from upplied.records import Demonstration, Placement
 
 _MOST_STRUCTURES = 20  # that a log is laid on which names none: each time it is read again
 _CLOCK_S = 86_400.0  # that the clock of a vehicle and that of the catalog may be apart, at most
+_EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)  # a clock before it was never set
+_CLOSE_M, _MUCH_BETTER = 0.7, 0.5  # of a flight of its plan; of another plan, that it is said to be of
+_MOST_PLANS, _MOST_FLIGHTS = 12, 5  # that a log is compared with besides
 _OFF_PLAN_M = 10.0  # what a pose that belongs to no plan weighs, beside how far the others lie off
 
 
@@ -31,8 +34,15 @@ class Laid:
     flown: Demonstration
     on: Alignment
 
+    @property
+    def off_m(self) -> float:
+        """How badly it lies on it, m."""
+        return self.on.residual_p95_m + _OFF_PLAN_M * (1 - float(self.on.on_plan.mean()))
 
-def plan_of_flight(catalog: Catalog, log: str, transfer_id: str, options: LogOptions) -> Laid:
+
+def plan_of_flight(
+    catalog: Catalog, log: str, transfer_id: str, options: LogOptions, accuracy_m: float | None = None
+) -> Laid:
     """Read a log and lay it on the plan that was flown.
 
     Raises
@@ -40,22 +50,72 @@ def plan_of_flight(catalog: Catalog, log: str, transfer_id: str, options: LogOpt
     InputError
         If the log cannot be read, or is of another structure than the plan that is named.
     RefusedError
-        If it lies on no plan.
+        If it lies on no plan, on another one than is named, or is what was planned or simulated.
     """
+    laid = _laid(catalog, log, transfer_id, options, accuracy_m)
+    _check_flown(catalog, log, laid)
+    return laid
+
+
+def _laid(
+    catalog: Catalog, log: str, transfer_id: str, options: LogOptions, accuracy_m: float | None
+) -> Laid:
     if transfer_id:
         row = catalog.transfer(catalog.find_transfer(transfer_id))
         flown = _read(catalog, log, replace(options, structure_id=options.structure_id or row["target_id"]))
         if flown.structure_id != row["target_id"]:
             found = f"was flown round {flown.structure_id}, plan {transfer_id} is for {row['target_id']}"
             raise InputError(log, found, "a flight is judged on the plan that was flown")
-        return _best(catalog, log, [(row, flown)])
+        laid = _best(catalog, log, [(row, flown)], accuracy_m)
+        _check_mission(catalog, log, laid, accuracy_m)
+        return laid
     try:
         flown = _read(catalog, log, options)
-        return _best(catalog, log, [(row, flown) for row in _plans(catalog, flown)])
+        return _best(catalog, log, [(row, flown) for row in _plans(catalog, flown)], accuracy_m)
     except InputError as error:
         if options.structure_id or error.rule != "a structure_id":
             raise
-        return _best(catalog, log, list(_anywhere(catalog, log, options, error)))
+        return _best(catalog, log, list(_anywhere(catalog, log, options, error)), accuracy_m)
+
+
+def _check_flown(catalog: Catalog, log: str, laid: Laid) -> None:
+    """Refuse a log whose poses are those of the plan, or of a simulated flight of it, to the centimetre."""
+    name = laid.row["transfer_id"]
+    simulated = catalog.flights(name, kind="simulated").drop_duplicates("flight_sha256", keep="last")
+    planned = catalog.plan(name).trajectory
+    assert planned is not None
+    paths = [("plan", planned)]
+    paths += [
+        ("simulated flight", catalog.flown(each)) for each in simulated["flight_sha256"][-_MOST_FLIGHTS:]
+    ]
+    for what, path in paths:
+        if follows_exactly(path, laid.on):
+            found = (
+                f"holds the poses of the {what} {name} itself: no vehicle follows a path to the centimetre"
+            )
+            raise RefusedError(log, found, "the log of a vehicle that flew")
+
+
+def _check_mission(catalog: Catalog, log: str, laid: Laid, accuracy_m: float | None) -> None:
+    """Refuse a flight of another mission than the one that is named: it lies far better on that one."""
+    if laid.off_m < _CLOSE_M:
+        return
+    row = laid.row
+    every = catalog.transfers(structure=row["target_id"], status="ok", every=True)
+    others = every[(every["transfer_id"] != row["transfer_id"])]["transfer_id"][-_MOST_PLANS:]
+    tried = [(catalog.transfer(str(name)), laid.flown) for name in others]
+    try:
+        best = _best(catalog, log, tried, accuracy_m)
+    except RefusedError:
+        return
+    if best.off_m < _MUCH_BETTER * laid.off_m:
+        raise RefusedError(
+            log,
+            f"is a flight of plan {best.row['transfer_id']}, on which it lies to {best.off_m:.1f} m; "
+            f"on plan {row['transfer_id']} to {laid.off_m:.1f} m",
+            "the plan that was flown",
+            f"say --plan {best.row['transfer_id']}",
+        )
 
 
 def _anywhere(
@@ -79,25 +139,25 @@ def _anywhere(
         yield from ((row, flown) for row in _plans(catalog, flown))
 
 
-def _best(catalog: Catalog, log: str, tried: list[tuple[Row, Demonstration]]) -> Laid:
+def _best(
+    catalog: Catalog, log: str, tried: list[tuple[Row, Demonstration]], accuracy_m: float | None
+) -> Laid:
     """The plan that the path lies on best."""
-    found: list[tuple[float, Laid]] = []
-    why = []
+    found, why = list[Laid](), []
     for row, flown in tried:
         try:
             plan = catalog.plan(row["transfer_id"])
             if plan.trajectory is None:
                 raise RefusedError(f"plan {row['transfer_id']}", f"has no path: it is {plan.status}")
-            on = align(plan.trajectory, flown.trajectory)
+            on = align(plan.trajectory, flown.trajectory, accuracy_m)
         except RefusedError as refusal:
             why.append(f"{row['transfer_id']}: {refusal}")
             continue
-        off = on.residual_p95_m + _OFF_PLAN_M * (1 - float(on.on_plan.mean()))
-        found.append((off, Laid(row, flown, on)))
+        found.append(Laid(row, flown, on))
     if not found:
         known = "; ".join(why) or "no plan of that structure is in the catalog"
         raise RefusedError(log, f"lies on no plan: {known}", "", "say which plan was flown: --plan ID")
-    return min(found, key=lambda each: each[0])[1]
+    return min(found, key=lambda laid: laid.off_m)
 
 
 def _plans(catalog: Catalog, flown: Demonstration) -> list[Row]:
@@ -106,7 +166,7 @@ def _plans(catalog: Catalog, flown: Demonstration) -> list[Row]:
     Those in force now or when it was flown, else the newest; none that was made after it, unless no other
     was, which is a clock that is wrong.
     """
-    moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=int(flown.t_ns[0]) // 1000)
+    moment = _moment(int(flown.t_ns[0]))
     structure = flown.structure_id
     force = catalog.in_force(structure=structure)
     try:
@@ -123,7 +183,20 @@ def _plans(catalog: Catalog, flown: Demonstration) -> list[Row]:
 
 
 def _read(catalog: Catalog, log: str, options: LogOptions) -> Demonstration:
-    return read_demonstration(Path(log), options, _placements(catalog, options.structure_id))
+    flown = read_demonstration(Path(log), options, _placements(catalog, options.structure_id), flight=True)
+    begins, latest = _moment(int(flown.t_ns[0])), catalog.clock.now() + timedelta(seconds=_CLOCK_S)
+    if not _EARLIEST <= begins <= latest:
+        raise InputError(
+            log,
+            f"begins on {begins:%Y-%m-%d} by its own clock",
+            f"a date from {_EARLIEST:%Y} to now",
+            "set the recorder's clock, or correct the stamps of the log and of its photos alike",
+        )
+    return flown
+
+
+def _moment(t_ns: int) -> datetime:
+    return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=t_ns // 1000)
 
 
 def _placements(catalog: Catalog, structure_id: str) -> dict[str, Placement]:

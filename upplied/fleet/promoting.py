@@ -14,7 +14,7 @@ from upplied.config import digest
 from upplied.errors import RefusedError, SettingsError
 from upplied.fleet.gaps import flight_row
 from upplied.planning.airspace.clearance import path_clearance
-from upplied.proof.as_flown import silence_s
+from upplied.proof.align import silence_s
 from upplied.proof.findings import LOOKED, SILENT, STOOD
 from upplied.records import Camera, Demonstration, Trajectory
 from upplied.supposed_scene import scene_for

@@ -12,16 +12,17 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import groupby, zip_longest
+from itertools import chain, groupby, pairwise, zip_longest
 
 from upplied.catalog import Catalog, open_catalog
+from upplied.extras import required
 from upplied.fleet.decisions import Job
 from upplied.fleet.keeping import Keeper, Result, kept
 from upplied.fleet.planner import Outcome, plan_job, prepare, this_process, without_path
 from upplied.fleet.workers import JobKilled, Limits, Workers
 
-SINGLE_TARGETS = 1000  # up to here an engine's task is one target: 3 ms each, and it records them all
-SHARD_TARGETS = 64  # beyond, a task is this many targets
+SHARD_TARGETS = 64  # that a task of an engine plans at most
+SHARDS_EACH = 8  # tasks to a worker where that makes smaller ones, so that all end at about the same time
 
 Shard = tuple[Job, ...]
 
@@ -49,7 +50,7 @@ class Run:
     progress : callable
         Called with each outcome, in the order they come.
     engine : str
-        Whose processes these are, kept with every row.
+        Whose processes these are, with the name of its worker; kept with every row.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class Run:
         progress: Callable[[Outcome], None] = lambda outcome: None,
         engine: str = "local",
     ) -> None:
+        required("open3d", "plan")
         resources = resources or Resources()
         self.count = max(1, min(resources.workers or cores(), len(jobs)))
         self.progress = progress
@@ -121,6 +123,7 @@ def plan_here(
     whomever, are left out, so a shard that an engine starts twice is planned once. The planning is done
     in a guarded process beside this one, which stays for the next shard.
     """
+    required("open3d", "plan")
     catalog = open_catalog(location)
     keeper = Keeper(catalog, run_id, engine)
     workers = _beside(location, limits or Limits())
@@ -163,22 +166,25 @@ def shards(jobs: Sequence[Job], workers: int) -> list[Shard]:
     """Group jobs into what one task of an engine does, in an order that does not depend on timing.
 
     Jobs on one target share its clouds and its registration through the cache, so they follow one
-    another. Where targets are too few to keep the workers busy, every job is a shard of its own, and
+    another. Where targets are too few to keep the workers busy, those on one target are parted, and
     the first job of every target comes before the second of any.
     """
-    targets = _by_target(jobs)
-    if len(targets) < 4 * workers:
-        return [(job,) for row in zip_longest(*targets) for job in row if job is not None]
-    if len(targets) <= SINGLE_TARGETS:
-        return targets
-    return bundles(jobs, SHARD_TARGETS)
+    units = _by_target(jobs)
+    if len(units) < 4 * workers:
+        units = [(job,) for row in zip_longest(*units) for job in row if job is not None]
+    count = min(len(units), max(SHARDS_EACH * workers, -(-len(units) // SHARD_TARGETS)))
+    ends = [len(units) * number // (count or 1) for number in range(count + 1)]
+    return [_joined(units[begin:end]) for begin, end in pairwise(ends)]
 
 
 def bundles(jobs: Sequence[Job], size: int) -> list[Shard]:
     """Group jobs by so many targets; the jobs on one target stay together."""
     targets = _by_target(jobs)
-    starts = range(0, len(targets), size)
-    return [tuple(job for target in targets[at : at + size] for job in target) for at in starts]
+    return [_joined(targets[at : at + size]) for at in range(0, len(targets), size)]
+
+
+def _joined(units: Sequence[Shard]) -> Shard:
+    return tuple(chain.from_iterable(units))
 
 
 def _by_target(jobs: Sequence[Job]) -> list[Shard]:

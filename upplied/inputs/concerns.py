@@ -12,13 +12,15 @@ from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
 from upplied.inputs.rules import Verdict, broken
 from upplied.inputs.structure_rules import RULES
-from upplied.records import Floats
+from upplied.records import Floats, Ints
 
 _FAR_M = 10_000.0  # from the origin: single precision is off by a millimetre there
 _EFFECT = re.compile(
     r"(?i)(?:^|[^a-z])(wake|lights?|flash|beacon|spots?|glow|billboard|halo|shadow)(?![a-z])"
 )
 _PLACED = 0.02  # of a side, that an origin may be off its low end or its middle and is meant there
+_STANDS_M, _STANDS = 0.5, 0.1  # m, and of its height, that what stands on the ground may miss it
+_PLANE, _RIM, _ACROSS = 0.002, 8, 0.05  # of a side; vertices; of the other sides: a surface that was cut
 _BESIDE = 0.05  # of the diagonal that a landmark may lie outside the box
 
 
@@ -33,6 +35,7 @@ def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry, turn: Floats
         **_extent(vertices, entry),
         "far": _far(vertices),
         "below-ground": _below(vertices, entry),
+        "floating": _floats(vertices, entry),
         "odd-up-axis": _stands(vertices, turn) if not any(entry.local_origin) else "",
         "effects": _effects(raw),
     }
@@ -99,6 +102,30 @@ def _below(vertices: Floats, entry: StructureEntry) -> str:
         return ""
     deep = ground - vertices[:, 2].min()
     return f"it reaches {deep:.1f} m below the declared ground (clip_ground = true cuts that off)"
+
+
+def _floats(vertices: Floats, entry: StructureEntry) -> str:
+    ground = entry.surroundings.ground_z_m
+    if ground is None:
+        return ""
+    low, high = vertices[:, 2].min(), vertices[:, 2].max()
+    if low - ground <= max(_STANDS_M, _STANDS * (high - low)):
+        return ""
+    return f"its lowest point is {low - ground:.1f} m above the declared ground"
+
+
+def cut_off(vertices: Floats, rim: Ints) -> tuple[Verdict, ...]:
+    """Where the surface (V, 3), m, ends in a plane at one side, `rim` being the vertices at which it ends."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    side = np.maximum(high - low, 1e-9)
+    found = []
+    for axis, other in ((0, 1), (1, 0)):
+        for name, at in (("low", low[axis]), ("high", high[axis])):
+            ends = vertices[rim[np.abs(vertices[rim, axis] - at) < _PLANE * side[axis]]]
+            if len(ends) >= _RIM and (np.ptp(ends[:, [other, 2]], axis=0) > _ACROSS * side[[other, 2]]).all():
+                words = f"its surface ends in a plane at {'xy'[axis]} = {at:.1f} m, its {name} side"
+                found.append(broken(RULES["cut-off"], words))
+    return tuple(found)
 
 
 def _stands(vertices: Floats, turn: Floats) -> str:

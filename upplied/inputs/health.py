@@ -117,12 +117,15 @@ def _assumed(path: Path, raw: RawMesh) -> tuple[StructureEntry, tuple[str, ...]]
 def _known(structure: Structure) -> str:
     error_m = surface_error_m(structure)
     if structure.surface_error_m is not None:
-        return f"{error_m:.2f} m, as declared"
-    if error_m == 0:
-        return "exact: it was drawn, not scanned (else declare surface_error_m)"
+        return f"{error_m:.2f} m, as declared" + ", of a scan" * structure.is_scan
+    if structure.surface == "drawn":
+        return "exact: it was drawn, as declared"
+    if not structure.is_scan:
+        return f'{1000 * error_m:.1f} mm by its roughness, as a drawn mesh; else declare surface = "scanned"'
     known = f"{error_m:.2f} m, as a scan's is"
-    if thin_m := held(structure).thin_m:
-        known += f"; what is thinner than {thin_m:.2f} m may be missing: antennas, masts, cables"
+    if len(structure.triangles):
+        thin = f"what is thinner than {held(structure).thin_m:.2f} m"
+        known += f"; {thin} may be missing: antennas, masts, cables"
     return f"{known} (declare surface_error_m where you know better)"
 
 

@@ -1,8 +1,7 @@
-"""From an MCAP log to a demonstration: the camera's poses in the frame of the structure.
+"""From a log to a demonstration: the camera's poses in the frame of the structure.
 
-Each family of schemas has a file of its own in `upplied.inputs.schemas`; the container, and what
-can be saved of a damaged one, is in `upplied.inputs.mcap`; what happens to the poses afterwards in
-`upplied.inputs.flight`.
+Each kind of file has a reader of its own in `upplied.inputs.sources`, each family of schemas in
+`upplied.inputs.schemas`; what happens to the poses afterwards is in `upplied.inputs.flight`.
 """
 
 from __future__ import annotations
@@ -15,6 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from upplied.config import digest
 from upplied.errors import InputError
 from upplied.inputs.flight import window
@@ -24,25 +25,33 @@ from upplied.inputs.flight.clock import steady
 from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame
 from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.publishers import check_one
+from upplied.inputs.flight.registering import registered
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.mcap.messages import read_tables
-from upplied.inputs.mcap.recording import Channel, Recording, open_recording
+from upplied.inputs.flight.whole import phases
+from upplied.inputs.mcap.recording import open_recording
 from upplied.inputs.passport.conventions import converted
-from upplied.inputs.passport.measured import Reading
+from upplied.inputs.passport.measured import SEEN, Reading
 from upplied.inputs.passport.passport import passport_of
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.passport.settings import SHAPING, PassportSettings
 from upplied.inputs.rules import Verdict, broken
 from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, inertial, px4, ros, tf, wind
-from upplied.inputs.sidecar import LogOptions, inspection, placed
+from upplied.inputs.sidecar import LogOptions, inspection, placed, stated
+from upplied.inputs.sources import door
+from upplied.inputs.sources.source import Source
 from upplied.inputs.tables import Table
 from upplied.poses import normalised
 from upplied.records import Demonstration, Placement, Structure
+from upplied.scene import scene_of
 
 __all__ = ["LogOptions", "read_demonstration"]
 
 # Neither changes what was flown; and what was not asked yet when logs were taken in leaves their hash alone.
-_UNSAID, _LATER = ("demonstration_id", "allow", "strict", "passport"), ("publisher", "convention")
+_UNSAID = ("demonstration_id", "allow", "strict", "passport")
+_LATER = ("publisher", "convention", "unit_m", "takeoff_alt_m", "points")
+_PHOTO_HEAD = (
+    1 << 17
+)  # bytes by which a photo is known: those of all of them would take longer than reading them
 
 FIELDS = {
     schema: paths
@@ -56,19 +65,24 @@ def read_demonstration(
     options: LogOptions | None = None,
     placements: Mapping[str, Placement] | None = None,
     structures: Callable[[str], Structure] | None = None,
+    flight: bool = False,
 ) -> Demonstration:
     """The demonstration that a log holds.
 
     Parameters
     ----------
     path : path
-        Of an MCAP log; a side-car of the same name with the ending ``.toml`` is read with it.
+        Of a log of any kind in `upplied.inputs.sources.door`, or a folder of photos; a side-car of the same
+        name with the ending ``.toml`` is read with it.
     options : LogOptions, optional
     placements : mapping of structure id to Placement, optional
         Where structures stand, for logs of satellite positions that do not say it themselves.
     structures : callable, optional
         Gives the structure of an id, or raises. With it the flight is measured against its structure and
         judged (`upplied.inputs.passport`); without, it is only read.
+    flight : bool
+        It is the proof of a plan: its pauses and silences stay as long as they were, since photos carry the
+        log's clock; those of a demonstration are shortened. Exports of plans and simulated logs are refused.
 
     Returns
     -------
@@ -82,19 +96,20 @@ def read_demonstration(
         If no correct record can be made of the file.
     """
     path = Path(path)
-    recording = open_recording(path)
-    with ThreadPoolExecutor(1) as beside:  # hashing a large log takes longer than reading its poses
-        sha256 = beside.submit(_sha256_of, path)
-        try:
-            found, facts = _demonstration(
-                path, recording, options or LogOptions(), placements or {}, structures
-            )
-            log = sha256.result()
-        except InputError as error:
-            raise _in_context(error, path, recording) from None
-        except OSError as error:
-            raise InputError(str(path), f"cannot be read ({error.strerror})", "a readable file") from None
-        return replace(found, sha256=_digest(log, facts))
+    try:
+        kind = door.kind_of(path)
+        with ThreadPoolExecutor(1) as beside:  # hashing a large log takes longer than reading its poses
+            sha256 = beside.submit(_sha256_of, path, kind)
+            source = door.read(path, FIELDS)
+            try:
+                found, facts = _demonstration(
+                    path, source, options or LogOptions(), placements or {}, structures, flight
+                )
+            except InputError as error:
+                raise _in_context(error, path, source) from None
+            return replace(found, sha256=_digest(sha256.result(), facts))
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({error.strerror})", "a readable file") from None
 
 
 def fingerprint(
@@ -111,9 +126,11 @@ def fingerprint(
         If the file cannot be read or is no log.
     """
     path = Path(path)
-    facts, _ = inspection(path, open_recording(path).metadata, options or LogOptions())
+    kind = door.kind_of(path)
+    metadata = open_recording(path).metadata if kind == "mcap" else []
+    facts, _ = inspection(path, metadata, options or LogOptions())
     facts = placed(facts, (placements or {}).get(facts.structure_id))
-    return facts.demonstration_id, _digest(_sha256_of(path), facts)
+    return facts.demonstration_id, _digest(_sha256_of(path, kind), facts)
 
 
 def _digest(log: str, facts: LogOptions) -> str:
@@ -131,27 +148,32 @@ def _digest(log: str, facts: LogOptions) -> str:
 
 def _demonstration(
     path: Path,
-    recording: Recording,
+    source: Source,
     options: LogOptions,
     placements: Mapping[str, Placement],
     structures: Callable[[str], Structure] | None,
+    flight: bool,
 ) -> tuple[Demonstration, LogOptions]:
-    """The procedure: one pass over the messages that matter, then poses from end to end."""
-    what = str(path)
-    tables = read_tables(recording, _fields)
-    # What is known besides: side-car, metadata, options.
-    facts, notes = inspection(path, recording.metadata, options)
+    """The procedure: what is known, then poses from end to end."""
+    what, tables = str(path), source.tables
+    if flight:
+        _check_flown(source.metadata, what)
+    # What is known besides: side-car, metadata, options; and what the kind of file says of itself.
+    said, notes = inspection(path, source.metadata, options)
+    facts = stated(said, source.defaults)
     _check_structure(facts, path)
     structure = None if structures is None else structures(facts.structure_id)
-    facts = placed(facts, placements.get(facts.structure_id))
+    said, facts = (placed(each, placements.get(facts.structure_id)) for each in (said, facts))
     camera, camera_frame, more, zoom = cameras.camera_of(tables, facts, what)
     tree = tf.tree_of(tables, facts)
     # One source of poses: a topic, or the transforms.
     track, topic, chosen = _source(tables, tree, facts, camera_frame, what)
     # The inspection alone; what is no pose dropped and counted.
-    track, cut = window.inspected(steady(timed(track)), tables, facts, what)
+    track, cut, told = window.inspected(steady(timed(track)), tables, facts, what)
     track = clean(track, facts, f"{what}, {topic}")
     check_one(track, facts, f"{what}, {topic}")
+    facts, placing = registered(facts, track, structure, f"{what}, {topic}")
+    track = _in_metres(track, facts, f"{what}, {topic}")
     track = converted(track, facts.convention) if facts.convention else track
     through = partial(cameras.through, camera, zoom, track, what=what)
     camera, fov_deg = through(facts)
@@ -164,12 +186,22 @@ def _demonstration(
         return in_structure_frame(in_frame(seen, facts, tree, f"{what}, {topic}"), facts)
 
     flown = to_camera(track)
+    if structure is not None and not told and len(flown) > 1:
+        parts = phases(flown, scene_of(structure), SEEN * camera.max_range_m)
+        if parts is not None:
+            since_s = (flown.t_ns - flown.t_ns[0]) * 1e-9
+            inside = (since_s >= parts.start_s) & (since_s <= parts.stop_s)
+            track, flown = track.take(np.isin(track.t_ns, flown.t_ns[inside])), flown.take(inside)
+            cut = [f"the inspection was found in the log: {parts}"]
     check_dropped(flown, facts, f"{what}, {topic}")
     _check_length(flown, facts, what)
     gap_s = silence_s(flown, facts.gap_s)
     kept, pace = paced(flown, gap_s, facts.passport)
+    if flight:
+        kept = flown
     broken, how = breaks(kept, gap_s)
-    notes += [*more, *chosen, *cut, *kept.notes, *how, *pace.words]
+    pacing = [] if flight else pace.words
+    notes += [*source.notes, *filter(None, [placing]), *more, *chosen, *cut, *kept.notes, *how, *pacing]
     passport: Mapping[str, Any] = {}
     if structure is not None:
         overruled = _overruled(
@@ -181,7 +213,7 @@ def _demonstration(
             },
         )
         reading = Reading(
-            recording,
+            source,
             track,
             flown,
             kept,
@@ -208,15 +240,15 @@ def _demonstration(
         site=facts.site,
         about=facts.about,
         breaks=broken,
-        degraded=bool(recording.losses),
+        degraded=bool(source.losses),
         dropped=dict(sorted(track.dropped.items())),
         clock=track.clock,
         topic=topic,
-        notes="; ".join([*filter(None, [facts.notes]), *notes, *recording.losses]),
+        notes="; ".join([*filter(None, [facts.notes]), *notes, *source.losses]),
         passport=passport,
         wind=wind.wind_of(tables, track, facts.structure_heading_deg),
     )
-    return found, facts
+    return found, said
 
 
 def _named(tables: Sequence[Table], topic: str) -> Table | None:
@@ -242,17 +274,13 @@ def _overruled(facts: LogOptions, asked: Mapping[str, Callable[[LogOptions], obj
     return tuple(found)
 
 
-def _in_context(error: InputError, path: Path, recording: Recording) -> InputError:
+def _in_context(error: InputError, path: Path, source: Source) -> InputError:
     """The error with the name of the file, and with what was lost of it before."""
     what = error.what if str(path) in error.what else f"{path}, {error.what}"
-    found = "; ".join([error.found, *recording.losses])
+    found = "; ".join([error.found, *source.losses])
     if error.found.startswith(NOTHING):
-        found += f"; its topics: {recording.listed() or 'none'}"
+        found += f"; its topics: {source.topics or 'none'}"
     return InputError(what, found, error.rule, error.remedy)
-
-
-def _fields(channel: Channel) -> Sequence[str]:
-    return FIELDS.get(channel.schema_short, ())
 
 
 def _source(
@@ -276,6 +304,29 @@ def _check_structure(facts: LogOptions, path: Path) -> None:
         )
 
 
+def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -> None:
+    """Refuse what says of itself that no vehicle flew it."""
+    for name, values in metadata:
+        plan = name == "plan" and "structure_id" in values
+        if plan or (name == "inspection" and values.get("simulated", "").lower() == "true"):
+            found = "is an export of a plan" if plan else "is the log of a simulated flight"
+            raise InputError(what, f"{found}: its metadata say so", "the log of a vehicle that flew")
+
+
+def _in_metres(track: Track, facts: LogOptions, what: str) -> Track:
+    """The track with its lengths in metres; a reconstruction knows no unit of its own (NaN)."""
+    if facts.unit_m is None or track.parent == geodetic.STRUCTURE:
+        return track
+    if not facts.unit_m > 0:
+        raise InputError(
+            what,
+            "has the scale of a reconstruction, which is none of its own",
+            "unit_m: how long one unit of it is",
+            "write unit_m into the side-car, as the mesh of the project has it",
+        )
+    return replace(track, positions=track.positions * facts.unit_m)
+
+
 def _check_length(track: Track, facts: LogOptions, what: str) -> None:
     seconds = float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0
     if len(track) < 2 or seconds < facts.min_duration_s:
@@ -288,6 +339,17 @@ def _check_length(track: Track, facts: LogOptions, what: str) -> None:
         )
 
 
-def _sha256_of(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+def _sha256_of(path: Path, kind: str) -> str:
+    """Of the bytes of a file; where several tell of a flight, of all of them, photos by their heads."""
+    names = door.parts_of(path, kind)
+    whole = hashlib.sha256()
+    for name in names:
+        with name.open("rb") as stream:
+            if names == [path]:
+                return hashlib.file_digest(stream, "sha256").hexdigest()
+            whole.update(f"{name.name}\0{name.stat().st_size}\0".encode())
+            if kind == "photos":
+                whole.update(stream.read(_PHOTO_HEAD))
+            else:
+                whole.update(hashlib.file_digest(stream, "sha256").digest())
+    return whole.hexdigest()

@@ -16,6 +16,7 @@ from upplied.inputs.structure_rules import RULES
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "file": None}
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 DATUMS = ("ellipsoid", "amsl")
+SURFACES = ("drawn", "scanned")
 
 Parser = Callable[[Any, str], Any]
 
@@ -214,8 +215,9 @@ KEYS: dict[str, Key] = {
     "ceiling_z": Key(_number(-1e5, 1e5), "highest allowed z, m, structure frame"),
     "landmarks": Key(_landmarks, "named points, m, structure frame"),
     "symmetric": Key(_flag, "no heading can be told from the shape"),
+    "surface": Key(_choice(SURFACES), "drawn or scanned; left out: a cloud is scanned, a mesh drawn"),
     "surface_error_m": Key(
-        _number(0, 1e4), "how far its surface may lie from where the file has it, m; left out: inferred"
+        _number(0, 1e4), "how far its surface may lie from where the file has it, m; left out: measured"
     ),
     "drop_hidden": Key(_flag, "drop parts that cannot be seen from outside"),
     "drop_outliers": Key(_flag, "drop parts far off the rest: billboards, wakes"),

@@ -44,6 +44,7 @@ class StructureEntry:
     nominal_m: tuple[float | None, float | None, float | None] = (None, None, None)  # along x, y, z; checked
     landmarks: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # structure frame, m
     symmetric: bool = False  # no heading can be told from the shape
+    surface: str | None = None  # declared: drawn or scanned
     surface_error_m: float | None = None  # stated: how far the surface may lie from where the file has it
     drop_hidden: bool = False  # drop parts that cannot be seen from outside
     drop_outliers: bool = False  # drop parts far off the rest: billboards, wakes
@@ -153,6 +154,7 @@ def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool)
         nominal_m=tuple(given.get(f"nominal_{side}_m") for side in ("length", "width", "height")),  # type: ignore[arg-type]
         landmarks=given.get("landmarks", {}),
         symmetric=given.get("symmetric", False),
+        surface=given.get("surface"),
         surface_error_m=given.get("surface_error_m"),
         drop_hidden=given.get("drop_hidden", False),
         drop_outliers=given.get("drop_outliers", False),

@@ -10,7 +10,7 @@ import numpy as np
 from upplied.checks import check_finite, check_id
 from upplied.config import digest
 from upplied.errors import InputError
-from upplied.inputs.concerns import concerns, nominal_problems
+from upplied.inputs.concerns import concerns, cut_off, nominal_problems
 from upplied.inputs.files import open_regular
 from upplied.inputs.findings import Findings
 from upplied.inputs.formats.reader import read_raw
@@ -23,6 +23,7 @@ from upplied.inputs.repair import Repairs, clean, clip_below, compact, used_vert
 from upplied.inputs.rules import broken, decided, refuse, to_json
 from upplied.inputs.structure_rules import RULES
 from upplied.inputs.topology import topology_of
+from upplied.reconstruction import looks_scanned
 from upplied.records import Bools, Floats, Ints, Structure
 
 _COARSEST = 0.1  # of the size: round a surface of which less is known nothing can be planned
@@ -107,9 +108,10 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
         symmetric=entry.symmetric,
         notes="; ".join(filter(None, (entry.notes, *findings.done, *(v.found for v in verdicts)))),
         verdicts_json=to_json(verdicts) if verdicts else "",
+        surface=entry.surface,
         surface_error_m=entry.surface_error_m,
     )
-    _check_error(structure, entry)
+    _check_surface(structure, entry)
     return structure, findings
 
 
@@ -182,8 +184,12 @@ def _mesh(
         done.append(f"{drop.sum()} triangles of hidden parts and outliers dropped")
         vertices, triangles = compact(vertices, triangles[~drop])
         _check_left(triangles, entry)
+    if looks_scanned(Structure(entry.structure_id, entry.kind, vertices, triangles, surface=entry.surface)):
+        found = 'it looks like a reconstruction of a scan (then declare surface = "scanned")'
+        verdicts.append(broken(RULES["looks-scanned"], found))
     hidden = np.unique(topology.component[outside.hidden])
     final = topology_of(triangles) if drop.any() else topology
+    verdicts += cut_off(vertices, final.rim)
     findings = Findings(
         **_declared(raw, entry),
         repairs=repairs,
@@ -238,11 +244,19 @@ def _check_left(triangles: Ints, entry: StructureEntry) -> None:
         )
 
 
-def _check_error(structure: Structure, entry: StructureEntry) -> None:
+def _check_surface(structure: Structure, entry: StructureEntry) -> None:
+    what = f"{entry.path} ({entry.structure_id})"
+    if structure.is_scan and structure.surface == "drawn":
+        raise InputError(
+            what,
+            "is a point cloud and declared to be drawn",
+            "a cloud is a scan",
+            "leave out surface; where its points are exact, state surface_error_m",
+        )
     stated, most = structure.surface_error_m, _COARSEST * structure.diagonal_m
     if stated is not None and stated > most:
         raise InputError(
-            f"{entry.path} ({entry.structure_id})",
+            what,
             f"surface_error_m is {stated:g} m, of a structure of {structure.diagonal_m:.3g} m",
             f"at most {most:.3g} m, a tenth of its size",
             "give it in metres, or leave it out",
@@ -283,6 +297,6 @@ def _sha256(file: str, entry: StructureEntry) -> str:
         "landmarks": {name: list(xyz) for name, xyz in entry.landmarks.items()},
         "symmetric": entry.symmetric,
     }
-    if entry.surface_error_m is not None:  # so that what states none keeps the hash that it had
-        said["surface_error_m"] = entry.surface_error_m
+    stated = {"surface": entry.surface, "surface_error_m": entry.surface_error_m}
+    said |= {key: value for key, value in stated.items() if value is not None}  # else the hash that it had
     return digest(said)

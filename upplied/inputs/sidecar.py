@@ -56,6 +56,7 @@ class LogOptions:
     frame_id: str = ""
     structure_position_m: Vector | None = None  # x y z
     structure_quat_xyzw: Vector | None = None  # structure to log frame
+    points: tuple[tuple[str, Vector], ...] = ()  # landmarks in the log's frame, by which it is registered
     # Or, for geodetic logs, where the structure stands.
     structure_lat_deg: float | None = None
     structure_lon_deg: float | None = None
@@ -63,6 +64,12 @@ class LogOptions:
     structure_heading_deg: float | None = None  # of +X, clockwise from north
     structure_datum: str = ""  # of the altitude: "ellipsoid" or "amsl"
     geoid_undulation_m: float | None = None  # ellipsoid minus mean sea level, where datums differ
+    takeoff_alt_m: float | None = (
+        None  # of the place of take-off, in the structure's datum: heights may count from it
+    )
+    unit_m: float | None = (
+        None  # what one unit of the log's lengths is: a reconstruction has a scale of its own
+    )
     # What the poses are of, and the camera.
     convention: str = ""  # in which the poses are written, where it is not what the schema says
     body_frame: str = ""  # "camera" (x forward), "optical" (z forward) or "body" (x forward, with a mount)
@@ -90,6 +97,7 @@ _VECTORS = {
     "body_T_camera_position_m": 3,
     "body_T_camera_quat_xyzw": 4,
 }
+_POINTS = 1000  # that anybody would name
 _INTEGERS = ("start_ns", "end_ns")
 _TEXTS = tuple(item.name for item in fields(LogOptions) if item.default == "")
 _NAMES = tuple(item.name for item in fields(LogOptions) if item.name not in _READER_ONLY)
@@ -104,6 +112,8 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "structure_alt_m": (-1000, 20_000),
     "structure_heading_deg": (-360, 360),
     "geoid_undulation_m": (-200, 200),
+    "takeoff_alt_m": (-1000, 20_000),
+    "unit_m": (1e-6, 1e6),
     "start_s": (-1e7, 1e7),
     "stop_s": (-1e7, 1e7),
     "start_ns": (0, 2**63 - 1),
@@ -143,7 +153,7 @@ def inspection(
     for name, values in metadata:
         if name == "inspection":
             facts = _merged(facts, values, f"{path}: metadata inspection", strict=False)
-    sidecar = path.with_suffix(".toml")
+    sidecar = path / "inspection.toml" if path.is_dir() else path.with_suffix(".toml")
     if sidecar.is_file():
         facts = _merged(facts, _read_toml(sidecar), str(sidecar), strict=True)
     for item in fields(LogOptions):
@@ -169,6 +179,12 @@ def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
         structure_heading_deg=placement.heading_deg,
         structure_datum=placement.datum,
     )
+
+
+def stated(facts: LogOptions, defaults: Mapping[str, Any]) -> LogOptions:
+    """The facts with what a kind of file says of itself, where nobody says otherwise."""
+    unsaid = {name: value for name, value in defaults.items() if getattr(facts, name) in ("", None)}
+    return replace(facts, **unsaid)
 
 
 def safe_id(text: str) -> str:
@@ -213,6 +229,8 @@ def _value(name: str, value: Any, what: str) -> Any:
     try:
         if isinstance(value, bool):
             raise TypeError
+        if name == "points":
+            return tuple((str(key), tuple(float(part) for part in place)) for key, place in value.items())
         if name in _VECTORS:
             return tuple(float(part) for part in (value.split() if isinstance(value, str) else value))
         if name in _INTEGERS:
@@ -222,9 +240,11 @@ def _value(name: str, value: Any, what: str) -> Any:
                 raise TypeError
             return value
         return float(value)
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError, OverflowError, AttributeError):
         form = (
-            f"{_VECTORS[name]} numbers"
+            "a table of names and three numbers each"
+            if name == "points"
+            else f"{_VECTORS[name]} numbers"
             if name in _VECTORS
             else f"text of at most {MAX_TEXT} characters"
             if name in _TEXTS
@@ -236,6 +256,8 @@ def _value(name: str, value: Any, what: str) -> Any:
 def _checked(facts: LogOptions, what: str) -> LogOptions:
     for name, size in _VECTORS.items():
         _check_vector(name, getattr(facts, name), size, what)
+    for name, point in facts.points[:_POINTS]:
+        _check_vector(f"points, {name[:60]}", point, 3, what)
     for name in ("structure_id", "demonstration_id"):
         if getattr(facts, name):
             check_id(getattr(facts, name), f"{what}, {name}")

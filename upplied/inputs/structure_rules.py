@@ -62,11 +62,17 @@ RULES = {
         Rule("far", "warn", "projected coordinates leave little room for millimetres",
              "set local_origin = [x, y, z]"),
         Rule("below-ground", "warn", "nobody sees what lies below the ground", "set clip_ground = true"),
+        Rule("floating", "warn", "what stands on the ground reaches it",
+             "check units, ground_z and the mesh"),
+        Rule("cut-off", "warn", "nobody sees what a scan or a crop left out",
+             "take the whole structure, or look at the picture"),
         Rule("effects", "warn", "lights and wakes are no structure", "take them out of the file"),
         Rule("landmark", "warn", "a landmark off the structure names nothing", "check the landmark"),
         Rule("hidden", "warn", "hidden parts take surface that nobody can see", "set drop_hidden = true"),
         Rule("outlier", "warn", "a part far off makes the structure larger than it is",
              "set drop_outliers = true"),
+        Rule("looks-scanned", "warn", "what a scan lacks is kept clear of where it is declared to be one",
+             'declare surface = "scanned", or "drawn" where it was'),
     )
 }  # fmt: skip
 

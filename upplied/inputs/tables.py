@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -9,12 +10,32 @@ from typing import Any
 
 import numpy as np
 
-from upplied.inputs.mcap.recording import Channel
 from upplied.records import Floats, Ints
 
 _LARGEST = np.uint64(2**62)  # no stamp and no counter comes near
 
 Piece = tuple[dict[str, Any], Ints]  # columns, and log and publish time (R, 2) of their rows
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One stream of messages of one schema."""
+
+    channel_id: int
+    topic: str
+    encoding: str  # of the messages: cdr, ros1, protobuf, json; empty where they came as columns
+    schema_name: str = ""
+    schema_encoding: str = ""
+    schema: bytes = b""
+
+    @property
+    def schema_short(self) -> str:
+        """Name of the schema without what ROS 2, Foxglove and firmware versions put into it."""
+        parts = self.schema_name.split("/")
+        name = f"{parts[0]}/{parts[-1]}" if len(parts) > 1 else self.schema_name
+        if name.startswith("px4_msgs/"):
+            name = re.sub(r"_?[vV]\d+$", "", name)
+        return name.replace("foxglove_msgs/", "foxglove.", 1)
 
 
 @dataclass

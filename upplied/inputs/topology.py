@@ -20,6 +20,7 @@ class Topology(Record):
     boundary_edges: int  # of one triangle
     nonmanifold_edges: int  # of three and more
     twisted_edges: int  # of two that are wound against each other
+    rim: Ints  # vertices of the edges of one triangle
 
     @property
     def watertight(self) -> bool:
@@ -42,6 +43,7 @@ def topology_of(triangles: Ints) -> Topology:
         patch=_labels(one[alike] // 3, other[alike] // 3, len(triangles)),
         component=_components(triangles),
         boundary_edges=int((count == 1).sum()),
+        rim=np.unique(np.append(tail[order[first[count == 1]]], head[order[first[count == 1]]])),
         nonmanifold_edges=int((count > 2).sum()),
         twisted_edges=int((~alike).sum()),
     )

@@ -21,6 +21,7 @@ STATES = {
     "hardly inspected": "#d5e8e0",
     "partly inspected": "#8fcbb5",
     "inspected": "#2e9e7c",
+    "seen if corrected": "#c9a0dc",
 }
 
 #: Colour of what is, and is not, the structure in a scan: it, the ground, clutter, a neighbour.

@@ -28,7 +28,11 @@ class Flown(Record):
     kind: str = "simulated"  # or "flown"
     told: str = ""  # of a flight that was flown: when, by whom, how much of the plan
     findings: str = ""  # what was found of it, in words
-    required_pct: float = float("nan")  # of what the plan shows, the share that was truly seen
+    required_pct: float = float("nan")  # of what the plan shows, the share that was certainly seen
+    assumed_pct: float = float(
+        "nan"
+    )  # of it, the share that was seen besides if the log's correction is right
+    silent_s: float = 0.0  # how long the log says nothing: what it kept from the structure then is not known
     looks_sha256: str = ""  # of what it saw of each patch; empty where that was not kept
     wind: str = ""  # of a flight that was flown: what its log says of it, in words
 
@@ -60,6 +64,8 @@ def flown_of(row: Mapping[str, Any], path: Trajectory) -> Flown:
         _told(row),
         str(row.get("findings") or ""),
         _known(number(row, "required_pct")),
+        _known(number(row, "assumed_pct")),
+        number(row, "silent_s") or 0.0,
         str(row.get("looks_sha256") or ""),
         wind_words(row) if kind == "flown" else "",
     )
@@ -125,9 +131,12 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
     parts = [f"Flown {flown.told}" if flown.kind == "flown" else simulated]
     clearance, coverage = flown.measures.min_clearance_m, flown.measures.coverage_seen_pct
     if np.isfinite(clearance):
-        parts.append(f"least clearance {clearance:.2f} m{_of(row, 'min_clearance_m', 2, ' m')}")
+        unknown = f", not known for {flown.silent_s:.0f} s of silence" if flown.silent_s else ""
+        parts.append(f"least clearance {clearance:.2f} m{_of(row, 'min_clearance_m', 2, ' m')}{unknown}")
     if np.isfinite(flown.required_pct):
-        parts.append(f"of what the plan shows {flown.required_pct:.1f} % was seen")
+        parts.append(f"of what the plan shows {flown.required_pct:.1f} % was seen for certain")
+    if flown.assumed_pct > 0:
+        parts.append(f"{flown.assumed_pct:.1f} % more if the log was rightly moved onto its plan")
     if np.isfinite(coverage):
         parts.append(f"really seen {coverage:.1f} %{_of(row, 'coverage_seen_pct', 1, ' %')}")
     if flown.kind == "flown":
@@ -136,12 +145,16 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
     return f"{measured} Found: {flown.findings}." if flown.findings else measured
 
 
-def seen_as_flown(planned: SurfaceStates, patches: Ints) -> SurfaceStates:
-    """What a plan shows of a surface, less what its flight did not see; `patches` are those it saw."""
-    state = planned.state.copy()
-    unseen = np.ones(len(state), bool)
-    unseen[patches] = False
-    state[unseen & (state == SURFACE_STATES.index("shown"))] = SURFACE_STATES.index("missed")
+def seen_as_flown(planned: SurfaceStates, patches: Ints, assumed: Ints) -> SurfaceStates:
+    """What a plan shows of a surface, less what its flight did not see.
+
+    `patches` are those it saw, and `assumed` those it saw if the correction of its log is right.
+    """
+    state, shown = planned.state.copy(), planned.state == SURFACE_STATES.index("shown")
+    become = np.full(len(state), SURFACE_STATES.index("missed"))
+    become[assumed] = SURFACE_STATES.index("seen if corrected")
+    become[patches] = SURFACE_STATES.index("shown")
+    state[shown] = become[shown]
     return replace(planned, state=state)
 
 

@@ -64,6 +64,7 @@ def write_log(
     heavy_topic: bool = True,
     frame: LogFrame | None = None,
     encoding: Encoding = "pose_stamped",
+    simulated: bool = False,
 ) -> Path:
     """Write a demonstration as an MCAP log.
 
@@ -78,6 +79,8 @@ def write_log(
     frame : LogFrame, optional
     encoding : {"pose_stamped", "odometry", "tf"}
         Poses of the camera as PoseStamped; of the body as Odometry, or as transforms.
+    simulated : bool
+        Mark the log, so that it never counts as the flight of a plan.
 
     Returns
     -------
@@ -96,7 +99,7 @@ def write_log(
     buffer = io.BytesIO()
     writer = Writer(buffer)
     schemas = {name: writer.register_msgdef(name, text) for name, text in _SCHEMAS.items()}
-    writer.add_metadata("inspection", _facts(demonstration, structure, frame, encoding, mount))
+    writer.add_metadata("inspection", _facts(demonstration, structure, frame, encoding, mount, simulated))
     for number, (stamp, topic, schema, message) in enumerate(messages):
         writer.write_message(
             topic,
@@ -134,6 +137,7 @@ def _facts(
     frame: LogFrame,
     encoding: Encoding,
     mount: Mount,
+    simulated: bool,
 ) -> dict[str, str]:
     camera = demonstration.camera
     facts = {
@@ -151,6 +155,8 @@ def _facts(
         "body_frame": {"pose_stamped": "camera", "odometry": "body", "tf": "optical"}[encoding],
         "notes": demonstration.notes,
     }
+    if simulated:
+        facts["simulated"] = "true"
     if encoding == "odometry":
         facts["body_T_camera_position_m"] = _numbers(mount.position_m)
         facts["body_T_camera_quat_xyzw"] = _numbers(mount.rotation.as_quat())

@@ -68,7 +68,7 @@ def write_sample_fleet(folder: str | Path, progress: Callable[[str], None] | Non
 def _write_flight(root: Path, demonstration: Demonstration, encoding: Encoding) -> str:
     name = f"logs/{demonstration.demonstration_id}.mcap"
     structure = member(demonstration.structure_id).structure
-    write_log(root / name, demonstration, structure, encoding=encoding)
+    write_log(root / name, demonstration, structure, encoding=encoding, simulated=True)
     return name
 
 

@@ -80,7 +80,7 @@ def looked(catalog: Catalog, flights: Sequence[Row], surface: Cloud) -> list[Loo
     for row in flights:
         if not row["looks_sha256"]:
             continue
-        looks = catalog.looks.get(row["looks_sha256"])
+        looks = catalog.looks.get(row["looks_sha256"]).certain
         if looks.samples_sha256 not in index:
             points = catalog.surfaces.points(looks.samples_sha256)
             index[looks.samples_sha256] = cKDTree(points).query(surface.points)[1], len(points)

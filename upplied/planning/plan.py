@@ -21,7 +21,7 @@ from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
 from upplied.planning.measures.evaluate import judge
-from upplied.planning.measures.verdict import in_the_way, shortfalls
+from upplied.planning.measures.verdict import in_the_way, odd_shape, shortfalls
 from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,
@@ -223,7 +223,7 @@ def _planned(
         reason = "; ".join((str(refusal), *in_the_way(takes[0].pair)))
         return replace(plan, status="refused", reason=reason, warnings=(), not_flyable="")
     # How good is it? The same measures for every preset.
-    measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings, memo)
+    measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings)
     measures = replace(
         measures,
         acceptance_probability=plan.measures.acceptance_probability,
@@ -232,7 +232,7 @@ def _planned(
     # May it be flown? What falls short is refused, or says so where it is for comparison.
     found = shortfalls(trajectory, measures, takes, settings)
     short = "; ".join((*([plan.not_flyable] if plan.not_flyable else []), *found))
-    warnings = (*plan.warnings, *warnings)
+    warnings = (*plan.warnings, *warnings, *odd_shape(measures, settings))
     if short and settings.verdict.enforce:
         return replace(plan, status="refused", reason=short, measures=measures, warnings=warnings)
     return replace(

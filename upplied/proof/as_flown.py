@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -15,20 +15,25 @@ from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import TRULY, stations
 from upplied.polylines import arc_length, chosen_evenly, interpolated
 from upplied.poses import in_a_row, interpolate
-from upplied.proof.align import Alignment
-from upplied.proof.findings import findings, photos_missing
+from upplied.proof.align import Alignment, silence_s, silences
+from upplied.proof.findings import PASSED_S, findings, photos_missing
+from upplied.proof.matching import projected
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 from upplied.scene import Scene
 
-_SILENT_S, _SILENT_STEPS = 1.0, 3.0  # between two poses, and at least so many usual steps: nothing is known
+_NEARLY_M = 0.5  # beyond the nearest pose: there the path may bend nearer still
 _FRECHET_POSES = 800  # of each path
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Looks(Record):
-    """How each of N samples of a surface was seen, by the nearest look; NaN where it was not seen."""
+    """How each of N samples of a surface was seen, by the nearest look; NaN where it was not seen.
 
-    seen: Bools  # (N,)
+    Of a log that was corrected, a sample is seen for certain where its path as logged and as corrected both
+    see it, and distance, incidence and pictures are those of the lesser look.
+    """
+
+    seen: Bools  # (N,) for certain
     distance_m: Floats  # (N,)
     incidence_deg: Floats  # (N,)
     speed_mps: Floats  # (N,) of the camera then
@@ -36,6 +41,7 @@ class Looks(Record):
     pictures: Ints  # (N,) that show it: photos, or viewpoints that were passed where no photos are known
     # Distance and incidence (N,) of the most frontal look: of all, then within each distance asked for.
     frontal: tuple[tuple[Floats, Floats], ...] = ()
+    assumed: Bools | None = None  # (N,) seen if the correction of the log is right, and only then
 
     def __len__(self) -> int:
         return len(self.seen)
@@ -55,8 +61,8 @@ class AsFlown(Record):
 
     looks: Looks
     flown_pct: float  # of the plan's length, the share that was flown
-    clearance_m: float  # least distance of the path from the structure, as logged or as corrected
-    clearance_place_m: Floats  # (3,)
+    clearance_m: float  # that the path kept while it was recorded, as logged and as corrected
+    silent_s: float  # how long nothing is known of it
     cross_track_p95_m: float  # from the planned path, of the poses that belong to it
     frechet_m: float  # between the flown path and the part of the plan that was flown
     photos_missing: int  # viewpoints without a photo; 0 where no photos are known
@@ -96,22 +102,41 @@ def as_flown(
     near = found.on_plan
     passed = _passed(viewpoint_s, found)
     looks = looks_of(flown, surface, camera, scene, photo_s, passed)
+    paths = [logged.positions]
+    if found.corrected:
+        looks = _certain(looks, looks_of(logged, surface, camera, scene, photo_s, passed))
+        paths.append(flown.positions)
     covered = np.sort(found.planned_s[near])
     share = _flown_share(plan, covered, silence_s(flown))
-    nearest = min(
-        (path_clearance(scene, path.positions) for path in (flown, logged)), key=lambda each: each.distance_m
-    )
     missing, photos = photos_missing(viewpoint_s, found, photo_s)
     return AsFlown(
         looks=looks,
         flown_pct=share,
-        clearance_m=nearest.distance_m,
-        clearance_place_m=nearest.position,
-        cross_track_p95_m=_cross_track(plan, flown.positions[near]),
+        clearance_m=min(clearance_kept(scene, replace(flown, positions=path)) for path in paths),
+        silent_s=float(sum(length for _, length in silences(flown))),
+        cross_track_p95_m=_cross_track(plan, logged, found),
         frechet_m=_frechet(plan, flown, near, covered),
         photos_missing=missing,
         findings=(*findings(plan, found, share), *photos),
     )
+
+
+def clearance_kept(scene: Scene, flown: Trajectory) -> float:
+    """The distance from the structure, m, that a path kept while it was recorded.
+
+    Between two poses it may bend away from their chord by an eighth of how it bends around them, which is
+    taken off, and as much again for the noise of the poses. What was flown in a silence is not known: its
+    chord does not count.
+    """
+    kept = np.inf
+    for part in _pieces(flown):
+        path = flown.positions[part]
+        bend = np.zeros(len(path))
+        bend[1:-1] = np.linalg.norm(np.diff(path, 2, axis=0), axis=1) / 4
+        nearest = path_clearance(scene, path)
+        near = scene.distance(path) <= nearest.distance_m + _NEARLY_M
+        kept = min(kept, nearest.certain_m - float(bend[near].max(initial=0.0)))
+    return max(float(kept), 0.0)
 
 
 def looks_of(
@@ -147,6 +172,25 @@ def looks_of(
     return Looks(there, near, level, pace, when, pictures, tuple(frontal))
 
 
+def _certain(corrected: Looks, logged: Looks) -> Looks:
+    """What the path as corrected and the path as logged both see, by the lesser look of the two."""
+    both: Bools = np.asarray(corrected.seen & logged.seen, bool)
+
+    def lesser(first: Floats, second: Floats) -> Floats:
+        return np.where(both, np.maximum(first, second), first)
+
+    pairs = list(zip(corrected.frontal, logged.frontal, strict=True))
+    return replace(
+        corrected,
+        seen=both,
+        assumed=corrected.seen & ~logged.seen,
+        distance_m=lesser(corrected.distance_m, logged.distance_m),
+        incidence_deg=lesser(corrected.incidence_deg, logged.incidence_deg),
+        pictures=np.where(both, np.minimum(corrected.pictures, logged.pictures), corrected.pictures),
+        frontal=tuple((lesser(one[0], other[0]), lesser(one[1], other[1])) for one, other in pairs),
+    )
+
+
 def _look(poses: Trajectory, surface: Cloud, pose: Ints) -> tuple[Floats, Floats]:
     """Distance, m, and incidence, deg, (N,) of each sample from its pose; NaN where it has none."""
     there, at = pose >= 0, np.maximum(pose, 0)
@@ -159,11 +203,11 @@ def _look(poses: Trajectory, surface: Cloud, pose: Ints) -> tuple[Floats, Floats
 
 def _passed(viewpoint_s: Floats, found: Alignment) -> Floats:
     """The times of the log at which viewpoints of the plan were passed."""
-    on = found.on_plan
-    planned, flown = found.planned_s[on], found.flown.t_s[on]
-    inside = viewpoint_s[(viewpoint_s >= planned.min()) & (viewpoint_s <= planned.max())] if on.any() else []
-    rising = np.maximum.accumulate(planned)
-    return _recorded(found.flown, np.interp(inside, rising, flown)) if len(inside) else np.empty(0)
+    on = np.flatnonzero(found.on_plan)
+    if not len(on) or not len(viewpoint_s):
+        return np.empty(0)
+    gap, at = cKDTree(found.planned_s[on, None]).query(viewpoint_s[:, None])
+    return _recorded(found.flown, np.sort(found.flown.t_s[on[at[gap <= PASSED_S]]]))
 
 
 def _seen(poses: Trajectory, surface: Cloud, camera: Camera, scene: Scene) -> Bools:
@@ -172,19 +216,18 @@ def _seen(poses: Trajectory, surface: Cloud, camera: Camera, scene: Scene) -> Bo
     return visible(*asked, surface, camera, TRULY, scene, fov_deg=poses.fov_deg).seen
 
 
-def silence_s(flown: Trajectory) -> float:
-    """How long a log may say nothing, s, before nothing is known of what the camera saw meanwhile."""
-    step = float(np.median(np.diff(flown.t_s))) if len(flown) > 1 else 0.0
-    return max(_SILENT_S, _SILENT_STEPS * step)
-
-
 def _asked(flown: Trajectory, photo_s: Floats | None) -> Trajectory:
     """The poses at which the camera sees: of the photos, or closely spaced along all that was recorded."""
     if photo_s is not None:
         inside = photo_s[(photo_s >= flown.t_s[0]) & (photo_s <= flown.t_s[-1])]
         return interpolate(flown, _recorded(flown, np.sort(inside)))
-    parts = np.split(np.arange(len(flown)), np.flatnonzero(np.diff(flown.t_s) > silence_s(flown)) + 1)
-    return in_a_row([stations(flown.take(part)) for part in parts])
+    return in_a_row([stations(flown.take(part)) for part in _pieces(flown)])
+
+
+def _pieces(flown: Trajectory) -> list[Ints]:
+    """The poses between silences."""
+    ends = np.flatnonzero(np.diff(flown.t_s) > silence_s(flown)) + 1
+    return np.split(np.arange(len(flown)), ends)
 
 
 def _recorded(flown: Trajectory, moments: Floats) -> Floats:
@@ -233,12 +276,11 @@ def _flown_share(plan: Trajectory, covered: Floats, silence: float) -> float:
     return 100 * float(gaps[np.diff(covered) <= silence].sum() / along[-1])
 
 
-def _cross_track(plan: Trajectory, positions: Floats) -> float:
-    """95th percentile of the distance from the planned path, m."""
-    if not len(positions):
-        return float("nan")
-    dense = interpolate(plan, np.linspace(plan.t_s[0], plan.t_s[-1], 20 * len(plan))).positions
-    return float(np.percentile(cKDTree(dense).query(positions)[0], 95))
+def _cross_track(plan: Trajectory, logged: Trajectory, found: Alignment) -> float:
+    """95th percentile of the distance of the log as it came from the planned path, m."""
+    on = found.on_plan
+    place = projected(plan, logged.positions[on], found.planned_s[on]).place
+    return float(np.percentile(np.linalg.norm(logged.positions[on] - place, axis=1), 95))
 
 
 def _frechet(plan: Trajectory, flown: Trajectory, near: Bools, covered: Floats) -> float:

@@ -8,15 +8,17 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.poses import interpolate, optical_axis
-from upplied.proof.align import Alignment
-from upplied.records import Bools, Floats, Trajectory
+from upplied.proof.align import Alignment, silences
+from upplied.records import Bools, Floats, Ints, Trajectory
 
 #: How findings begin after which it is not known what was seen.
 SILENT, STOOD, LOOKED = "the log is silent", "the camera stood", "the camera looked"
 _WHOLE_PCT = 98.0  # of the plan's length: less is a flight that was broken off
 _PAUSE_S = 5.0  # longer than the plan takes between two places: the flight was resumed, or waited
 _STUCK_S, _STUCK_DEG, _TURNED_DEG = 5.0, 0.3, 5.0  # a camera that stands while its plan turns
+_WAITS = 0.2  # of its pace, less is a wait
 _BEAT_S = 0.5  # at which the camera is asked whether it turned
+PASSED_S = 1.0  # of a viewpoint, within which it was passed
 _PHOTO_S = 1.0  # of a viewpoint, within which a photo is its own
 
 
@@ -53,31 +55,50 @@ def _corrected(found: Alignment) -> Iterator[str]:
         yield f"the position jumps by {size:.2f} m at {when:.0f} s; taken as the log's"
     if np.linalg.norm(found.shift_m) > 0:
         shift = ", ".join(f"{value:+.2f}" for value in found.shift_m)
-        yield f"the log was moved by {shift} m (+-{found.place_error_m:.2f}) to lie on its plan"
+        yield f"the log was moved by {shift} m to lie on its plan: else the vehicle flew so far beside it"
     if found.heading_deg:
         yield f"the log was turned by {found.heading_deg:+.2f} deg to lie on its plan"
+    if found.beside_m:
+        yield f"it flew {found.beside_m:.2f} m beside its plan, more than its stated accuracy: left as logged"
     if found.camera_yaw_deg or found.camera_pitch_deg:
         turn = f"{found.camera_yaw_deg:+.1f} deg of heading, {found.camera_pitch_deg:+.1f} deg of pitch"
         yield f"the logged camera was turned by {turn}"
-    if not np.isfinite(found.clock_s):
-        yield "it was not flown in the times of its plan: places were compared in their order"
+    if found.backwards > 0.02:
+        yield f"{100 * found.backwards:.0f} % of it was flown against the order of its plan"
+    elif not np.isfinite(found.clock_s):
+        yield "it was not flown in the times of its plan"
 
 
 def _missing(plan: Trajectory, found: Alignment, flown_pct: float) -> Iterator[str]:
     """Where the flight, or its log, lacks a part of the plan."""
-    flown, planned = found.flown.t_s[found.on_plan], found.planned_s[found.on_plan]
+    planned = found.planned_s[found.on_plan]
     left_s, before_s = plan.t_s[-1] - planned.max(), planned.min() - plan.t_s[0]
     if flown_pct < _WHOLE_PCT and left_s > _PAUSE_S:
         yield f"broken off, or the log is cut: it ends {left_s:.0f} s before its plan"
     if flown_pct < _WHOLE_PCT and before_s > _PAUSE_S:
         yield f"begun late, or the log is cut: it begins {before_s:.0f} s after its plan"
-    waits = np.diff(flown) - np.maximum(np.diff(planned), 0)
-    for at in np.flatnonzero(waits > _PAUSE_S):
-        yield f"resumed after {waits[at]:.0f} s at {flown[at]:.0f} s"
-    silent = np.diff(found.flown.t_s)
-    for at in np.flatnonzero(silent > _PAUSE_S):
-        when = found.flown.t_s[at]
-        yield f"{SILENT} for {silent[at]:.0f} s at {when:.0f} s: what was seen then is not known"
+    for when, length in _waits(found):
+        yield f"waited for {length:.0f} s at {when:.0f} s"
+    for when, length in silences(found.flown):
+        what = "what was seen and how near it came then is not known"
+        yield f"{SILENT} for {length:.0f} s at {when:.0f} s: {what}"
+
+
+def _waits(found: Alignment) -> Iterator[tuple[float, float]]:
+    """Beginning and length, s, of each time in which the flight did not go on in its plan."""
+    on, whole = found.on_plan, int(_PAUSE_S / _BEAT_S)
+    beats = np.arange(found.flown.t_s[on][0], found.flown.t_s[on][-1], _BEAT_S)
+    planned = np.interp(beats, found.flown.t_s[on], found.planned_s[on])
+    if len(beats) <= whole:
+        return
+    waits = np.abs(planned[whole:] - planned[:-whole]) < _WAITS * _PAUSE_S
+    for start, end in _stretches(waits):
+        yield float(beats[start]), float((end - 1 - start) * _BEAT_S + _PAUSE_S)
+
+
+def _stretches(flags: Bools) -> Ints:
+    """Where flags (N,) begin and end to be set, (K, 2), the ends exclusive."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int))).reshape(-1, 2)
 
 
 def _aside(plan: Trajectory, found: Alignment) -> Iterator[str]:
@@ -102,8 +123,7 @@ def _stuck(plan: Trajectory, found: Alignment) -> Iterator[str]:
     moments = np.interp(beats, flown.t_s[on], found.planned_s[on])
     wanted = optical_axis(interpolate(plan, np.clip(moments, plan.t_s[0], plan.t_s[-1])).quat_xyzw)
     stands = _angle_deg((axis[:-1] * axis[1:]).sum(axis=1)) < _STUCK_DEG
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], stands, [False]]).astype(int)))
-    for start, end in edges.reshape(-1, 2):
+    for start, end in _stretches(stands):
         turned = float(_angle_deg(wanted[start : end + 1] @ wanted[start]).max())
         length = float(beats[end] - beats[start]) if end < len(beats) else float(beats[-1] - beats[start])
         if length >= _STUCK_S and turned > _TURNED_DEG:

@@ -9,7 +9,15 @@ from __future__ import annotations
 
 from upplied.records.base import Bools, Floats, Ints, Record, Rows
 from upplied.records.flights import Camera, Demonstration, Trajectory
-from upplied.records.planning import Cloud, Correspondences, Registration, Viewpoints, Visibility, Waypoints
+from upplied.records.planning import (
+    Cloud,
+    Correspondences,
+    Displacement,
+    Registration,
+    Viewpoints,
+    Visibility,
+    Waypoints,
+)
 from upplied.records.plans import SURFACE_STATES, Counterpart, Measures, Plan, SupposedSurface, SurfaceStates
 from upplied.records.structures import Frame, Placement, Structure, StructureInFrame, Surroundings
 
@@ -21,6 +29,7 @@ __all__ = [
     "Correspondences",
     "Counterpart",
     "Demonstration",
+    "Displacement",
     "Floats",
     "Frame",
     "Ints",

@@ -85,6 +85,23 @@ class Registration(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class Displacement(Record):
+    """Where matched parts of a source lie on the registered target: an affine map each, and a smooth field.
+
+    The classes are those of `Correspondences.source_class`; what is in none has the last row, and no map.
+    """
+
+    matrix: Floats  # (C + 1, 3, 3) of each class: the part aligned with its counterpart
+    offset_m: Floats  # (C + 1, 3)
+    smooth: Bools  # (C + 1,) whether the smooth field is added
+    control_points: Floats  # (M, 3) m, source frame, after the maps
+    control_class: Ints  # (M,) -1 where in none
+    weights: Floats  # (M, 3) m
+    reach_m: float  # how far a control point is felt
+    step_m: Floats  # (2,) spacing of the samples of both by which it was found, source first
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Correspondences(Record):
     """For every point of the demonstration's cloud its counterpart on the target."""
 
@@ -94,6 +111,7 @@ class Correspondences(Record):
     summary: str = ""  # parts matched and parts left without a counterpart, in words
     source_class: Ints | None = None  # (K,) of each part of the demonstration's cloud, -1: in none
     target_class: Ints | None = None  # (L,) of each part of the target's: parts of one class were matched
+    displacement: Displacement | None = None  # by which parts were carried; None: nearest points
 
     def target_parts(self, part: int) -> Ints:
         """The target's parts that were matched with a part of the source; none where it was not."""

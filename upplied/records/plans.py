@@ -61,6 +61,7 @@ SURFACE_STATES = (
     "hardly inspected",
     "partly inspected",
     "inspected",
+    "seen if corrected",
 )
 
 
@@ -68,7 +69,8 @@ SURFACE_STATES = (
 class SurfaceStates(Record):
     """What became of each piece of a target's surface, or what of a source's was inspected, for reports.
 
-    `other` was not inspected by the demonstration, and `no counterpart` has no partner on the other one.
+    `other` was not inspected by the demonstration, and `no counterpart` has no partner on the other one. A
+    flight showed what is `seen if corrected` only if its log was rightly moved onto its plan.
     """
 
     points: Floats  # (N, 3) m, target frame

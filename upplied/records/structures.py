@@ -79,10 +79,17 @@ class Structure(Record):
     notes: str = ""
     # The rules that it broke when it was taken in, and what was overruled.
     verdicts_json: str = field(default="", metadata={"later": True})
+    # Declared: "drawn" or "scanned"; None: nobody said.
+    surface: str | None = field(default=None, metadata={"later": True})
     # Stated: how far its surface may lie from where the file has it, m; None: it is inferred.
     surface_error_m: float | None = field(default=None, metadata={"later": True})
     # Whether its pieces are parts, as those of a scan are not; None: nobody asked when it was taken in.
     tells_parts: bool | None = field(default=None, metadata={"later": True})
+
+    @property
+    def is_scan(self) -> bool:
+        """Whether it was scanned: a point cloud always, a mesh where that is declared."""
+        return self.surface == "scanned" or not len(self.triangles)
 
     @property
     def diagonal_m(self) -> float:

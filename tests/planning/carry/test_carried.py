@@ -42,6 +42,23 @@ def test_a_whole_flight_is_carried_with_what_it_is_to_show() -> None:
     assert np.array_equal(found.path.t_s, flight.t_s) and found.path.is_viewpoint.any()
 
 
+def test_the_simple_ways_are_carried_beside_it() -> None:
+    """As the boxes' ratio maps the flight, and of its own size about what it is to inspect."""
+    found, fit = carried("recommended"), take("recommended").pair.surface
+    flight = take("recommended").inspection.flight
+    boxed, rigid = found.others
+    ratio = np.ptp(fit.target.points, axis=0) / np.ptp(fit.source.points, axis=0)
+    low = fit.target.points.min(axis=0), fit.source.points.min(axis=0)
+    np.testing.assert_allclose(boxed.positions, low[0] + ratio * (flight.positions - low[1]), atol=1e-6)
+    weight = fit.source.areas * take("recommended").inspection.attention.weight
+    there, here = (
+        weight @ points / weight.sum() for points in (fit.correspondences.target_points, fit.source.points)
+    )
+    np.testing.assert_allclose(
+        rigid.positions - flight.positions, np.tile(there - here, (len(flight), 1)), atol=0.05
+    )
+
+
 @pytest.mark.parametrize("preset", ["paper", "baseline"])
 def test_published_viewpoints_are_carried_without_a_goal(preset: str) -> None:
     found, viewpoints = carried(preset), take(preset).inspection.viewpoints

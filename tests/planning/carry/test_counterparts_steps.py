@@ -30,7 +30,7 @@ from upplied.planning.carry.missing_parts import missing_of
 from upplied.planning.correspondence import agreement
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.never_scanned import NOTHING_MISSING, NeverScanned
-from upplied.planning.demonstration.repetition import Take
+from upplied.planning.demonstration.repetition import Attended, Take
 from upplied.planning.surface.parts import parts_of
 from upplied.records import Cloud, Correspondences, Counterpart, Floats, Frame, Ints, Registration
 
@@ -57,7 +57,7 @@ def take(
     carried: bool = True,
     inferred: int = -1,
     missing: NeverScanned = NOTHING_MISSING,
-) -> Take:
+) -> Attended:
     """A take whose source parts 0, 1 ... were matched with these of the target, -1 with none."""
     number = len(parts_of(target))
     matched = np.arange(len(parts_of(source))) if matched is None else matched
@@ -70,9 +70,6 @@ def take(
         registration=Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True, acceptance=0.5, scanned=0.4),
         carried=np.zeros(len(target), np.int64) if carried else None,
     )  # fmt: skip
-    attention = SimpleNamespace(
-        weight=np.ones(len(source)) if weight is None else weight, part=source.part if skin is None else skin
-    )
     pair = SimpleNamespace(
         surface=fit,
         source=SimpleNamespace(frame=Frame(), structure_id="here"),
@@ -80,9 +77,17 @@ def take(
         missing=missing,
     )
     made = SimpleNamespace(
-        pair=pair, inspection=SimpleNamespace(attention=attention), part=part, choice=choice
+        pair=pair,
+        weight=np.ones(len(source)) if weight is None else weight,
+        stretch=source.part if skin is None else skin,
+        part=part,
+        choice=choice,
     )
-    return cast(Take, made)
+    return cast(Attended, made)
+
+
+def flown(*attended: Attended) -> list[Take]:
+    return [cast(Take, SimpleNamespace(attended=one)) for one in attended]
 
 
 ONE = Counterpart("part_1 (left)", 60.0, twins=1, found=2, flown=("a",), left_out=("b", "c"), probability=0.9)
@@ -288,17 +293,17 @@ def test_a_side_for_which_nothing_is_flown_is_told_where_nothing_could_be_repeat
 def test_the_most_inspected_part_comes_first() -> None:
     weight = np.repeat([0.0, 0.4, 1.0], 60)
     own = take(weight=weight, skin=SOURCE.part, carried=False)
-    found = counterparts_of([own], SETTINGS)
+    found = counterparts_of(flown(own), SETTINGS)
     assert [one.part[:6] for one in found] == ["part_2", "part_1"]
     assert [one.inspected_pct for one in found] == pytest.approx([100 / 1.4, 40 / 1.4], abs=0.01)
     only = take(weight=weight, skin=SOURCE.part, carried=False, part=1, choice=1)
-    assert [one.part[:6] for one in counterparts_of([only], SETTINGS)] == ["part_1"]
-    assert counterparts_of([own], settings_for("paper")) == ()
+    assert [one.part[:6] for one in counterparts_of(flown(only), SETTINGS)] == ["part_1"]
+    assert counterparts_of(flown(own), settings_for("paper")) == ()
     each = settings_for("recommended", correspondence={"repeat": "each"})
-    told = counterparts_of([only], each)
+    told = counterparts_of(flown(only), each)
     assert [one.part[:6] for one in told] == ["part_2", "part_1"] and told[0].doubt
     second = take(weight=weight, skin=SOURCE.part, part=1, choice=2, carried=False)
-    twice = counterparts_of([only, second], SETTINGS)
+    twice = counterparts_of(flown(only, second), SETTINGS)
     assert len(twice) == 1 and len(twice[0].flown) == 2 and twice[0].left_out == ()
 
 

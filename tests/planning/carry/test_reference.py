@@ -45,15 +45,16 @@ def test_it_is_turned_as_the_target_is(fleet, kind, part, turn, search):
 
 def test_the_shape_that_bounds_the_planner_is_the_one_it_is_measured_by(fleet, monkeypatch):
     ship, bounds = fleet["cruise-v1"], []
-    kept = completing._within_bound
+    bounded = completing._within
     monkeypatch.setattr(
         completing,
-        "_within_bound",
-        lambda path, image, stands, reference, bound: (
-            bounds.append(zscored(reference)) or kept(path, image, stands, reference, bound)
+        "_within",
+        lambda bound, path, at, goal, safe: (
+            bounds.append(zscored(goal.reference @ goal.standing.T)) or bounded(bound, path, at, goal, safe)
         ),
     )
-    settings = settings_for("recommended", verdict=ANY, registration={"search": "heading"})
+    asked = {"registration": {"search": "heading"}, "refine": {"deviation": 0.5}}
+    settings = settings_for("recommended", verdict=ANY, **asked)
     flight, turn = fly(ship, "hull", seed=1), about_z(29)
     plan = plan_transfer(flight, ship, moved_structure(ship, turn), settings)
     true = zscored(flight.positions @ turn.T @ plan.registration.turn.T)

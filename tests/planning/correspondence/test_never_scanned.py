@@ -9,9 +9,12 @@ import pytest
 from made_scans import END, as_cloud, body, cut
 
 from upplied.config import settings_for
+from upplied.planning.correspondence.fit import Fit
+from upplied.planning.correspondence.memo import no_memo
 from upplied.planning.correspondence.never_scanned import (
     NOTHING_MISSING,
     NeverScanned,
+    missing_from,
     never_scanned,
     supposed_surface,
     without,
@@ -55,6 +58,17 @@ def test_nothing_is_missing_of_what_is_closed(form: str) -> None:
     found = missing_of(body(), whole)
     assert not len(found.beyond) and not len(found.opening)
     assert supposed_surface(found) is None and scene_for(whole, None) is scene_of(whole)
+
+
+def test_only_a_scan_is_asked_what_was_never_scanned_of_it() -> None:
+    hull, here, none = cut(body()), samples(body()), np.empty(0, np.int64)
+    for surface in ("scanned", "drawn", None):
+        target = replace(hull, surface=surface)
+        there, scenes = samples(target), (scene_of(body()), scene_of(target))
+        fit = Fit(here, there, SAME, Correspondences(none, none * 1.0, np.empty((0, 3)), ""))
+        found = missing_from(fit, (body(), target), scenes, CLOUDS, no_memo)
+        assert (len(found.beyond) > 0) == (surface == "scanned")
+        assert (found is NOTHING_MISSING) == (surface != "scanned")
 
 
 def test_what_is_open_on_both_was_meant_to_be() -> None:

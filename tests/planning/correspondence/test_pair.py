@@ -140,7 +140,8 @@ def told_by(one: int, monkeypatch: pytest.MonkeyPatch, blades: bool = False) -> 
 
     monkeypatch.setattr(pair, "rotor_turned", rotor_turned)
     monkeypatch.setattr(pair, "_with_carried", with_carried)
-    monkeypatch.setattr(pair, "skin_of", lambda *of: SimpleNamespace(label=(of[0].sha256, of[2])))
+    monkeypatch.setattr(pair, "skin_of", lambda *of: SimpleNamespace(of=lambda cloud: (of[0].sha256, of[2])))
+    monkeypatch.setattr(pair, "middle_of", lambda stretch: stretch)
     monkeypatch.setattr(pair, "blades_of", lambda cloud: np.full(len(cloud), blades))
     monkeypatch.setattr(pair, "_registered", registered)
     monkeypatch.setattr(pair, "_matched", matched)

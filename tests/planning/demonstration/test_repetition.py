@@ -43,7 +43,7 @@ def test_the_engine_is_what_the_flight_round_it_is_about(fleet, engine):
     settings = settings_for("recommended")
     pair = study_pair(fleet["a320-v1"], fleet["b747-v1"], settings)
     (take,) = takes_of(engine, pair, settings)
-    part = parts_of(pair.surface.source).middle[demonstrated_part(take)]
+    part = parts_of(pair.surface.source).middle[demonstrated_part(take.attended)]
     assert 4 < part[1] < 8 and part[2] < 3  # under the left wing of an A320
 
 
@@ -113,7 +113,7 @@ def test_each_engine_is_found_on_a_target_that_is_turned(fleet, engine):
         places = []
         for take in takes_of(engine, each, settings):
             fit = take.pair.surface
-            mine = labels_of(fit.source) == demonstrated_part(take)
+            mine = labels_of(fit.source) == demonstrated_part(take.attended)
             points = fit.correspondences.target_points[mine & (fit.correspondences.target_index >= 0)]
             places.append((points @ back).mean(axis=0))
         centres.append(np.array(places))
@@ -131,7 +131,7 @@ def test_each_engine_is_flown_from_its_own_side(fleet, engine):
     assert flown == [1, 1, -1, -1]
     for take, side in zip(takes, flown, strict=True):
         seen = take.inspection.visibility.total & (take.pair.surface.correspondences.target_index >= 0)
-        part = demonstrated_part(take)
+        part = demonstrated_part(take.attended)
         own = seen & (labels_of(take.pair.surface.source) == part)
         there = take.pair.surface.correspondences.target_points[own, 1]
         assert np.sign(np.median(there)) == side

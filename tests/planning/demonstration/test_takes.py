@@ -16,6 +16,7 @@ from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration import repetition
 from upplied.planning.demonstration.repetition import (
+    Attended,
     Take,
     _on_this_side,
     _shows_each,
@@ -77,6 +78,12 @@ def take(
     return cast(Take, SimpleNamespace(inspection=inspection, pair=pair))
 
 
+def attended(source: Cloud, weight: Floats, **more: Any) -> Attended:
+    """A flight as even samples tell."""
+    pair = take(source=source, **more).pair
+    return cast(Attended, SimpleNamespace(pair=pair, weight=weight))
+
+
 def test_flights_follow_one_another_after_ten_seconds() -> None:
     one, two = flight(3, 5.0), flight(2, 100.0)
     both = joined([one, two])
@@ -103,25 +110,16 @@ def test_what_was_inspected_is_shown_in_three_steps_and_what_of_it_has_no_counte
 TWO = boxes(([0, 0, 0], [10, 10, 10]), ([30, 0, 0], [2, 2, 2]), number=60)
 
 
-def test_the_part_that_is_meant_fills_the_picture_and_most_of_it_is_seen() -> None:
+def test_the_demonstrated_part_has_most_of_what_was_inspected() -> None:
     """Little of a large part near by, against most of a small one far off."""
-    at = np.array([[20.0, 5, 5], [24, 1, 1]])
-    seen = np.zeros((2, 120), bool)
-    seen[:, 60:] = True
-    for share in (6, 30, 60):
-        seen[:, :share] = True
-        own = replace(flight(2), positions=at)
-        rays = at[:, None] - TWO.points
-        assert TWO.area_m2 is not None
-        filled = (seen * TWO.area_m2 / (rays**2).sum(axis=2)).sum(axis=0)
-        score = [filled[:60].sum() * (share / 60) ** 2, filled[60:].sum()]
-        assert demonstrated_part(take(own, source=TWO, seen=seen)) == int(np.argmax(score))
-    plain = Cloud(TWO.points, TWO.normals, None, TWO.part)
-    counted = (seen / (rays**2).sum(axis=2)).sum(axis=0)  # each sample as much as any
-    most = int(counted[60:].sum() > counted[:60].sum())
-    assert demonstrated_part(take(own, source=plain, seen=seen)) == most == 1
-    same = replace(own, positions=TWO.points[[0, 1]])  # a camera on a sample divides by nothing
-    assert demonstrated_part(take(same, source=TWO, seen=seen)) in (0, 1)
+    weight = np.zeros(120)
+    weight[60:] = 1.0
+    assert TWO.area_m2 is not None
+    for share in (0, 1, 2, 60):
+        weight[:share] = 1.0
+        areas = TWO.area_m2[:share].sum(), TWO.area_m2[60:].sum()
+        assert demonstrated_part(attended(TWO, weight)) == int(np.argmax(areas))
+    assert demonstrated_part(attended(TWO, np.zeros(120))) == 0
 
 
 def test_parts_with_a_tenth_of_what_was_inspected_are_asked_about_the_most_inspected_first() -> None:
@@ -129,16 +127,16 @@ def test_parts_with_a_tenth_of_what_was_inspected_are_asked_about_the_most_inspe
     weight = np.array([1.0, 0, 1, 1, 1, 0.2, 0.2, 0, 0])
     source = Cloud(np.zeros((9, 3)), None, np.array([2.0, 1, 1, 1, 3, 1, 1, 1, 1]), label)
     whole = 2 + 5 + 0.4
-    found = inspected_parts(take(source=source, weight=weight), label)
+    found = inspected_parts(attended(source, weight), label)
     assert [part for part, _ in found] == [1, 0]
     assert [share for _, share in found] == pytest.approx([5 / whole, 2 / whole])
     plain = Cloud(source.points, None, None, label)
-    found = inspected_parts(take(source=plain, weight=weight), label)
+    found = inspected_parts(attended(plain, weight), label)
     assert found == [(1, pytest.approx(3 / 4.4)), (0, pytest.approx(1 / 4.4))]
-    assert inspected_parts(take(source=source, weight=np.zeros(9)), label) == []
+    assert inspected_parts(attended(source, np.zeros(9)), label) == []
     many = np.arange(30)
     even = Cloud(np.zeros((30, 3)), None, None, many)
-    assert len(inspected_parts(take(source=even, weight=np.ones(30)), many)) == 30  # each below a tenth
+    assert len(inspected_parts(attended(even, np.ones(30)), many)) == 30  # each below a tenth
 
 
 def demonstration(positions: Floats, quats: Floats, sha256: str = "abc") -> Demonstration:
@@ -180,23 +178,20 @@ def pods(*places: Any) -> Cloud:
     return boxes(HULL, *places, number=60)
 
 
-def about(weights: dict[int, float], answers: list[int]) -> Take:
+def about(weights: dict[int, float], answers: list[int]) -> Attended:
     """A flight at some pods of a hull with two, to one with three; the parts that correspond are given."""
     source, target = pods(LEFT, RIGHT), pods(LEFT, RIGHT, TOP)
     weight = np.array([weights.get(int(part), 0.0) for part in source.part])  # type: ignore[union-attr]
-    seen = np.tile(weight > 0, (2, 1))
-    known = {"weight": weight, "seen": seen, "source_class": np.arange(3)}
     answering = np.array([answers.index(part) if part in answers else -1 for part in range(4)])
-    return take(source=source, target=target, target_class=answering, **known)
+    return attended(source, weight, target=target, target_class=answering, source_class=np.arange(3))
 
 
 def test_a_flight_shows_each_where_every_part_of_the_kind_was_inspected() -> None:
     assert not _shows_each(about({1: 1.0}, [0, 1, 2]))  # one of two
     assert not _shows_each(about({1: 1.0, 2: 1.0}, [0, 1, 2]))  # a third has no counterpart
     two = about({1: 1.0, 2: 1.0}, [0, 1, 2])
-    inspection, source = two.inspection, two.pair.surface.source
-    known = {"weight": inspection.attention.weight, "seen": inspection.visibility.seen}
-    fewer = take(source=source, source_class=np.arange(3), target_class=np.arange(3), **known)
+    source = two.pair.surface.source
+    fewer = attended(source, two.weight, source_class=np.arange(3), target_class=np.arange(3))
     assert _shows_each(fewer)
 
 
@@ -229,26 +224,28 @@ def test_what_corresponds_to_another_kind_is_no_choice() -> None:
 
 def flown_again(
     repeat: str, monkeypatch: pytest.MonkeyPatch, **known: Any
-) -> list[tuple[str, Any, int, int, Any]]:
-    """Which flights are flown, with which pair, part and choice, and the counterparts that were asked for."""
+) -> list[tuple[str, Any, Any, int, int]]:
+    """Which flights are flown, with which pair and counterparts, part and choice."""
     choices = known.get("choices", {4: [7, 8], 5: [9]})
     changed = {
-        "inspect_demonstration": lambda flown, pair, settings, memo: (flown, settings),
+        "skin_of": lambda *of: None,
+        "attended_by": lambda flown, *of: (None, SimpleNamespace(weight=None, part=None)),
+        "_with_fine_samples": lambda flights, *of: flights,
         "mirrored": lambda flown, source: f"{flown} mirrored",
-        "demonstrated_part": lambda one: 5 if "mirrored" in one.inspection[0] else 4,
+        "demonstrated_part": lambda one: 5 if "mirrored" in one.flight else 4,
         "_shows_each": lambda one: known.get("shows_each", False),
         "_on_this_side": lambda part, pair: choices[part],
-        "_matched_anew": lambda pair, settings, memo: "anew",
+        "_matched_anew": lambda pair, settings, memo: ("anew", settings.correspondence.counterparts),
     }
     for name, changes in changed.items():
         monkeypatch.setattr(repetition, name, changes)
     method = known.get("method", "parts")
     settings = settings_for("recommended", correspondence={"repeat": repeat})
     settings = replace(settings, correspondence=replace(settings.correspondence, method=method))
-    pair = cast(Pair, SimpleNamespace(source=None))
+    pair = cast(Pair, SimpleNamespace(source=None, source_scene=None, surface=SimpleNamespace(source=None)))
     takes = takes_of(cast(Demonstration, "flight"), pair, settings)
     return [
-        (one.inspection[0], one.pair, one.part, one.choice, one.inspection[1].correspondence.counterparts)  # type: ignore[index]
+        (one.flight, *(one.pair if isinstance(one.pair, tuple) else (one.pair, ())), one.part, one.choice)  # type: ignore[attr-defined]
         for one in takes
     ]
 
@@ -256,9 +253,9 @@ def flown_again(
 def test_each_part_is_flown_from_its_side(monkeypatch: pytest.MonkeyPatch) -> None:
     found = flown_again("each", monkeypatch)
     assert found == [
-        ("flight", "anew", 4, 7, (("part_4", "part_7"),)),
-        ("flight", "anew", 4, 8, (("part_4", "part_8"),)),
-        ("flight mirrored", "anew", 5, 9, (("part_5", "part_9"),)),
+        ("flight", "anew", (("part_4", "part_7"),), 4, 7),
+        ("flight", "anew", (("part_4", "part_8"),), 4, 8),
+        ("flight mirrored", "anew", (("part_5", "part_9"),), 5, 9),
     ]
 
 
@@ -266,7 +263,7 @@ def test_without_repetition_or_where_nothing_is_like_it_the_flight_is_flown_once
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for repeat, known in (("", {}), ("each", {"shows_each": True}), ("each", {"choices": {4: [], 5: []}})):
-        ((flown, pair, part, choice, pinned),) = flown_again(repeat, monkeypatch, **known)
+        ((flown, pair, pinned, part, choice),) = flown_again(repeat, monkeypatch, **known)
         assert (flown, part, choice, pinned) == ("flight", -1, -1, ()) and pair != "anew"
     mirror = flown_again("mirror", monkeypatch, shows_each=True)
     assert [one[0] for one in mirror] == ["flight", "flight mirrored"]

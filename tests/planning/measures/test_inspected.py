@@ -116,7 +116,7 @@ def test_shown_as_well_is_what_brute_force_says(take: Take, plan: Trajectory) ->
         near = length <= np.nan_to_num(inspected.standoff_m) / 0.8
         as_well |= seen[row] & slow & near
     wanted = inspected.need > 0
-    assert 0.1 < as_well[wanted].mean() < 0.9  # the plan shows some of it, and misses some
+    assert 0.05 < as_well[wanted].mean() < 0.9  # the plan shows some of it, and misses some
     assert np.mean(as_well[wanted] != found.as_well[wanted]) < 0.01
     share = 100 * inspected.need[as_well].sum() / (inspected.need.sum() + inspected.without)
     measures = inspected_measures(found, planned, [take])
@@ -168,7 +168,7 @@ def test_without_counterpart_counts_as_not_shown(take: Take, plan: Trajectory) -
 def same_place(take: Take) -> Take:
     """The cube as its own target."""
     pair = study_pair(take.pair.source, take.pair.source, SETTINGS)
-    return replace(take, pair=pair)
+    return takes_of(take.attended.flight, pair, SETTINGS)[0]
 
 
 def test_flying_the_demonstration_itself_shows_all_of_it(take: Take) -> None:

@@ -40,6 +40,10 @@ def test_a_noisy_cloud_shows_its_inside_where_its_end_is_missing_and_not_where_i
     assert scan.open is not None and scan.points[scan.open, 0].max() > 3
 
 
-def test_what_pieces_tell_the_parts_of_is_a_model_and_not_asked() -> None:
+def test_what_is_no_scan_is_not_asked_however_open_it_is() -> None:
     assert samples(member("a320-v1").structure).open is None
-    assert share(samples(body())) == 0
+    hull = replace(cut(body()), surface="drawn")
+    for drawn in (hull, replace(hull, surface=None)):
+        assert samples(drawn).open is None
+    assert share(samples(cut(body()))) > 0.3
+    assert share(samples(replace(body(), surface="scanned"))) == 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull, cKDTree
@@ -180,7 +182,10 @@ def test_what_was_never_scanned_does_not_show_the_inside_of_the_rest(cut: float,
     faces = faces[points[faces].mean(axis=1)[:, 0] < 12 - 24 * cut]
     corners = points[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    found = sample(mesh((points, faces[:, ::-1] if flip else faces)))
+    drawn = mesh((points, faces[:, ::-1] if flip else faces))
+    whole, found = sample(drawn), sample(replace(drawn, surface="scanned"))
+    inward = np.einsum("ij,ij->i", whole.normals, whole.points * [0, 1, 1]) < 0
+    assert inward.mean() > 0.06  # what was drawn is open as it is meant to be
     outward = np.einsum("ij,ij->i", found.normals, found.points * [0, 1, 1])
     assert (outward > 0).mean() > 0.95
     assert found.area_m2.sum() == pytest.approx(area.sum() / 2, rel=0.05)

@@ -9,7 +9,7 @@ from upplied.config import OptimiseSettings, RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.looks import looks_aside
-from upplied.planning.trajectory.optimise import Problem, optimise
+from upplied.planning.trajectory.optimise import Problem, Start, _towards, optimise
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.shape import Shape
 from upplied.planning.trajectory.view import View
@@ -48,8 +48,7 @@ def problem(view: View, path: Flown, **changes) -> Problem:
     foot = (path.positions[::5] * [1, 0, 1])[:, None]
     standoff = Standoff(np.arange(0, COUNT, 5), foot, np.abs(path.positions[::5, 1]))
     made = Problem(
-        flown=path.positions,
-        carried=path,
+        starts=(Start(path, path),),
         demonstrated=Shape.of(path.positions, np.eye(3)),
         view=view,
         standoff=standoff,
@@ -57,6 +56,7 @@ def problem(view: View, path: Flown, **changes) -> Problem:
         speed_mps=np.ones(COUNT),
         turned_rad=np.pi / 2,
         pan_radps=0.2,
+        aside_rad=np.zeros(COUNT),
     )
     return replace(made, **changes)
 
@@ -95,15 +95,15 @@ def test_a_path_that_shows_all_stays_where_it_is(wall: View):
     assert np.abs(done.yaw - path.yaw).max() < np.radians(1)
 
 
-def test_what_the_camera_alone_can_show_is_shown_from_the_carried_path(wall: View):
-    """The camera looks a little too high for the lowest row: it is turned, and the path stays."""
+def test_a_camera_that_looks_too_high_is_turned_down_and_the_path_hardly_left(wall: View):
+    """The lowest row is missed; a path 6 m off is moved by a sixth of that at most."""
     low = np.abs(wall.cloud.points[:, 2] - 1.5) < 2
     few = replace(wall, need=np.where(low, 1 / low.sum(), 0.0))
     path = replace(along(), pitch=np.full(COUNT, np.radians(9)))
     assert shown(few, path) < 0.9
     done = result(few, problem(few, path))
     assert shown(few, done) == pytest.approx(1)
-    assert np.linalg.norm(done.positions - path.positions, axis=1).max() < 0.02
+    assert np.linalg.norm(done.positions - path.positions, axis=1).max() < 1.0
     assert done.pitch.mean() < path.pitch.mean() - np.radians(2)
 
 
@@ -113,7 +113,7 @@ def test_it_comes_no_nearer_to_the_structure_than_the_carried_path(wall: View):
     middle = np.abs(wall.cloud.points[:, 0]) < 3
     strict = replace(wall, need=np.where(middle, 1 / middle.sum(), 0.0), farthest_m=np.full(len(middle), 4.2))
     kept, nearer = (
-        result(strict, problem(strict, path), shape=0.0, place=0.0, standoff=0.0, clearance=weight)
+        result(strict, problem(strict, path), shape=0.0, standoff=0.0, axis=0.0, clearance=weight)
         for weight in (50.0, 0.0)
     )
     assert np.abs(kept.positions[:, 1]).min() > 4.7
@@ -130,7 +130,7 @@ def test_a_heavier_shape_strays_less(wall: View):
     frontal = replace(wall, settings=VisibilitySettings(occlusion=True, max_incidence_deg=50))
     path = along(y=-3.0)  # from here the upper rows are seen too obliquely, wherever the camera looks
     asked = problem(frontal, path)
-    loose, strict = (result(frontal, asked, shape, place=0.0) for shape in (0.01, 10.0))
+    loose, strict = (result(frontal, asked, shape) for shape in (0.01, 10.0))
     assert shown(frontal, loose) > shown(frontal, path) + 0.1
     one = Shape.of(path.positions, np.eye(3))
     assert one.value(strict)[0] < one.value(loose)[0]
@@ -138,7 +138,7 @@ def test_a_heavier_shape_strays_less(wall: View):
 
 def test_the_safety_distance_is_kept_by_a_path_that_starts_too_near(wall: View):
     path = along(y=-1.0)
-    done = result(wall, problem(wall, path), place=0.0, standoff=0.0)
+    done = result(wall, problem(wall, path), standoff=0.0)
     assert np.abs(done.positions[:, 1]).min() > 1.9
 
 
@@ -189,3 +189,35 @@ def test_what_is_shown_already_asks_for_no_look(wall: View):
     blind = replace(wall, need=np.where(wall.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch),
                     np.arange(len(wall.need))), 1.0, 0.0))  # fmt: skip
     assert looks_aside(path, blind, 0.0, 1.0) is path
+
+
+def test_the_camera_looks_as_near_to_what_was_inspected_as_the_experts_did(wall: View):
+    """A post in the middle of the wall that all stations show at the rim of their pictures."""
+    post = np.where(np.abs(wall.cloud.points[:, 0]) < 1, 1.0, 0.0)
+    post = replace(wall, need=post / post.sum(), inspected=post > 0, farthest_m=np.full(len(post), 40.0))
+    towards = np.arctan2(6.0, -along().positions[:, 0])
+    path = replace(along(), yaw=towards + np.radians(25))
+    centred, as_expert = (
+        result(post, replace(problem(post, path), aside_rad=np.full(COUNT, aside))) for aside in (0.0, 0.5)
+    )
+    off = [
+        np.abs(done.yaw - np.arctan2(-done.positions[:, 1], -done.positions[:, 0]))
+        for done in (centred, as_expert)
+    ]
+    assert np.degrees(off[0].mean()) < 12 < np.degrees(off[1].mean())
+
+
+def test_of_several_starts_the_best_is_taken(wall: View):
+    """The first looks away from the wall; neither the order nor a start that shows nothing matters."""
+    away, good = along(yaw=-np.pi / 2), along()
+    asked = problem(wall, good)
+    best = result(wall, replace(asked, starts=(Start(good, good),)))
+    for starts in ((away, good), (good, away)):
+        done = result(wall, replace(asked, starts=tuple(Start(path, path) for path in starts)), starts=1)
+        np.testing.assert_array_equal(done.yaw, best.yaw)
+
+
+def test_a_start_is_left_only_as_far_as_that_is_worth_it():
+    here, there = np.zeros(3), np.array([1.0, -2, 4])
+    for gain, share in ((-0.1, 0.0), (0.0, 0.0), (0.0005, 0.25), (0.002, 1.0), (0.5, 1.0)):
+        np.testing.assert_allclose(_towards(here, there, gain), share * there)

@@ -11,11 +11,10 @@ from upplied.planning.carry.standoff import Standoff
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms import Term
+from upplied.planning.trajectory.terms.axis import Axis, aims, angles, axes
 from upplied.planning.trajectory.terms.clearance import Clearance
 from upplied.planning.trajectory.terms.coverage import Coverage
-from upplied.planning.trajectory.terms.place import Place
 from upplied.planning.trajectory.terms.shape import Shape
-from upplied.planning.trajectory.terms.smoothness import Smoothness
 from upplied.planning.trajectory.terms.standoff import StandoffKept
 from upplied.planning.trajectory.terms.turning import Turning
 from upplied.planning.trajectory.view import View
@@ -25,7 +24,7 @@ from upplied.scene import Scene
 
 STATIONS = 14
 NAMES = (
-    "clearance", "coverage", "frontal", "round", "place", "shape", "smoothness", "standoff", "turning",
+    "axis", "clearance", "coverage", "frontal", "round", "shape", "standoff", "turning",
 )  # fmt: skip
 
 
@@ -72,13 +71,12 @@ def term(name: str, view: View) -> Term:
     frontal = replace(view, least_cosine=cosines)
     around = replace(view, camera=replace(view.camera, hfov_deg=220))
     return {
+        "axis": lambda: Axis(seen[0][:5], np.array([0.0, 0.1, np.nan, 0.3, 0.05]), 3),
         "clearance": lambda: Clearance.of(airspace, path),
         "coverage": lambda: coverage(view, path, 0.15),
         "frontal": lambda: coverage(frontal, path, 0.15),
         "round": lambda: coverage(around, path, 0.15),
-        "place": lambda: Place(other.positions, 3.0),
         "shape": lambda: Shape.of(other.positions, turned),
-        "smoothness": lambda: Smoothness(other.positions, 1.0, 5.0),
         "standoff": lambda: StandoffKept.of(standoff, path, 0.08),
         "turning": lambda: Turning(other.yaw, other.pitch, 2.0),
     }[name]()
@@ -159,13 +157,28 @@ def test_a_camera_turned_aside_once_and_for_all_costs_no_turning():
     assert there_and_back == pytest.approx(0.5, rel=0.2)  # twice half a radian, over two
 
 
-def test_a_circle_of_the_stand_offs_radius_is_one_unit_of_curving():
-    angle, radius = np.linspace(0, 2 * np.pi, 400), 5.0
-    circle = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(400)])
-    straight = np.zeros((400, 3))
-    one = Smoothness(straight, radius * angle[1], radius)
-    assert one.value(Flown(circle, angle, angle))[0] == pytest.approx(1, rel=1e-3)
-    assert one.value(Flown(straight + np.array([1.0, 2, 3]), angle, angle))[0] == 0
+def test_an_axis_beside_the_inspected_surface_costs_what_the_expert_did_not_look_aside():
+    """A camera 10 m before a patch, which it looks 0.3 rad past; the expert looked 0.1 rad past it."""
+    path = Flown(np.zeros((4, 3)), np.full(4, 0.3), np.zeros(4))
+    patch = np.tile([10.0, 0, 0], (4, 1))
+    past = 2 * np.sin(0.15) - 0.1
+    assert Axis(patch, np.full(4, 0.1), 1).value(path)[0] == pytest.approx(past**2)
+    assert Axis(patch, np.full(4, 0.4), 1).value(path)[0] == 0
+    unseen = np.array([0.1, np.nan, 0.1, np.nan])
+    assert Axis(patch, unseen, 1).value(path)[0] == pytest.approx(past**2 / 2)
+
+
+def test_the_aim_is_the_inspected_surface_next_to_the_optical_axis():
+    """Two patches 0.8 rad apart: the nearer one is aimed at, whatever the other weighs, if it is seen."""
+    patches = np.array([[10.0, 1, 0], [10 * np.cos(0.8), 10 * np.sin(0.8), 0]])
+    place, ahead = np.zeros((1, 3)), axes(np.zeros(1), np.zeros(1))
+    weight = np.array([1.0, 100.0])
+    near = aims(place, ahead, patches, weight, np.array([[True, True]]))
+    np.testing.assert_allclose(near[0], patches[0], atol=1e-6)
+    far = aims(place, ahead, patches, weight, np.array([[False, True]]))
+    np.testing.assert_allclose(far[0], patches[1])
+    assert angles(place, ahead, far) == pytest.approx(2 * np.sin(0.4))
+    assert np.isnan(aims(place, ahead, patches, weight, np.array([[False, False]]))).all()
 
 
 def test_stand_off_costs_nothing_within_its_tolerance():

@@ -65,7 +65,7 @@ OF_SCANS = (
         "surface_error_m",
         "m",
         "how far a target's surface may lie from where it is taken to be, farther where a scan is thin; "
-        "0 where it was drawn",
+        "0 where it is declared drawn",
     ),
     _positive(
         "never_scanned_m2",

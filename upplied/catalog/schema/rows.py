@@ -78,6 +78,7 @@ def structure_row(structure: Structure, mesh_sha256: str) -> Row:
         "landmarks_json": json_text({name: list(map(float, at)) for name, at in structure.landmarks.items()}),
         "symmetric": structure.symmetric,
         "tells_parts": structure.tells_parts,
+        "surface": structure.surface,
         "surface_error_m": structure.surface_error_m,
         "findings": "; ".join(_found(item) for item in json.loads(structure.verdicts_json or "[]")),
         "verdicts_json": structure.verdicts_json,
@@ -117,6 +118,7 @@ def structure_of(row: Row, mesh: Structure) -> Structure:
         symmetric=row["symmetric"],
         notes=row["notes"],
         verdicts_json=row["verdicts_json"],
+        surface=row["surface"] or None,
         surface_error_m=row["surface_error_m"],
         tells_parts=row["tells_parts"],
     )

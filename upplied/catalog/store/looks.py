@@ -5,7 +5,7 @@ A patch is a sample of the structure's surface, as plans are judged on; only tho
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 
 from upplied.records import Floats, Ints, Record
 
@@ -24,3 +24,15 @@ class StoredLooks(Record):
     # Of the most frontal look; None: not told then.
     frontal_distance_m: Floats | None = field(default=None, metadata={"later": True})  # (K,)
     frontal_incidence_deg: Floats | None = field(default=None, metadata={"later": True})  # (K,)
+    # 1 where it was seen only if the correction of the log is right; None: nothing was corrected.
+    assumed: Ints | None = field(default=None, metadata={"later": True})  # (K,)
+
+    @property
+    def certain(self) -> StoredLooks:
+        """The looks that do not depend on a correction of the log."""
+        if self.assumed is None:
+            return self
+        columns = [item.name for item in fields(self) if item.name not in ("samples_sha256", "assumed")]
+        values = {name: getattr(self, name) for name in columns}
+        known = {name: value[self.assumed == 0] for name, value in values.items() if value is not None}
+        return replace(self, assumed=None, **known)

@@ -1,9 +1,9 @@
-"""Plans and demonstrations in the layout of LeRobot's datasets, version 3.
+"""Demonstrations and plans in the layout of LeRobot's datasets, version 3.
 
 An episode is a trajectory, a frame is a pose at a steady rate. State and action are the pose of the
-camera in the structure frame (x y z, m; quaternion x y z w); the action is the pose of the next
-frame. What the layout has no place for (structure, operator, measures, hashes) stands beside each
-episode in ``meta/episodes``.
+camera in the structure frame (x y z, m; quaternion x y z w, continuous); the action is the pose of the
+next frame. What the layout has no place for (structure, operator, measures, hashes) stands beside each
+episode in ``meta/episodes``, and what a person should know in ``README.md``.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from io import BytesIO
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,9 @@ import pyarrow.parquet as pq
 from upplied import poses
 from upplied.catalog.store.files import replace_file
 from upplied.catalog.verbs.dataset_files import new_folder, with_path
-from upplied.catalog.verbs.tum import write_splits
+from upplied.catalog.verbs.lerobot_card import data_card
+from upplied.catalog.verbs.lerobot_episodes import Episode, of_demonstrations, of_plans
+from upplied.catalog.verbs.tum import SHARES, kinds_of, split_of, write_splits
 from upplied.errors import InputError
 from upplied.records import Floats, Trajectory
 
@@ -41,9 +44,15 @@ _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
 def export_lerobot(
-    catalog: Catalog, folder: str | os.PathLike[str], transfers: pd.DataFrame | Sequence[str], fps: int = 10
+    catalog: Catalog,
+    folder: str | os.PathLike[str],
+    transfers: pd.DataFrame | Sequence[str],
+    fps: int = 10,
+    demonstrations: Sequence[str] | None = None,
+    licence: str = "",
+    attribution: str = "",
 ) -> dict[str, int]:
-    """Write the trajectories of some plans as a dataset in LeRobot's layout, version 3.
+    """Write plans, and the demonstrations, as a dataset in LeRobot's layout, version 3, with a data card.
 
     Parameters
     ----------
@@ -53,50 +62,69 @@ def export_lerobot(
     transfers : DataFrame or sequence of str
         Rows of `Catalog.transfers`, or names of plans; those without a trajectory are left out.
     fps : int
-        Frames a second; trajectories are interpolated at this rate.
+        Frames a second; trajectories are interpolated at this rate, but for the gaps of a log.
+    demonstrations : sequence of str, optional
+        Ids; by default every one in use.
+    licence, attribution : str
+        As an SPDX name or in words, and whom to name.
 
     Returns
     -------
     dict
-        Number of episodes and frames.
+        Number of episodes, plans, demonstrations (an episode for each stretch without a gap) and frames.
+
+    Raises
+    ------
+    InputError
+        Where the folder is not empty, or there is nothing to write.
     """
     place = new_folder(folder)
     rows = with_path(catalog, transfers)
-    if not rows or fps < 1:
-        found = f"{len(rows)} plans with a trajectory, at {fps} frames a second"
+    flown = catalog.demonstrations()
+    if demonstrations is not None:
+        flown = flown[flown["demonstration_id"].isin(demonstrations)]
+    if not len(rows) + len(flown) or fps < 1:
+        found = (
+            f"{len(rows)} plans with a trajectory and {len(flown)} demonstrations, at {fps} frames a second"
+        )
         raise InputError("episodes", found, "at least one of each")
-    tasks = {task: at for at, task in enumerate(dict.fromkeys(map(_task, rows)))}
-    episodes: list[dict[str, Any]] = []
+    known = {row["demonstration_id"]: row for row in catalog.demonstrations().to_dict("records")}
+    side, own = split_of(kinds_of(catalog)), {name: known[name] for name in flown["demonstration_id"]}
+    episodes = [*of_demonstrations(catalog, own, rows, side, fps), *of_plans(catalog, rows, known, side)]
+    episodes.sort(key=lambda each: list(SHARES).index(each.split))  # a split is a range of episodes
+    tasks = {task: at for at, task in enumerate(dict.fromkeys(each.task for each in episodes))}
+    described: list[dict[str, Any]] = []
     frames: list[dict[str, Any]] = []  # of the file being filled
     total = files = 0
-    for number, row in enumerate(rows):
-        made = _frames(catalog.path_of(row), fps, number, tasks[_task(row)], total)
+    for number, each in enumerate(episodes):
+        made = _frames(each.path, fps, number, tasks[each.task], total)
         count = len(made["index"])
         if frames and sum(len(part["index"]) for part in frames) + count > _FRAMES_A_FILE:
             _write_frames(place, files, frames)
             frames, files = [], files + 1
         frames.append(made)
-        episodes.append(_episode(row, made, total, total + count, files))
+        described.append(_episode(each, made, total, total + count, files))
         total += count
     _write_frames(place, files, frames)
-    _write(place / _EPISODES, pa.Table.from_pylist(episodes))
+    _write(place / _EPISODES, pa.Table.from_pylist(described))
     by_task = pd.DataFrame({"task_index": list(tasks.values())}, index=pd.Index(tasks, name="task"))
     _write(place / "meta" / "tasks.parquet", pa.Table.from_pandas(by_task))
-    replace_file(place / "meta" / "stats.json", _json(_overall(episodes)))
-    write_splits(catalog, place / "meta", rows)
-    replace_file(place / "meta" / "info.json", _json(_info(len(rows), total, len(tasks), fps)))
-    return {"episodes": len(rows), "frames": total}
-
-
-def _task(row: Mapping[str, Any]) -> str:
-    return f"Inspect the {row['kind']} {row['target_id']} as shown in {row['demonstration_id']}."
+    replace_file(place / "meta" / "stats.json", _json(_overall(described)))
+    write_splits(catalog, place / "meta", rows, flown["demonstration_id"], described)
+    info = _info(described, total, len(tasks), fps)
+    replace_file(place / "meta" / "info.json", _json(info))
+    replace_file(place / "README.md", data_card(described, info, licence, attribution).encode())
+    return {"episodes": len(episodes), "plans": len(rows), "demonstrations": len(flown), "frames": total}
 
 
 def _frames(path: Trajectory, fps: int, episode: int, task: int, first: int) -> dict[str, Any]:
-    """Frames of one episode, at a steady rate."""
+    """Frames of one episode, at a steady rate; the sign of the quaternion does not jump."""
     count = max(1, int(np.floor(path.t_s[-1] * fps + 1e-9)) + 1)
     steady = poses.interpolate(path, np.arange(count) / fps)
-    state = np.column_stack([steady.positions, steady.quat_xyzw]).astype(np.float32)
+    quats = steady.quat_xyzw.copy()
+    turned = (quats[1:] * quats[:-1]).sum(axis=1) < 0
+    quats[1:] *= np.where(np.cumsum(turned) % 2, -1.0, 1.0)[:, None]
+    state = np.column_stack([steady.positions, quats]).astype(np.float32)
     return {
         "observation.state": state,
         "action": np.concatenate([state[1:], state[-1:]]),
@@ -108,15 +136,8 @@ def _frames(path: Trajectory, fps: int, episode: int, task: int, first: int) -> 
     }
 
 
-def _episode(
-    row: Mapping[str, Any], frames: Mapping[str, Any], first: int, stop: int, file: int
-) -> dict[str, Any]:
+def _episode(each: Episode, frames: Mapping[str, Any], first: int, stop: int, file: int) -> dict[str, Any]:
     """The row of one episode: where its frames lie, their statistics, and where it came from."""
-    kept = (
-        "transfer_id demonstration_id source_id target_id kind preset coverage_seen_pct min_clearance_m "
-        "code_version method_version sources_sha256 libraries demonstration_sha256 source_sha256 "
-        "target_sha256 settings_sha256"
-    )
     statistics = {
         f"stats/{name}/{measure}": value
         for name, values in frames.items()
@@ -124,7 +145,7 @@ def _episode(
     }
     return {
         "episode_index": int(frames["episode_index"][0]),
-        "tasks": [_task(row)],
+        "tasks": [each.task],
         "length": stop - first,
         "data/chunk_index": file // _FILES_A_CHUNK,
         "data/file_index": file % _FILES_A_CHUNK,
@@ -132,8 +153,9 @@ def _episode(
         "dataset_to_index": stop,
         "meta/episodes/chunk_index": 0,
         "meta/episodes/file_index": 0,
+        "split": each.split,
         **statistics,
-        **{name: row[name] for name in kept.split()},
+        **each.about,
     }
 
 
@@ -169,20 +191,27 @@ def _overall(episodes: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[
     return found
 
 
-def _info(episodes: int, frames: int, tasks: int, fps: int) -> dict[str, Any]:
+def _info(episodes: Sequence[Mapping[str, Any]], frames: int, tasks: int, fps: int) -> dict[str, Any]:
+    counts = [sum(row["split"] == name for row in episodes) for name in SHARES]
+    ends = [0, *accumulate(counts)]
+    names = ["val" if name == "validation" else name for name in SHARES]  # as LeRobot's tools call it
     pose = {"dtype": "float32", "shape": [len(_NAMES)], "names": _NAMES}
     whole = {"dtype": "int64", "shape": [1], "names": None}
     return {
         "codebase_version": "v3.0",
         "robot_type": "drone",
-        "total_episodes": episodes,
+        "total_episodes": len(episodes),
         "total_frames": frames,
         "total_tasks": tasks,
         "chunks_size": _FILES_A_CHUNK,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
         "fps": fps,
-        "splits": {"train": f"0:{episodes}"},
+        "splits": {
+            name: f"{begin}:{end}"
+            for name, (begin, end) in zip(names, pairwise(ends), strict=True)
+            if end > begin
+        },
         "data_path": _DATA,
         "video_path": None,
         "features": {

@@ -27,6 +27,7 @@ def put_looks(
     seen: Bools,
     values: dict[str, Floats],
     pictures: Ints | None = None,
+    assumed: Bools | None = None,
 ) -> str:
     """Keep how a flight saw the samples (N, 3) of a surface; returns the hash.
 
@@ -40,13 +41,17 @@ def put_looks(
         `frontal_distance_m` and `frontal_incidence_deg`.
     pictures : array of int, shape (N,), optional
         That show each sample.
+    assumed : array of bool, shape (N,), optional
+        Samples that were seen besides, if the correction of the log is right.
     """
     samples = catalog.surfaces.put_samples(points, normals)
-    patch = np.flatnonzero(seen)
+    besides = np.zeros(len(seen), bool) if assumed is None else assumed
+    patch = np.flatnonzero(seen | besides)
     small: Any = {name: value[patch].astype(np.float32) for name, value in values.items()}
     number: Any = patch.astype(np.int32)
     count: Any = None if pictures is None else np.minimum(pictures[patch], 65535).astype(np.uint16)
-    return catalog.looks.put(StoredLooks(samples, number, **small, pictures=count))
+    doubt: Any = besides[patch].astype(np.uint8) if besides.any() else None
+    return catalog.looks.put(StoredLooks(samples, number, **small, pictures=count, assumed=doubt))
 
 
 def looks_at(catalog: Reading, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:
@@ -60,7 +65,7 @@ def looks_at(catalog: Reading, structure_id: str, place_m: Sequence[float], kind
     for row in sorted(rows.rows_of(table), key=lambda row: row["commit_version"]):
         if not row["looks_sha256"] or kind not in ("", row["kind"]):
             continue
-        looks = catalog.looks.get(row["looks_sha256"])
+        looks = catalog.looks.get(row["looks_sha256"]).certain
         if looks.samples_sha256 not in nearest:
             gap = np.linalg.norm(catalog.surfaces.points(looks.samples_sha256) - place, axis=1)
             nearest[looks.samples_sha256] = int(gap.argmin()), float(gap.min())

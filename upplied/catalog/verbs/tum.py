@@ -67,23 +67,31 @@ def _write(path: Path, t_s: Any, steps: Trajectory) -> None:
     replace_file(path, text.getvalue().encode())
 
 
-def write_splits(catalog: Catalog, place: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+def write_splits(
+    catalog: Catalog,
+    place: Path,
+    rows: Iterable[Mapping[str, Any]],
+    demonstrations: Iterable[str] | None = None,
+    episodes: Sequence[Mapping[str, Any]] = (),
+) -> None:
     """Write ``splits.json``: which structures, plans and demonstrations are for training, and which not.
 
     No structure is on two sides, and each kind is on all where it has enough members; by kind, one kind
     after the other is left out. A plan goes where its target goes, a demonstration with its structure.
+    Of all demonstrations in use only some may be meant, and where there are episodes their numbers are told.
     """
-    structures = catalog.structures()
-    kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
+    kinds = kinds_of(catalog)
     flights = catalog.demonstrations()
     on = dict(zip(flights["demonstration_id"], flights["structure_id"], strict=True))
+    if demonstrations is not None:
+        on = {name: on[name] for name in demonstrations}
     side = split_of(kinds)
     plans = {str(row["transfer_id"]): str(row["target_id"]) for row in rows}
 
     def chosen(where: Mapping[str, str], sides: set[str]) -> list[str]:
         return sorted(name for name, structure in where.items() if side.get(structure) in sides)
 
-    said = {
+    said: dict[str, dict[str, dict[str, list[Any]]]] = {
         "by_structure": {
             name: {
                 "structures": sorted(item for item, of in side.items() if of == name),
@@ -100,7 +108,16 @@ def write_splits(catalog: Catalog, place: Path, rows: Iterable[Mapping[str, Any]
             for kind in sorted(set(kinds.values()))
         },
     }
+    for column, sides in (("split", said["by_structure"]), ("kind", said["by_kind"])) if episodes else ():
+        for name, side_of in sides.items():
+            side_of["episodes"] = [each["episode_index"] for each in episodes if each[column] == name]
     replace_file(place / "splits.json", (json.dumps(said, indent=1) + "\n").encode())
+
+
+def kinds_of(catalog: Catalog) -> dict[str, str]:
+    """The kind of each structure in the fleet."""
+    structures = catalog.structures()
+    return dict(zip(structures["structure_id"], structures["kind"], strict=True))
 
 
 def split_of(kinds: Mapping[str, str]) -> dict[str, str]:

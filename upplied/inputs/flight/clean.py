@@ -21,6 +21,8 @@ MAX_POSITION_M = 1e7
 MAX_SPEED_MPS = 15.0  # a faster step that does not fit its surroundings is a jump, no flight
 MIN_JUMP_M = 0.2
 _USUAL = 3.0  # steps: a message that was lost, and one that came late
+UNSET = "attitude not set"
+_UNSET = 3, 0.5  # at least so many poses, at most such a share: a gimbal may tell all of it
 REPEATED = "repeated"  # the same sample again: nothing is lost by dropping it
 
 
@@ -47,6 +49,7 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
         np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M, "position off the Earth"
     )
     track = track.keep(are_unit(track.quat_xyzw), "quaternion not of unit length")
+    track = _with_attitude(track)
     track = _without_spikes(_unrepeated(track.take(np.argsort(track.t_ns, kind="stable"))))
     check_dropped(track, limits, what)
     return replace(track, quat_xyzw=normalised(track.quat_xyzw))
@@ -61,7 +64,9 @@ def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
         With the reasons and their numbers.
     """
     lost = sum(
-        n for reason, n in track.dropped.items() if reason != REPEATED and not reason.endswith(AT_THE_ENDS)
+        n
+        for reason, n in track.dropped.items()
+        if reason not in (REPEATED, UNSET) and not reason.endswith(AT_THE_ENDS)
     )
     if not len(track):
         raise InputError(what, f"holds no usable pose ({reasons(track) or 'no message'})", "at least 2 poses")
@@ -103,6 +108,13 @@ def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
 def _finite(track: Track) -> Bools:
     finite: Bools = np.isfinite(np.column_stack([track.positions, track.quat_xyzw]))
     return np.asarray(finite.all(axis=1))
+
+
+def _with_attitude(track: Track) -> Track:
+    """Without poses whose attitude was never set: no turn at all, though others of the flight turn."""
+    unset = (track.quat_xyzw[:, :3] == 0).all(axis=1) & (np.abs(track.quat_xyzw[:, 3]) == 1)
+    least, most = _UNSET
+    return track.keep(~unset, UNSET) if least <= unset.sum() <= most * len(track) else track
 
 
 def _unrepeated(track: Track) -> Track:

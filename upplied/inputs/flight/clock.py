@@ -13,6 +13,7 @@ import numpy as np
 from upplied.inputs.flight.tracks import Track
 from upplied.records import Ints
 
+STEPPED = "the clock stepped"  # how a note of it begins
 _TOLERANCE_NS = 100_000_000  # messages overtake each other by less
 _LATE = 50  # messages within which those that were overtaken are back in order
 _AROUND = 50  # messages before and after a step of the stamps alone, by which it is known
@@ -52,7 +53,7 @@ def steady(track: Track) -> Track:
         t_ns=t_ns,
         epoch=before + (epoch << 20),
         clock_steps=track.clock_steps + len(steps),
-        notes=(*track.notes, f"the clock stepped {len(steps)} times ({seconds}): split there"),
+        notes=(*track.notes, f"{STEPPED} {len(steps)} times ({seconds}): split there"),
     )
 
 

@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.flight.tracks import Track, at_times
-from upplied.inputs.schemas.geodetic import STRUCTURE
+from upplied.inputs.schemas.geodetic import STRUCTURE, structure_R_enu
 from upplied.inputs.schemas.gimbal import Gimbal
+from upplied.inputs.schemas.px4 import turned
 from upplied.inputs.schemas.tf import Tree
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Bools, Floats, Ints
@@ -122,6 +123,8 @@ def _body(track: Track, tree: Tree, camera_frame: str) -> str:
 
 def _on_gimbal(track: Track, gimbal: Gimbal, offset: Floats, turn: Rotation, facts: LogOptions) -> Track:
     quats = gimbal.orientations(track, facts.gap_s)
+    if gimbal.from_north and track.parent == STRUCTURE:  # positions on the Earth were turned already
+        quats = turned(structure_R_enu(facts), quats, Rotation.identity())
     known = np.isfinite(quats[:, 0])
     positions = mounted(track, offset, turn).positions
     quats[~known] = (0.0, 0.0, 0.0, 1.0)

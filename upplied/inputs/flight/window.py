@@ -1,8 +1,8 @@
 """Which part of a log is the inspection.
 
 In this order: start and stop from options, side-car or metadata; the log's own `foxglove.Event`
-of the phase ``inspection`` (or the only event that lasts); else the whole log, since neither
-standing still nor a low height tells a take-off from an inspection.
+of the phase ``inspection`` (or the only event that lasts); else what `upplied.inputs.flight.whole` finds
+beside the structure.
 """
 
 from __future__ import annotations
@@ -29,8 +29,10 @@ FIELDS = {
 Span = tuple[int, int]
 
 
-def inspected(track: Track, tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Track, list[str]]:
-    """The samples of the inspection, and in words how they were told from the rest.
+def inspected(
+    track: Track, tables: Sequence[Table], facts: LogOptions, what: str
+) -> tuple[Track, list[str], bool]:
+    """The samples of the inspection, in words how they were told from the rest, and whether anybody said it.
 
     Raises
     ------
@@ -44,15 +46,15 @@ def inspected(track: Track, tables: Sequence[Table], facts: LogOptions, what: st
     elif spans := _events(tables):
         told = f"{len(spans)} events in the log"
     else:
-        return track, []
+        return track, [], False
     inside = _inside(track, spans)
     if not inside.any():
         raise InputError(
             what, f"has no pose within {told}", f"times within {_seconds(track)}", "correct start and stop"
         )
     if inside.all():
-        return track, []
-    return track.take(inside), [f"cut to {told}: {int(inside.sum())} of {len(track)} samples"]
+        return track, [], True
+    return track.take(inside), [f"cut to {told}: {int(inside.sum())} of {len(track)} samples"], True
 
 
 def _given(facts: LogOptions, first: int) -> Span:

@@ -17,8 +17,8 @@ from google.protobuf.message import Message
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
-from upplied.inputs.mcap.recording import Channel
 from upplied.inputs.mcap.rosmsg import DefinitionError, ros_decoder
+from upplied.inputs.tables import Channel
 from upplied.records import Ints
 
 Columns = dict[str, Any]

@@ -8,9 +8,9 @@ import numpy as np
 import zstandard
 
 from upplied.inputs.mcap.decoders import Decoder
-from upplied.inputs.mcap.recording import MAX_MESSAGES, Channel, Recording, Sink
+from upplied.inputs.mcap.recording import MAX_MESSAGES, Recording, Sink
 from upplied.inputs.mcap.rosmsg import DefinitionError
-from upplied.inputs.tables import Piece, Table, stacked
+from upplied.inputs.tables import Channel, Piece, Table, stacked
 
 _MAX_CHANNELS = 500
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no CDR begins so

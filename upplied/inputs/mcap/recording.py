@@ -8,7 +8,6 @@ unpacks a chunk that stands in the summary, and it sorts by time what is wanted 
 
 from __future__ import annotations
 
-import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -22,6 +21,7 @@ from mcap.records import Chunk, ChunkIndex, McapRecord, Message, Metadata, Metad
 from upplied.errors import InputError
 from upplied.inputs.mcap.salvage import scan
 from upplied.inputs.mcap.stream import DAMAGE, Budget, DamagedError, Guard, records_in
+from upplied.inputs.tables import Channel
 
 # Bounds on what a log may hold: so much, plus so much for each byte of the file.
 MAX_UNPACKED = (2**30, 200)  # bytes after decompression
@@ -31,14 +31,6 @@ MAX_NAME = 500  # characters of a topic or schema
 MAX_RECORD_BYTES = 16 * 2**20  # of a schema, channel, metadata or index record
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER_BYTES = 9 + 20 + len(MAGIC)
-
-_OTHER_FORMATS = {
-    b"#ROSBAG V": ("it is a ROS 1 bag", "convert it: mcap convert in.bag out.mcap"),
-    b"SQLite fo": ("it is a ROS 2 bag in SQLite", "convert it: ros2 bag convert, storage mcap"),
-    b"ULog\x01\x12\x35": ("it is a PX4 ULog", "convert it to MCAP, or record /fmu/out with ros2 bag"),
-    b"\x28\xb5\x2f\xfd": ("it is compressed as a whole", "unpack it first: zstd -d"),
-    b"version ht": ("it is a pointer of git LFS", "fetch the file itself: git lfs pull"),
-}
 
 Sink = list[tuple[int, int, bytes]]  # log time, publish time (ns) and payload of each message
 
@@ -53,27 +45,6 @@ class Ref(NamedTuple):
     start: int
     stop: int
     channel_ids: frozenset[int] = frozenset()  # that it holds, where known
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One stream of messages of one schema."""
-
-    channel_id: int
-    topic: str
-    encoding: str  # of the messages: cdr, ros1, protobuf, json
-    schema_name: str = ""
-    schema_encoding: str = ""
-    schema: bytes = b""
-
-    @property
-    def schema_short(self) -> str:
-        """Name of the schema without what ROS 2, Foxglove and firmware versions put into it."""
-        parts = self.schema_name.split("/")
-        name = f"{parts[0]}/{parts[-1]}" if len(parts) > 1 else self.schema_name
-        if name.startswith("px4_msgs/"):
-            name = re.sub(r"_?[vV]\d+$", "", name)
-        return name.replace("foxglove_msgs/", "foxglove.", 1)
 
 
 @dataclass
@@ -105,6 +76,13 @@ class Recording:
         return Channel(
             channel_id, record.topic, record.message_encoding, schema.name, schema.encoding, schema.data
         )
+
+    @property
+    def read_pct(self) -> float:
+        """Share of the log that could be read, %."""
+        total = sum(ref.stop - ref.start for ref in self.chunks) or self.size
+        missing = max(self.size - self.read_to, 0) if self.losses else 0
+        return float(100 * max(1 - self.lost_bytes / total - missing / max(self.size, 1), 0))
 
     def listed(self, most: int = 12) -> str:
         """Topics and schemas in words."""
@@ -212,7 +190,8 @@ def open_recording(path: Path) -> Recording:
         with path.open("rb") as stream:
             start = stream.read(10)
             if not start.startswith(MAGIC):
-                raise _not_mcap(path, start)
+                found = "does not start as an MCAP file" if start else "is empty"
+                raise InputError(str(path), found, "an MCAP log", "copy it again from the recorder")
             recording = Recording(path, size, read_to=size)
             try:
                 _read_summary(stream, recording)
@@ -226,17 +205,6 @@ def open_recording(path: Path) -> Recording:
             return recording
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None
-
-
-def _not_mcap(path: Path, start: bytes) -> InputError:
-    if not start:
-        return InputError(str(path), "is empty", "an MCAP log", "copy it again from the recorder")
-    for magic, (found, remedy) in _OTHER_FORMATS.items():
-        if start.startswith(magic):
-            return InputError(str(path), found, "an MCAP log", remedy)
-    return InputError(
-        str(path), "does not start as an MCAP file", "an MCAP log", "check that it is the right file"
-    )
 
 
 def _read_summary(stream: BinaryIO, recording: Recording) -> None:

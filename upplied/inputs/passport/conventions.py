@@ -16,15 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from upplied.inputs.flight.mounts import OPTICAL_R_CAMERA
 from upplied.inputs.flight.tracks import Track, are_unit
+from upplied.inputs.flight.whole import MIDDLE
 from upplied.inputs.passport.sight import inside
 from upplied.inputs.schemas.px4 import FRD_R_FLU, NED_R_ENU
 from upplied.records import Floats
 from upplied.scene import Scene
 
-_ASIDE = np.radians(8.0)  # from the axis: the middle of the picture
-_MIDDLE = np.array(
-    [[1.0, y, z] for y, z in np.tan(_ASIDE) * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])]
-)
 _POSES = 96  # of a flight, spread evenly, on which conventions are compared
 
 Poses = tuple[Floats, Floats]  # positions (M, 3), quaternions (M, 4)
@@ -209,9 +206,9 @@ def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_
     flat = positions.reshape(-1, 3)
     good = np.where(flat[:, 2] >= ground_m, 1.0, 0.0)
     where = np.flatnonzero(good)
-    rays = (Rotation.from_quat(quats.reshape(-1, 4)[where]).as_matrix() @ _MIDDLE.T).swapaxes(1, 2)
-    range_m = scene.cast(np.repeat(flat[where], len(_MIDDLE), axis=0), rays.reshape(-1, 3))[0]
-    met = range_m.reshape(-1, len(_MIDDLE)) <= reach_m
+    rays = (Rotation.from_quat(quats.reshape(-1, 4)[where]).as_matrix() @ MIDDLE.T).swapaxes(1, 2)
+    range_m = scene.cast(np.repeat(flat[where], len(MIDDLE), axis=0), rays.reshape(-1, 3))[0]
+    met = range_m.reshape(-1, len(MIDDLE)) <= reach_m
     good[where] = np.mean([met[:, 0], met.any(axis=1)], axis=0)
     where = np.flatnonzero(good)
     good[where] *= scene.distance(flat[where]) >= 0.3

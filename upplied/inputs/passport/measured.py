@@ -9,24 +9,26 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.inputs.flight.clean import UNSET
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.mcap.recording import Recording
 from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.conventions import Fit, best_fits
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Sight, ground_of, sight_of
+from upplied.inputs.passport.steadiness import steadiness
 from upplied.inputs.passport.velocity import motion_of, turning_of
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, ZOOM_UNHEARD
+from upplied.inputs.sources.source import Source
 from upplied.polylines import chosen_evenly, leg_lengths
 from upplied.poses import angle_between
 from upplied.records import Camera, Floats, Ints, Structure
 from upplied.scene import scene_of
 
 _LOOKS = 500  # poses of a flight that are measured against the structure, spread evenly over it
-_REACH = 1.2  # of the camera's range: a little beyond is no other convention
+SEEN = 1.2  # of the camera's range: a little beyond is no other convention
 _SPAN_S = 0.5  # over which speed is measured: shorter ones are noise of the sensors
 _ZOOMS = 20  # that are listed
 _TURNING = 0.5  # least share of the directions round the vertical that a closed flight looks in
@@ -36,7 +38,7 @@ _TURNING = 0.5  # least share of the directions round the vertical that a closed
 class Reading:
     """What the reader knows of a log and its flight, for the passport."""
 
-    recording: Recording
+    source: Source
     logged: Track  # clean, as logged, in its own frame
     flown: Track  # the camera's poses, structure frame, before its time was changed
     kept: Track  # after
@@ -81,6 +83,16 @@ class Measured:
     speed_p99_mps: float = 0.0
     acceleration_p99_mps2: float = 0.0
     turn_p99_degps: float = 0.0
+    jumps: int = 0  # to another place, between two poses
+    jump_m: float = 0.0  # the largest
+    spikes: int = 0  # single poses off the others, dropped or not
+    unset: int = 0  # poses without an attitude: dropped
+    roll_deg: float = float("nan")  # of the camera, median size
+    step_s: float = 0.0  # between poses, usual
+    stills: bool = False  # photos: nothing is missing between poses
+    planned: bool = False  # a mission, not a flight
+    clock_ratio: float = float("nan")  # of the time by the source's clock and by the recorder's
+    year: int = 0  # of the first stamp
     clock: str = ""
     clock_steps: int = 0
     span_s: float = 0.0
@@ -125,13 +137,13 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         reading.to_camera,
         scene,
         floor,
-        _REACH * reading.camera.max_range_m,
+        SEEN * reading.camera.max_range_m,
         2.0 if doubtful else 1 - settings.fit_gain_pct / 100,  # no other could explain enough more
     )
-    best = others[0] if others else None
     motion = motion_of(reading.logged, reading.velocity)
     speed, acceleration, turning = _motion(flown, reading.gap_s)
     zoomed = _zoomed(flown, settings.zoom_pct)
+    steady = steadiness(reading.logged, flown, reading.gap_s)
     return Measured(
         poses=len(reading.kept),
         ground_declared=declared,
@@ -144,7 +156,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         shown_pct=_pct(sight.shown > 0),
         range_m=float(np.median(sight.range_m[sight.meets])) if sight.meets.any() else float("nan"),
         fit_pct=100 * given,
-        **_named(best),
+        **_named(others),
         off_centre_m=(round(off[0], 1), round(off[1], 1)),
         off_centre_sure=sure,
         aim_drift_deg=aim.drift_deg,
@@ -155,6 +167,11 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         speed_p99_mps=speed,
         acceleration_p99_mps2=acceleration,
         turn_p99_degps=turning,
+        **vars(steady),
+        unset=flown.dropped.get(UNSET, 0),
+        stills=reading.source.stills,
+        planned=reading.source.planned,
+        year=1970 + int(flown.t_ns[0] / 1e9 / 86_400 / 365.2425),
         clock=flown.clock,
         clock_steps=reading.logged.clock_steps,
         span_s=pace.span_s,
@@ -172,8 +189,8 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         frame=reading.logged.parent,
         child=reading.logged.child,
         frames=tuple(note for note in flown.notes if "frame" in note or "mount" in note or "camera" in note),
-        read_pct=_read_pct(reading.recording),
-        losses=tuple(reading.recording.losses),
+        read_pct=reading.source.read_pct,
+        losses=tuple(reading.source.losses),
     )  # fmt: skip
 
 
@@ -181,14 +198,20 @@ def _pct(good: np.ndarray) -> float:
     return float(100 * np.mean(good)) if len(good) else 0.0
 
 
-def _named(best: Fit | None) -> dict[str, Any]:
-    if best is None:
+def _named(others: Sequence[Fit]) -> dict[str, Any]:
+    """The convention that fits best, with that which fits as well: then nothing is claimed."""
+    if not others:
         return {}
-    item = best.convention
+    best = others[0]
+    item, share = best.convention, round(best.share, 2)
+    second = [fit.convention for fit in others[1:2] if round(fit.share, 2) == share]
+    alike = [each for each in second if each.rare == item.rare]
+    words = item.words + "".join(f", or as {each.words} ({each.name})" for each in alike[:1])
+    advice = f"which of the two it is cannot be told: {item.advice}" if alike else item.advice
     return {
         "other": item.name,
-        "other_words": item.words,
-        "other_advice": item.advice,
+        "other_words": words,
+        "other_advice": advice,
         "other_fit_pct": 100 * best.share,
     }
 
@@ -276,9 +299,3 @@ def _assumed(reading: Reading) -> tuple[str, ...]:
     if not (reading.logged.parent or reading.logged.child):
         said.append("a frame with z up (the log names none)")
     return tuple(said)
-
-
-def _read_pct(recording: Recording) -> float:
-    total = sum(ref.stop - ref.start for ref in recording.chunks) or recording.size
-    missing = max(recording.size - recording.read_to, 0) if recording.losses else 0
-    return float(100 * max(1 - recording.lost_bytes / total - missing / max(recording.size, 1), 0))

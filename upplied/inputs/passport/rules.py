@@ -164,6 +164,24 @@ def _hovering(m: Measured, s: PassportSettings) -> str:
     return f"{m.hover_s:.0f} s of hovering, {m.cut_hover_s:.0f} s of it cut" * (m.cut_hover_s > 0)
 
 
+def _jumps(m: Measured, s: PassportSettings) -> str:
+    return f"the poses jump {m.jumps} times, by up to {m.jump_m:.1f} m" * (m.jumps > 0)
+
+
+def _undated(m: Measured, s: PassportSettings) -> str:
+    return f"the first stamp is of the year {m.year}" * (not 2001 <= m.year < s.odd_year)
+
+
+def _clock_rate(m: Measured, s: PassportSettings) -> str:
+    if not max(m.clock_ratio, 1 / max(m.clock_ratio, 1e-9)) > s.clock_ratio:
+        return ""
+    return f"the stamps run {m.clock_ratio:.2f} times as fast as the recorder's clock"
+
+
+def _sparse(m: Measured, s: PassportSettings) -> str:
+    return f"one pose in {m.step_s:.1f} s" * (m.step_s > s.odd_step_s and not m.stills)
+
+
 def _above(value: str, bound: str, words: str) -> Broken:
     def above(m: Measured, s: PassportSettings) -> str:
         return words.format(getattr(m, value)) * (getattr(m, value) > getattr(s, bound))
@@ -210,6 +228,34 @@ CHECKS: tuple[FlightRule, ...] = (
     _rule("mostly-unread", "refuse", ("least_read_pct",),
          "what is lost of a log is lost of the inspection", "copy the log again, or record the flight again",
          lambda m, s: f"{m.read_pct:.0f} % of the log could be read" * (m.read_pct < s.least_read_pct)),
+    _rule("rolled", "refuse", ("most_roll_deg",),
+         "cameras hang level, or say that they are turned", "check the attitude's convention and the mount",
+         _above("roll_deg", "most_roll_deg", "the camera is rolled by {:.0f} deg in the middle")),
+    _rule("tilted", "warn", ("odd_roll_deg",),
+         "gimbals hold the horizon", "check the attitude's convention and the mount",
+         _above("roll_deg", "odd_roll_deg", "the camera is rolled by {:.0f} deg in the middle")),
+    _rule("jumps", "warn", (), "no vehicle is elsewhere from one pose to the next",
+         "check whether the estimator was reset, or two logs were joined", _jumps),
+    _rule("spikes", "warn", (), "single poses off all others are no flight",
+         "check the estimator; they were left out where the speed tells them",
+         lambda m, s: f"{m.spikes} single poses lie off their neighbours" * (m.spikes > 0)),
+    _rule("attitude-unset", "warn", (), "an attitude of exactly zero, turns and all, was never set",
+         "check when the estimator began",
+         lambda m, s: f"{m.unset} poses without an attitude were left out" * (m.unset > 0)),
+    _rule("sparse", "warn", ("odd_step_s",), "what the camera did between far poses is not known",
+         "record poses more often", _sparse),
+    _rule("planned", "warn", (), "nobody flew a mission that was only planned", "take the log of its flight",
+         lambda m, s: "this is a planned mission, not a flight" * m.planned),
+    _rule("undated", "warn", ("odd_year",), "stamps without a date cannot be compared with other logs",
+         "check what the clock was set by", _undated),
+    _rule("clock-rate", "warn", ("clock_ratio",), "two clocks of one flight go alike",
+         "check the unit of the stamps, or whether the log was played back faster", _clock_rate),
+    _rule("jerky", "warn", ("odd_acceleration_mps2",), "who inspects flies gently",
+         "check units and stamps: time may run too fast",
+         _above("acceleration_p99_mps2", "odd_acceleration_mps2", "accelerations of {:.1f} m/s2")),
+    _rule("turns-fast", "warn", ("odd_turn_degps",), "who inspects turns the camera slowly",
+         "check the attitude and the stamps: time may run too fast",
+         _above("turn_p99_degps", "odd_turn_degps", "turns of {:.0f} deg/s")),
     _rule("clock-stepped", "warn", (),
          "the flight was split where its clock stepped", "check what the clock was set by",
          lambda m, s: f"the clock stepped {m.clock_steps} times: split there" * (m.clock_steps > 0)),

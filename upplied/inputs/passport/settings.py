@@ -51,12 +51,20 @@ class PassportSettings:
     odd_speed_mps: float = 12.0
     max_acceleration_mps2: float = 30.0
     max_turn_degps: float = 720.0
+    odd_acceleration_mps2: float = 6.0  # right flights keep within 3.3
+    odd_turn_degps: float = 100.0  # and within 49
+    most_roll_deg: float = 60.0  # of the camera, in the middle of its poses
+    odd_roll_deg: float = 15.0
+    odd_step_s: float = 2.0  # between poses, but for photos
+    odd_year: int = 2100
+    clock_ratio: float = 1.1  # of the source's clock and the recorder's, either way
     max_clock_steps: int = 5
     zoom_pct: float = 3.0  # of the field of view
     long_gap_s: float = 5.0  # a longer silence is flown as a transit
     least_recorded_pct: float = 20.0  # of the time from the first pose to the last
     odd_recorded_pct: float = 95.0
     hover_cap_s: float = 30.0  # of standing still with a still camera: more is cut
+    register_m: float = 0.5  # by which a flight may miss its named points
     least_read_pct: float = 50.0  # of a damaged log
 
 

@@ -31,7 +31,7 @@ FIELDS = {
     "sensor_msgs/NavSatFix": ("header.stamp.sec", "header.stamp.nanosec", "status.status", *_PLACE),
     "foxglove.LocationFix": ("timestamp.sec", "timestamp.nanosec", "heading", *_PLACE),
     "px4_msgs/VehicleGlobalPosition": (
-        "timestamp", "timestamp_sample", "lat", "lon", "alt", "alt_ellipsoid",
+        "timestamp", "timestamp_sample", "lat", "lon", "alt", "alt_ellipsoid", "alt_takeoff",
         "lat_lon_valid", "alt_valid", "lat_lon_reset_counter", "alt_reset_counter",
     ),
     "sensor_msgs/Imu": (
@@ -40,6 +40,7 @@ FIELDS = {
     ),
 }  # fmt: skip
 SOURCES = ("sensor_msgs/NavSatFix", "foxglove.LocationFix", "px4_msgs/VehicleGlobalPosition")
+TAKEOFF = "takeoff"  # a datum: heights count from there
 STRUCTURE = "structure"  # name of the frame of these tracks: no further placing is needed
 MAX_DISTANCE_M = 20_000.0
 _NO_FIX = -1
@@ -71,13 +72,18 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
 
 def placed(track: Track, facts: LogOptions) -> Track:
     """From east, north, up of the structure's origin to the structure's frame."""
-    turn = Rotation.from_euler("z", -(90.0 - (facts.structure_heading_deg or 0.0)), degrees=True)
+    turn = structure_R_enu(facts)
     return replace(
         track,
         positions=turn.apply(track.positions),
         quat_xyzw=px4.turned(turn, track.quat_xyzw, Rotation.identity()),
         parent=STRUCTURE,
     )
+
+
+def structure_R_enu(facts: LogOptions) -> Rotation:
+    """Of east, north, up to the structure's frame, by the heading of its +X."""
+    return Rotation.from_euler("z", -(90.0 - (facts.structure_heading_deg or 0.0)), degrees=True)
 
 
 def _check_placed(table: Table, facts: LogOptions) -> None:
@@ -108,8 +114,10 @@ def _fixes(table: Table, facts: LogOptions) -> tuple[Ints, str, Floats, str]:
     if table.schema != "px4_msgs/VehicleGlobalPosition":
         prefix = "header.stamp" if table.schema == "sensor_msgs/NavSatFix" else "timestamp"
         return *source_times(table, stamps(table, prefix)), table.stack(*_PLACE), "ellipsoid"
-    ellipsoid = np.isfinite(table.numbers("alt_ellipsoid")).any()
-    amsl = facts.structure_datum == "amsl" or not ellipsoid
+    known = [np.isfinite(table.numbers(name)).any() for name in ("alt", "alt_ellipsoid")]
+    if not any(known):
+        return *px4.stamps_us(table), table.stack("lat", "lon", "alt_takeoff"), TAKEOFF
+    amsl = known[0] and (facts.structure_datum == "amsl" or not known[1])
     place = table.stack("lat", "lon", "alt" if amsl else "alt_ellipsoid")
     return *px4.stamps_us(table), place, "amsl" if amsl else "ellipsoid"
 
@@ -124,6 +132,15 @@ def _lifts(datum: str, facts: LogOptions, table: Table) -> tuple[float, float]:
     wanted = facts.structure_datum or "ellipsoid"
     if datum == wanted:
         return 0.0, 0.0
+    if datum == TAKEOFF:
+        if facts.takeoff_alt_m is None:
+            raise InputError(
+                table.channel.topic,
+                "gives heights above the place of take-off alone",
+                "the altitude of that place, in the structure's datum",
+                "write takeoff_alt_m into the side-car",
+            )
+        return facts.takeoff_alt_m, 0.0
     if facts.geoid_undulation_m is None:
         raise InputError(
             table.channel.topic,
@@ -171,4 +188,4 @@ def _imu(tables: Sequence[Table], facts: LogOptions) -> Track | None:
 
 
 def _named(datum: str) -> str:
-    return "mean sea level" if datum == "amsl" else "ellipsoid"
+    return {"amsl": "mean sea level", TAKEOFF: "place of take-off"}.get(datum, datum)

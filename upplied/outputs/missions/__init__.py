@@ -10,6 +10,7 @@ from upplied.errors import SettingsError
 from upplied.outputs.files import replace_file
 from upplied.outputs.missions import dji_wpml, gate, litchi, mavlink
 from upplied.outputs.missions.csv import csv_text
+from upplied.outputs.missions.fences import fence_text, fenced
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.geojson import geojson_text
 from upplied.outputs.missions.kml import kml_text
@@ -105,7 +106,7 @@ def export(
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
     write = _WRITERS[format][2]
-    missions = missions_for(format, plan, structure, options, camera, found)
+    missions = fenced(missions_for(format, plan, structure, options, camera, found), structure)
     found_written: dict[str, gate.Breach] = {}  # of what was overruled, by its words
     for mission in missions:  # all, before the first is written
         reading = read_mission(format, encoded(write(mission, options)), mission)
@@ -120,6 +121,10 @@ def export(
     ]
     keep(missions[0].overruled)
     paths = [replace_file(_numbered(goal, mission), encoded(write(mission, options))) for mission in missions]
+    if format == "mavlink" and missions[0].fences:  # a file of its own there, for all sorties
+        paths.append(
+            replace_file(goal.with_name(f"{goal.stem}.fence{goal.suffix}"), fence_text(missions[0]).encode())
+        )
     return Exported(tuple(paths), tuple(missions), missions[0].notes, missions[0].overruled)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from upplied.outputs.missions.gate import written
 from upplied.outputs.missions.mavlink import TAKEOFF, WAYPOINT, Item, items
 from upplied.outputs.missions.options import MissionOptions
-from upplied.outputs.missions.records import Mission
+from upplied.outputs.missions.records import Fence, Mission
 
 _FIRMWARE = {"px4": 12, "ardupilot": 3}
 _MULTICOPTER = 2
@@ -34,10 +34,15 @@ def qgc_plan_text(mission: Mission, options: MissionOptions) -> str:
             "plannedHomePosition": [lat, lon, alt],
             "items": simple,
         },
-        "geoFence": {"version": 2, "circles": [], "polygons": []},
+        "geoFence": {"version": 2, "circles": [], "polygons": [_polygon(fence) for fence in mission.fences]},
         "rallyPoints": {"version": 2, "points": []},
     }
     return json.dumps(plan, indent=1, allow_nan=False) + "\n"
+
+
+def _polygon(fence: Fence) -> dict[str, Any]:
+    corners = [[float(lat), float(lon)] for lat, lon in fence.corners]
+    return {"version": 1, "inclusion": fence.inside, "polygon": corners}
 
 
 def _simple_item(item: Item, number: int, mission: Mission) -> dict[str, Any]:

@@ -15,6 +15,14 @@ SAME_ZOOM = 0.02  # of the field of view, within which no camera is told to zoom
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class Fence(Record):
+    """A polygon that no path leaves, or that none enters."""
+
+    inside: bool  # whether the mission stays within
+    corners: Floats  # (G, 2) latitude and longitude, deg
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Mission(Record):
     """One sortie: take off at home, climb, fly the waypoints in order, return above home and land.
 
@@ -44,6 +52,7 @@ class Mission(Record):
     notes: tuple[str, ...] = ()
     fov_deg: Floats | None = None  # (N, 2) horizontal and vertical, where the camera zooms
     overruled: tuple[gate.Breach, ...] = ()  # rules of the gate; the notes say them too
+    fences: tuple[Fence, ...] = ()  # that the autopilot is to enforce
 
     def __len__(self) -> int:
         return len(self.local)

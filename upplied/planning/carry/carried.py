@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from upplied.config import FIDELITIES, Settings
 from upplied.errors import RefusedError, SettingsError
-from upplied.planning.carry.affine import published_map, registered_map
+from upplied.planning.carry.affine import AxisMap, published_map, registered_map
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by, inspected_surface
 from upplied.planning.carry.planar import at_height, plane_height
 from upplied.planning.carry.published import published
 from upplied.planning.carry.reference import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.carry.to_counterparts import follow_counterparts
+from upplied.planning.correspondence.registration import box_on_box
 from upplied.planning.demonstration.repetition import Take
-from upplied.poses import from_yaw_pitch, yaw_pitch
-from upplied.records import Floats, Record, Waypoints
+from upplied.poses import from_yaw_pitch, without_roll, yaw_pitch
+from upplied.records import Floats, Record, Trajectory, Waypoints
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,6 +42,7 @@ class Carried(Record):
     take: Take
     path: Waypoints  # its M stations; of presets that optimise nothing its viewpoints
     goal: Goal | None  # None: the path is flown as it is
+    others: Sequence[Waypoints] = ()  # other paths of as many stations, that an optimisation may start from
 
 
 def carry(takes: Sequence[Take], settings: Settings) -> list[Carried]:
@@ -79,7 +81,31 @@ def _carried(take: Take, settings: Settings) -> Carried:
         flown[:, 2] = height_m
     seen = inspected_surface(fit.source, fit.target, fit.correspondences, inspection.truly).need
     reference = demonstrated_on_target(take)
-    return Carried(take, path, Goal(inspected, seen, flown, standoff, reference, standing(pair), height_m))
+    goal = Goal(inspected, seen, flown, standoff, reference, standing(pair), height_m)
+    return Carried(take, path, goal, _simply_carried(take, path, height_m))
+
+
+def _simply_carried(take: Take, path: Waypoints, height_m: float | None) -> list[Waypoints]:
+    """The flight as the boxes' ratio carries it, and of its own size about what was inspected."""
+    fit, flight = take.pair.surface, take.inspection.flight
+    boxed = registered_map(box_on_box(fit.source, fit.target, standing(take.pair)))
+    match, turn = fit.correspondences, standing(take.pair).T
+    known = match.target_index >= 0
+    weight = np.where(known, fit.source.areas * take.inspection.attention.weight, 0.0)
+    maps = [boxed]
+    if weight.sum() > 0:
+        here, there = (
+            weight[known] @ points[known] / weight.sum()
+            for points in (fit.source.points, match.target_points)
+        )
+        maps.append(AxisMap(turn, there - turn @ here))
+    return [_by(carrier, flight, path, height_m) for carrier in maps]
+
+
+def _by(carrier: AxisMap, flight: Trajectory, path: Waypoints, height_m: float | None) -> Waypoints:
+    positions, quats = carrier.points(flight.positions), without_roll(carrier.orientations(flight.quat_xyzw))
+    other = replace(path, positions=positions, quat_xyzw=quats)
+    return other if height_m is None else at_height(other, height_m)
 
 
 def _at_counterparts(take: Take, settings: Settings) -> tuple[Waypoints, Standoff]:

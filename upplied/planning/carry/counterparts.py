@@ -21,7 +21,7 @@ from upplied.planning.correspondence.agreement import certainty, wholes_of
 from upplied.planning.correspondence.certainty import SAME_KIND, evidence_of_same_kind, probability
 from upplied.planning.correspondence.describe import place_of
 from upplied.planning.correspondence.landmarks import choices_for, side_of
-from upplied.planning.demonstration.repetition import Take, choices_in, inspected_parts
+from upplied.planning.demonstration.repetition import Attended, Take, choices_in, inspected_parts
 from upplied.planning.geometry.boxes import diagonal_of
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
@@ -47,7 +47,8 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
     if settings.correspondence.method != "parts":
         return ()
     found: dict[str, Counterpart] = {}
-    for take in takes:
+    attended = [take.attended for take in takes]
+    for take in attended:
         source, target = _source(take), _target(take)
         asked = inspected_parts(take, source.label)
         # Each taking is asked about the part that it repeats.
@@ -56,8 +57,8 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
             known = found.get(one.part)
             found[one.part] = one if known is None else _both(known, one)
     if settings.correspondence.repeat == "each":
-        found = _no_part_twice(found, takes[0].pair.target.structure_id)
-        for one in _not_repeated(takes):
+        found = _no_part_twice(found, attended[0].pair.target.structure_id)
+        for one in _not_repeated(attended):
             found.setdefault(one.part, one)
     return tuple(sorted(_without_flown(list(found.values()), settings), key=lambda one: -one.inspected_pct))
 
@@ -78,7 +79,7 @@ def _no_part_twice(found: dict[str, Counterpart], there: str) -> dict[str, Count
     }
 
 
-def _not_repeated(takes: Sequence[Take]) -> list[Counterpart]:
+def _not_repeated(takes: Sequence[Attended]) -> list[Counterpart]:
     """The parts like the flown ones on a side of the source for which nothing is flown on the target."""
     take, source = takes[0], _source(takes[0])
     shown = [part for part, _ in inspected_parts(take, source.label) if _matched_parts(take, part, source)]
@@ -137,7 +138,7 @@ def _sentence(one: Counterpart) -> str:
 
 
 def _counterpart(
-    take: Take, part: int, share: float, source: _Side, target: _Side, settings: Settings
+    take: Attended, part: int, share: float, source: _Side, target: _Side, settings: Settings
 ) -> Counterpart:
     name = _name(source.parts, part)
     matched = [take.choice] if take.choice >= 0 and part == take.part else _matched_parts(take, part, source)
@@ -169,29 +170,31 @@ def _counterpart(
     )
 
 
-def _others_within(take: Take, part: int, source: _Side) -> int:
+def _others_within(take: Attended, part: int, source: _Side) -> int:
     """How many stretches of skin there are like the inspected one, where that is but a piece of its part.
 
     An engine that was modelled, or scanned, as one with its wing.
     """
     if not source.pieces:
         return 0
-    cloud, found = take.pair.surface.source, take.inspection.attention
-    skin, area = found.part, cloud.areas
-    mine = source.label == part
-    inspected = np.bincount(skin, area * found.weight) > (1 - MAJORITY) * np.bincount(skin, area)
+    cloud, skin = take.pair.surface.source, take.stretch
+    area = cloud.areas
+    mine, least = source.label == part, COMPACT * diagonal_of(cloud.points)
+    if (source.parts.high - source.parts.low)[part].max() <= least:
+        return 0  # a body of its own
+    inspected = np.bincount(skin, area * take.weight) > (1 - MAJORITY) * np.bincount(skin, area)
     if area[mine & inspected[skin]].sum() > (1 - MAJORITY) * area[mine].sum():
         return 0
     stretches = parts_of(replace(cloud, part=skin))
-    most = int(np.bincount(skin[mine], (area * found.weight)[mine]).argmax())
-    if (stretches.high - stretches.low)[most].max() > COMPACT * diagonal_of(cloud.points):
+    most = int(np.bincount(skin[mine], (area * take.weight)[mine]).argmax())
+    if (stretches.high - stretches.low)[most].max() > least:
         return 0
     alike = choices_for(stretches, most, stretches, [most])
     return int((~inspected[alike]).sum())
 
 
 def _probability(
-    take: Take, part: int, matched: list[int], alike: list[int], settings: Settings
+    take: Attended, part: int, matched: list[int], alike: list[int], settings: Settings
 ) -> float | None:
     """That these parts of the target are its counterpart, or where one was chosen, one of its kind."""
     fit = take.pair.surface
@@ -241,7 +244,7 @@ def _without_flown(found: Sequence[Counterpart], settings: Settings) -> list[Cou
 
 
 def _doubt(
-    take: Take, name: str, share: float, target: _Side, known: float | None, settings: Settings
+    take: Attended, name: str, share: float, target: _Side, known: float | None, settings: Settings
 ) -> str:
     """Why it is not certain what corresponds to a part, in words; empty where it is."""
     there, least = take.pair.target.structure_id, settings.correspondence.least_probability
@@ -257,7 +260,7 @@ def _doubt(
     return f"{what} is not told apart on {there}: {why}, and what lies nearest may be another part"
 
 
-def _matched_parts(take: Take, part: int, source: _Side) -> list[int]:
+def _matched_parts(take: Attended, part: int, source: _Side) -> list[int]:
     """The target's parts that were matched with a part of the source, none where it was not."""
     match = take.pair.surface.correspondences
     if source.pieces:
@@ -266,16 +269,16 @@ def _matched_parts(take: Take, part: int, source: _Side) -> list[int]:
     return match.target_parts(0).tolist() if source.parts.area[part] > MAJORITY else []
 
 
-def _source(take: Take) -> _Side:
+def _source(take: Attended) -> _Side:
     cloud = take.pair.surface.source
     label, words = labels_of(cloud), named_axes(take.pair.source.frame)
     if label.max(initial=0) > 0:
         return _Side(parts_of(cloud).in_axes(words), label, True)
-    label = take.inspection.attention.part
+    label = take.stretch
     return _Side(parts_of(replace(cloud, part=label)).in_axes(words), label, False)
 
 
-def _target(take: Take) -> _Side:
+def _target(take: Attended) -> _Side:
     registered, words = take.pair.surface.registered, named_axes(take.pair.source.frame)
     return _Side(
         parts_of(registered).in_axes(words).on(_source(take).parts),

@@ -11,16 +11,16 @@ import numpy as np
 from upplied.planning.correspondence.agreement import named_by
 from upplied.planning.correspondence.label_transfer import unnamed_like
 from upplied.planning.correspondence.landmarks import choices_for, on_sides, side_of
-from upplied.planning.demonstration.repetition import Take
+from upplied.planning.demonstration.repetition import Attended
 from upplied.planning.surface.parts import Parts, labels_of
 
 
-def odd_number(take: Take, part: int, source: Parts, target: Parts, found: set[int]) -> str:
+def odd_number(take: Attended, part: int, source: Parts, target: Parts, found: set[int]) -> str:
     """What is odd about how many parts of a kind there are, in words; empty where nothing is.
 
     Parameters
     ----------
-    take : Take
+    take : Attended
     part : int
         Of the source, that was inspected.
     source, target : Parts

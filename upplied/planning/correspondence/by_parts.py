@@ -13,14 +13,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.planning.constants import CLEARLY_BETTER, FACING, MAJORITY, SAME_FACE, TOLERANCE, TOUCH
-from upplied.planning.correspondence.coherent_point_drift import Patch, drift, farthest_points
+from upplied.planning.correspondence.coherent_point_drift import Drift, Patch, drift, farthest_points
 from upplied.planning.correspondence.describe import summary_of
 from upplied.planning.correspondence.misfit import UNTURNED
-from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
+from upplied.planning.correspondence.part_alignment import aligned, alignments, matched, patches
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import Parts, labels_of, parts_of, parts_of_both
-from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Registration
+from upplied.records import Bools, Cloud, Correspondences, Displacement, Floats, Ints, Registration
 from upplied.vectors import with_normals
 
 _CONTROLS, _ANCHORS = 200, 450  # points of the source that move, points of the target that pull
@@ -52,45 +52,82 @@ def by_parts(
     """
     if source.normals is None or target.normals is None:
         raise ValueError("correspondences by parts need normals")
-    diagonal = diagonal_of(source.points)
     registered = in_source_frame(target, registration)
     matching = matched(source, registered, pinned, named)
+    displacement = _displacement(*patches(source, registered, matching), source, registered)
+    found = by_displacement(source, registered, registration, matching, displacement)
+    here, there = parts_of_both(source, registered, words)
+    gone = found.target_index < 0
+    return replace(found, summary=summary_of(here, matching, labels_of(source), gone, there))
+
+
+def by_displacement(
+    source: Cloud, registered: Cloud, registration: Registration, matching: Matching, carrier: Displacement
+) -> Correspondences:
+    """Counterparts of samples of the source by a displacement that is known; their parts are those it knew.
+
+    Parameters
+    ----------
+    source, registered : Cloud
+        Surface samples with normals and parts; the target's in the frame and at the scale of the source.
+    registration : Registration
+    matching : Matching
+    carrier : Displacement
+    """
+    diagonal = diagonal_of(source.points)
     moving, fixed = patches(source, registered, matching)
-    warped = _warped(aligned_parts(moving, fixed), fixed, diagonal)
+    warped = carried_by(carrier, moving)
     index = facing_nearest(warped, fixed, diagonal)
     index = _on_adjacent_parts(warped, fixed, index, labels_of(registered), parts_of(registered), diagonal)
-    on_skin = _on_skin(warped.points, fixed, index, spacing(source))
-    claimed = _claimed(on_skin, moving.label, fixed, spacing(registered))
+    on_skin = _on_skin(warped.points, fixed, index, carrier.step_m[0])
+    claimed = _claimed(on_skin, moving.label, fixed, carrier.step_m[1])
     continues = _continues(parts_of(source), matching)[labels_of(source), fixed.label[index]]
-    taken = claimed[index] & ~continues
-    gone = _without(warped, fixed, index, taken, labels_of(source), diagonal)
-    here, there = parts_of_both(source, registered, words)
+    gone = _without(warped, fixed, index, claimed[index] & ~continues, source, diagonal)
     carried = registration.to_target(on_skin)
     carried[gone] = np.nan
     return Correspondences(
         target_index=np.where(gone, -1, index),
         distance_m=np.where(gone, np.nan, np.linalg.norm(source.points - on_skin, axis=1)),
         target_points=carried,
-        summary=summary_of(here, matching, labels_of(source), gone, there),
         source_class=matching.source_class,
         target_class=matching.target_class,
+        displacement=carrier,
     )
 
 
-def _warped(aligned: Patch, fixed: Patch, diagonal_m: float) -> Patch:
-    """Drifted where that brings the surfaces clearly nearer; a part that is aligned well already stays."""
-    controls = farthest_points(aligned.points, _CONTROLS)
-    anchors = farthest_points(fixed.points, _ANCHORS)
-    found = drift(aligned.rows(controls), fixed.rows(anchors), diagonal_m)
-    drifted = replace(aligned, points=aligned.points + found.at(aligned.points, aligned.label))
-    points = aligned.points.copy()
-    for label in np.unique(aligned.label):
-        mine = np.flatnonzero(aligned.label == label)
+def carried_by(carrier: Displacement, moving: Patch) -> Patch:
+    """Samples of the source where a displacement brings them, with their normals."""
+    there = aligned(moving, carrier.matrix, carrier.offset_m)
+    control = Patch(carrier.control_points, carrier.control_points, carrier.control_class)
+    field = Drift(control, carrier.weights, carrier.reach_m).at(there.points, there.label)
+    return replace(there, points=there.points + field * carrier.smooth[there.label][:, None])
+
+
+def _displacement(moving: Patch, fixed: Patch, source: Cloud, registered: Cloud) -> Displacement:
+    """Each matched part on its counterpart, and a smooth field besides."""
+    diagonal = diagonal_of(source.points)
+    matrix, offset, _ = alignments(moving, fixed)
+    there = aligned(moving, matrix, offset)
+    field, smooth = _smooth_field(there, fixed, diagonal)
+    step = np.array([spacing(source), spacing(registered)])
+    control = field.control
+    return Displacement(
+        matrix, offset, smooth, control.points, control.label, field.weights, field.reach_m, step
+    )
+
+
+def _smooth_field(there: Patch, fixed: Patch, diagonal: float) -> tuple[Drift, Bools]:
+    """The drift of aligned parts, and of which classes (C + 1,) it brings the surfaces clearly nearer."""
+    controls = there.rows(farthest_points(there.points, _CONTROLS))
+    found = drift(controls, fixed.rows(farthest_points(fixed.points, _ANCHORS)), diagonal)
+    drifted = replace(there, points=there.points + found.at(there.points, there.label))
+    smooth = np.zeros(int(there.label.max(initial=-1)) + 2, bool)
+    for label in np.unique(there.label):
+        mine = np.flatnonzero(there.label == label)
         tried = mine[:: max(1, len(mine) // _TRIED)]
-        before = _off(aligned.rows(tried), fixed, diagonal_m)
-        if _off(drifted.rows(tried), fixed, diagonal_m) < CLEARLY_BETTER * before:
-            points[mine] = drifted.points[mine]
-    return replace(aligned, points=points)
+        before = _off(there.rows(tried), fixed, diagonal)
+        smooth[label] = _off(drifted.rows(tried), fixed, diagonal) < CLEARLY_BETTER * before
+    return found, smooth
 
 
 def _off(patch: Patch, fixed: Patch, diagonal_m: float) -> float:
@@ -157,14 +194,17 @@ def _continues(parts: Parts, matching: Matching) -> Bools:
     return found
 
 
-def _without(warped: Patch, fixed: Patch, index: Ints, taken: Bools, part: Ints, diagonal_m: float) -> Bools:
+def _without(
+    warped: Patch, fixed: Patch, index: Ints, taken: Bools, source: Cloud, diagonal_m: float
+) -> Bools:
     """Which samples have no counterpart: far from everything, or of a part without counterpart."""
     free = warped.label < 0
     distance = np.linalg.norm(warped.points - fixed.points[index], axis=1)
     same_face = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) > SAME_FACE
-    count = np.maximum(np.bincount(part), 1)
+    part, area = labels_of(source), source.areas
+    whole = np.maximum(np.bincount(part, weights=area), 1e-12)
     found = same_face & (distance < TOLERANCE / 2 * diagonal_m) & ~taken
-    share = np.bincount(part, weights=found) / count
+    share = np.bincount(part, weights=area * found) / whole
     return free & ((distance > TOLERANCE * diagonal_m) | (share[part] < MAJORITY))
 
 

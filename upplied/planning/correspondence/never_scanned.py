@@ -21,7 +21,7 @@ from upplied.planning.correspondence.memo import Memo, content_key
 from upplied.planning.correspondence.partial import as_likely, is_open
 from upplied.planning.geometry.boxes import in_source_frame, spacing
 from upplied.planning.surface.openings import shows_inside
-from upplied.planning.surface.parts import labels_of, pieces_tell_parts
+from upplied.planning.surface.parts import labels_of
 from upplied.records import (
     Bools,
     Cloud,
@@ -67,8 +67,8 @@ def missing_from(
     clouds: CloudSettings,
     memo: Memo,
 ) -> NeverScanned:
-    """What of a fitted target was never scanned, remembered; nothing where pieces tell its parts: a model."""
-    if fit.inferred != 1 and pieces_tell_parts(fit.target):
+    """What of a fitted target was never scanned, remembered; nothing of one that is no scan."""
+    if not structures[1].is_scan:
         return NOTHING_MISSING
     found = fit.registration
     lies = found.matrix.tolist(), found.translation.tolist()

@@ -7,26 +7,30 @@ from typing import Any
 
 import numpy as np
 
-from upplied.config import CloudSettings, Settings
+from upplied.config import CloudSettings, Settings, digest
 from upplied.planning.constants import CLEARLY_BETTER, MAJORITY
+from upplied.planning.correspondence.by_parts import by_displacement
 from upplied.planning.correspondence.fit import NOTHING, Fit, explained, number_of_parts
 from upplied.planning.correspondence.fit_settings import surface_settings, unasked, voxel_settings
 from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering, surface_key
-from upplied.planning.correspondence.nearest import correspond
+from upplied.planning.correspondence.nearest import correspond, nearest
 from upplied.planning.correspondence.never_scanned import (
     NeverScanned,
     missing_from,
     supposed_surface,
     without,
 )
+from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.correspondence.registration import Declared, declared_for, register
 from upplied.planning.correspondence.rotor import rotor_turned
+from upplied.planning.surface.fine import with_fine
 from upplied.planning.surface.parts import blades_of, pieces_tell_parts
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.surface.skin import PartLabels, skin_parts
+from upplied.planning.surface.skin import PartLabels, Skin, middle_of, skin_study
 from upplied.planning.surface.voxels import voxel_cloud
 from upplied.records import (
+    Bools,
     Cloud,
     Correspondences,
     Ints,
@@ -55,6 +59,7 @@ class Pair(Record):
     surface: Fit
     missing: NeverScanned  # of the target
     supposed: SupposedSurface | None  # where that is; `target_scene` holds it
+    grain: str = ""  # names the samples of the target's surface, where they are not its even ones
 
     @property
     def obstacle(self) -> Cloud:
@@ -64,6 +69,47 @@ class Pair(Record):
     def fit_for(self, settings: Settings) -> Fit:
         """The fit that a preset plans on: with normals where it asks what is truly seen."""
         return self.surface if settings.visibility.occlusion else self.voxels
+
+    def with_samples(self, source: Grained, target: Grained) -> Pair:
+        """The same pair by other samples of both surfaces; parts correspond as they did."""
+        fit = self.surface
+        cloud = source.cloud, target.cloud
+        carried = None if fit.carried is None else fit.carried[target.even]
+        fit = replace(fit, source=cloud[0], target=cloud[1], carried=carried)
+        known, found = self.surface.correspondences, self.surface.registration
+        if known.displacement is None or known.source_class is None or known.target_class is None:
+            match = nearest(*cloud, found)
+        else:
+            matching = Matching(known.source_class, known.target_class)
+            match = by_displacement(cloud[0], fit.registered, found, matching, known.displacement)
+        beyond = np.flatnonzero(np.isin(source.even, self.missing.beyond))
+        match = without(match, replace(self.missing, beyond=beyond), *cloud, carried)
+        fit = replace(fit, correspondences=replace(match, summary=known.summary))
+        return replace(self, surface=fit, grain=target.key)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Grained(Record):
+    """Samples of a structure's surface that are finer where it matters."""
+
+    cloud: Cloud
+    even: Ints  # (N,) the even sample that each is, or that stands for it
+    key: str  # names them
+
+
+def grained(
+    structure: Structure, cloud: Cloud, meant: Bools, clouds: CloudSettings, memo: Memo = no_memo
+) -> Grained:
+    """A structure's samples, finer where something is meant (N,), remembered."""
+    # Parts are of the pair, where those of one structure are inferred from the other's.
+    facts = np.flatnonzero(meant).tolist(), [] if cloud.part is None else cloud.part.tolist()
+    key = content_key("fine", structure.sha256, clouds, digest(facts))
+    memo = remembering(memo, structure.sha256)
+
+    def finer() -> Grained:
+        return Grained(*with_fine(structure, scene_of(structure), cloud, meant, clouds.seed), key)
+
+    return memo("fine", Grained, key, finer)
 
 
 def study_pair(source: Structure, target: Structure, settings: Settings, memo: Memo = no_memo) -> Pair:
@@ -210,8 +256,8 @@ def _surface_fit(
     if known[0] == known[1]:
         both = _matched(clouds, structures, found, plain, declared, memo, facts)
         fit = replace(fit, correspondences=both)
-    if any(known) and explained(fit) < MAJORITY:
-        # Where both have parts: one of few pieces is a scan.
+    scanned = any(each.is_scan for each in structures)
+    if any(known) and (scanned or known[0] != known[1]) and explained(fit) < MAJORITY:
         fewer = number_of_parts(clouds[1]) <= number_of_parts(clouds[0])
         one = int(fewer if known[0] == known[1] else known[0])
         inferred = _fit_inferred(fit, one, structures, scenes, plain, declared, memo, facts)
@@ -255,7 +301,7 @@ def _fit_inferred(
     def inferred() -> PartLabels:
         skin = skin_of(structures[one], scenes[one], clouds[one], settings.clouds, memo)
         turned = rotor_turned(registered[1 - one], registered[one])
-        return PartLabels(parts_like(registered[one], skin.label, turned))
+        return PartLabels(parts_like(registered[one], middle_of(skin.of(clouds[one])), turned))
 
     known = replace(clouds[one], part=memo("parts", PartLabels, content_key("parts", *facts), inferred).label)
     clouds = (known, clouds[1]) if one == 0 else (clouds[0], known)
@@ -288,8 +334,8 @@ def _with_carried(fit: Fit, memo: Memo, facts: tuple[Any, ...]) -> Fit:
 
 def skin_of(
     structure: Structure, scene: Scene, cloud: Cloud, clouds: CloudSettings, memo: Memo = no_memo
-) -> PartLabels:
-    """The parts of a structure's skin, remembered with it."""
+) -> Skin:
+    """The stretches of a structure's skin, remembered with it."""
     key = content_key("skin", structure.sha256, clouds)
     memo = remembering(memo, structure.sha256)
-    return memo("skin", PartLabels, key, lambda: skin_parts(structure, scene, cloud, clouds.seed))
+    return memo("skin", Skin, key, lambda: skin_study(structure, scene, cloud, clouds.seed))

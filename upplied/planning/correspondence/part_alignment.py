@@ -49,26 +49,50 @@ def patches(source: Cloud, registered: Cloud, matching: Matching) -> tuple[Patch
     )
 
 
-def aligned_parts(moving: Patch, fixed: Patch, turned_only: bool = False) -> Patch:
-    """Each matched part aligned with its counterpart; only those that turned, if asked."""
-    points, normals = moving.points.copy(), moving.normals.copy()
-    for label in range(int(moving.label.max(initial=-1)) + 1):
+def alignments(moving: Patch, fixed: Patch) -> tuple[Floats, Floats, Bools]:
+    """The affine map of each class of parts onto its counterparts, and one more row that changes nothing.
+
+    Returns
+    -------
+    array, shape (C + 1, 3, 3)
+    array, shape (C + 1, 3), m
+    array of bool, shape (C + 1,)
+        Which classes turned, as the blades of a rotor that stopped elsewhere do.
+    """
+    number = int(moving.label.max(initial=-1)) + 1
+    matrix, offset = np.tile(np.eye(3), (number + 1, 1, 1)), np.zeros((number + 1, 3))
+    turned = np.zeros(number + 1, bool)
+    for label in range(number):
         mine, theirs = moving.label == label, fixed.label == label
         if not mine.any() or not theirs.any():
             continue
-        part = moving.points[mine], moving.normals[mine]
-        turned = _turned(*part, moving.points, fixed.points[theirs], fixed.points)
-        if turned is not None:
-            points[mine], normals[mine] = turned
-        elif not turned_only:
-            points[mine], normals[mine] = _box_on_box(*part, fixed.points[theirs])
-    return Patch(points, normals, moving.label)
+        part, partner = moving.points[mine], fixed.points[theirs]
+        found = _turned(part, moving.points, partner, fixed.points)
+        turned[label] = found is not None
+        matrix[label], offset[label] = _box_on_box(part, partner) if found is None else found
+    return matrix, offset, turned
+
+
+def aligned(moving: Patch, matrix: Floats, offset: Floats) -> Patch:
+    """A patch by the affine maps (C + 1, ...) of its classes."""
+    points = np.einsum("nij,nj->ni", matrix[moving.label], moving.points) + offset[moving.label]
+    normals = np.einsum("nji,nj->ni", np.linalg.inv(matrix)[moving.label], moving.normals)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return Patch(points, normals / np.maximum(length, 1e-12), moving.label)
+
+
+def aligned_parts(moving: Patch, fixed: Patch, turned_only: bool = False) -> Patch:
+    """Each matched part aligned with its counterpart; only those that turned, if asked."""
+    matrix, offset, turned = alignments(moving, fixed)
+    if turned_only:
+        matrix[~turned], offset[~turned] = np.eye(3), 0.0
+    return aligned(moving, matrix, offset)
 
 
 def _turned(
-    part: Floats, normals: Floats, whole: Floats, partner: Floats, other_whole: Floats
+    part: Floats, whole: Floats, partner: Floats, other_whole: Floats
 ) -> tuple[Floats, Floats] | None:
-    """The part aligned with the direction of its counterpart, None unless both are long and point apart."""
+    """The map onto the direction of a counterpart, None unless both parts are long and point apart."""
     axis, length, width, outward = _direction(part, whole)
     other_axis, other_length, other_width, other_outward = _direction(partner, other_whole)
     pointing = outward and other_outward and length > SLENDER * width and other_length > SLENDER * other_width
@@ -78,14 +102,15 @@ def _turned(
     stretch = np.eye(3) * (other_width / width)
     stretch += np.outer(axis, axis) * (other_length / length - other_width / width)
     middle, other_middle = _middle_along(part, axis), _middle_along(partner, other_axis)
-    return (part - middle) @ (turn @ stretch).T + other_middle, normals @ turn.T
+    matrix = turn @ stretch
+    return matrix, other_middle - matrix @ middle
 
 
-def _box_on_box(part: Floats, normals: Floats, partner: Floats) -> tuple[Floats, Floats]:
-    """The part with its box on its counterpart's."""
+def _box_on_box(part: Floats, partner: Floats) -> tuple[Floats, Floats]:
+    """The map of a part's box onto its counterpart's."""
     box, other = _core(part), _core(partner)
     scale = box_scale(other, box)
-    return scale * (part - box[0]) + other[0], scaled_normals(normals, scale)
+    return np.diag(scale), other[0] - scale * box[0]
 
 
 def _core(part: Floats) -> Floats:
@@ -139,9 +164,10 @@ def _misfit(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools, diagon
     Over the mean (geometric) of the structure's diagonal and theirs, since small parts misfit by less.
     """
     one, other = source.points[mine], registered.points[theirs]
-    boxed, turned = _box_on_box(one, source.outward[mine], other)
+    matrix, offset = _box_on_box(one, other)
     weight = FACING * diagonal_m
-    here = with_normals(boxed, turned, weight)
+    turned = scaled_normals(source.outward[mine], np.diag(matrix))
+    here = with_normals(one @ matrix + offset, turned, weight)
     there = with_normals(other, registered.outward[theirs], weight)
     step = [max(1, len(cloud) // _TRIED) for cloud in (here, there)]
     to_there = cKDTree(there).query(here[:: step[0]])[0].mean()

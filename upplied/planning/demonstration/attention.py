@@ -19,6 +19,7 @@ from numba import njit
 
 from upplied.config import InspectionSettings
 from upplied.planning.constants import FOVEA, MAJORITY
+from upplied.planning.surface.skin import middle_of
 from upplied.planning.visibility.dwell import stations_at
 from upplied.planning.visibility.moments import Moments, moments, motion_of, sight_to
 from upplied.planning.visibility.path_views import Views
@@ -37,8 +38,7 @@ class Attention(Record):
     """How much the expert's inspection was about each surface sample."""
 
     weight: Floats  # (N,) 0 to 1
-    part: Ints  # (N,) of the skin
-    completeness: Floats  # (K,) of each part, over the flight's own
+    part: Ints  # (N,) the stretch of the skin, by the middle one of its divisions
     subject_m: float  # depth at which the flight saw its subject; NaN where it saw nothing
     motion_radps: float = 0.0  # 95th percentile of the motion of its pictures there: the expert's own blur
     incidence_deg: float = 0.0  # 95th percentile of the incidence of its looks
@@ -50,7 +50,7 @@ def attention(
     camera: Camera,
     cloud: Cloud,
     shown: Views,
-    part: Ints,
+    stretch: Ints,
     settings: InspectionSettings,
     zone: Bools | None = None,
 ) -> Attention:
@@ -67,8 +67,9 @@ def attention(
         N surface samples of the source with normals and areas.
     shown : Views
         What the flight truly sees of them, in the same time.
-    part : array of int, shape (N,)
-        The part of the skin that each lies on (`surface.skin`).
+    stretch : array of int, shape (J, N)
+        The stretch of the skin that each lies on, by several divisions of it (`surface.skin`). A sample of
+        which they do not agree is meant by the share of them that mean it.
     settings : InspectionSettings
         When a picture is sharp.
     zone : array of bool, shape (N,), optional
@@ -76,14 +77,13 @@ def attention(
         shows counts, and of nothing else.
     """
     steps = moments(flight, breaks)
-    number, parts = len(cloud), int(part.max(initial=0)) + 1
-    area = cloud.areas
+    number, area, part = len(cloud), cloud.areas, middle_of(stretch)
     rows = shown.seen[stations_at(shown, steps)]
     arguments = _facts(steps, camera, cloud, rows)
     depth = _depths(*arguments, FOVEA, _NEAREST)
     known = np.isfinite(depth)
     if not known.any():
-        return Attention(np.zeros(number), part, np.zeros(parts), float("nan"))
+        return Attention(np.zeros(number), part, float("nan"))
     subject = _subject(steps, depth, known)
     limit = np.full(len(depth), np.inf)
     if zone is None:
@@ -93,16 +93,27 @@ def attention(
         sharp = np.array([settings.sharp_radps(float(angle)) for angle in steps.poses.fov_deg[:, 0]])
     gaze, time = _gazed(*arguments, limit, steps.step_s, *_motion(steps), sharp, FOVEA)
     gazed, seen = 1 - np.exp(-gaze / _GAZE_S), 1 - np.exp(-time / _SHOWN_S)
-    complete = np.bincount(part, area * gazed, parts) / np.maximum(np.bincount(part, area, parts), 1e-300)
     whole = float((area * gazed).sum())
     if whole <= 0:
-        return Attention(np.zeros(number), part, np.zeros(parts), subject)
-    complete /= float((area * gazed) @ complete[part]) / whole
-    share = np.clip((complete - (1 - MAJORITY)) / (2 * MAJORITY - 1), 0, 1)
-    meant = (share**2 * (3 - 2 * share))[part] if zone is None else zone.astype(float)
+        return Attention(np.zeros(number), part, subject)
+    meant = zone.astype(float) if zone is not None else _meant(stretch, area * gazed, area)
     weight = meant * seen
     looks = _looks(*arguments, step_s=steps.step_s, moving=_motion(steps), weight=weight, area=area)
-    return Attention(weight, part, complete, subject, *looks)
+    return Attention(weight, part, subject, *looks)
+
+
+def _meant(stretch: Ints, gazed: Floats, area: Floats) -> Floats:
+    """How much (N,) the flight was about each sample by how completely its stretch was gazed at.
+
+    The mean over the divisions (J, N) of the skin; of a stretch that is as complete as the flight's own all.
+    """
+    meant = np.zeros(len(area))
+    for part in stretch:
+        complete = np.bincount(part, gazed) / np.maximum(np.bincount(part, area), 1e-300)
+        complete /= float(gazed @ complete[part]) / float(gazed.sum())
+        share = np.clip((complete - (1 - MAJORITY)) / (2 * MAJORITY - 1), 0, 1)
+        meant += (share**2 * (3 - 2 * share))[part] / len(stretch)
+    return meant
 
 
 def _looks(

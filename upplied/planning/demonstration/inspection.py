@@ -8,11 +8,12 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
-from upplied.planning.correspondence.pair import Pair, skin_of
+from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.attention import Attention, attention
 from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.viewpoints import find_viewpoints
+from upplied.planning.surface.skin import Skin, middle_of
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
@@ -39,16 +40,29 @@ class Inspection(Record):
 
 
 def inspect_demonstration(
-    demonstration: Demonstration, pair: Pair, settings: Settings, memo: Memo = no_memo
+    demonstration: Demonstration,
+    pair: Pair,
+    skin: Skin,
+    settings: Settings,
+    memo: Memo = no_memo,
+    grain: str = "even",
 ) -> Inspection:
-    """Visibility along the flight, and its viewpoints, remembered by content."""
+    """Visibility along the flight, and its viewpoints, remembered by content.
+
+    `skin` is the source's; `grain` names the samples of the source, where they are not its even ones.
+    """
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
     camera = demonstration.camera
     flight, breaks = prepared(demonstration, settings, memo, _spacing(demonstration, pair))
     fit = pair.fit_for(settings)
     facts = (demonstration.sha256, pair.source.sha256, settings.clouds)
     key = content_key(
-        "visibility", *facts, settings.visibility, settings.viewpoints.most_poses, settings.refine.method
+        "visibility",
+        *facts,
+        grain,
+        settings.visibility,
+        settings.viewpoints.most_poses,
+        settings.refine.method,
     )
     seen = memo(
         "visibility",
@@ -64,13 +78,7 @@ def inspect_demonstration(
             fov_deg=flight.fov_deg,
         ),
     )
-    whole = demonstration.trajectory
-    truly = memo(
-        "views",
-        Views,
-        content_key("truly", *facts),
-        lambda: views(whole, pair.surface.source, camera, TRULY, pair.source_scene),
-    )
+    truly, attended = attended_by(demonstration, pair, skin, settings, memo, grain)
     return Inspection(
         flight=flight,
         camera=camera,
@@ -85,36 +93,57 @@ def inspect_demonstration(
             "views",
             Views,
             content_key("frustum", *facts),
-            lambda: views(whole, pair.voxels.source, camera, BY_FRUSTUM),
+            lambda: views(demonstration.trajectory, pair.voxels.source, camera, BY_FRUSTUM),
         ),
         truly=truly,
-        attention=memo(
-            "attention",
-            Attention,
-            content_key("attention", *facts, settings.inspection, demonstration.about),
-            lambda: _attended(demonstration, pair, truly, settings, memo),
-        ),
-        logged=whole,
+        attention=attended,
+        logged=demonstration.trajectory,
         logged_breaks=demonstration.breaks,
         breaks=breaks,
     )
 
 
+def attended_by(
+    demonstration: Demonstration,
+    pair: Pair,
+    skin: Skin,
+    settings: Settings,
+    memo: Memo = no_memo,
+    grain: str = "even",
+) -> tuple[Views, Attention]:
+    """What a flight truly sees of the source's samples, and how much it was about each."""
+    memo = remembering(memo, demonstration.sha256, pair.source.sha256)
+    facts = (demonstration.sha256, pair.source.sha256, settings.clouds, grain)
+    truly = memo(
+        "views",
+        Views,
+        content_key("truly", *facts),
+        lambda: views(
+            demonstration.trajectory, pair.surface.source, demonstration.camera, TRULY, pair.source_scene
+        ),
+    )
+    return truly, memo(
+        "attention",
+        Attention,
+        content_key("attention", *facts, settings.inspection, demonstration.about),
+        lambda: _attended(demonstration, pair, truly, skin.of(pair.surface.source), settings),
+    )
+
+
 def _attended(
-    demonstration: Demonstration, pair: Pair, truly: Views, settings: Settings, memo: Memo
+    demonstration: Demonstration, pair: Pair, truly: Views, stretch: Ints, settings: Settings
 ) -> Attention:
-    """What the flight was about; the parts of the skin are remembered with the structure."""
+    """What the flight was about."""
     cloud, source = pair.surface.source, pair.source
-    skin = skin_of(source, pair.source_scene, cloud, settings.clouds, memo)
     return attention(
         demonstration.trajectory,
         demonstration.breaks,
         demonstration.camera,
         cloud,
         truly,
-        skin.label,
+        stretch,
         settings.inspection,
-        zone_of(settings.inspection.about or demonstration.about, source, cloud, skin.label),
+        zone_of(settings.inspection.about or demonstration.about, source, cloud, middle_of(stretch)),
     )
 
 

@@ -16,10 +16,15 @@ from upplied.planning.correspondence.landmarks import choices_for, side_of
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
 from upplied.planning.correspondence.nearest import correspond
 from upplied.planning.correspondence.never_scanned import without
-from upplied.planning.correspondence.pair import Pair
-from upplied.planning.demonstration.inspection import Inspection, inspect_demonstration
+from upplied.planning.correspondence.pair import Pair, grained, skin_of
+from upplied.planning.demonstration.inspection import (
+    Inspection,
+    attended_by,
+    inspect_demonstration,
+)
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
+from upplied.planning.surface.skin import Skin
 from upplied.poses import from_yaw_pitch, in_a_row, yaw_pitch
 from upplied.records import (
     Correspondences,
@@ -33,8 +38,21 @@ from upplied.records import (
 )
 from upplied.records.required import RequiredSurface
 
+_MEANT = 0.05  # of attention, from which a sample lies on what was inspected
 _INSPECTED = 0.1  # least share of what was inspected, for a part to be asked about
 _TRANSIT_S = 10.0  # of the demonstration's time between two takes; the way itself is timed anew
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Attended(Record):
+    """What a flight was about, and what corresponds to it, as the even samples of both structures tell."""
+
+    flight: Demonstration
+    pair: Pair
+    weight: Floats  # (N,) attention, 0 to 1, of the source's samples
+    stretch: Ints  # (N,) the stretch of the skin on which each of them lies
+    part: int = -1  # of the source, that is repeated; -1 where nothing is
+    choice: int = -1  # of the target, that it is repeated on
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,9 +60,8 @@ class Take(Record):
     """One flying of a demonstration: what was looked at, and what corresponds to it on the target."""
 
     inspection: Inspection
-    pair: Pair
-    part: int = -1  # of the source, that is repeated; -1 where nothing is
-    choice: int = -1  # of the target, that it is repeated on
+    pair: Pair  # with fine samples of what was inspected, and of its counterpart
+    attended: Attended
     required: RequiredSurface | None = None  # of the target, that is to be shown before all else
 
 
@@ -58,7 +75,20 @@ def takes_of(
     SettingsError
         If a repetition is asked for with a preset that knows no parts.
     """
-    first = Take(inspect_demonstration(demonstration, pair, settings, memo), pair)
+    skin = skin_of(pair.source, pair.source_scene, pair.surface.source, settings.clouds, memo)
+    return _with_fine_samples(_attended(demonstration, pair, skin, settings, memo), skin, settings, memo)
+
+
+def _attended(
+    demonstration: Demonstration, pair: Pair, skin: Skin, settings: Settings, memo: Memo
+) -> list[Attended]:
+    """The takes as the even samples tell."""
+
+    def about(flight: Demonstration) -> Attended:
+        found = attended_by(flight, pair, skin, settings, memo)[1]
+        return Attended(flight, pair, found.weight, found.part)
+
+    first = about(demonstration)
     if not settings.correspondence.repeat:
         return [first]
     if settings.correspondence.method != "parts":
@@ -67,22 +97,37 @@ def takes_of(
         )
     if settings.correspondence.repeat == "each" and _shows_each(first):
         return [first]
-    other = mirrored(demonstration, pair.source)
-    across = Take(inspect_demonstration(other, pair, settings, memo), pair)
+    across = about(mirrored(demonstration, pair.source))
     if settings.correspondence.repeat == "mirror":
         return [first, across]
     takes = []
-    for flown, take in ((demonstration, first), (other, across)):
+    for take in (first, across):
         part = demonstrated_part(take)
-        for choice in _on_this_side(part, take.pair):
+        for choice in _on_this_side(part, pair):
             pairs = (*settings.correspondence.counterparts, (f"part_{part}", f"part_{choice}"))
             chosen = replace(settings, correspondence=replace(settings.correspondence, counterparts=pairs))
-            studied = _matched_anew(pair, chosen, memo)
-            takes.append(Take(inspect_demonstration(flown, studied, chosen, memo), studied, part, choice))
+            takes.append(replace(take, pair=_matched_anew(pair, chosen, memo), part=part, choice=choice))
     return takes or [first]
 
 
-def _shows_each(take: Take) -> bool:
+def _with_fine_samples(flights: Sequence[Attended], skin: Skin, settings: Settings, memo: Memo) -> list[Take]:
+    """The takes with fine samples of what was inspected, and of the counterparts of all of that."""
+    pair, meant = flights[0].pair, [one.weight > _MEANT for one in flights]
+    counterparts = np.zeros(len(pair.surface.target), bool)
+    for one, mine in zip(flights, meant, strict=True):
+        index = one.pair.surface.correspondences.target_index
+        counterparts[index[mine & (index >= 0)]] = True
+    source = grained(pair.source, pair.surface.source, np.any(meant, axis=0), settings.clouds, memo)
+    target = grained(pair.target, pair.surface.target, counterparts, settings.clouds, memo)
+    takes = []
+    for one in flights:
+        refined = one.pair.with_samples(source, target)
+        inspection = inspect_demonstration(one.flight, refined, skin, settings, memo, source.key)
+        takes.append(Take(inspection, refined, one))
+    return takes
+
+
+def _shows_each(take: Attended) -> bool:
     """Whether the flight as it was flown shows every part of the kind already: all piers of a bridge."""
     words, fit = named_axes(take.pair.source.frame), take.pair.surface
     part, counterparts = demonstrated_part(take), fit.correspondences.target_parts
@@ -144,27 +189,16 @@ def inspected_states(take: Take) -> SurfaceStates:
     return SurfaceStates(cloud.points, state.astype(np.int64), cloud.normals)
 
 
-def demonstrated_part(take: Take) -> int:
-    """The part of the source that the demonstration is about.
-
-    What fills most of the pictures may be the fuselage behind the engine; of the part that is meant,
-    most is seen. So the share of the pictures counts times the squared share of the part that was seen.
-    """
-    cloud, visibility = take.pair.surface.source, take.inspection.visibility
-    rays = take.inspection.flight.positions[:, None] - cloud.points
-    squared = np.maximum(np.einsum("mnj,mnj->mn", rays, rays), 1e-6)
-    area = cloud.areas
-    label = labels_of(cloud)
-    filled = np.bincount(label, weights=(visibility.seen * area / squared).sum(axis=0))
-    seen = np.bincount(label, weights=area * visibility.total) / np.bincount(label, weights=area)
-    return int((filled * seen**2).argmax())
+def demonstrated_part(take: Attended) -> int:
+    """The part of the source that the demonstration is about: the one with most of what was inspected."""
+    found = inspected_parts(take, labels_of(take.pair.surface.source))
+    return found[0][0] if found else 0
 
 
-def inspected_parts(take: Take, label: Ints) -> list[tuple[int, float]]:
+def inspected_parts(take: Attended, label: Ints) -> list[tuple[int, float]]:
     """The parts on which most of what was inspected lies, and their shares; at least one if there are any."""
-    cloud, weight = take.pair.surface.source, take.inspection.attention.weight
-    area: Floats = cloud.areas
-    share = np.bincount(label, weights=weight * area)
+    area: Floats = take.pair.surface.source.areas
+    share = np.bincount(label, weights=take.weight * area)
     if share.sum() <= 0:
         return []
     share = share / share.sum()

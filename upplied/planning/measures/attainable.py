@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from upplied.config import VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
+from upplied.planning.visibility.path_views import TRULY
 from upplied.records import Bools, Camera, Cloud, Floats, Ints
 from upplied.vectors import across
 
@@ -20,6 +21,7 @@ _TILTS = (0.0, 0.3, 0.55, 0.75, 0.88, 0.98)  # of the largest incidence
 _TURNS = 16
 _DISTANCES = 8
 _NEIGHBOURS = 24
+_BESIDE = 9  # of a missed sample, itself and others, that are tried with it
 _ROUNDS = 6  # of asking neighbours
 _BATCH = 6000  # rays at a time: one more position is tried for samples just served than need be
 
@@ -51,6 +53,22 @@ def attainable(
     array of bool, shape (N,)
     """
     return np.isfinite(seen_from(cloud, airspace, camera, settings, farthest_m)[:, 0])
+
+
+def attainable_beside(
+    missed: Ints, cloud: Cloud, airspace: Airspace, camera: Camera, farthest_m: Floats | None = None
+) -> Bools:
+    """Which of some samples (K,) of a cloud some allowed position truly sees; see `attainable`.
+
+    Their neighbours are tried with them: they tell from where a narrow place is seen.
+    """
+    if not len(missed):
+        return np.zeros(0, bool)
+    near = cKDTree(cloud.points).query(cloud.points[missed], k=min(_BESIDE, len(cloud)))[1]
+    tried = np.unique(near)
+    farthest = None if farthest_m is None else farthest_m[tried]
+    possible = attainable(cloud.at(tried), airspace, camera, TRULY, farthest)
+    return np.asarray(possible[np.searchsorted(tried, missed)], bool)
 
 
 def seen_from(

@@ -9,6 +9,7 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface
@@ -20,17 +21,25 @@ from upplied.planning.carry.standoff import (
     picture_share,
 )
 from upplied.planning.correspondence.fit import Fit
-from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
-from upplied.planning.measures.attainable import attainable
+from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.measures.fidelity import fidelity
 from upplied.planning.measures.inspected import inspected_measures, shown_of, surface_states
 from upplied.planning.measures.measure import measure
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
 from upplied.poses import yaw_pitch
-from upplied.records import Bools, Camera, Floats, Measures, SurfaceStates, Trajectory, Visibility
+from upplied.reconstruction import looks_scanned
+from upplied.records import (
+    Bools,
+    Camera,
+    Floats,
+    Measures,
+    Structure,
+    SurfaceStates,
+    Trajectory,
+)
 from upplied.scene import Scene
 
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
@@ -43,7 +52,6 @@ def judge(
     demonstrated_s: Floats | None,
     takes: Sequence[Take],
     settings: Settings,
-    memo: Memo = no_memo,
 ) -> tuple[Measures, SurfaceStates | None, tuple[str, ...]]:
     """All measures of a planned trajectory, what becomes of the target's surface, and warnings in words.
 
@@ -69,7 +77,7 @@ def judge(
         ),
         views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene),
     )
-    possible = attainable_samples(pair, camera, settings, memo)
+    possible = _attainable(true[0], true[1], airspace_of(pair, settings), camera)
     found = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
     shown = shown_of(true[1], takes, settings)
     begins = begins_of(takes, joined([take.inspection.logged for take in takes]))
@@ -82,7 +90,7 @@ def judge(
     if demonstrated_s is not None:
         found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, demonstrated_s, takes, settings))
     said = (
-        _warnings(found, true[0], pair.target_scene, settings)
+        _warnings(found, true[0], pair.target, pair.target_scene, settings)
         + _beyond(pair)
         + _beyond_the_gimbal(takes, settings)
     )
@@ -128,7 +136,9 @@ def _seen_surface(take: Take, fit: Fit, demonstrated: Views, settings: Settings)
     return inspected_surface(fit.source, fit.target, fit.correspondences, demonstrated, sight)
 
 
-def _warnings(found: Measures, seen: InspectedSurface, scene: Scene, settings: Settings) -> tuple[str, ...]:
+def _warnings(
+    found: Measures, seen: InspectedSurface, target: Structure, scene: Scene, settings: Settings
+) -> tuple[str, ...]:
     """What a person should know before this plan is flown, in words."""
     said = []
     if seen.without_pct >= 1:
@@ -139,10 +149,19 @@ def _warnings(found: Measures, seen: InspectedSurface, scene: Scene, settings: S
     short = found.coverage_attainable_pct - found.coverage_seen_pct
     if short > 5:
         said.append(f"{short:.0f} % of what could be seen is missed")
-    if found.surface_error_m > 0:
+    if looks_scanned(target):
+        said.append(
+            "the target looks like a reconstruction of a scan and counts as drawn: "
+            "declare surface = 'scanned' in the manifest, or 'drawn' where it was"
+        )
+    if target.is_scan and found.surface_error_m > 0:
         said.append(
             f"the target is a scan, whose surface is known to {found.surface_error_m:.2f} m where it was "
             "scanned: that is kept beside the clearance" + _not_held(scene)
+        )
+    elif target.surface_error_m:
+        said.append(
+            f"the target is known to {found.surface_error_m:.2f} m: that is kept beside the clearance"
         )
     return (*said, *_too_near(found, settings))
 
@@ -201,18 +220,10 @@ def _beyond_the_gimbal(takes: Sequence[Take], settings: Settings) -> tuple[str, 
     )
 
 
-def attainable_samples(pair: Pair, camera: Camera, settings: Settings, memo: Memo = no_memo) -> Bools:
-    """Which surface samples of the target some allowed pose could see, (N,), remembered by content."""
-    memo = remembering(memo, pair.target.sha256)
-    airspace = airspace_of(pair, settings)
-    missing = pair.missing
-    beyond = missing.points.tolist(), missing.other_points.tolist()
-    unseen = (pair.source.sha256, *beyond) if any(beyond) else ()
-    facts = (pair.target.sha256, settings.clouds, camera, settings.route, *unseen)
-    found = memo(
-        "attainable",
-        Visibility,
-        content_key("attainable", *facts),
-        lambda: Visibility(attainable(pair.surface.target, airspace, camera, TRULY)[None]),
-    )
-    return found.total
+def _attainable(seen: InspectedSurface, planned: Views, airspace: Airspace, camera: Camera) -> Bools:
+    """Which needed samples (N,) an allowed pose could see: the plan's own, where they are, or any other."""
+    allowed = airspace.allowed(planned.stations.positions)
+    possible = np.asarray(planned.seen[allowed].any(axis=0), bool)
+    missed = np.flatnonzero((seen.need > 0) & ~possible)
+    possible[missed] = attainable_beside(missed, seen.cloud, airspace, camera)
+    return possible

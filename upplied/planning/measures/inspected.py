@@ -19,13 +19,12 @@ from upplied.planning.carry.inspected_surface import (
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.demonstration.sharp_looks import look_limits
 from upplied.planning.geometry.boxes import spacing
-from upplied.planning.measures.attainable import attainable
+from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.visibility.moments import rates
-from upplied.planning.visibility.path_views import TRULY, Views
+from upplied.planning.visibility.path_views import Views
 from upplied.planning.visibility.view_quality import shown_well
 from upplied.records import Bools, Cloud, Floats, Ints, Record, SurfaceStates
 
-_NEIGHBOURS = 9  # of a missed sample, that are asked with it where they can be seen from
 _CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
 
 
@@ -61,13 +60,8 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     as_well = _shown_well(planned, cloud, farthest, *look_limits(takes, rule))
     missed = np.flatnonzero((inspected.need > 0) & ~as_well)
     never = np.zeros(len(cloud), bool)
-    if len(missed):
-        near = cKDTree(cloud.points).query(cloud.points[missed], k=min(_NEIGHBOURS, len(cloud)))[1]
-        asked = np.unique(near)  # neighbours tell where a narrow place is seen from
-        part = cloud.at(asked)
-        camera = takes[0].inspection.camera
-        possible = attainable(part, airspace_of(pair, settings), camera, TRULY, farthest[asked])
-        never[missed] = ~possible[np.searchsorted(asked, missed)]
+    camera, airspace = takes[0].inspection.camera, airspace_of(pair, settings)
+    never[missed] = ~attainable_beside(missed, cloud, airspace, camera, farthest)
     return Shown(inspected, as_well, never, attention)
 
 

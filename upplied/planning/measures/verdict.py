@@ -11,7 +11,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from upplied.config import Settings
+from upplied.config import FIDELITIES, Settings
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.carry.reference import demonstrated_on_target
 from upplied.planning.correspondence.label_transfer import fragments
@@ -115,6 +115,18 @@ def _hard(measures: Measures, settings: Settings) -> list[str]:
     if measures.peak_acceleration_mps2 > most * _TOLERANCE:
         found.append(f"asks for {measures.peak_acceleration_mps2:.1f} m/s2, {most:g} m/s2 are allowed")
     return found
+
+
+def odd_shape(measures: Measures, settings: Settings) -> tuple[str, ...]:
+    """That the path departs further from the demonstrated one than its fidelity leads to expect, in words."""
+    level = settings.refine.fidelity
+    usual, departure = FIDELITIES[level].deviation, measures.frechet_floored
+    if settings.refine.method != "view" or not departure > usual:
+        return ()
+    return (
+        f"the shape of the path departs from the demonstrated one by {departure:.2f} of its spread; with "
+        f"--fidelity {level} {usual:g} is usual",
+    )
 
 
 def in_the_way(pair: Pair) -> tuple[str, ...]:

@@ -7,13 +7,10 @@ asked of scans alone, and only which side of a piece is its front: the one that 
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from upplied.planning.constants import FRAGMENT, MAJORITY, TOUCH
 from upplied.planning.surface.escape import DIRECTIONS
 from upplied.records import Bools, Floats, Ints, Structure
 from upplied.scene import Scene
-from upplied.triangles import triangle_areas
 from upplied.vectors import area_vectors, sphere
 
 
@@ -22,8 +19,8 @@ def inside_open_shell(
 ) -> Bools:
     """Which sides (S,) that rays escape from lie inside a shell that is open where nothing was scanned.
 
-    From there more rays meet backs than do not, on pieces that mostly show from one side alone. A mesh whose
-    pieces touch each other is no scan: the ducts and cabins of a model are open as they are meant to be.
+    From there more rays meet backs than do not, on pieces that mostly show from one side alone. What is no
+    scan has no such sides: the ducts and cabins of a model are open as they are meant to be.
 
     Parameters
     ----------
@@ -41,10 +38,9 @@ def inside_open_shell(
         Of the same structure.
     """
     inside = np.zeros(len(points), bool)
-    spacing_m = float(np.sqrt(triangle_areas(structure).sum() / max(len(points), 1)))
-    of, number = piece[triangle], int(piece.max()) + 1
-    if not both.any() or not _lie_apart(points, of, number, spacing_m):
+    if not structure.is_scan or not both.any():
         return inside
+    of, number = piece[triangle], int(piece.max()) + 1
     shown = np.bincount(of[~both], weights=side[~both], minlength=number)
     # A tank, a boat: what mostly shows from both sides is no shell that happens to be open.
     from_one, from_both = (np.bincount(of[some], minlength=number) for some in (~both, both & (side > 0)))
@@ -61,14 +57,3 @@ def inside_open_shell(
     backs, others = (np.bincount(owner, weights=some, minlength=len(asked)) for some in (back, ~back))
     inside[asked] = backs > others
     return inside
-
-
-def _lie_apart(points: Floats, of: Ints, number: int, spacing_m: float) -> bool:
-    """Whether most of a mesh lies on pieces that touch no other: a scan, of one piece or fallen apart."""
-    large = np.bincount(of, minlength=number) >= FRAGMENT * len(of)
-    if large.sum() == 1:
-        return True
-    mine = np.flatnonzero(large[of])
-    pairs = mine[cKDTree(points[mine]).query_pairs(TOUCH * spacing_m, output_type="ndarray")]
-    touching = np.bincount(of[pairs[of[pairs[:, 0]] != of[pairs[:, 1]]].reshape(-1)], minlength=number) > 0
-    return bool((~touching[of]).mean() > MAJORITY)

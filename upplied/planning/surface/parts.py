@@ -26,6 +26,7 @@ _CONTACT = 0.015  # of the diagonal: pieces this close touch, and a surface lies
 _MIRRORED = 0.8  # share of the samples whose mirror images lie on the surface, if it is its own mirror image
 _CONTINUED = 0.3  # share of the near pairs that face the same way, by which a skin is continued
 _TOUCHING = 0.15  # least share of the smaller piece that touches the other, to be one body with it
+_WIDER = 1.5  # ratio from which a piece makes a body wider than it is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,7 +103,7 @@ def part_labels(points: Floats, area: Floats, piece: Ints) -> Ints:
     piece : array, shape (N,)
     """
     label = joined_small(points, area, piece)
-    return by_size(area, _joined_bodies(points, label))
+    return by_size(area, _joined_bodies(points, area, label))
 
 
 def by_size(area: Floats, label: Ints) -> Ints:
@@ -242,18 +243,36 @@ def joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
     return np.unique(joined, return_inverse=True)[1].reshape(-1)
 
 
-def _joined_bodies(points: Floats, label: Ints) -> Ints:
+def _joined_bodies(points: Floats, area: Floats, label: Ints) -> Ints:
+    """Parts (N,) where pieces of one compact body became one: the halves of a nacelle, and its pylon.
+
+    The piece with more surface first, and the pieces that touch it most; one that makes it wider along two
+    axes, a flap beside the nacelle, is another body.
+    """
     number = int(label.max()) + 1
     if number < 3:
         return label
-    diagonal = np.linalg.norm(np.ptp(points, axis=0))
-    size = np.array([np.ptp(points[label == part], axis=0).max() for part in range(number)])
-    compact = size < COMPACT * diagonal
+    most = COMPACT * np.linalg.norm(np.ptp(points, axis=0))
+    order = np.argsort(label, kind="stable")
+    first = np.searchsorted(label[order], np.arange(number))
+    low, high = (of.reduceat(points[order], first, axis=0) for of in (np.minimum, np.maximum))
+    size = np.bincount(label, weights=area)
     near, count = _contacts(_near_others(points, label), label)
     of_smaller = near / np.minimum(count[:, None], count[None, :])
-    # Both ways, so that the smaller one's share counts whichever of the two it is.
-    body = (np.maximum(of_smaller, of_smaller.T) > _TOUCHING) & compact[:, None] & compact[None, :]
-    return np.asarray(connected_components(body, directed=False)[1][label], np.int64)
+    touching = np.maximum(of_smaller, of_smaller.T)  # both ways: the smaller one's share counts
+    body, compact = np.arange(number), (high - low).max(axis=1) < most
+    for one in np.argsort(-size, kind="stable"):
+        if not compact[one] or body[one] != one:
+            continue
+        for other in np.argsort(-touching[one], kind="stable"):
+            if other == one or not compact[other] or body[other] != other or touching[one, other] < _TOUCHING:
+                continue
+            both = np.minimum(low[one], low[other]), np.maximum(high[one], high[other])
+            wider = (both[1] - both[0]) > _WIDER * (high[one] - low[one])
+            if wider.sum() <= 1 and (both[1] - both[0]).max() < most:
+                body[other] = one
+                low[one], high[one] = both
+    return np.asarray(np.unique(body[label], return_inverse=True)[1].reshape(-1), np.int64)
 
 
 def _contacts(pairs: Ints, label: Ints) -> tuple[Ints, Ints]:

@@ -16,7 +16,7 @@ from upplied.planning.surface.escape import ESCAPE, escapes, lets_out
 from upplied.planning.surface.floor import Floor, floor_of
 from upplied.planning.surface.open_shell import inside_open_shell
 from upplied.planning.surface.openings import shows_inside
-from upplied.planning.surface.parts import mesh_pieces, part_labels, pieces_tell_parts
+from upplied.planning.surface.parts import mesh_pieces, part_labels
 from upplied.planning.surface.poisson import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene, discs_of
@@ -44,12 +44,12 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
     -------
     Cloud
         `points` (N, 3), m, structure frame; outward `normals` (N, 3); `area_m2` (N,), whose sum is
-        the outside area; `part` (N,), 0 the largest; `open` (N,) where pieces do not tell the parts.
+        the outside area; `part` (N,), 0 the largest; `open` (N,) of a scan.
         Deterministic for a seed.
     """
     sampled = _from_triangles if len(structure.triangles) else _from_points
     cloud = sampled(structure, scene, settings)
-    if pieces_tell_parts(cloud):
+    if not structure.is_scan:
         return cloud
     return replace(cloud, open=shows_inside(structure, scene, cloud))
 
@@ -109,8 +109,9 @@ def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
 
 def _thinned(points: Floats, normals: Floats, area: Floats, piece: Ints, settings: CloudSettings) -> Cloud:
     kept = thin(points, normals, settings.surface_samples, float(area.sum()))
-    area = shares(points, normals, area, kept)
-    return Cloud(points[kept], normals[kept], area, part_labels(points[kept], area, piece[kept]))
+    each, area = area, shares(points, normals, area, kept)
+    # By all candidates: a piece is not cut off, or joined, by where some of them were left out.
+    return Cloud(points[kept], normals[kept], area, part_labels(points, each, piece)[kept])
 
 
 def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:

@@ -29,7 +29,9 @@ _FINE = 40_000  # samples that are joined
 _DRAWN = 1.6  # candidates for each of them
 _REACH = 3.0  # sample spacings: samples this near are asked whether the skin goes on between them
 _RISE = 0.25  # sine of the angle at which a neighbour stands out of the tangent plane: 14.5 deg
-_NECK = 0.5  # of the narrower part's half width: what is joined by less is two parts
+# Of the narrower part's half width: what is joined by less is two parts. Where a border is uncertain, some of
+# these join and some do not, and what is there belongs to either by that share.
+_NECKS = (0.35, 0.42, 0.5, 0.58, 0.65)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,8 +41,37 @@ class PartLabels(Record):
     label: Ints  # (N,) 0 .. K - 1
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Skin(Record):
+    """The stretches of a structure's skin at fine samples, divided in several ways that are as good."""
+
+    points: Floats  # (F, 3) m
+    normals: Floats  # (F, 3) unit, outward
+    stretch: Ints  # (J, F) of each division: 0 .. K - 1
+    spacing_m: float
+
+    def of(self, cloud: Cloud) -> Ints:
+        """The stretch (J, N) of each sample of a cloud of the same surface."""
+        if not len(self.points):
+            return np.zeros((len(self.stretch), len(cloud)), np.int64)
+        weight = TOUCH * self.spacing_m
+        place = cKDTree(with_normals(self.points, self.normals, weight))
+        return np.asarray(self.stretch[:, place.query(with_normals(cloud.points, cloud.outward, weight))[1]])
+
+
+def middle_of(stretch: Ints) -> Ints:
+    """The stretch (N,) of each sample by the middle one of the divisions (J, N), numbered without gaps."""
+    usual = stretch[len(stretch) // 2]
+    return np.unique(usual, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
 def skin_parts(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) -> PartLabels:
-    """The part of the skin of each sample of a structure's surface.
+    """The part of the skin of each sample of a structure's surface, by one division; see `skin_study`."""
+    return PartLabels(middle_of(skin_study(structure, scene, cloud, seed).of(cloud)))
+
+
+def skin_study(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) -> Skin:
+    """The skin of a structure.
 
     Parameters
     ----------
@@ -54,16 +85,14 @@ def skin_parts(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) 
 
     Returns
     -------
-    PartLabels
+    Skin
     """
     points, normals, piece = _fine_samples(structure, scene, cloud, seed)
     if len(points) < 2 / FRAGMENT:
-        return PartLabels(np.zeros(len(cloud), np.int64))
+        nothing = np.empty((0, 3))
+        return Skin(nothing, nothing, np.zeros((len(_NECKS), 0), np.int64), 0.0)
     spacing = float(np.sqrt(cloud.areas.sum() / len(points)))
-    label = _joined(points, normals, piece, spacing)
-    place = cKDTree(with_normals(points, normals, TOUCH * spacing))
-    nearest = place.query(with_normals(cloud.points, cloud.outward, TOUCH * spacing))[1]
-    return PartLabels(np.unique(label[nearest], return_inverse=True)[1].reshape(-1).astype(np.int64))
+    return Skin(points, normals, _joined(points, normals, piece, spacing), spacing)
 
 
 def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud, seed: int) -> tuple[Floats, Floats, Ints]:
@@ -72,27 +101,44 @@ def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud, seed: int) -
     if not len(structure.triangles):
         return _fine_points(structure, cloud, rng)
     points, triangle = points_on_triangles(structure, int(_DRAWN * _FINE), rng)
-    normals = area_vectors(structure.vertices[structure.triangles[triangle]])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    near = cKDTree(cloud.points).query(points, k=min(6, len(cloud)))[1].reshape(len(points), -1)
-    agrees = np.einsum("nkj,nj->nk", cloud.outward[near], normals)
-    index, sign = _sides(agrees)
-    outward = sign[:, None] * normals[index]
-    gap = 1e-5 * structure.diagonal_m
-    free = lets_out(
-        points[index] + gap * outward, outward, 2 * structure.diagonal_m, scene, floor_of(structure), few=True
-    )
-    kept = np.sort(rng.permutation(np.flatnonzero(free))[:_FINE])
+    index, outward, _ = outside_like(points, triangle, structure, scene, cloud)
+    kept = np.sort(rng.permutation(len(index))[:_FINE])
     index, outward = index[kept], outward[kept]
     return points[index], outward, _known_pieces(structure)[triangle[index]]
 
 
-def _sides(agrees: Floats) -> tuple[Ints, Floats]:
-    """Which sides of candidates face as an outside sample near them does: index, and +1 or -1."""
-    ahead, behind = (agrees > SAME_FACE).any(axis=1), (agrees < -SAME_FACE).any(axis=1)
-    both = np.stack([ahead, behind], axis=1)
-    index, side = np.nonzero(both)
-    return index, np.where(side == 0, 1.0, -1.0)
+def outside_like(
+    points: Floats, triangle: Ints, structure: Structure, scene: Scene, cloud: Cloud
+) -> tuple[Ints, Floats, Ints]:
+    """The sides of points on triangles that are outside, as samples near them are.
+
+    Returns
+    -------
+    array of int, shape (K,)
+        Of which point.
+    array, shape (K, 3)
+        Outward unit normals.
+    array of int, shape (K,)
+        The sample of the cloud that is nearest and faces alike.
+    """
+    normals = area_vectors(structure.vertices[structure.triangles[triangle]])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    near = cKDTree(cloud.points).query(points, k=min(6, len(cloud)))[1].reshape(len(points), -1)
+    agrees = np.einsum("nkj,nj->nk", cloud.outward[near], normals)
+    index, sign, first = _sides(agrees)
+    outward, like = sign[:, None] * normals[index], near[index, first]
+    gap = 1e-5 * structure.diagonal_m
+    free = lets_out(
+        points[index] + gap * outward, outward, 2 * structure.diagonal_m, scene, floor_of(structure), few=True
+    )
+    return index[free], outward[free], like[free]
+
+
+def _sides(agrees: Floats) -> tuple[Ints, Floats, Ints]:
+    """Which sides of candidates face as outside samples near them do: index, sign, and the first of those."""
+    both = np.stack([agrees > SAME_FACE, agrees < -SAME_FACE], axis=1)
+    index, side = np.nonzero(both.any(axis=2))
+    return index, np.where(side == 0, 1.0, -1.0), both[index, side].argmax(axis=1)
 
 
 def _fine_points(structure: Structure, cloud: Cloud, rng: np.random.Generator) -> tuple[Floats, Floats, Ints]:
@@ -117,20 +163,23 @@ def _known_pieces(structure: Structure) -> Ints:
 
 
 def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Ints:
-    """The part (F,) of each fine sample."""
+    """The part (J, F) of each fine sample, for each width of a neck."""
     number = len(points)
     pairs = cKDTree(points).query_pairs(_REACH * spacing, output_type="ndarray")
     length = _lengths(points, normals, piece, pairs)
     goes_on = length > 0
     rim: Bools = np.bincount(pairs[~goes_on].reshape(-1), minlength=number) > 0
     pairs, length = pairs[goes_on], length[goes_on]
-    label = _basins(pairs, _from_rim(pairs, length, rim))
-    body = (np.bincount(label)[label] >= FRAGMENT * number) & ~rim
-    if not body.any():
-        return np.zeros(number, np.int64)
-    place = with_normals(points, normals, TOUCH * spacing)
-    label[~body] = label[body][cKDTree(place[body]).query(place[~body])[1]]
-    return label
+    depth, place = _from_rim(pairs, length, rim), with_normals(points, normals, TOUCH * spacing)
+    found = np.zeros((len(_NECKS), number), np.int64)
+    for label, neck in zip(found, _NECKS, strict=True):
+        label[:] = _basins(pairs, depth, neck)
+        body = (np.bincount(label)[label] >= FRAGMENT * number) & ~rim
+        if not body.any():
+            return np.zeros_like(found)
+        label[~body] = label[body][cKDTree(place[body]).query(place[~body])[1]]
+        label[:] = np.unique(label, return_inverse=True)[1]
+    return found
 
 
 @njit(cache=True)
@@ -161,7 +210,7 @@ def _from_rim(pairs: Ints, length: Floats, rim: Bools) -> Floats:
     return np.asarray(dijkstra(graph, directed=False, indices=np.flatnonzero(rim), min_only=True))
 
 
-def _basins(pairs: Ints, depth: Floats) -> Ints:
+def _basins(pairs: Ints, depth: Floats, neck: float) -> Ints:
     """Parts (F,) by watershed: two meet where the way between them is wide, as wide as they are.
 
     Parameters
@@ -170,10 +219,12 @@ def _basins(pairs: Ints, depth: Floats) -> Ints:
         Neighbours between which the skin continues.
     depth : array, shape (F,)
         Distance from the nearest rim; what lies on it (0) joins nothing.
+    neck : float
+        Of the narrower one's half width: what is joined by less is two parts.
     """
     rank = np.empty(len(depth), np.int64)
     rank[np.argsort(-depth, kind="stable")] = np.arange(len(depth))
-    return np.asarray(_flooded(pairs, rank, depth, _NECK), np.int64)
+    return np.asarray(_flooded(pairs, rank, depth, neck), np.int64)
 
 
 @njit(cache=True)

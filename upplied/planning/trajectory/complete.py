@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,12 +15,14 @@ from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.demonstration.sharp_looks import steady_radps
 from upplied.planning.geometry.frechet import frechet_floored
-from upplied.planning.trajectory.optimise import Problem, optimise
+from upplied.planning.trajectory.optimise import Problem, Start, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import demonstrated_speed
-from upplied.planning.trajectory.state import Flown, State
+from upplied.planning.trajectory.state import Flown
+from upplied.planning.trajectory.terms.axis import aims, angles
 from upplied.planning.trajectory.terms.shape import Shape
 from upplied.planning.trajectory.view import View
+from upplied.polylines import interpolated
 from upplied.poses import from_yaw_pitch, optical_axis, yaw_pitch
 from upplied.records import Floats, Waypoints
 
@@ -27,7 +30,6 @@ _STEP_M = 0.5  # largest leg of the result
 _LEAST_TURN_RAD = (
     np.pi / 2
 )  # that a demonstration counts as having turned, so that little turning is not dear
-_SHARES = (1.0, 0.5, 0.0)  # of what the optimisation changed, the first that is safe within the bound
 _HALVINGS = 20  # of the way to the demonstrated shape
 
 
@@ -44,15 +46,15 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     Returns
     -------
     Waypoints
-        Every leg keeps the rules; the shape departs from the demonstrated one by no more than the
-        fidelity allows.
+        Every leg keeps the rules.
 
     Raises
     ------
     RefusedError
-        If no safe path is found, or none of that shape.
+        If no safe path is found, or none within the departure from the demonstrated shape that
+        `refine.deviation` allows.
     """
-    take, path, flown = carried.take, carried.path, goal.flown
+    take, flown = carried.take, goal.flown
     inspection, pair = take.inspection, take.pair
     flight, airspace = inspection.flight, airspace_of(pair, settings)
     if goal.height_m is not None:
@@ -62,18 +64,17 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     def safe(positions: Floats) -> Floats:
         return safe_positions(positions, ways) if settings.route.enforce else positions
 
-    yaw, pitch = yaw_pitch(path.quat_xyzw)
     axis = optical_axis(flight.quat_xyzw)
     turned = float(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)).sum())
-    stands = goal.standing
-    start, view = Flown(safe(path.positions), np.unwrap(yaw), pitch), _view(take, goal, settings)
+    starts, view = _starts(carried, safe), _view(take, goal, settings)
     if take.required is not None:
         times = settings.optimise.required
-        view = required_first(view, take.required, start, ways.planning, goal.standoff.usual_m, times)
+        view = required_first(
+            view, take.required, starts[0].safe, ways.planning, goal.standoff.usual_m, times
+        )
     problem = Problem(
-        flown=flown,
-        carried=start,
-        demonstrated=Shape.of(flown, stands),
+        starts=starts,
+        demonstrated=Shape.of(flown, goal.standing),
         view=view,
         standoff=goal.standoff,
         airspace=ways.planning,
@@ -82,32 +83,87 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         pan_radps=min(
             np.radians(settings.retime.max_yaw_rate_degps), steady_radps([take], settings.inspection)
         ),
+        aside_rad=_aside(take),
         level=settings.transfer.plane,
     )
-    fidelity = FIDELITIES[settings.refine.fidelity]
-    bound = settings.refine.deviation or fidelity.deviation
-    state, variables = optimise(problem, fidelity.shape, settings.optimise)
-    _, base = state.curve(np.zeros_like(variables), _STEP_M)
-    reference, first = goal.reference @ stands.T, state.nearest(problem.carried)
-
-    def bounded(positions: Floats) -> Floats:
-        image = Shape.of(base.positions, stands).image(positions)
-        return safe(_within_bound(safe(positions), image, stands, reference, bound))
-
-    def departs(positions: Floats) -> float:
-        return frechet_floored(reference, positions @ stands.T)
-
-    at, curve, positions = _changed_safely(state, first, variables, bounded, departs, bound)
+    state, variables = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
+    at, curve = state.curve(variables, _STEP_M)
+    positions = safe(curve.positions)
+    if settings.refine.deviation is not None:
+        positions = _within(settings.refine.deviation, positions, at, goal, safe)
     low, high = np.radians([settings.retime.min_gimbal_pitch_deg, settings.retime.max_gimbal_pitch_deg])
     own = np.zeros(len(at), bool)
     whole = np.flatnonzero(at == np.round(at))
-    own[whole] = path.is_viewpoint[at[whole].astype(int)]
+    own[whole] = carried.path.is_viewpoint[at[whole].astype(int)]
     return Waypoints(
         positions,
         from_yaw_pitch(curve.yaw, np.clip(curve.pitch, low, high)),
-        np.interp(at, np.arange(float(len(path))), path.t_s),
+        np.interp(at, np.arange(float(len(flown))), carried.path.t_s),
         own,
     )
+
+
+def _starts(carried: Carried, safe: Callable[[Floats], Floats]) -> list[Start]:
+    """The paths to start from that can be made safe.
+
+    Raises
+    ------
+    RefusedError
+        If none can: why the first cannot.
+    """
+    starts, refusals = [], []
+    for path in (carried.path, *carried.others):
+        yaw, pitch = yaw_pitch(path.quat_xyzw)
+        mapped = Flown(path.positions, np.unwrap(yaw), pitch)
+        try:
+            starts.append(Start(mapped, replace(mapped, positions=safe(path.positions))))
+        except RefusedError as refusal:
+            refusals.append(refusal)
+    if not starts:
+        raise refusals[0]
+    return starts
+
+
+def _aside(take: Take) -> Floats:
+    """Angle (M,), rad, from the expert's optical axis to what was inspected; NaN where none was seen."""
+    flight, cloud = take.inspection.flight, take.pair.surface.source
+    axis, weight = optical_axis(flight.quat_xyzw), take.inspection.attention.weight
+    inspected = np.flatnonzero(weight > 0)
+    share, seen = (weight * cloud.areas)[inspected], take.inspection.visibility.seen[:, inspected]
+    return angles(flight.positions, axis, aims(flight.positions, axis, cloud.points[inspected], share, seen))
+
+
+def _within(
+    bound: float, positions: Floats, at: Floats, goal: Goal, safe: Callable[[Floats], Floats]
+) -> Floats:
+    """The path, drawn towards the demonstrated shape until it departs by no more than the bound, and safe.
+
+    Raises
+    ------
+    RefusedError
+        If the path that is drawn is not safe within the bound.
+    """
+    flown = interpolated(at, np.arange(float(len(goal.flown))), goal.flown)
+    image, stands = Shape.of(flown, goal.standing).image(positions), goal.standing
+    reference = goal.reference @ stands.T
+
+    def departure(path: Floats) -> float:
+        return frechet_floored(reference, path @ stands.T)
+
+    low, high = 0.0, 0.0 if departure(positions) <= bound else 1.0
+    for _ in range(_HALVINGS if high else 0):
+        middle = (low + high) / 2
+        beyond = departure(positions + middle * (image - positions)) > bound
+        low, high = (middle, high) if beyond else (low, middle)
+    drawn = safe(positions + high * (image - positions))
+    if (departs := departure(drawn)) > bound * (1 + 1e-6):
+        raise RefusedError(
+            "the shape of the path",
+            f"departs from the demonstrated one by {departs:.2f} of its spread where it is safe",
+            f"at most {bound:g} (refine.deviation)",
+            "leave refine.deviation out: a larger departure then is a warning",
+        )
+    return drawn
 
 
 def _view(take: Take, goal: Goal, settings: Settings) -> View:
@@ -134,55 +190,3 @@ def _view(take: Take, goal: Goal, settings: Settings) -> View:
 def _finite(speed_mps: Floats) -> Floats:
     """Speeds with one metre a second for those of a flight that does not move."""
     return np.where(np.isfinite(speed_mps), speed_mps, 1.0)
-
-
-def _changed_safely(
-    state: State,
-    first: Floats,
-    variables: Floats,
-    bounded: Callable[[Floats], Floats],
-    departs: Callable[[Floats], float],
-    bound: float,
-) -> tuple[Floats, Flown, Floats]:
-    """The curve with as much of the optimised change as is safe within the bound, and its safe positions.
-
-    What is pushed off the structure may leave the bound again: then half of the change is made, or none.
-
-    Raises
-    ------
-    RefusedError
-        If the path without any change is not safe within the bound either.
-    """
-    for share in _SHARES:
-        at, curve = state.curve(first + share * (variables - first), _STEP_M)
-        positions = bounded(curve.positions)
-        departure = departs(positions)
-        if departure <= bound * (1 + 1e-6):
-            return at, curve, positions
-    raise _beyond_bound(departure, bound)
-
-
-def _within_bound(
-    positions: Floats, image: Floats, stands: Floats, reference: Floats, bound: float
-) -> Floats:
-    """The path, drawn towards the demonstrated shape until it departs by no more than the bound."""
-
-    def departs(share: float) -> bool:
-        return frechet_floored(reference, (positions + share * (image - positions)) @ stands.T) > bound
-
-    low, high = 0.0, 1.0
-    if not departs(low):
-        return positions
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if departs(middle) else (low, middle)
-    return positions + high * (image - positions)
-
-
-def _beyond_bound(departure: float, bound: float) -> RefusedError:
-    return RefusedError(
-        "the shape of the path",
-        f"departs from the demonstrated one by {departure:.2f} of its spread where it is safe",
-        f"at most {bound:g} (refine.fidelity, refine.deviation)",
-        "a looser fidelity (--fidelity coverage), or a smaller safety distance, may help",
-    )

@@ -1,0 +1,112 @@
+"""`pip install upplied` without the extra that plans: what it is for works, and the rest names the extra."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from upplied import fleet
+from upplied.catalog import open_catalog
+from upplied.outputs.logs import write_log
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+
+# The command in a process where what the extra brings cannot be imported; then what it loaded.
+SLIM = """
+import json, sys
+ABSENT = {"open3d", "libusb_package", "dash", "flask"}
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in ABSENT:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Absent())
+from upplied.cli import main
+code = main(sys.argv[1:])
+print(json.dumps(sorted({name.split(".")[0] for name in sys.modules})), file=sys.stderr)
+sys.exit(code)
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> tuple[Path, str]:
+    """A folder with a catalog, a log and a mesh; and the name of a plan."""
+    place = tmp_path_factory.mktemp("slim")
+    cube = member("cube-v1").structure
+    catalog = open_catalog(place / "catalog")
+    catalog.add_structures([cube, random_member("box", 1).structure])
+    catalog.add_demonstrations([fly(cube, "sides")])
+    jobs = fleet.decide(catalog, fleet.PlanRequest(("recommended",))).jobs
+    assert fleet.transfer(catalog, jobs, "run", fleet.Resources(1)).ok == 1
+    write_log(place / "flight.mcap", fly(cube, "sides"), cube)
+    trimesh.Trimesh(cube.vertices, cube.triangles).export(place / "cube.stl")
+    (place / "structures.toml").write_text(
+        '[[structure]]\nid = "other"\nkind = "box"\npath = "cube.stl"\nunits = "m"\nup = "z"\nforward = "x"\n'
+    )
+    return place, catalog.transfers()["transfer_id"].iloc[0]
+
+
+def slim(place: Path, plan: str, words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", SLIM, *words.replace("PLAN", plan).split()]
+    return subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        ("catalog transfers --json", "box-random-1"),
+        ("catalog history", "transfers"),
+        ("catalog verify", "all is well"),
+        ("plan --dry-run --preset paper", "new pair"),
+        ("demonstrations add flight.mcap --workers 1", "1 "),
+        ("demonstrations list", "cube-sides-v1"),
+        ("structures list", "box-random-1"),
+        ("catalog export set-v1 --licence CC0-1.0", "1 transfers"),
+        ("catalog import set-v1 --catalog other", "added rows"),
+        ("catalog export lerobot --format lerobot", "frames"),
+        ("catalog export tum --format tum", "1 plans"),
+        ("release PLAN --by Ada", "in force"),
+        ("in-force", "Ada"),
+    ],
+)
+def test_reading_asking_deciding_and_giving_away_need_no_ray_caster(place, words, what):
+    done = slim(*place, words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert what in done.stdout + done.stderr
+    assert not {"open3d", "prefect"} & set(json.loads(done.stderr.splitlines()[-1]))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "transfer cube-sides-v1 --preset paper",
+        "transfer --reproduce PLAN",
+        "structures add structures.toml --workers 1",
+        "structures check structures.toml --workers 1",
+        "export PLAN --draft --to mcap -o plan.mcap",
+        "render transfer PLAN -o box.png",
+        "fly PLAN",
+        "samples write more",
+    ],
+)
+def test_what_casts_rays_names_the_extra_in_a_line(place, words):
+    before = sorted(open_catalog(place[0] / "catalog").structures()["structure_id"])
+    done = slim(*place, words)
+    assert done.returncode == 2, done.stdout + done.stderr
+    told = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert len(told) == 1 and told[0].endswith('Install it: pip install "upplied[plan]"'), done.stderr
+    assert re.search("package (open3d|libusb_package): is not installed", told[0])
+    assert "Traceback" not in done.stderr
+    assert sorted(open_catalog(place[0] / "catalog").structures()["structure_id"]) == before
+
+
+def test_doctor_says_that_a_slim_install_plans_nothing(place):
+    done = slim(*place, "doctor --json")
+    rows = {row["check"]: row for row in json.loads(done.stdout)}
+    assert rows["Open3D"]["result"] == "bad" and 'pip install "upplied[plan]"' in rows["Open3D"]["found"]
+    assert {rows[name]["result"] for name in ("Python", "numba", "catalog")} == {"good"}

@@ -1,0 +1,143 @@
+"""Clusters of Dask and Ray on the loopback interface, and the fleet of boxes that is planned on them."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import chain
+from pathlib import Path
+
+from processes import cut_the_power
+
+from upplied.catalog import Catalog, open_catalog
+from upplied.fleet import manifest
+from upplied.flows.server import free_port
+from upplied.samples.fleet import member, random_member
+from upplied.samples.pilot import fly
+
+KEPT = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
+
+RUN = """
+import sys
+from upplied.flows.transfer_fleet import transfer_fleet
+if __name__ == "__main__":
+    resources = {"engine": sys.argv[2], "workers": 2, "address": sys.argv[3], "most_lost": 1.0}
+    presets = ["baseline", "paper"]
+    print(transfer_fleet(sys.argv[1], "", presets=presets, resources=resources, return_state=True).message)
+"""
+
+
+def boxes(location: Path) -> Catalog:
+    """A catalog of a cube with a demonstration, and three boxes."""
+    catalog = open_catalog(location)
+    cube = member("cube-v1").structure
+    catalog.add_structures([cube, *(random_member("box", seed).structure for seed in (1, 2, 3))])
+    catalog.add_demonstrations([fly(cube, "sides")])
+    return catalog
+
+
+def kept(catalog: Catalog) -> list[dict]:
+    """What was planned, without where and when."""
+    return catalog.transfers().sort_values("transfer_id")[KEPT].to_dict("records")
+
+
+def start_run(
+    catalog: Catalog, engine: str, address: str, environment: dict[str, str]
+) -> subprocess.Popen[str]:
+    """A run over the fleet in a process of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-c", RUN, str(catalog.location), engine, address],
+        env=environment | {"PREFECT_LOGGING_LEVEL": "WARNING"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def message(run: subprocess.Popen[str]) -> str:
+    """What a run says at its end."""
+    text, _ = run.communicate(timeout=600)
+    assert run.returncode == 0, text
+    return text
+
+
+def first_attempt(catalog: Catalog, run: subprocess.Popen[str]) -> manifest.Attempt:
+    """The first work that a worker has begun and not ended."""
+    folder = Path(catalog.location, manifest.FOLDER)
+
+    def begun() -> list[manifest.Attempt]:
+        runs = [place.name for place in folder.iterdir()] if folder.is_dir() else []
+        return [one for name in runs for one in manifest.attempts(catalog, name) if not one.ended]
+
+    until(begun, run)
+    return begun()[0]
+
+
+def until(reached: Callable[[], object], run: subprocess.Popen[str]) -> None:
+    """Wait for something that happens while a run is at work."""
+    deadline = time.monotonic() + 180
+    while not reached():
+        assert run.poll() is None and time.monotonic() < deadline, run.communicate()[0]
+        time.sleep(0.05)
+
+
+@contextmanager
+def dask_cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A running Dask cluster; its address, and its processes: the scheduler, and two workers."""
+    address = f"tcp://127.0.0.1:{(port := free_port())}"
+    command = [sys.executable, "-m", "distributed.cli"]
+    alone = ["--no-dashboard", "--host", "127.0.0.1"]
+    worker = ["dask_worker", address, *alone, "--nthreads", "1", "--no-nanny"]
+    programs = [["dask_scheduler", *alone, "--port", str(port)], worker, worker]
+    with ExitStack() as stack:
+        processes = []
+        for number, (program, *options) in enumerate(programs):
+            log = stack.enter_context((folder / f"dask-{number}.log").open("wb"))
+            begin = [sys.executable, "-m", f"{command[-1]}.{program}", *options]
+            processes.append(subprocess.Popen(begin, stdout=log, stderr=log, cwd=folder))
+        try:
+            yield address, processes
+        finally:
+            for process in processes:
+                cut_the_power(process.pid)
+                process.wait()
+
+
+@contextmanager
+def ray_cluster(environment: dict[str, str]) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A running Ray cluster of two worker processes; its address, and its head."""
+    folder = tempfile.mkdtemp(prefix="ray-")  # a short path: its sockets lie in there
+    address = f"127.0.0.1:{free_port()}"
+    host, port = address.split(":")
+    options = {
+        "--node-ip-address": host,
+        "--port": port,
+        "--num-cpus": "2",
+        "--object-store-memory": str(100 * 2**20),
+        "--include-dashboard": "false",
+        "--temp-dir": folder,
+    }
+    command = [sys.executable, "-m", "ray.scripts.scripts", "start", "--head", "--block"]
+    with (Path(folder) / "ray.log").open("wb") as log:
+        head = subprocess.Popen(
+            [*command, *chain(*options.items())],
+            env=environment,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+    try:
+        deadline = time.monotonic() + 180
+        while "Ray runtime started" not in (told := (Path(folder) / "ray.log").read_text()):
+            assert head.poll() is None and time.monotonic() < deadline, told
+            time.sleep(0.5)
+        yield address, head
+    finally:
+        cut_the_power(head.pid)
+        head.wait()
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,246 @@
+"""Bounds of the reader, each by a case on either side of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from test_separation import scanned
+
+from upplied.inputs import repair
+from upplied.inputs.concerns import concerns, cut_off
+from upplied.inputs.flight.clean import UNSET, breaks, clean
+from upplied.inputs.flight.clock import steady
+from upplied.inputs.flight.pace import paced
+from upplied.inputs.flight.tracks import Track, at_times
+from upplied.inputs.flight.whole import phases
+from upplied.inputs.manifests import StructureEntry
+from upplied.inputs.passport import conventions
+from upplied.inputs.passport.aim import aim_of
+from upplied.inputs.passport.measured import _named, _off_centre
+from upplied.inputs.passport.settings import PassportSettings
+from upplied.inputs.passport.sight import inside, sight_of
+from upplied.inputs.passport.steadiness import steadiness
+from upplied.inputs.raw import RawMesh
+from upplied.inputs.separation import separated
+from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.topology import topology_of
+from upplied.poses import from_yaw_pitch
+from upplied.records import Camera, Surroundings
+from upplied.samples.fleet import member
+from upplied.scene import scene_of
+
+CUBE = member("cube-v1").structure
+SCENE = scene_of(CUBE)
+MIDDLE = (CUBE.vertices.min(axis=0) + CUBE.vertices.max(axis=0)) / 2
+SIDE = float(np.ptp(CUBE.vertices[:, 0]))
+
+
+def ring(count: int = 300, radius: float = 2.0, off: float = 0.0) -> Track:
+    """Round the cube at some sides' distance, looking at its middle; `off` deg to the left."""
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    around = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    places = MIDDLE + radius * SIDE * around
+    quats = from_yaw_pitch(angle + np.pi + np.radians(off), 0 * angle)
+    t_ns = 1_700_000_000 * 10**9 + np.arange(count, dtype=np.int64) * 100_000_000
+    return Track(t_ns, places, quats, t_ns)
+
+
+def test_the_aim_is_a_line_only_where_most_of_the_flight_lies_near_it() -> None:
+    flown = ring(off=20.0)
+    assert aim_of(flown.positions, flown.quat_xyzw, SCENE).off_deg == pytest.approx(20, abs=3)
+    rng = np.random.default_rng(0)
+    wild = ring(off=20.0).quat_xyzw.copy()
+    some = np.arange(len(wild)) % 20 < 5  # every fourth look goes anywhere between 30 and 70 deg aside
+    aside = np.radians(rng.uniform(30, 70, some.sum()) * rng.choice([-1, 1], some.sum()))
+    wild[some] = (Rotation.from_rotvec(np.outer(aside, [0, 0, 1])) * Rotation.from_quat(wild[some])).as_quat()
+    aim = aim_of(flown.positions, wild, SCENE)
+    assert (aim.off_deg, aim.drift_deg) == (0.0, 0.0)
+
+
+def test_a_camera_in_the_ground_fits_no_inspection() -> None:
+    flown = ring(40)
+
+    def share(ground_m: float) -> float:
+        return float(conventions.fits(flown.positions[None], flown.quat_xyzw[None], SCENE, ground_m, 1e3)[0])
+
+    assert share(float(flown.positions[:, 2].min()) - 0.1) == 1.0
+    assert share(float(flown.positions[:, 2].max()) + 0.1) == 0.0
+
+
+def test_of_conventions_that_fit_alike_the_common_one_is_named() -> None:
+    """Headings half a turn off: the compass, and a mount that looks back. Mounts are met more often."""
+    flown = ring(60)
+    back = replace(flown, quat_xyzw=from_yaw_pitch(np.arctan2(*flown.positions[:, [1, 0]].T), np.zeros(60)))
+    _, found = conventions.best_fits(back, lambda track: track, SCENE, -np.inf, 1e3)
+    alike = {fit.convention.name: fit for fit in found if fit.share > 0.99}
+    assert {"heading offset -180 deg", "mount +180 +0"} <= alike.keys() | {"heading offset +180 deg"}
+    assert found[0].convention.rare == min(fit.convention.rare for fit in alike.values())
+    rare = [fit.convention.rare for fit in found if fit.share > 0.99]
+    assert rare == sorted(rare)
+
+
+@pytest.mark.parametrize(("share", "first"), [(0.93, "ned"), (0.99, "offset")])
+def test_a_rare_mistake_is_named_where_it_fits_clearly_better(monkeypatch, share: float, first: str) -> None:
+    def fits(positions, quats, *others):
+        shares = np.full(len(positions), 0.2)
+        if len(positions) > 1:
+            shares[0], shares[-1] = 0.90, share
+        return shares
+
+    monkeypatch.setattr(conventions, "fits", fits)
+    flown = ring(60)
+    found = conventions.best_fits(flown, lambda track: track, SCENE, -np.inf, 1e3)[1]
+    assert found[0].convention.name.split(" ")[0] == first
+
+
+def test_where_two_conventions_fit_alike_both_are_named() -> None:
+    one, other = (conventions.Fit(conventions.NAMED[name], 0.9) for name in ("mirrored-x", "mirrored-y"))
+    told = _named([one, other])
+    assert "(mirrored-y)" in told["other_words"] and "cannot be told" in told["other_advice"]
+    alone = _named([one, replace(other, share=0.8)])
+    assert "(mirrored-y)" not in alone["other_words"] and "cannot be told" not in alone["other_advice"]
+
+
+def test_an_offset_is_told_with_its_sign() -> None:
+    """The log lies 3 m to +X of where it was flown: the stand-off is larger on that side."""
+    flown = ring(400, radius=2.0)
+    shift = np.array([3.0, 0.0, 0.0])
+    sight = sight_of(flown.positions + shift, flown.quat_xyzw, Camera(max_range_m=1e3), CUBE, SCENE)
+    (x, y), sure = _off_centre(sight, flown.quat_xyzw)
+    assert x == pytest.approx(3.0, abs=1.0) and abs(y) < 0.5 and sure > 0.3
+
+
+def test_between_two_walls_is_not_inside_one() -> None:
+    """A place in the hollow of a box with walls: every ray crosses two surfaces, an even number."""
+    low, high = CUBE.vertices.min(axis=0), CUBE.vertices.max(axis=0)
+    inner = (CUBE.vertices - MIDDLE) * 0.9 + MIDDLE
+    walls = replace(
+        CUBE,
+        vertices=np.vstack([CUBE.vertices, inner]),
+        triangles=np.vstack([CUBE.triangles, CUBE.triangles[:, ::-1] + len(CUBE.vertices)]),
+    )
+    scene = scene_of(walls)
+    in_wall = np.array([MIDDLE[0], MIDDLE[1], high[2] - 0.02 * (high - low)[2]])
+    assert inside(in_wall[None], SCENE).all() and inside(MIDDLE[None], SCENE).all()
+    assert inside(in_wall[None], scene).all()
+    assert not inside(MIDDLE[None] + 0.01, scene).any()
+
+
+def test_a_flight_breaks_where_its_estimator_was_reset() -> None:
+    flown = replace(ring(50), epoch=np.repeat([0, 7], 25))
+    where, words = breaks(flown, 0.5)
+    assert list(where) == [25] and words == ["1 estimator reset"]
+
+
+def test_a_clock_that_steps_goes_on_by_the_recorders() -> None:
+    flown = ring(100)
+    log_ns = flown.t_ns.copy()
+    log_ns[50:] += 3_000_000_000  # the recorder saw three seconds pass
+    t_ns = log_ns.copy()
+    t_ns[50:] -= 20_000_000_000
+    found = steady(replace(flown, t_ns=t_ns, log_ns=log_ns))
+    assert found.clock_steps == 1
+    assert np.array_equal(found.t_ns, log_ns)
+
+
+@pytest.mark.parametrize(("silence_s", "long"), [(4.9, 0), (5.1, 1)])
+def test_a_gap_is_a_transit_beyond_its_bound_alone(silence_s: float, long: int) -> None:
+    flown = ring(100)
+    t_ns = flown.t_ns.copy()
+    t_ns[50:] += round(silence_s * 1e9) - 100_000_000
+    _, pace = paced(replace(flown, t_ns=t_ns), 0.5, PassportSettings())
+    assert (pace.gaps, pace.long_gaps) == (1, long)
+
+
+def test_nothing_is_interpolated_across_a_reset() -> None:
+    flown = replace(ring(20), epoch=np.repeat([0, 1], 10))
+    between = flown.t_ns[[4, 9]] + 50_000_000
+    positions, quats = at_times(flown, between, 0.5)
+    assert np.isfinite(positions[0]).all() and np.isnan(positions[1]).all() and np.isnan(quats[1]).all()
+
+
+@pytest.mark.parametrize(("slope", "found"), [(0.2, True), (0.5, False)])
+def test_ground_that_is_steep_is_none(slope: float, found: bool) -> None:
+    scene, _ = scanned(member("turbine-1-v1").structure, slope)
+    assert (separated(scene).ground_z_m is not None) == found
+
+
+def test_what_floats_or_was_cut_off_is_told() -> None:
+    entry = StructureEntry("hall", "building", Path("hall.stl"), surroundings=Surroundings(ground_z_m=0.0))
+    assert rules_of(CUBE.vertices, entry) == set()
+    assert rules_of(CUBE.vertices + np.array([0, 0, 30.0]), entry) == {"floating"}
+    ship = member("cruise-v1").structure
+    vertices, triangles, _, _ = repair.clean(ship.vertices, ship.triangles)
+    assert cut_off(vertices, topology_of(triangles).rim) == ()
+    flat = vertices[:, [2, 1, 0]] * [-1, 1, 1]  # on its stern, and cut 35 % below its bow
+    at = float(np.quantile(flat[:, 2], 0)) + 0.35 * float(np.ptp(flat[:, 2]))
+    rest, corners, _ = repair.clip_below(flat, triangles, at)
+    rest, corners, _, _ = repair.clean(rest[:, [2, 1, 0]] * [1, 1, -1], corners)
+    (told,) = cut_off(rest, topology_of(corners).rim)
+    assert told.rule == "cut-off" and f"x = {at:.1f} m" in told.found
+
+
+def rules_of(vertices: np.ndarray, entry: StructureEntry) -> set[str]:
+    raw = RawMesh(vertices)
+    return {item.rule for item in concerns(vertices, raw, entry, np.eye(3))} & {"floating", "below-ground"}
+
+
+def test_an_attitude_that_was_never_set_is_left_out_and_one_that_is_level_stays() -> None:
+    flown = ring(100)
+    flown.quat_xyzw[40:60] = [0, 0, 0, 1]
+    cleaned = clean(flown, LogOptions(), "a flight")
+    assert len(cleaned) == 80 and cleaned.dropped[UNSET] == 20
+    level = replace(ring(100), quat_xyzw=np.tile([0.0, 0, 0, 1], (100, 1)))
+    assert len(clean(level, LogOptions(), "a flight")) == 100
+
+
+def test_jumps_spikes_and_a_rolled_camera_are_measured() -> None:
+    flown = ring(300)
+    assert (steadiness(flown, flown, 0.5).jumps, steadiness(flown, flown, 0.5).spikes) == (0, 0)
+    places = flown.positions.copy()
+    places[150:] += [0.0, 0.0, 1.1]
+    jumped = steadiness(flown, replace(flown, positions=places), 0.5)
+    assert (jumped.jumps, jumped.spikes) == (1, 0) and jumped.jump_m == pytest.approx(1.1, abs=0.2)
+    places = flown.positions.copy()
+    places[[50, 120, 200]] += [0.0, 0.0, 3.0]
+    assert steadiness(flown, replace(flown, positions=places), 0.5).spikes == 3
+    for degrees in (0.0, 90.0, 180.0):
+        turns = Rotation.from_quat(flown.quat_xyzw) * Rotation.from_euler("x", degrees, degrees=True)
+        rolled = replace(flown, quat_xyzw=turns.as_quat())
+        assert steadiness(flown, rolled, 0.5).roll_deg == pytest.approx(degrees, abs=1e-3)
+    faster = replace(flown, t_ns=flown.t_ns[0] + (flown.t_ns - flown.t_ns[0]) * 3)
+    assert steadiness(faster, faster, 0.5).clock_ratio == pytest.approx(3.0)
+
+
+def whole(flown: Track, still_s: float = 30.0) -> Track:
+    """The flight with a stand on the ground, a climb and a transit at either end."""
+    first = flown.positions[0]
+    home = np.array([first[0] + 30, first[1], MIDDLE[2] - SIDE / 2])
+    top = np.array([*home[:2], first[2] + 6])
+    legs = [np.tile(home, (int(still_s * 10), 1)), np.linspace(home, top, 40), np.linspace(top, first, 60)]
+    out = np.concatenate(legs)
+    places = np.concatenate([out, flown.positions, out[::-1]])
+    away = np.tile(from_yaw_pitch(np.zeros(1), np.zeros(1)), (len(out), 1))  # it looks away from the cube
+    quats = np.concatenate([away, flown.quat_xyzw, away])
+    t_ns = flown.t_ns[0] + np.arange(len(places), dtype=np.int64) * 100_000_000
+    return Track(t_ns, places, quats, t_ns)
+
+
+def test_the_inspection_is_found_between_ground_climb_and_transit() -> None:
+    flown = ring(300)
+    parts = phases(whole(flown), SCENE, 1e3)
+    assert parts is not None
+    assert parts.climb_s == pytest.approx(30, abs=1.0) and parts.transit_s == pytest.approx(34, abs=1.5)
+    assert parts.start_s == pytest.approx(40, abs=1.5) and parts.stop_s == pytest.approx(70, abs=1.5)
+    assert parts.landing_s == pytest.approx(80, abs=1.0)
+    assert "inspection 40 to 70 s" in str(parts)
+
+
+def test_a_log_that_begins_and_ends_in_the_air_is_taken_whole() -> None:
+    assert phases(ring(300), SCENE, 1e3) is None
+    aside = ring(300, off=90.0)  # whatever its camera sees
+    assert phases(aside, SCENE, 1e3) is None

@@ -1,0 +1,156 @@
+"""Whatever a known flight was recorded with, the same demonstration is read of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_logs import Flight, flight
+from made_sources import UNTIMED, WRITERS, bag2, photos
+from scipy.spatial.transform import Rotation
+
+from upplied.errors import InputError
+from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
+from upplied.inputs.passport.rules import RULES
+from upplied.inputs.sources import door
+from upplied.poses import angle_between
+from upplied.records import Demonstration
+from upplied.samples.fleet import member
+
+
+def spiral() -> Flight:
+    """Twelve seconds round a structure, ten poses a second, a few degrees of roll."""
+    flown = flight(120, 10.0)
+    return Flight(flown.t_ns + 250_000_000, flown.positions, flown.quat_xyzw)
+
+
+def thin(flown: Flight, step: int = 30) -> Flight:
+    return Flight(flown.t_ns[::step], flown.positions[::step], flown.quat_xyzw[::step])
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_every_form_of_a_flight_gives_the_same_poses(tmp_path: Path, form: str) -> None:
+    flown = thin(flight(1200, 10.0)) if form == "photos" else spiral()
+    path, facts = WRITERS[form](tmp_path / "p" if form in ("photos", "ros2") else tmp_path, flown)
+    found = read_demonstration(path, LogOptions(structure_id="tank", **facts))
+    assert len(found) == len(flown.t_ns) and not found.dropped and not len(found.breaks)
+    assert np.abs(found.positions - flown.positions).max() < 0.01
+    assert np.degrees(angle_between(found.quat_xyzw, flown.quat_xyzw)).max() < 0.1
+    if form in UNTIMED:
+        assert "one photo every 2 s" in found.notes
+    elif form == "photos":
+        assert np.abs(found.t_ns - flown.t_ns).max() < 10**9  # EXIF holds seconds
+    elif form in ("kitti", "airdata"):  # from the start alone; with a date to the second
+        assert form == "kitti" or np.abs(found.t_ns - flown.t_ns).max() < 10**8
+        assert np.abs(np.diff(found.t_ns) - np.diff(flown.t_ns)).max() < 10**6
+    else:
+        assert np.abs(found.t_ns - flown.t_ns).max() <= 10**6
+    assert fingerprint(path, LogOptions(structure_id="tank", **facts)) == (
+        found.demonstration_id,
+        found.sha256,
+    )
+
+
+def test_a_bag_without_definitions_is_read_by_the_names_of_its_types(tmp_path: Path) -> None:
+    path, facts = bag2(tmp_path / "bag", spiral(), defined=False)
+    found = read_demonstration(path, LogOptions(structure_id="tank", **facts))
+    assert np.abs(found.positions - spiral().positions).max() < 1e-9
+
+
+def test_a_yaw_that_counts_from_the_nose_is_told_from_the_series(tmp_path: Path) -> None:
+    flown = thin(flight(1200, 10.0))
+    turning = Flight(flown.t_ns, *(np.array(part) for part in (flown.positions, flown.quat_xyzw)))
+    path, facts = photos(tmp_path / "mini", turning, relative_yaw=True)
+    found = read_demonstration(path, LogOptions(structure_id="tank", **facts))
+    assert "counts from the aircraft's nose" in found.notes
+    assert np.degrees(angle_between(found.quat_xyzw, flown.quat_xyzw)).max() < 0.1
+
+
+def test_a_reconstruction_of_unknown_scale_asks_for_it(tmp_path: Path) -> None:
+    path, _ = WRITERS["colmap text"](tmp_path, spiral())
+    with pytest.raises(InputError, match="unit_m"):
+        read_demonstration(path, LogOptions(structure_id="tank"))
+    found = read_demonstration(path, LogOptions(structure_id="tank", unit_m=2.0))
+    assert np.abs(found.positions - 2 * spiral().positions).max() < 1e-6
+
+
+def test_a_flight_is_laid_on_its_structure_by_named_points(tmp_path: Path) -> None:
+    """A reconstruction, turned, shifted and of another scale, comes back to where it was flown."""
+    flown, turn = spiral(), Rotation.from_euler("xyz", [0.3, -1.0, 2.0])
+    shift, scale = np.array([4.0, -2.0, 1.0]), 0.37
+    moved = Flight(
+        flown.t_ns,
+        (turn.apply(flown.positions) + shift) * scale,
+        (turn * Rotation.from_quat(flown.quat_xyzw)).as_quat(),
+    )
+    path, _ = WRITERS["colmap text"](tmp_path, moved)
+    named = {
+        "nose": (8.0, 0.0, 1.0),
+        "tail": (-8.0, 1.0, 2.0),
+        "left": (0.0, 6.0, 0.0),
+        "top": (0.0, 0.0, 5.0),
+    }
+    structure = replace(member("a320-v1").structure, landmarks=named)
+    seen = {name: tuple((turn.apply(place) + shift) * scale) for name, place in named.items()}
+    everything = tuple(RULES)
+
+    def read(points: dict[str, tuple[float, ...]]) -> Demonstration:
+        options = LogOptions(structure_id="a320-v1", points=tuple(points.items()), allow=everything)
+        return read_demonstration(path, options, structures=lambda name: structure)
+
+    found = read(seen)
+    assert np.abs(found.positions - flown.positions).max() < 1e-6
+    assert np.degrees(angle_between(found.quat_xyzw, flown.quat_xyzw)).max() < 1e-4
+    assert "registered by 4 points at a scale of 2.7027" in found.notes and "nose 0.00 m" in found.notes
+    with pytest.raises(InputError, match=r"misses its points after registration: nose"):
+        read(seen | {"nose": (0.0, 0.0, 0.0)})
+    with pytest.raises(InputError, match="no landmark wing"):
+        read(seen | {"wing": (0.0, 0.0, 0.0)})
+    with pytest.raises(InputError, match="2 points"):
+        read({name: seen[name] for name in ("nose", "tail")})
+    line = {name: (at, 0.0, 0.0) for at, name in enumerate(named)}
+    with pytest.raises(InputError, match="on one line"):
+        read(line)
+
+
+def test_every_file_of_a_folder_is_named(tmp_path: Path) -> None:
+    for form in ("mcap", "ulog", "ros1", "tum", "captions"):
+        WRITERS[form](tmp_path, spiral())
+    bag2(tmp_path / "bag", spiral())
+    photos(tmp_path / "photos", thin(flight(1200, 10.0)))
+    (tmp_path / "flight.toml").write_text("[inspection]\nstructure_id = 'tank'\n")
+    (tmp_path / "empty.srt").write_bytes(b"")
+    (tmp_path / "notes.md").write_text("fine weather")
+    found = {str(one.path.relative_to(tmp_path)): one for one in door.survey([tmp_path])}
+    kinds = {name: one.words for name, one in found.items() if one.is_flight}
+    assert kinds == {
+        "bag/flight_0.db3": "ROS 2 bag", "flight.bag": "ROS 1 bag", "flight.mcap": "MCAP log",
+        "flight.srt": "captions of a video", "flight.txt": "poses as text", "flight.ulg": "PX4 log",
+        "photos": "40 photos",
+    }  # fmt: skip
+    assert {name: one.status for name, one in found.items() if not one.is_flight} == {
+        "bag/metadata.yaml": "part", "empty.srt": "refused", "notes.md": "other", "flight.toml": "other",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_what_is_cut_off_or_damaged_is_an_error_in_words_or_read_in_part(tmp_path: Path, form: str) -> None:
+    flown = thin(flight(300, 10.0)) if form == "photos" else spiral()
+    path, facts = WRITERS[form](tmp_path / "p" if form in ("photos", "ros2") else tmp_path, flown)
+    file = sorted(path.iterdir())[0] if path.is_dir() else path
+    whole = file.read_bytes()
+    rng = np.random.default_rng(5)
+    for damage in range(12):
+        cut = whole[: len(whole) * (damage + 1) // 13]
+        hurt = bytearray(whole)
+        for at in rng.integers(len(hurt), size=20):
+            hurt[at] ^= int(rng.integers(1, 256))
+        for data in (cut, bytes(hurt)):
+            file.write_bytes(data)
+            try:
+                found = read_demonstration(path, LogOptions(structure_id="tank", **facts))
+                assert np.isfinite(found.positions).all() and np.isfinite(found.quat_xyzw).all()
+            except InputError as error:
+                assert str(tmp_path) in str(error)

@@ -1,0 +1,112 @@
+"""The inspection within a log from switch-on to switch-off: ground, climb and transit at either end left out.
+
+An end is cut only where the log begins, or ends, on the ground: standing still at its lowest. A log that was
+started in the air is taken whole, whatever its camera sees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from upplied.inputs.flight.tracks import Track
+from upplied.records import Bools, Floats
+from upplied.scene import Scene
+
+_STEP_S = 0.5  # of the stations that are looked at
+_STILL_M, _STILL_S = 0.5, 4.0  # on the ground: no farther, no shorter
+_LIFT_M = 1.0  # above the place of take-off, in the air
+_ASIDE_M = 3.0  # from where it climbed: the transit has begun
+_FAR = 1.6  # times the distance of the inspection: still in transit
+_LASTS_S, _SHARE = 6.0, 0.6  # of looking at the structure, at the beginning of the inspection
+_ASIDE = np.tan(np.radians(8.0))
+MIDDLE = np.array([[1.0, y * _ASIDE, z * _ASIDE] for y, z in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))])
+_LEAST_S, _LEAST_SHARE = 10.0, 0.2  # of what must be left, of the log
+
+
+@dataclass(frozen=True)
+class Phases:
+    """When the parts of a log begin, s from its first pose; the inspection from `start_s` to `stop_s`."""
+
+    climb_s: float
+    transit_s: float
+    start_s: float
+    stop_s: float
+    landing_s: float
+    end_s: float
+
+    def __str__(self) -> str:
+        parts = [("ground", 0.0, self.climb_s), ("climb", self.climb_s, self.transit_s),
+                 ("transit", self.transit_s, self.start_s), ("inspection", self.start_s, self.stop_s),
+                 ("return", self.stop_s, self.landing_s), ("ground", self.landing_s, self.end_s)]  # fmt: skip
+        shown = [(name, start, stop) for name, start, stop in parts if stop - start > 0.5]
+        return ", ".join(f"{name} {start:.0f} to {stop:.0f} s" for name, start, stop in shown)
+
+
+def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
+    """The parts of a log; None where it does not begin or end on the ground, or nothing of it inspects.
+
+    Parameters
+    ----------
+    flown : Track
+        The camera's poses in the structure frame, clean.
+    scene : Scene
+        Of the structure.
+    reach_m : float
+        How far the camera sees, m.
+    """
+    seconds = (flown.t_ns - flown.t_ns[0]) * 1e-9
+    some = np.unique(np.searchsorted(seconds, np.arange(0, seconds[-1], _STEP_S)).clip(0, len(seconds) - 1))
+    at, places, turns = seconds[some], flown.positions[some], flown.quat_xyzw[some]
+    if len(some) < 4 * _STILL_S / _STEP_S:
+        return None
+    ends = [_in_air(at, places), _in_air(at[-1] - at[::-1], places[::-1])]
+    if ends == [None, None]:
+        return None
+    looks, distance = _looks(places, turns, scene, reach_m)
+    flying = np.ones(len(some), bool)
+    for end, order in zip(ends, (slice(None), slice(None, None, -1)), strict=True):
+        if end is not None:
+            flying[order][: end[1]] = False
+    usual = float(np.median(distance[looks & flying])) if (looks & flying).any() else 0.0
+    good = looks & flying & (distance <= _FAR * usual)
+    first = _begins(at, good) if ends[0] else 0
+    last = len(at) - 1 - _begins(at[-1] - at[::-1], good[::-1]) if ends[1] else len(at) - 1
+    if at[last] - at[first] < max(
+        _LEAST_S, _LEAST_SHARE * (seconds[-1] - sum(end[2] for end in ends if end))
+    ):
+        return None
+    end_s = float(seconds[-1])
+    climb, transit = (float(at[end]) for end in ends[0][:2]) if ends[0] else (0.0, 0.0)
+    landing = end_s - float(at[::-1][0] - at[::-1][ends[1][0]]) if ends[1] else end_s
+    return Phases(climb, transit, float(at[first]), float(at[last]) if ends[1] else end_s, landing, end_s)
+
+
+def _in_air(at: Floats, places: Floats) -> tuple[int, int, float] | None:
+    """Stations at which the climb begins and ends, and the time on the ground; None where it flies."""
+    start = places[0]
+    moved = np.linalg.norm(places - start, axis=1) > _STILL_M
+    lifted = int(np.argmax(moved)) if moved.any() else len(moved)
+    if lifted >= len(at) or at[lifted] < _STILL_S or start[2] > places[:, 2].min() + _LIFT_M:
+        return None
+    aside = np.hypot(*(places[:, :2] - start[:2]).T) > _ASIDE_M
+    aside &= places[:, 2] > start[2] + _LIFT_M
+    return lifted, int(np.argmax(aside)) if aside.any() else lifted, float(at[lifted])
+
+
+def _looks(places: Floats, turns: Floats, scene: Scene, reach_m: float) -> tuple[Bools, Floats]:
+    """At which stations the middle of the picture shows the structure, and how far the structure is."""
+    rays = (Rotation.from_quat(turns).as_matrix() @ MIDDLE.T).swapaxes(1, 2)
+    count = rays.shape[1]
+    met = scene.cast(np.repeat(places, count, axis=0), rays.reshape(-1, 3))[0].reshape(-1, count) <= reach_m
+    return np.asarray(met.any(axis=1)), scene.distance(places)
+
+
+def _begins(at: Floats, good: Bools) -> int:
+    """The first good station from which on most are good for a while."""
+    for first in np.flatnonzero(good):
+        if good[(at >= at[first]) & (at < at[first] + _LASTS_S)].mean() >= _SHARE:
+            return int(first)
+    return 0

@@ -1,0 +1,1 @@
+"""What people own of a flight, one reader per kind of file: each fills tables and knows nothing else."""

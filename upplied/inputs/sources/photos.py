@@ -1,0 +1,240 @@
+"""A folder of drone photos: places, times and cameras of EXIF, attitudes of XMP. Heads alone are read.
+
+DJI, Autel and others write angles of the gimbal from true north, pitch 0 at the horizon; some small models
+write the yaw from the aircraft's nose, which is told from a series. Heights count from take-off, since nobody
+says above what the others are, but for those of satellites that were fixed to the centimetre (RTK).
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import exifread
+import numpy as np
+from defusedxml import ElementTree
+from defusedxml.common import DefusedXmlException
+
+from upplied.errors import InputError
+from upplied.inputs.files import open_regular
+from upplied.inputs.sources.records import _date as dated
+from upplied.inputs.sources.source import (
+    Fields,
+    Source,
+    attitudes,
+    cameras,
+    fixes,
+    focal_of_35mm,
+    gimbals,
+    numbered,
+)
+from upplied.records import Floats, Ints
+
+ENDINGS = (".jpg", ".jpeg", ".dng", ".tif", ".tiff")
+MAGIC = (b"\xff\xd8\xff", b"II*\x00", b"MM\x00*")
+MAX_PHOTOS = 100_000
+_HEAD = 1 << 18  # bytes in which the XMP begins and ends
+_RTK_FIXED = 50
+_NADIR_DEG, _TURN_DEG, _STILL_DEG = 85.0, 60.0, 15.0
+_NAMES = {  # what is said -> the local names that makers use in XMP
+    "gimbal": ("GimbalYawDegree", "CameraYawDegree"),
+    "pitch": ("GimbalPitchDegree", "CameraPitchDegree"),
+    "roll": ("GimbalRollDegree", "CameraRollDegree"),
+    "flight": ("FlightYawDegree", "DroneYawDegree"),
+    "relative": ("RelativeAltitude",),
+    "absolute": ("AbsoluteAltitude",),
+    "lat": ("GpsLatitude",),
+    "lon": ("GpsLongitude", "GpsLongtitude"),
+    "rtk": ("RtkFlag",),
+    "sigma": ("RtkStdHgt",),
+    "focal_px": ("CalibratedFocalLength",),
+    "utc_us": ("CaptureUtime",),
+}
+_NED = re.compile(r"(Camera)OrientationNED", re.IGNORECASE)  # Skydio: yaw, pitch and roll within
+logging.getLogger("exifread").setLevel(logging.CRITICAL)  # what is odd in a tag is no news
+
+
+def members(folder: Path) -> list[Path]:
+    """The photos that lie in a folder, by name."""
+    names = sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDINGS and path.is_file())
+    return names[: MAX_PHOTOS + 1]
+
+
+def read(path: Path, fields: Fields) -> Source:
+    """The looks of a folder of photos, or of one photo."""
+    names = members(path) if path.is_dir() else [path]
+    if len(names) > MAX_PHOTOS:
+        raise InputError(str(path), f"holds more than {MAX_PHOTOS} photos", "one flight", "split the folder")
+    with ThreadPoolExecutor(4) as threads:
+        heads = list(threads.map(_head, names))
+    placed = [
+        head
+        for head in heads
+        if np.isfinite([head["lat"], head["lon"]]).all() and (head["lat"] or head["lon"])
+    ]
+    if len(placed) < 2:
+        raise InputError(
+            str(path),
+            f"{len(placed)} of {len(heads)} photos say where they were taken",
+            "at least two",
+            "copy the originals: programs that resize or edit photos drop their tags",
+        )
+    notes = [f"{len(placed)} of {len(heads)} photos have a place"] if len(placed) < len(heads) else []
+    models = sorted({head.pop("camera") for head in placed})
+    if len(models) > 1:
+        found = f"holds photos of {len(models)} cameras ({', '.join(models[:5])})"
+        raise InputError(
+            str(path), found, "one flight", "put the photos of each flight into a folder of its own"
+        )
+    at = {name: np.array([head[name] for head in placed], float) for name in placed[0]}
+    t_ns = _times(at["t_ms"], notes)
+    order = np.argsort(t_ns, kind="stable")
+    at, t_ns = {name: column[order] for name, column in at.items()}, t_ns[order]
+    return Source([*_tables(at, t_ns, path, notes)], notes=notes, stills=True)
+
+
+def _tables(at: dict[str, Floats], t_ns: Ints, path: Path, notes: list[str]) -> Iterable[Any]:
+    fixed = at["rtk"] == _RTK_FIXED
+    if fixed.all() and np.isfinite(at["absolute"]).all():
+        notes.append(
+            f"fixed by RTK, heights to {np.nanmedian(at['sigma']):.2f} m"
+            if np.isfinite(at["sigma"]).any()
+            else "fixed by RTK"
+        )
+        yield fixes("/photos", t_ns, at["lat"], at["lon"], alt_ellipsoid=at["absolute"])
+    elif np.isfinite(at["relative"]).mean() >= 0.5:
+        yield fixes("/photos", t_ns, at["lat"], at["lon"], alt_takeoff=at["relative"])
+    elif np.isfinite(at["exif_alt"]).mean() >= 0.5:
+        notes.append("altitudes of EXIF are taken to be above mean sea level")
+        yield fixes("/photos", t_ns, at["lat"], at["lon"], alt=at["exif_alt"])
+    else:
+        raise InputError(
+            str(path), "photos say no height", "a height above take-off or sea level", "use the originals"
+        )
+    if np.isfinite(at["pitch"]).mean() >= 0.5:
+        yield gimbals("/photos", t_ns, _yaw(at, notes), at["pitch"], np.nan_to_num(at["roll"]))
+    elif np.isfinite(at["flight"]).mean() >= 0.5:
+        notes.append("no gimbal in the photos: the camera is taken to look ahead, level")
+        yield attitudes("/photos", t_ns, at["flight"], 0 * at["flight"], 0 * at["flight"])
+    if np.isfinite(at["focal_px"]).any() and np.isfinite(at["width"]).any():
+        yield cameras("/photos", t_ns, at["width"], at["height"], at["focal_px"])
+
+
+def _yaw(at: dict[str, Floats], notes: list[str]) -> Floats:
+    """Yaw from north: where it stays near 0 while the aircraft turns, it counts from the nose."""
+    yaw, flight = at["gimbal"], at["flight"]
+    known = np.isfinite(yaw) & np.isfinite(flight)
+    level = known & (np.abs(at["pitch"]) <= _NADIR_DEG)
+    some = level if level.sum() >= 5 else known  # straight down a yaw may be half a turn off
+    turns = np.unwrap(np.radians(flight[some])) if some.any() else np.zeros(1)
+    relative = np.abs((yaw[some] + 180) % 360 - 180)
+    if some.sum() >= 3 and np.degrees(np.ptp(turns)) > _TURN_DEG and np.percentile(relative, 90) < _STILL_DEG:
+        notes.append(
+            "the gimbal's yaw counts from the aircraft's nose in these photos: the aircraft's is added"
+        )
+        return np.where(known, yaw + flight, np.nan)
+    if (np.abs(at["pitch"][known]) > _NADIR_DEG).mean() > 0.5 if known.any() else False:
+        notes.append("most photos look straight down: which way is up in them is known to half a turn")
+    return np.where(np.isfinite(yaw), yaw, flight)
+
+
+def _head(path: Path) -> dict[str, Any]:
+    """What the head of one photo says; NaN for what it does not."""
+    found: dict[str, Any] = dict.fromkeys((*_NAMES, "exif_alt", "t_ms", "width", "height"), float("nan"))
+    try:
+        with open_regular(path) as stream:
+            xmp = _xmp(stream.read(_HEAD))
+            stream.seek(0)
+            tags = exifread.process_file(stream, details=False, extract_thumbnail=False)
+    except (InputError, OSError):
+        raise
+    except Exception:  # tags that are damaged say nothing
+        tags, xmp = {}, {}
+    for name, names in _NAMES.items():
+        for local in names:
+            if local in xmp and np.isnan(found[name]):
+                found[name] = xmp[local]
+    lat, lon = (_degrees(tags, f"GPS GPS{axis}") for axis in ("Latitude", "Longitude"))
+    found["lat"], found["lon"] = (
+        a if np.isfinite(a) else b for a, b in ((found["lat"], lat), (found["lon"], lon))
+    )
+    found["camera"] = " ".join(str(tags.get(f"Image {name}", "?")).strip() for name in ("Make", "Model"))
+    below = -1.0 if str(tags.get("GPS GPSAltitudeRef", "0")) == "1" else 1.0
+    found["exif_alt"] = below * _ratio(tags.get("GPS GPSAltitude"))
+    found["absolute"] = found["absolute"] if np.isfinite(found["absolute"]) else found["exif_alt"]
+    found["width"] = _ratio(tags.get("EXIF ExifImageWidth", tags.get("Image ImageWidth")))
+    found["height"] = _ratio(tags.get("EXIF ExifImageLength", tags.get("Image ImageLength")))
+    focal_mm = _ratio(tags.get("EXIF FocalLengthIn35mmFilm"))
+    if np.isnan(found["focal_px"]) and focal_mm > 0:
+        found["focal_px"] = float(focal_of_35mm(found["width"], found["height"], focal_mm))
+    text = str(tags.get("EXIF DateTimeOriginal", tags.get("Image DateTime", "")))
+    found["t_ms"] = dated(text.replace(":", "-", 2)) + _fraction(tags) * 1e3 - _zone_ms(tags)
+    if np.isfinite(found["utc_us"]):
+        found["t_ms"] = found["utc_us"] / 1e3
+    return found
+
+
+def _xmp(head: bytes) -> dict[str, float]:
+    """Numbers of the XMP by local name, whether attributes or elements."""
+    start, stop = head.find(b"<x:xmpmeta"), head.find(b"</x:xmpmeta>")
+    if not 0 <= start < stop:
+        return {}
+    try:
+        root = ElementTree.fromstring(head[start : stop + 12], forbid_dtd=True)
+    except (ElementTree.ParseError, DefusedXmlException, ValueError):
+        return {}
+    found: dict[str, float] = {}
+    for node in root.iter():
+        inside = _NED.search(node.tag)
+        for name, text in [(node.tag, node.text or ""), *node.attrib.items()]:
+            local = name.rsplit("}", 1)[-1]
+            if (inside or _NED.search(name)) and (axis := re.search(r"(Yaw|Pitch|Roll)$", local)):
+                local = f"Gimbal{axis[1]}Degree"
+            try:
+                found.setdefault(local, float(text))
+            except ValueError:
+                continue
+    return found
+
+
+def _times(t_ms: Floats, notes: list[str]) -> Ints:
+    """Times, ns, of photos in the order of their names; those of one second are spread over it."""
+    if not np.isfinite(t_ms).all():
+        notes.append("not all photos say when: by their names, one every 2 s")
+        return numbered(len(t_ms))
+    notes.append("times of photos are taken to be UTC where they name no zone")
+    t_ns = np.round(t_ms * 1e6).astype(np.int64)
+    for stamp in np.unique(t_ns[np.isin(t_ns, t_ns[np.append(np.diff(np.sort(t_ns)) == 0, False)])]):
+        same = np.flatnonzero(t_ns == stamp)
+        t_ns[same] += np.arange(len(same)) * 1_000_000_000 // len(same)
+    return t_ns
+
+
+def _degrees(tags: Any, name: str) -> float:
+    try:
+        parts = [float(part) for part in tags[name].values[:3]]
+    except (KeyError, AttributeError, TypeError, ValueError, ZeroDivisionError):
+        return float("nan")
+    value = sum(part / 60**at for at, part in enumerate(parts))
+    return -value if str(tags.get(f"{name}Ref", "")) in ("S", "W") else value
+
+
+def _ratio(tag: Any) -> float:
+    try:
+        return float(tag.values[0])
+    except (AttributeError, IndexError, TypeError, ValueError, ZeroDivisionError):
+        return float("nan")
+
+
+def _fraction(tags: Any) -> float:
+    text = str(tags.get("EXIF SubSecTimeOriginal", "")).strip()
+    return float(f"0.{text}") if text.isdigit() else 0.0
+
+
+def _zone_ms(tags: Any) -> float:
+    hit = re.fullmatch(r"([+-])(\d\d):(\d\d)", str(tags.get("EXIF OffsetTimeOriginal", "")).strip())
+    return 0.0 if hit is None else float(f"{hit[1]}1") * (int(hit[2]) * 60 + int(hit[3])) * 60_000

@@ -1,0 +1,276 @@
+"""Photogrammetry: cameras of OpenSfM, OpenDroneMap, Metashape, RealityCapture, nerfstudio, Bundler, NVM.
+
+Cameras look along z, x right, y down, unless a format says otherwise; a pose is that of the camera in the
+project's frame, in which its mesh lies too. COLMAP is in `upplied.inputs.sources.colmap`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pymap3d
+from defusedxml import ElementTree
+from scipy.spatial.transform import Rotation
+
+from upplied.errors import InputError
+from upplied.inputs.files import read_regular
+from upplied.inputs.sources.source import (
+    Fields,
+    Source,
+    attitudes,
+    cameras,
+    fixes,
+    focal_of_35mm,
+    gimbals,
+    numbered,
+    poses,
+)
+from upplied.records import Floats, Ints
+
+MAX_BYTES = 1 << 30
+# Of a camera frame that looks along z (x right, y down) to ours (x forward, y left, z up).
+OPTICAL_R_CAMERA = Rotation.from_matrix([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+_FLIPPED = np.diag([1.0, -1.0, -1.0])  # of cameras that look along -z, y up
+Size = tuple[float, float, float]  # width, height and focal length, pixels
+_NO_SIZE = (math.nan, math.nan, math.nan)
+
+
+def read(path: Path, fields: Fields) -> Source:
+    """The cameras of a project."""
+    data = read_regular(path, MAX_BYTES)
+    start = data.lstrip(b"\xef\xbb\xbf \r\n\t")[:40]
+    if start[:1] in (b"[", b"{"):
+        content = json.loads(data)
+        return _nerfstudio(path, content) if isinstance(content, dict) else _opensfm(path, content)
+    if start.startswith(b"<"):
+        return _metashape(path, ElementTree.fromstring(data, forbid_dtd=True))
+    if start.startswith(b"# Bundle"):
+        return _bundler(path, data.decode("ascii").split("\n"))
+    if start.startswith(b"NVM_V3"):
+        return _nvm(path, data.decode("utf-8", "replace").split("\n"))
+    return _realitycapture(path, data.decode("utf-8-sig"))
+
+
+def reconstructed(
+    path: Path,
+    matrices: Floats,
+    centres: Floats,
+    times: Ints | None = None,
+    sizes: Sequence[Size] = (),
+    scaled: bool = False,
+    notes: Sequence[str] = (),
+) -> Source:
+    """The flight of cameras (N, 3, 3), to the project's frame, at (N, 3) in it."""
+    matrices, centres = (
+        np.asarray(matrices, float).reshape(-1, 3, 3),
+        np.asarray(centres, float).reshape(-1, 3),
+    )
+    if len(centres) < 2:
+        raise InputError(
+            str(path), f"holds {len(centres)} cameras with a pose", "at least two", "align the photos"
+        )
+    if not np.isfinite(matrices).all() or (np.abs(np.linalg.det(matrices) - 1) > 1e-2).any():
+        raise InputError(
+            str(path), "holds turns of cameras that are no rotations", "an export that nobody edited"
+        )
+    quats = (Rotation.from_matrix(matrices) * OPTICAL_R_CAMERA).as_quat()
+    said = list(notes)
+    if times is None:
+        times = numbered(len(centres))
+        said.append("the project says no times: one photo every 2 s, in its order")
+    tables = [poses("/cameras", times, centres, quats, "project")]
+    known = np.array(list(sizes), float).reshape(-1, 3)
+    if len(known) == len(centres) and np.isfinite(known).all():
+        tables.append(cameras("/cameras", times, *known.T))
+    defaults: dict[str, Any] = {"body_frame": "camera"} | ({} if scaled else {"unit_m": math.nan})
+    return Source(tables, notes=said, defaults=defaults, stills=True)
+
+
+def _opensfm(path: Path, content: list[Any]) -> Source:
+    """A turn is an axis with its angle, world to camera; the world is east, north and up of a place."""
+    parts = [part for part in content if part.get("shots")]
+    if not parts:
+        raise InputError(
+            str(path), "holds no reconstructed photo", "a reconstruction with shots", "run the project again"
+        )
+    part = max(parts, key=lambda each: len(each["shots"]))
+    shots = [shot for _, shot in sorted(part["shots"].items())]
+    turns = Rotation.from_rotvec([shot["rotation"] for shot in shots])
+    centres = -turns.inv().apply([shot["translation"] for shot in shots])
+    lenses = part.get("cameras", {})
+    sizes = [_lens(lenses.get(shot.get("camera"), {})) for shot in shots]
+    stamps = np.array([float(shot.get("capture_time") or 0) for shot in shots])
+    times = _spread(stamps) if (stamps > 1).all() and np.ptp(stamps) > 0 else None
+    place = part.get("reference_lla")
+    notes = [f"{len(parts) - 1} smaller parts of the reconstruction are left out"] if len(parts) > 1 else []
+    order = np.arange(len(shots)) if times is None else np.argsort(times, kind="stable")
+    source = reconstructed(
+        path,
+        turns.inv().as_matrix()[order],
+        centres[order],
+        None if times is None else times[order],
+        [sizes[at] for at in order],
+        scaled=place is not None,
+        notes=notes,
+    )
+    if place is not None:
+        _on_earth(source, centres[order], (place["latitude"], place["longitude"], place["altitude"]))
+    return source
+
+
+def _on_earth(source: Source, enu: Floats, place: tuple[float, float, float]) -> None:
+    """The same cameras by latitude and longitude, for a structure that is placed so."""
+    table = source.tables[0]
+    lat, lon, alt = pymap3d.enu2geodetic(*enu.T, *place)
+    quats = Rotation.from_quat(table.stack(*(f"pose.orientation.{axis}" for axis in "xyzw")))
+    yaw, pitch, roll = quats.as_euler("ZYX", degrees=True).T  # of x forward, y left, z up in east, north, up
+    source.tables.append(fixes("/cameras_on_earth", table.log_ns, lat, lon, alt=alt))
+    source.tables.append(attitudes("/cameras_on_earth", table.log_ns, 90 - yaw, -pitch, roll))
+    source.notes.append("heights of the project are taken to be above mean sea level")
+
+
+def _lens(lens: Any) -> Size:
+    width, height = float(lens.get("width", math.nan)), float(lens.get("height", math.nan))
+    focal = lens.get("focal", lens.get("focal_x", math.nan))  # of the longer side
+    return width, height, float(focal) * max(width, height)
+
+
+def _nerfstudio(path: Path, content: dict[str, Any]) -> Source:
+    """Matrices from the camera to the world; the camera looks along -z, y up."""
+    frames = sorted(content.get("frames", []), key=lambda frame: str(frame.get("file_path", "")))
+    matrices = np.array([frame["transform_matrix"] for frame in frames], float).reshape(-1, 4, 4)
+    if "applied_transform" in content:  # from the frame of the reconstruction to that of the file
+        back = np.linalg.inv(np.vstack([np.array(content["applied_transform"], float)[:3], [0, 0, 0, 1]]))
+        matrices = back @ matrices
+    sizes = [_pinhole(content | frame) for frame in frames]
+    return reconstructed(path, matrices[:, :3, :3] @ _FLIPPED, matrices[:, :3, 3], sizes=sizes)
+
+
+def _pinhole(frame: dict[str, Any]) -> Size:
+    width = float(frame.get("w", math.nan))
+    focal = frame.get("fl_x") or width / 2 / math.tan(float(frame.get("camera_angle_x", math.nan)) / 2)
+    return width, float(frame.get("h", math.nan)), float(focal)
+
+
+def _metashape(path: Path, root: Any) -> Source:
+    """Matrices from the camera to the chunk, and where it is placed from the chunk to the Earth's centre."""
+    chunk = next(root.iter("chunk"), None)
+    found = (
+        [] if chunk is None else [each for each in chunk.iter("camera") if each.find("transform") is not None]
+    )
+    if chunk is None or len(found) < 2:
+        raise InputError(
+            str(path), f"holds {len(found)} aligned cameras", "at least two", "align the photos, export again"
+        )
+    matrices = np.array([_numbers(each.find("transform"), 16) for each in found]).reshape(-1, 4, 4)
+    part = next(
+        (each for each in (*chunk.iter("component"), chunk) if each.find("transform") is not None), None
+    )
+    place = None if part is None else part.find("transform")
+    sizes = {each.get("id"): _sensor(each) for each in chunk.iter("sensor")}
+    lenses = [sizes.get(each.get("sensor_id"), _NO_SIZE) for each in found]
+    turn = None if place is None else place.find("rotation")
+    if place is None or turn is None:
+        return reconstructed(path, matrices[:, :3, :3], matrices[:, :3, 3], sizes=lenses)
+    scale = float(place.findtext("scale") or 1.0)
+    whole = _numbers(turn, 9).reshape(3, 3)
+    shift = _numbers(place.find("translation"), 3)
+    ecef = scale * matrices[:, :3, 3] @ whole.T + shift
+    lat, lon, alt = (float(value) for value in pymap3d.ecef2geodetic(*ecef.mean(axis=0)))
+    if np.linalg.norm(shift) < 1e6:  # a project in metres of its own, not on the Earth
+        return reconstructed(path, whole @ matrices[:, :3, :3], ecef, sizes=lenses, scaled=True)
+    enu = np.column_stack(pymap3d.ecef2enu(*ecef.T, lat, lon, alt))
+    axes = np.column_stack([pymap3d.ecef2enuv(*axis, lat, lon) for axis in np.eye(3)])
+    source = reconstructed(path, axes @ whole @ matrices[:, :3, :3], enu, sizes=lenses, scaled=True)
+    _on_earth(source, enu, (lat, lon, alt))
+    source.tables[-2].columns["alt_ellipsoid"] = source.tables[-2].columns.pop("alt")
+    source.notes[-1] = "a Metashape chunk on the Earth: heights above the ellipsoid"
+    source.tables.pop(0)  # a frame of nobody else's
+    return source
+
+
+def _sensor(sensor: Any) -> Size:
+    size, focal = sensor.find("resolution"), sensor.findtext(".//f")
+    if size is None or focal is None:
+        return _NO_SIZE
+    return float(size.get("width", "nan")), float(size.get("height", "nan")), float(focal)
+
+
+def _numbers(node: Any, count: int) -> Floats:
+    values = np.array((node.text or "").split() if node is not None else [], float)
+    if len(values) != count:
+        raise ValueError(f"a matrix has {len(values)} numbers instead of {count}")
+    return values
+
+
+def _realitycapture(path: Path, text: str) -> Source:
+    """``#name,x,y,alt,heading,pitch,roll,f``: degrees; x and y in degrees too where they are of the Earth."""
+    rows = list(csv.DictReader(io.StringIO(text.lstrip("#"))))
+    value = {
+        name: np.array([float(row[name]) for row in rows])
+        for name in ("x", "y", "alt", "heading", "pitch", "roll")
+    }
+    if len(rows) < 2:
+        raise InputError(
+            str(path), f"holds {len(rows)} cameras", "at least two", "align the photos, export again"
+        )
+    t_ns = numbered(len(rows))
+    angles = value["heading"], value["pitch"] - 90, value["roll"]  # 0 looks down in RealityCapture
+    focal = np.array([float(row.get("f") or "nan") for row in rows])
+    lens = (
+        [cameras("/cameras", t_ns, 36.0, 24.0, focal_of_35mm(36.0, 24.0, focal))]
+        if np.isfinite(focal).all()
+        else []
+    )
+    notes = ["the export says no times: one photo every 2 s, in its order"]
+    if (np.abs(value["x"]) <= 180).all() and (np.abs(value["y"]) <= 90).all():
+        notes.append("RealityCapture: x and y are taken for longitude and latitude, alt above the ellipsoid")
+        place = fixes("/cameras", t_ns, value["y"], value["x"], alt_ellipsoid=value["alt"])
+        return Source([place, gimbals("/cameras", t_ns, *angles), *lens], notes=notes, stills=True)
+    yaw, pitch, roll = angles
+    turns = Rotation.from_euler("ZYX", np.column_stack([90 - yaw, -pitch, roll]), degrees=True).as_quat()
+    centres = np.column_stack([value["x"], value["y"], value["alt"]])
+    defaults = {"body_frame": "camera"}
+    return Source(
+        [poses("/cameras", t_ns, centres, turns, "project"), *lens],
+        notes=notes,
+        defaults=defaults,
+        stills=True,
+    )
+
+
+def _bundler(path: Path, lines: list[str]) -> Source:
+    """Turns and shifts from the world to the camera, which looks along -z; without a focal length no pose."""
+    count = int(lines[1].split()[0])
+    rows = [[float(value) for value in line.split()] for line in lines[2 : 2 + 5 * min(count, 1_000_000)]]
+    found = [rows[5 * at : 5 * at + 5] for at in range(len(rows) // 5)]
+    found = [each for each in found if each[0][0] > 0]
+    turns = np.array([each[1:4] for each in found]).reshape(-1, 3, 3)
+    shifts = np.array([each[4] for each in found]).reshape(-1, 3)
+    centres = -np.einsum("nji,nj->ni", turns, shifts)
+    return reconstructed(path, np.swapaxes(turns, 1, 2) @ _FLIPPED, centres)
+
+
+def _nvm(path: Path, lines: list[str]) -> Source:
+    """Name, focal length, quaternion ``w x y z`` from the world to the camera, and the camera's centre."""
+    at = next(index for index, line in enumerate(lines[1:], 1) if line.strip())
+    rows = sorted(line.replace("\t", " ").rsplit(" ", 10) for line in lines[at + 1 : at + 1 + int(lines[at])])
+    values = np.array([[float(value) for value in row[1:9]] for row in rows])
+    turns = Rotation.from_quat(values[:, [2, 3, 4, 1]]).inv()
+    return reconstructed(path, turns.as_matrix(), values[:, 5:8])
+
+
+def _spread(seconds: Floats) -> Ints:
+    """Times, ns, those that are the same spread over their second."""
+    t_ns: Ints = np.round(seconds * 1e9).astype(np.int64)
+    for stamp in np.unique(t_ns):
+        same = np.flatnonzero(t_ns == stamp)
+        t_ns[same] += np.arange(len(same)) * 10**9 // len(same)
+    return t_ns

@@ -1,0 +1,73 @@
+"""PX4 logs (ULog), by `pyulog`: the topics are those of `px4_msgs`, a message is an array."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pyulog import ULog
+
+from upplied.errors import InputError
+from upplied.inputs.files import open_regular
+from upplied.inputs.sources.source import Fields, Source, table
+from upplied.inputs.tables import Channel
+
+_GPS = ("sensor_gps", "vehicle_gps_position")
+_FIXED = 3  # fix_type: a position in three dimensions
+_HEAD = 1 << 20  # bytes that hold the definitions of messages
+_HUGE = re.compile(rb"[a-z0-9_]\[\d{6,}\] [a-z]")  # of a message of 65 535 bytes at most
+_LATER = 1_000_000_000_000_000  # us: a date, not the time since the start
+
+
+def read(path: Path, fields: Fields) -> Source:
+    """The tables of a log."""
+    with open_regular(path) as stream:
+        if _HUGE.search(stream.read(_HEAD)):
+            raise InputError(str(path), "defines an array larger than any message", "a log that PX4 wrote")
+    names = {_snake(schema): schema for schema in fields if schema.startswith("px4_msgs/")}
+    log = ULog(str(path), [*names, *_GPS])
+    offset_us, notes = _start(log)
+    tables = []
+    for number, data in enumerate(log.data_list):
+        if data.name not in names or not len(data.data["timestamp"]):
+            continue
+        columns = _columns(data.data, fields[names[data.name]])
+        if offset_us:
+            for stamp in {"timestamp", "timestamp_sample"} & columns.keys():
+                columns[stamp] = np.where(columns[stamp] > 0, columns[stamp].astype(np.int64) + offset_us, 0)
+        topic = f"/{data.name}" + (f"_{data.multi_id}" if data.multi_id else "")
+        made = table(topic, names[data.name], columns["timestamp"].astype(np.int64) * 1000, **columns)
+        made.channel = Channel(number, topic, "", names[data.name])
+        tables.append(made)
+    lost = [f"{len(log.dropouts)} dropouts of the recorder"] if log.dropouts else []
+    damage = ["part of the log cannot be read"] if log.file_corruption else []
+    return Source(tables, losses=damage, notes=[*notes, *lost])
+
+
+def _start(log: Any) -> tuple[int, list[str]]:
+    """What to add to times since the start for a date, us, as the satellites say it."""
+    for data in log.data_list:
+        if data.name in _GPS and {"time_utc_usec", "fix_type"} <= data.data.keys():
+            utc, since = data.data["time_utc_usec"].astype(np.int64), data.data["timestamp"].astype(np.int64)
+            good = (data.data["fix_type"] >= _FIXED) & (utc > _LATER)
+            if good.any():
+                return int(np.median(utc[good] - since[good])), []
+    return 0, ["times count from the start of the autopilot: the log holds no date"]
+
+
+def _columns(data: dict[str, Any], wanted: Any) -> dict[str, Any]:
+    """The wanted fields; elements of an array side by side."""
+    found = {}
+    for name in (*wanted, "timestamp"):
+        if name in data:
+            found[name] = np.asarray(data[name])
+        elif parts := [f"{name}[{at}]" for at in range(16) if f"{name}[{at}]" in data]:
+            found[name] = np.column_stack([data[part] for part in parts])
+    return found
+
+
+def _snake(schema: str) -> str:
+    """``px4_msgs/VehicleLocalPosition`` as the log calls it."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", schema.removeprefix("px4_msgs/")).lower()

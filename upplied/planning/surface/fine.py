@@ -1,0 +1,142 @@
+"""Fine samples where it matters: on what was inspected, and on its counterpart, however small it is.
+
+A structure's even samples tell how it is built and what stands in the way; an engine has some dozens of them,
+each one to four hundredths of it. What is measured and planned for has samples of its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upplied.planning.constants import TOUCH
+from upplied.planning.geometry.boxes import spacing
+from upplied.planning.surface.poisson import shares, thin
+from upplied.planning.surface.skin import outside_like
+from upplied.records import Bools, Cloud, Floats, Ints, Structure
+from upplied.scene import Scene
+from upplied.triangles import points_on_triangles, triangle_areas
+from upplied.vectors import plane_normals, with_normals
+
+FINE = 1500  # samples of what was inspected, and of its counterpart, at least
+_MOST = 4000  # of them and of what is beside them
+_SPARE = 2.5  # candidates for each sample that is kept
+_ROUNDS = 3  # of drawing candidates
+_CLOSE = 1.5  # spacings of even samples: what lies farther from all of a region's is not in it
+
+
+def beside(cloud: Cloud, region: Bools) -> Bools:
+    """A region (N,) of a cloud with the samples next to it."""
+    if not region.any() or region.all():
+        return region
+    near = cKDTree(cloud.points[region]).query(cloud.points)[0]
+    return np.asarray(region | (near < TOUCH * spacing(cloud)), bool)
+
+
+def with_fine(
+    structure: Structure, scene: Scene, cloud: Cloud, meant: Bools, seed: int
+) -> tuple[Cloud, Ints]:
+    """A structure's samples, finer where something is meant.
+
+    Parameters
+    ----------
+    structure : Structure
+    scene : Scene
+        Of the same structure.
+    cloud : Cloud
+        Its N even samples.
+    meant : array of bool, shape (N,)
+        Which of them lie on what is to have at least `FINE` samples.
+    seed : int
+
+    Returns
+    -------
+    Cloud
+        M samples; the even ones stay elsewhere. Parts are those of the even samples.
+    array of int, shape (M,)
+        The even sample that each is, or lies nearest to and faces like.
+    """
+    own = np.arange(len(cloud))
+    if not meant.any() or meant.sum() >= FINE:
+        return cloud, own
+    region = beside(cloud, meant)
+    area = cloud.areas
+    number = int(min(FINE * area[region].sum() / area[meant].sum(), _MOST))
+    drawn = _on_mesh if len(structure.triangles) else _of_points
+    points, normals, like, weight = drawn(structure, scene, cloud, region, number, seed)
+    if len(points) <= region.sum():
+        return cloud, own
+    kept = thin(points, normals, number, float(weight.sum()))
+    fine_area = shares(points, normals, weight, kept)
+    even = np.flatnonzero(~region)
+    if cloud.part is not None:  # no part is lost of which no fine sample lies nearest
+        even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[kept]]])))
+    index = np.concatenate([even, like[kept]])
+    return (
+        Cloud(
+            np.concatenate([cloud.points[even], points[kept]]),
+            np.concatenate([cloud.outward[even], normals[kept]]),
+            np.concatenate([area[even], fine_area]),
+            None if cloud.part is None else cloud.part[index],
+            open=None if cloud.open is None else cloud.open[index],
+        ),
+        index,
+    )
+
+
+def _on_mesh(
+    structure: Structure, scene: Scene, cloud: Cloud, region: Bools, number: int, seed: int
+) -> tuple[Floats, Floats, Ints, Floats]:
+    """Candidates in a region of a mesh: points, outward normals, the even sample of each, area."""
+    rng = np.random.default_rng(seed)
+    near, tree, reach_m = _near(structure, cloud, region), cKDTree(cloud.points[region]), spacing(cloud)
+    wanted, whole = int(_SPARE * number), float(triangle_areas(structure)[near].sum())
+    batch, drawn, found = wanted, 0, []
+    for _ in range(_ROUNDS):
+        points, triangle = points_on_triangles(structure, batch, rng, near)
+        close = np.isfinite(tree.query(points, distance_upper_bound=_CLOSE * reach_m)[0])
+        points, triangle = points[close], triangle[close]
+        index, outward, like = outside_like(points, triangle, structure, scene, cloud)
+        mine = region[like]
+        found.append((points[index[mine]], outward[mine], like[mine]))
+        drawn += batch
+        missing = wanted - sum(len(each[0]) for each in found)
+        if missing <= wanted / 10:
+            break
+        batch = int(min(missing * drawn / max(wanted - missing, 1), 8 * wanted))
+    points, outward, like = (np.concatenate(each) for each in zip(*found, strict=True))
+    return points, outward, like, np.full(len(points), whole / drawn)
+
+
+def _near(structure: Structure, cloud: Cloud, region: Bools) -> Ints:
+    """The triangles that may lie in a region."""
+    corners = structure.vertices[structure.triangles]
+    middle = corners.mean(axis=1)
+    reach = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1) + _CLOSE * spacing(cloud)
+    away = cKDTree(cloud.points[region]).query(middle, distance_upper_bound=float(reach.max()))[0]
+    return np.flatnonzero(away <= reach)
+
+
+def _of_points(
+    structure: Structure, scene: Scene, cloud: Cloud, region: Bools, number: int, seed: int
+) -> tuple[Floats, Floats, Ints, Floats]:
+    """The same of a structure given as points: those of its points that lie there."""
+    points = structure.vertices
+    tree = cKDTree(cloud.points)
+    like = tree.query(points)[1]
+    chosen = np.flatnonzero(region[like])
+    chosen = np.sort(np.random.default_rng(seed).permutation(chosen)[: int(_SPARE * number)])
+    if structure.normals is not None:
+        outward = structure.normals[chosen]
+        weight = TOUCH * spacing(cloud)
+        known = cKDTree(with_normals(cloud.points, cloud.outward, weight))
+        like = known.query(with_normals(points[chosen], outward, weight))[1]
+    else:
+        like = like[chosen]
+        outward = plane_normals(points, cKDTree(points).query(points[chosen], k=min(13, len(points)))[1])
+        turned = (outward * cloud.outward[like]).sum(axis=1, keepdims=True) < 0
+        outward = np.where(turned, -outward, outward)
+    mine = region[like]
+    count = np.maximum(np.bincount(like[mine], minlength=len(cloud)), 1)
+    area = (cloud.areas / count)[like[mine]]
+    return points[chosen][mine], outward[mine], like[mine], area
