@@ -2,7 +2,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help quickstart test test-all check faults fuzz mutate lerobot bench docs pictures serve lock
+.PHONY: help quickstart test test-all test-plain check faults fuzz mutate lerobot bench docs pictures serve lock
 
 # The first of these that runs and is new enough builds the environment; PYTHON=... overrides.
 PYTHONS := python3 python3.13 python3.12 python3.11
@@ -57,6 +57,13 @@ test: $(READY) ## the test suite on every core, or CORES=...; continuous integra
 
 test-all: $(READY) ## the test suite with the slow ones: faults, servers, benchmarks' smoke runs
 	@$(PYTEST)
+
+# Laws of planning that are fast, and figures that are kept: what another processor's last bit would move.
+PLAIN := tests/bench/test_results.py tests/planning/test_plan.py tests/planning/test_laws_place.py \
+	tests/planning/correspondence/test_partial.py
+
+test-plain: $(READY) ## the planning laws with the plainest instructions that the libraries know
+	@$(BIN)/python tests/plainly.py -m pytest --numprocesses $(CORES) --dist loadfile -q -m "not slow" $(PLAIN)
 
 check: $(READY) ## ruff and mypy
 	$(BIN)/ruff check .

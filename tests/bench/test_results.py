@@ -60,7 +60,13 @@ def test_no_result_that_is_kept_has_moved(results):
 def test_moved_figures_are_told(results):
     kept = {"status": "ok", "duration_s": 100.0, "frechet_z": 0.5}
     assert results.moved(kept, dict(kept)) == []
-    assert results.moved(kept, {**kept, "duration_s": 101.0}) == []
+    assert results.moved(kept, {**kept, "duration_s": 101.0, "frechet_z": 0.52}) == []
     assert results.moved(kept, {**kept, "duration_s": 103.0}) == ["duration_s 100.0 became 103.0"]
+    assert results.moved(kept, {**kept, "frechet_z": 0.53}) == ["frechet_z 0.5 became 0.53"]
     assert results.moved(kept, {**kept, "status": "refused"}) == ["status ok became refused"]
     assert results.moved(kept, {"status": "ok", "duration_s": 100.0}) == ["frechet_z 0.5 became None"]
+    large = {"frechet_z": 2.87, "duration_s": 1000.0, "coverage_inspected_pct": 98.0}
+    near = {"frechet_z": 2.75, "duration_s": 1015.0, "coverage_inspected_pct": 97.1}
+    assert results.moved(large, near) == []
+    moved = results.moved(large, {"frechet_z": 2.67, "duration_s": 1025.0, "coverage_inspected_pct": 96.9})
+    assert [each.split()[0] for each in moved] == ["coverage_inspected_pct", "duration_s", "frechet_z"]

@@ -29,9 +29,10 @@ _FINE = 40_000  # samples that are joined
 _DRAWN = 1.6  # candidates for each of them
 _REACH = 3.0  # sample spacings: samples this near are asked whether the skin goes on between them
 _RISE = 0.25  # sine of the angle at which a neighbour stands out of the tangent plane: 14.5 deg
-# Of the narrower part's half width: what is joined by less is two parts. Where a border is uncertain, some of
-# these join and some do not, and what is there belongs to either by that share.
-_NECKS = (0.35, 0.42, 0.5, 0.58, 0.65)
+_NECK = 0.5  # of the narrower part's half width: what is joined by less is two parts
+_SPREAD = 0.15  # of it, either way: where a border is uncertain, some ways join and others do not
+_DIVISIONS = 5  # of the skin, within the spread
+_NECKS = tuple(np.linspace(_NECK - _SPREAD, _NECK + _SPREAD, _DIVISIONS))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
