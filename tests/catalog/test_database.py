@@ -14,8 +14,7 @@ from catalog_records import demonstration, differences, key_of, plan, structure
 import upplied
 from upplied.catalog.database import Catalog, open_catalog
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store import current
-from upplied.catalog.verbs import adding, ordering
+from upplied.catalog.verbs import adding, current, ordering
 from upplied.errors import CatalogError, InputError
 
 
@@ -40,7 +39,7 @@ def test_an_empty_catalog_answers_with_declared_columns(catalog):
     assert list(catalog.transfers().columns) == TABLES["transfers"].names
     assert catalog.structures().empty
     assert catalog.demonstrations().empty
-    assert catalog.known_transfers([key_of(0)]) == set()
+    assert set(catalog.settled([key_of(0)], retry_failed=True)) == set()
 
 
 def test_records_come_back_equal(catalog):
@@ -181,10 +180,10 @@ def test_refused_and_failed_plans_are_rows_with_a_reason(catalog):
 def test_a_failure_makes_way_for_a_later_result_and_not_the_other_way(catalog):
     key = key_of("job")
     catalog.add_plans([(key, plan(status="failed"), {})])
-    assert catalog.known_transfers([key]) == set()
+    assert set(catalog.settled([key], retry_failed=True)) == set()
     assert catalog.add_plans([(key, plan(status="failed"), {})]) == 0
     assert catalog.add_plans([(key, plan(), {})]) == 1
-    assert catalog.known_transfers([key, key_of("other")]) == {key}
+    assert set(catalog.settled([key, key_of("other")], retry_failed=True)) == {key}
     assert catalog.add_plans([(key, plan(status="failed"), {})]) == 0
     assert list(catalog.transfers(every=True)["status"]) == ["ok"]
     assert differences(plan().trajectory, catalog.plan(key[:20]).trajectory) == []

@@ -36,7 +36,7 @@ QUESTIONS = {
     "demonstrations": lambda c, _: c.demonstrations(),
     "transfers": lambda c, _: c.transfers(),
     "one structure": lambda c, _: c.structure("boxy"),
-    "known": lambda c, _: c.known_transfers([key_of(0)]),
+    "known": lambda c, _: c.settled([key_of(0)], retry_failed=True),
     "as of": lambda c, _: c.transfers(as_of="2026-01-01"),
     "retire": lambda c, _: c.retire_structures(["boxy"]),
     "verify": lambda c, _: verify(c),

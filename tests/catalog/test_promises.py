@@ -161,6 +161,6 @@ def test_small_files_are_merged_while_they_come(catalog):
     assert len(catalog.transfers(every=True)) == 70
     assert len(catalog.transfers(version=20, every=True)) > 15
     assert [found for found in verify(catalog) if "is not in" not in found.found] == []
-    assert catalog.known_transfers([key_of(number) for number in range(70)]) == {
+    assert catalog.settled([key_of(number) for number in range(70)]).keys() == {
         key_of(number) for number in range(70)
     }

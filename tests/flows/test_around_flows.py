@@ -180,6 +180,27 @@ def test_a_log_is_told_when_it_has_come_whole_and_again_when_it_was_changed(tmp_
     assert after(watch.PATIENCE_S) == ["broken.mcap"], "what is broken is for ingest to tell, sooner or later"
 
 
+def test_flights_of_every_kind_are_told_a_folder_of_photos_as_one(tmp_path):
+    now = 0.0
+    landing = watch.Landing(tmp_path, lambda: now)
+    (tmp_path / "photos").mkdir()
+    for name in ("a.jpg", "b.jpg"):
+        (tmp_path / "photos" / name).write_bytes(b"\xff\xd8\xff")
+    (tmp_path / "flight.ulg").write_bytes(b"ULog\x01\x12\x35\x01")
+    (tmp_path / "cut.srt").write_bytes(b"")
+    (tmp_path / "notes.md").write_text("fine weather")
+    assert list(landing.landed()) == []
+    now = watch.STILL_S - 1
+    (tmp_path / "photos" / "c.jpg").write_bytes(b"\xff\xd8\xff")
+    assert list(landing.landed()) == []
+    now = watch.STILL_S
+    assert [path.name for path in landing.landed()] == ["cut.srt", "flight.ulg"]
+    now = 2 * watch.STILL_S
+    assert [path.name for path in landing.landed()] == ["photos"]
+    now = 9 * watch.STILL_S
+    assert list(landing.landed()) == []
+
+
 def test_the_short_way_says_at_once_that_no_server_answers(monkeypatch, capsys):
     """Prefect's own command would start a server that knows no deployment, and say that there is none."""
     monkeypatch.delenv("PREFECT_API_URL", raising=False)

@@ -39,7 +39,7 @@ print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
         "1 ok, 0 refused, 0 failed, 1 unchanged",
         "0 ok, 0 refused, 0 failed, 2 unchanged",
     ]
-    assert (place / "reports" / "transfers.parquet").is_file()
+    assert (place / "reports" / "transfers.parquet").is_dir()
     assert (place / "reports" / "index.html").is_file()
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_logs import Flight, flight
+from made_missions import made_plan, placed_box
 from made_sources import UNTIMED, WRITERS, bag2, photos
 from scipy.spatial.transform import Rotation
 
@@ -15,6 +16,7 @@ from upplied.errors import InputError
 from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.sources import door
+from upplied.outputs.missions import FORMATS, MissionOptions, export
 from upplied.poses import angle_between
 from upplied.records import Demonstration
 from upplied.samples.fleet import member
@@ -154,3 +156,29 @@ def test_what_is_cut_off_or_damaged_is_an_error_in_words_or_read_in_part(tmp_pat
                 assert np.isfinite(found.positions).all() and np.isfinite(found.quat_xyzw).all()
             except InputError as error:
                 assert str(tmp_path) in str(error)
+
+
+@pytest.mark.parametrize("format", ["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml"])
+def test_a_mission_that_we_wrote_is_read_as_a_planned_flight(tmp_path: Path, format: str) -> None:
+    structure, plan = placed_box(), made_plan()
+    done = export(
+        plan, structure, format, tmp_path / f"mission{FORMATS[format]}", MissionOptions(drone="m3e")
+    )
+    (mission,) = done.missions
+    place = structure.placement
+    facts = {
+        "structure_lat_deg": place.lat_deg, "structure_lon_deg": place.lon_deg,
+        "structure_alt_m": place.alt_m, "structure_heading_deg": place.heading_deg,
+        "structure_datum": place.datum, "takeoff_alt_m": float(mission.home[2]), "geoid_undulation_m": 0.0,
+    }  # fmt: skip
+    options = LogOptions(structure_id="box", allow=tuple(RULES), **facts)
+    found = read_demonstration(done.paths[0], options, structures=lambda name: structure)
+    assert "planned" in [item["rule"] for item in found.passport["findings"]]
+    assert "nobody flew it" in found.notes
+    inspect = np.flatnonzero(mission.inspect)
+    far = np.linalg.norm(found.positions[None] - mission.local[inspect][:, None], axis=2)
+    assert far.min(axis=1).max() < 0.1
+    if format != "kml":  # which says no attitude
+        nearest = far.argmin(axis=1)
+        turned = angle_between(found.quat_xyzw[nearest], mission.quat_xyzw[inspect])
+        assert np.degrees(np.median(turned)) < 1.0 and np.degrees(np.percentile(turned, 90)) < 6.0

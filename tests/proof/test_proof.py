@@ -16,12 +16,14 @@ from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.path_views import TRULY
+from upplied.planning.visibility.path_views import TRULY, stations
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.proof.align import align
 from upplied.proof.as_flown import AsFlown, as_flown, looks_of
+from upplied.proof.bound import bound_m
 from upplied.proof.camera import camera_offset
-from upplied.proof.gap import bound_m, gap_flight
+from upplied.proof.gap import gap_flight, safe_lengths
+from upplied.proof.tour import short_tour
 from upplied.records import Camera, Floats, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -342,8 +344,13 @@ def test_the_flight_that_closes_a_gap_shows_it_safely_and_is_short(plan, flown, 
     assert missing.any()
     limits = settings_for("recommended").retime
     found = gap_flight(plan, SURFACE, missing, CAMERA, graph, limits)
-    again = looks_of(found.trajectory, SURFACE, CAMERA, SCENE).seen
-    assert again[missing & ~found.unattainable].mean() >= 0.995
+    again = looks_of(found.trajectory, SURFACE, CAMERA, SCENE)
+    assert again.seen[missing & ~found.unattainable].mean() >= 0.995
+    # as near and as frontally as the plan, by the looks of both
+    wanted, part = looks_of(plan, SURFACE, CAMERA, SCENE), missing & found.shows
+    assert part.sum() > 0.97 * missing.sum()
+    assert (again.distance_m[part] <= 1.1 * wanted.distance_m[part] + 0.2).mean() > 0.98
+    assert (again.frontal[0][1][part] <= wanted.frontal[0][1][part] + 7).mean() > 0.98
     assert (found.shows <= missing).all() and not (found.shows & found.unattainable).any()
     assert path_clearance(SCENE, found.trajectory.positions).distance_m >= 1.49
     assert found.bound_m <= found.length_m < np.linalg.norm(np.diff(plan.positions, axis=0), axis=1).sum()
@@ -360,7 +367,7 @@ def test_nothing_missing_and_nothing_to_see_it_from_are_refused(plan, graph):
 
 
 def test_the_bound_is_never_above_the_best_way_by_brute_force():
-    rng = np.random.default_rng(0)
+    rng, shares = np.random.default_rng(0), []
     for _ in range(20):
         places = rng.random((6, 3)) * 10
         seen = rng.random((6, 5)) < 0.35
@@ -370,7 +377,26 @@ def test_the_bound_is_never_above_the_best_way_by_brute_force():
             for way in _ways(6)
             if seen[list(way)].any(axis=0).all()
         )
-        assert bound_m(places, seen) <= least + 1e-9
+        bound = bound_m(np.linalg.norm(places[:, None] - places[None], axis=2), seen)
+        assert bound <= least + 1e-6
+        shares.append(bound / least if least > 0 else 1.0)
+    assert np.mean(shares) > 0.97 and min(shares) > 0.8
+
+
+def test_the_tour_is_near_its_bound(plan, graph):
+    """Every seventh pose flown: what is left stands all round the structure."""
+    poses = stations(plan)
+    poses = poses.take(graph.airspace.allowed(poses.positions))
+    seen = visible(poses.positions, poses.quat_xyzw, SURFACE, CAMERA, TRULY, SCENE).seen
+    parts = np.array_split(np.arange(len(poses)), 9)
+    missing = ~seen[np.concatenate(parts[::2])].any(axis=0) & seen.any(axis=0)
+    apart = safe_lengths(graph, poses.positions)
+    straight = np.linalg.norm(poses.positions[:, None] - poses.positions[None], axis=2)
+    assert (apart >= straight - 1e-6).all() and (apart > straight + 1).any()  # round the structure
+    tour = short_tour(apart, seen[:, missing])
+    length = apart[tour[:-1], tour[1:]].sum()
+    assert seen[tour][:, missing].any(axis=0).all()
+    assert bound_m(apart, seen[:, missing]) <= length + 1e-6 <= 1.15 * bound_m(apart, seen[:, missing]) + 1
 
 
 def _ways(count: int):

@@ -250,10 +250,6 @@ class Reading:
             raise CatalogError(what, "is not in the catalog", suggested(name, set(known)))
         return found
 
-    def demonstration_row(self, demonstration_id: str) -> Row:
-        """The row of the current version of one demonstration."""
-        return self.newest("demonstrations", demonstration_id)
-
     def find_transfer(self, start: str) -> str:
         """The id of the one plan whose id begins so; a whole id is found at once.
 
@@ -291,10 +287,6 @@ class Reading:
         Of retired demonstrations and targets as well.
         """
         return ordering.newest_plans(self.tables["transfers"], columns)
-
-    def known_transfers(self, keys: Iterable[str]) -> set[str]:
-        """Those of the keys that are `settled` by a plan or an honest refusal."""
-        return set(self.settled(keys, retry_failed=True))
 
     def create(self) -> Self:
         """Make the catalog where there is none yet; adding does so as well."""

@@ -131,7 +131,7 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
         return ()
     structures = catalog.structures()
     kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
-    flown = catalog.demonstration_row(demonstration)["structure_id"]
+    flown = catalog.newest("demonstrations", demonstration)["structure_id"]
     kind, found, reasons = kinds.get(flown, ""), [], []
     for name in dict.fromkeys(targets):
         if name not in kinds:

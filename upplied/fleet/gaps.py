@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from upplied.records import Bools, Cloud, Measures, Plan, SurfaceStates, Traject
 from upplied.supposed_scene import obstacle, scene_for
 
 _OTHER, _SHOWN, _MISSED, _UNATTAINABLE = 0, 1, 2, 3  # of SURFACE_STATES
+_WITHIN_M = 0.02  # of the plan's clearance, which its own poses keep to the millimetre alone
 _PLACES = 300  # of the plan, that the ways may lead by
 
 
@@ -67,22 +69,27 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     seen[looks.patch] = True
     route = made_from.settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
-    scene = scene_for(target, flown.supposed)
-    airspace = Airspace(scene, clearance, target.surroundings, route.ground_clearance_m)
+    airspace = Airspace(
+        scene_for(target, flown.supposed), clearance, target.surroundings, route.ground_clearance_m
+    )
     zones, untold = missed_zones(catalog, row, target, camera)
-    assert flown.trajectory is not None
-    every = max(1, len(flown.trajectory) // _PLACES)
-    in_the_way = obstacle(surface, flown.supposed)
-    graph = roadmap(airspace, in_the_way, flown.trajectory.positions[::every])
     missing = np.asarray(required & ~seen, bool)
     asked = [zone.gap for zone in zones]
-    limits = made_from.settings.retime
-    found = gap_flight(flown.trajectory, surface, missing, camera, graph, limits, asked)
+
+    def found_at(clearance_m: float) -> GapFlight:
+        path = flown.trajectory
+        assert path is not None
+        around = replace(airspace, clearance_m=clearance_m)
+        every = max(1, len(path) // _PLACES)
+        graph = roadmap(around, obstacle(surface, flown.supposed), path.positions[::every])
+        return gap_flight(path, surface, missing, camera, graph, made_from.settings.retime, asked)
+
+    found, kept = _as_far(flown, airspace, found_at)
     broken = place_breaches(found.trajectory, target, flown.supposed, clearance)
     if broken:
         raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it anew")
     nearest_m = path_clearance(airspace.scene, found.trajectory.positions).distance_m
-    plan = _plan(flown, found, surface, missing, nearest_m, zones, untold)
+    plan = _plan(flown, found, surface, missing, nearest_m, zones, (kept, *untold))
     named = ["gap", flight_id, method(), target.sha256, made_from.settings.sha256]
     key = digest([*named, *key_of(zones)])
     hashes = {name: made_from.row[name] for name in ("demonstration_sha256", "source_sha256")}
@@ -96,6 +103,38 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     }
     catalog.add_plans([(key, plan, provenance)])
     return id_of(key)
+
+
+def _as_far(flown: Plan, airspace: Airspace, found_at: Callable[[float], GapFlight]) -> tuple[GapFlight, str]:
+    """The flight at the clearance of its plan, else at the safety distance, and which it is, in words."""
+    assert flown.trajectory is not None
+    limit = airspace.clearance_m
+    wish = path_clearance(airspace.scene, flown.trajectory.positions).certain_m - _WITHIN_M
+    if wish <= limit:
+        return found_at(limit), f"keeps the safety distance of {limit:g} m, as its plan does"
+    first: GapFlight | None = None
+    why = ""
+    try:
+        first = found_at(wish)
+        if not _lacking(first):
+            return first, f"keeps {wish:.1f} m from the structure, as its plan does"
+    except RefusedError as refusal:
+        why = refusal.found
+    try:
+        second = found_at(limit)
+    except RefusedError:
+        if first is None:
+            raise
+        second = first
+    if first is not None and _lacking(second) >= _lacking(first):
+        return first, f"keeps {wish:.1f} m from the structure, as its plan does"
+    more = why or f"{_lacking(first) - _lacking(second)} places more are shown so" if first else why
+    return second, f"keeps the safety distance of {limit:g} m, not the {wish:.1f} m of its plan: {more}"
+
+
+def _lacking(found: GapFlight) -> int:
+    """How many samples no pose shows."""
+    return int(found.unattainable.sum()) + sum(int(none.sum()) for _, none in found.zones)
 
 
 def plan_gaps(catalog: Catalog, flights: Sequence[str]) -> list[str]:
@@ -129,8 +168,10 @@ def _plan(
         state[patch[done & (state[patch] == _OTHER)]] = _SHOWN
     path = found.trajectory
     shown, all_of_it = int(found.shows.sum()), int(missing.sum())
-    said = f"shows {100 * shown / all_of_it:.1f} % of the gap" if all_of_it else "shows what zones miss"
-    said += f"; the shortest way there may be is {found.bound_m:.0f} m, this one is {found.length_m:.0f} m"
+    said = "shows what zones miss"
+    if all_of_it:
+        said = f"shows {100 * shown / all_of_it:.1f} % of the gap as near and as frontally as planned"
+    said += f"; by known safe legs {found.bound_m:.0f} m are needed at least, it flies {found.length_m:.0f} m"
     told = [zone.told(*both) for zone, both in zip(zones, found.zones, strict=True)]
     return Plan(
         demonstration_id=flown.demonstration_id,

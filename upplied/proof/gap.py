@@ -1,8 +1,8 @@
 """The shortest safe flight that shows what a flight left out, from viewpoints of its own plan.
 
-Viewpoints are chosen among the poses of the plan, so that the gap is shown from as near and in the manner
-that was planned, and put in the order of a short way (`tour`). Safe legs join them. Zone surface that those
-poses do not show as it is asked for has poses of its own (`zone_gap`).
+Viewpoints are chosen among the poses of the plan, those that look from as near and as frontally as the plan
+itself did at each place, and put in the order of a short way (`tour`) by the safe legs that join them. Zone
+surface that those poses do not show as it is asked for has poses of its own (`zone_gap`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
 from upplied.config import RetimeSettings
 from upplied.errors import RefusedError
@@ -21,15 +23,14 @@ from upplied.planning.trajectory.retime import retime
 from upplied.planning.visibility.path_views import stations
 from upplied.polylines import arc_length, leg_lengths
 from upplied.poses import from_yaw_pitch, yaw_pitch
+from upplied.proof.bound import bound_m
 from upplied.proof.tour import short_tour
 from upplied.proof.zone_gap import Part, ZoneGap, joined, poses_for
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory, Waypoints
 
 _STATIONS = 500  # poses of the plan, at most, that viewpoints are chosen from
-_BOUND_PATCHES = 60  # samples, at most, that the bound on the length is told by
-_BOUND_CHOICES = 12  # that are tried: 25 times as many raised it by 4 % at most, of ways of 2 m by a fourth
-_SHUFFLED = 0.6  # how far their order departs from fewest first
-_PRICED, _COOLED = 150, 0.97  # rounds of prices, and how each is smaller than the one before
+_FARTHER, _ASLANT_DEG = 1.1, 5.0  # than the plan's own look at a place, that still counts as planned
+_LINKS = 20  # places of the roadmap that a pose is joined to
 _SLOWEST_MPS, _STANDING_M = 0.3, 1e-6
 
 
@@ -42,7 +43,7 @@ class GapFlight(Record):
     shows: Bools  # (S,) of the samples, those that are missing and that it shows
     unattainable: Bools  # (S,) of the samples, those that are missing and that no pose of the plan shows
     length_m: float
-    bound_m: float  # no way by the poses it was chosen from that shows the same is shorter
+    bound_m: float  # no way by those poses and the known safe legs that shows the same is shorter
     zones: tuple[tuple[Bools, Bools], ...] = ()  # (M,) of each zone's samples: shown, and unattainable
 
 
@@ -66,7 +67,7 @@ def gap_flight(
     missing : array of bool, shape (S,)
     camera : Camera
     graph : Roadmap
-        Of the structure, with the plan's clearance.
+        Of the structure, with the clearance that is to be kept.
     limits : RetimeSettings
         Of the vehicle.
     zones : sequence of ZoneGap
@@ -86,14 +87,20 @@ def gap_flight(
     parts = [Part(Cloud(surface.points[part], surface.outward[part]), camera)]
     parts += [zone.part(camera) for zone in zones]
     usual_m = float(np.median(graph.airspace.scene.distance(poses.positions))) if zones and len(poses) else 0
-    shown = parts[0].well(poses, graph)
+    every = stations(plan)
+    every = every.take(graph.airspace.allowed(every.positions))
+    looks, best = _planned_looks(parts[0], every, graph)
+    lacking = ~_shown(parts[0], poses, looks, graph).any(axis=0)
+    if len(every) and lacking.any():  # a look that so many poses miss
+        poses = joined(poses, every.take(np.unique(best[lacking])))
+    shown = _shown(parts[0], poses, looks, graph)
     for one in parts[1:]:
         poses = joined(poses, poses_for(one, poses, graph, limits, usual_m))
-    others = np.zeros((len(poses) - len(shown), len(part)), bool)  # what was planned is shown as planned
+    others = np.zeros((len(poses) - len(shown), 2 * len(part)), bool)  # what was planned is shown as planned
     seen = np.concatenate(
         [np.vstack([shown, others]), *(one.well(poses, graph) for one in parts[1:])], axis=1
     )
-    can = seen.any(axis=0)
+    can: Bools = np.asarray(seen.any(axis=0), bool)
     if not can.any():
         raise RefusedError(
             "the gap",
@@ -102,18 +109,87 @@ def gap_flight(
             "plan the structure again, or ask less of the zone" if zones else "plan the structure again",
         )
     seen = seen[:, can]
-    chosen = short_tour(poses.positions, seen)
+    apart = safe_lengths(graph, poses.positions)
+    seen = seen & np.isfinite(apart[np.isfinite(apart).sum(axis=1).argmax()])[:, None]  # of one another
+    can[can] = seen.any(axis=0)
+    seen = seen[:, seen.any(axis=0)]
+    chosen = short_tour(apart, seen)
     line, at = _way(poses, chosen, graph)
     trajectory, is_viewpoint = _timed(poses, chosen, line, at, plan, limits)
     shows, unattainable = np.zeros(len(missing), bool), np.zeros(len(missing), bool)
     along = stations(trajectory)
-    flown = [np.asarray(one.seen(along, graph).any(axis=0), bool) for one in parts]
-    cannot = np.split(~can, np.cumsum([len(one.cloud) for one in parts])[:-1])
+    again = _as_planned(parts[0], along, parts[0].seen(along, graph), looks)
+    flown = [_both(np.asarray(again.any(axis=0), bool))]
+    flown += [np.asarray(one.seen(along, graph).any(axis=0), bool) for one in parts[1:]]
+    cannot = np.split(~can, np.cumsum([2 * len(part), *(len(one.cloud) for one in parts[1:])])[:-1])
+    cannot[0] = ~_both(~cannot[0])
     both = [(done, none & ~done) for done, none in zip(flown, cannot, strict=True)]
     shows[part], unattainable[part] = both[0]
     length = float(leg_lengths(trajectory.positions).sum())
-    shortest = bound_m(poses.positions, seen)
+    shortest = min(bound_m(apart, seen), length)
     return GapFlight(trajectory, is_viewpoint, shows, unattainable, length, shortest, tuple(both[1:]))
+
+
+def safe_lengths(graph: Roadmap, places: Floats) -> Floats:
+    """Lengths (P, P), m, of the shortest ways by known safe legs between places; inf where there is none."""
+    count, known = len(places), len(graph.places)
+    near = np.zeros((count, 0), np.int64)
+    if known:
+        near = cKDTree(graph.places).query(places, k=min(_LINKS, known))[1].reshape(count, -1)
+    first, second = np.triu_indices(count, 1)
+    ends = np.concatenate([np.repeat(np.arange(count), near.shape[1]), first]) + known
+    others = np.concatenate([near.ravel(), second + known])
+    nodes = np.concatenate([graph.places, places])
+    free = ~graph.airspace.broken_legs(nodes[ends], nodes[others])
+    ends, others = np.concatenate([graph.first, ends[free]]), np.concatenate([graph.second, others[free]])
+    length = np.maximum(np.linalg.norm(nodes[ends] - nodes[others], axis=1), 1e-9)
+    matrix = csr_matrix((length, (ends, others)), shape=(len(nodes), len(nodes)))
+    return np.asarray(dijkstra(matrix, directed=False, indices=np.arange(known, known + count))[:, known:])
+
+
+def _planned_looks(part: Part, plan: Trajectory, graph: Roadmap) -> tuple[Floats, Ints]:
+    """Distance, m, and angle, deg, of the plan's nearest look at each sample and of its most frontal, (4, M).
+
+    A sample that the plan does not see asks for nothing. The poses of those looks are told as well, (2 M,).
+    """
+    count = len(part.cloud)
+    if not len(plan):
+        return np.full((4, count), np.inf), np.zeros(2 * count, np.int64)
+    distance, angle = _looks(part, plan)
+    unseen = ~part.seen(plan, graph)
+    near = np.where(unseen, np.inf, distance).argmin(axis=0)
+    frontal = np.where(unseen, np.inf, angle).argmin(axis=0)
+    at = np.arange(count)
+    found = np.stack([distance[near, at], angle[near, at], distance[frontal, at], angle[frontal, at]])
+    return np.where(unseen.all(axis=0), np.inf, found), np.concatenate([near, frontal])
+
+
+def _shown(part: Part, poses: Trajectory, looks: Floats, graph: Roadmap) -> Bools:
+    """Which poses (P, 2 M) show each sample as planned, at the rim of the picture what is nowhere else."""
+    well = _as_planned(part, poses, part.well(poses, graph), looks)
+    rim = _as_planned(part, poses, part.seen(poses, graph), looks)
+    return np.asarray(well | (rim & ~well.any(axis=0)), bool)
+
+
+def _as_planned(part: Part, poses: Trajectory, seen: Bools, looks: Floats) -> Bools:
+    """Which poses show each sample as the plan's nearest look did, then as its most frontal did, (P, 2 M)."""
+    distance, angle = _looks(part, poses)
+    most = looks * [[_FARTHER], [1.0], [_FARTHER], [1.0]] + [[0.0], [_ASLANT_DEG], [0.0], [_ASLANT_DEG]]
+    near, frontal = ((distance <= far) & (angle <= aslant) for far, aslant in (most[:2], most[2:]))
+    return np.concatenate([seen & near, seen & frontal], axis=1)
+
+
+def _looks(part: Part, poses: Trajectory) -> tuple[Floats, Floats]:
+    """Distance, m, and angle from the normal, deg, of each sample from each pose, (P, M)."""
+    ray = poses.positions[:, None] - part.cloud.points[None]
+    distance = np.linalg.norm(ray, axis=2)
+    cosine = (ray * part.cloud.outward[None]).sum(axis=2) / np.maximum(distance, 1e-12)
+    return distance, np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def _both(flags: Bools) -> Bools:
+    """Of flags (2 M,) for one way of looking and then another, where both are set, (M,)."""
+    return np.asarray(flags.reshape(2, -1).all(axis=0), bool)
 
 
 def _none_of(zone: ZoneGap) -> str:
@@ -158,63 +234,3 @@ def _timed(
     path = Waypoints(line, quats, times, shown)
     timed, is_viewpoint, _ = retime(path, Trajectory(times, line, quats), limits)
     return timed, is_viewpoint
-
-
-def bound_m(places: Floats, seen: Bools) -> float:
-    """A length, m, below which no way by some of these poses shows every sample.
-
-    Of samples whose poses have none in common, each must be seen from a place of its own. A way through them
-    joins them one after the other, each leg no shorter than the gap between any two of their places; the
-    least such way is bounded from below by trees whose nodes carry prices (Held and Karp 1970). Several such
-    choices of samples are tried, since each gives a bound.
-    """
-    apart = np.linalg.norm(places[:, None] - places[None], axis=2)
-    rng = np.random.default_rng(0)
-    few = seen.sum(axis=0)
-    best = 0.0
-    for choice in range(_BOUND_CHOICES):
-        order = np.argsort(few * (1 + _SHUFFLED * (choice > 0) * rng.random(len(few))), kind="stable")
-        best = max(best, _bound_by(apart, seen, order))
-    return best
-
-
-def _bound_by(apart: Floats, seen: Bools, order: Ints) -> float:
-    """The bound by samples without a pose in common, chosen in an order."""
-    kept: list[int] = []
-    used = np.zeros(len(apart), bool)
-    for sample in order:
-        if not (seen[:, sample] & used).any():
-            kept.append(int(sample))
-            used |= seen[:, sample]
-        if len(kept) == _BOUND_PATCHES:
-            break
-    if len(kept) < 2:
-        return 0.0
-    gap = np.zeros((len(kept), len(kept)))
-    for i, one in enumerate(kept):
-        nearest = apart[seen[:, one]].min(axis=0)
-        for j in range(i):
-            gap[i, j] = max(nearest[seen[:, kept[j]]].min(), 1e-9)
-    return _least_way(gap + gap.T)
-
-
-def _least_way(gap: Floats) -> float:
-    """A lower bound of the open ways by all nodes with these distances (K, K).
-
-    With a price on each node, a way costs its length and each price as often as it has neighbours there:
-    twice, but once at both ends. So the least tree with prices, less all of them twice, plus the two
-    smallest, bounds it.
-    """
-    count, best = len(gap), 0.0
-    price = np.zeros(count)
-    step = float(gap.max()) / count
-    for _ in range(_PRICED):
-        costs = gap + price[:, None] + price[None]
-        shift = 1.0 - float(costs.min())  # the library takes no cost for no edge
-        tree = minimum_spanning_tree(np.triu(costs + shift, 1)).tocoo()
-        length = float(tree.data.sum()) - (count - 1) * shift
-        best = max(best, length - 2 * float(price.sum()) + float(np.sort(price)[:2].sum()))
-        neighbours = np.bincount(np.concatenate([tree.row, tree.col]), minlength=count)
-        price = price + step * (neighbours - 2)
-        step *= _COOLED
-    return best

@@ -20,18 +20,18 @@ _NOISE = 0.5  # on the costs by which every second trial chooses
 _LITTLE_M = 1e-6
 
 
-def short_tour(places: Floats, seen: Bools) -> Ints:
+def short_tour(apart: Floats, seen: Bools) -> Ints:
     """Poses (K,) in the order of a short open way that together see every sample.
 
     Parameters
     ----------
-    places : array, shape (P, 3), m
+    apart : array, shape (P, P), m
+        Lengths of the legs between poses.
     seen : array of bool, shape (P, S)
         Which pose sees which sample; each is seen by one at least.
     """
-    apart = np.linalg.norm(places[:, None] - places[None], axis=2)
     rng = np.random.default_rng(0)
-    best = _better(places, apart, seen, _order(places, _cover(seen)))
+    best = _better(apart, seen, _order(apart, _cover(seen)))
     least = _length(apart, best)
     for _ in range(_TRIALS if len(best) > 1 else 0):
         count = int(rng.integers(1, max(2, min(_LEFT_OUT, len(best)))))
@@ -39,20 +39,20 @@ def short_tour(places: Floats, seen: Bools) -> Ints:
             out = np.argsort(apart[best[int(rng.integers(len(best)))], best], kind="stable")[:count]
         else:
             out = rng.choice(len(best), count, replace=False)
-        noise = rng.uniform(1, 1 + _NOISE * rng.integers(2), len(places))
+        noise = rng.uniform(1, 1 + _NOISE * rng.integers(2), len(apart))
         trial = _needed(apart, seen, _seen_again(apart, seen, np.delete(best, out), noise))
         if _length(apart, trial) < _WORTH * least:
-            trial = _better(places, apart, seen, trial)
+            trial = _better(apart, seen, trial)
             if _length(apart, trial) < least - _LITTLE_M:
                 best, least = trial, _length(apart, trial)
     return best
 
 
-def _better(places: Floats, apart: Floats, seen: Bools, tour: Ints) -> Ints:
+def _better(apart: Floats, seen: Bools, tour: Ints) -> Ints:
     """The tour ordered, exchanged and thinned out while that shortens it."""
     while True:
         before = _length(apart, tour)
-        tour = _needed(apart, seen, _exchanged(places, seen, _order(places, tour)))
+        tour = _needed(apart, seen, _exchanged(apart, seen, _order(apart, tour)))
         if _length(apart, tour) > before - _LITTLE_M:
             return tour
 
@@ -111,11 +111,11 @@ def _cover(seen: Bools) -> Ints:
     return np.array(sorted(chosen), np.int64)
 
 
-def _order(places: Floats, chosen: Ints) -> Ints:
+def _order(apart: Floats, chosen: Ints) -> Ints:
     """The chosen poses in the order of a short open way: nearest first from an end, then 2-opt."""
     if len(chosen) < 3:
         return chosen
-    gap = np.linalg.norm(places[chosen][:, None] - places[chosen][None], axis=2)
+    gap = apart[np.ix_(chosen, chosen)]
     best: list[int] = []
     least = np.inf
     for start in {0, len(chosen) - 1, int(gap.sum(axis=1).argmax())}:
@@ -151,7 +151,7 @@ def _two_opt(tour: list[int], gap: Floats) -> list[int]:
     return order.tolist()
 
 
-def _exchanged(places: Floats, seen: Bools, chosen: Ints) -> Ints:
+def _exchanged(apart: Floats, seen: Bools, chosen: Ints) -> Ints:
     """The same with poses exchanged for others that show what they alone show, on a shorter way."""
     chosen = chosen.copy()
     for _ in range(_SWEEPS):
@@ -167,13 +167,13 @@ def _exchanged(places: Floats, seen: Bools, chosen: Ints) -> Ints:
             ends = [chosen[near] for near in (at - 1, at + 1) if 0 <= near < len(chosen)]
             cost = np.zeros(len(fit))
             for end in ends:
-                cost += np.linalg.norm(places[fit] - places[end], axis=1)
+                cost += apart[fit, end]
             best = int(fit[int(cost.argmin())])
-            own = sum(float(np.linalg.norm(places[chosen[at]] - places[end])) for end in ends)
+            own = sum(float(apart[chosen[at], end]) for end in ends)
             if cost.min() < own - 1e-6:
                 chosen[at], changed = best, True
             at += 1
         if not changed:
             break
-        chosen = _order(places, chosen)
+        chosen = _order(apart, chosen)
     return chosen

@@ -1,4 +1,4 @@
-"""The optimisation before a wall whose answers geometry gives, and what a look aside must be worth."""
+"""The optimisation before a wall whose answers geometry gives."""
 
 from dataclasses import replace
 
@@ -8,7 +8,6 @@ import pytest
 from upplied.config import OptimiseSettings, RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
-from upplied.planning.trajectory.looks import looks_aside
 from upplied.planning.trajectory.optimise import Problem, Start, _towards, optimise
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.shape import Shape
@@ -155,42 +154,6 @@ def test_dear_turning_turns_less(wall: View):
     assert turned[1] < 0.5 * turned[0]
 
 
-def test_looks_aside_show_what_no_pose_shows_and_keep_the_gimbal(wall: View):
-    path = along(yaw=-np.pi / 2)  # the camera looks away from the wall
-    assert shown(wall, path) == pytest.approx(0)
-    aside = looks_aside(path, wall, 1e-3, 1.0)
-    assert shown(wall, aside) > 0.6
-    low, high = np.radians([wall.limits.min_gimbal_pitch_deg, wall.limits.max_gimbal_pitch_deg])
-    assert aside.pitch.min() >= low - 1e-9 and aside.pitch.max() <= high + 1e-9
-    np.testing.assert_array_equal(aside.positions, path.positions)
-
-
-def test_a_look_aside_comes_and_goes_as_steadily_as_the_camera_turns(wall: View):
-    """One look at a wall behind the camera, which turns by a radian in 2 m."""
-    path = along(yaw=-np.pi / 2)
-    middle = np.linalg.norm(wall.cloud.points - [0.0, 0, 4], axis=1) < 1
-    one = replace(wall, need=np.where(middle, 1 / middle.sum(), 0.0))
-    aside = looks_aside(path, one, 1e-3, 2.0)
-    assert shown(one, aside) == pytest.approx(1)
-    step = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
-    assert (np.abs(np.diff(aside.yaw)) <= step / 2 * (1 + 1e-6)).all()
-    turned = aside.yaw != path.yaw
-    assert 5 <= turned.sum() <= COUNT // 2
-
-
-def test_a_look_that_costs_more_than_it_shows_is_not_taken(wall: View):
-    path = along(yaw=-np.pi / 2)
-    assert looks_aside(path, wall, 10.0, 1.0) is not path
-    np.testing.assert_array_equal(looks_aside(path, wall, 10.0, 1.0).yaw, path.yaw)
-
-
-def test_what_is_shown_already_asks_for_no_look(wall: View):
-    path = along()
-    blind = replace(wall, need=np.where(wall.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch),
-                    np.arange(len(wall.need))), 1.0, 0.0))  # fmt: skip
-    assert looks_aside(path, blind, 0.0, 1.0) is path
-
-
 def test_the_camera_looks_as_near_to_what_was_inspected_as_the_experts_did(wall: View):
     """A post in the middle of the wall that all stations show at the rim of their pictures."""
     post = np.where(np.abs(wall.cloud.points[:, 0]) < 1, 1.0, 0.0)
@@ -215,6 +178,15 @@ def test_of_several_starts_the_best_is_taken(wall: View):
     for starts in ((away, good), (good, away)):
         done = result(wall, replace(asked, starts=tuple(Start(path, path) for path in starts)), starts=1)
         np.testing.assert_array_equal(done.yaw, best.yaw)
+
+
+def test_a_start_that_nothing_improves_is_kept(wall: View):
+    """It shows all that is asked for already, and a dear optical axis turns the camera for nothing."""
+    path = along(yaw=np.pi / 2 + 0.3)
+    seen = wall.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch), np.arange(len(wall.need)))
+    asked = problem(replace(wall, need=seen / seen.sum(), inspected=seen), path)
+    state, variables = optimise(asked, 0.3, OptimiseSettings(axis=50.0))
+    np.testing.assert_array_equal(variables, state.nearest(path))
 
 
 def test_a_start_is_left_only_as_far_as_that_is_worth_it():

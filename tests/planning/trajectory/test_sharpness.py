@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from upplied.planning.trajectory.sharpness import moved_in_picture, time_above
+from upplied.planning.trajectory.retime import Sharp
+from upplied.planning.trajectory.sharpness import moved_in_picture, steadied_swings
 from upplied.poses import from_yaw_pitch, matrices
 from upplied.records import Trajectory
 
@@ -40,10 +41,31 @@ def test_the_rim_may_move_faster():
     assert moved(path, [0, 0], points, share=0.9)[0] == pytest.approx(0.1, rel=1e-2)
 
 
-def test_the_time_of_fast_turns_is_their_share():
-    times = np.arange(0, 20.1, 0.1)
-    yaw = np.where(times < 15, np.radians(5) * times, np.radians(75 + 30 * (times - 15)))
+def turned(swings, total_s=40.0):
+    """A camera that stands still but for swings (begin, end, deg/s); the demonstration went the same."""
+    times = np.arange(0, total_s + 0.05, 0.1)
+    rate = np.zeros(len(times))
+    for begin, end, degps in swings:
+        rate[(times >= begin) & (times < end)] = degps
+    yaw = np.concatenate([[0.0], np.cumsum(np.radians(rate[:-1]) * 0.1)])
     flown = Trajectory(times, np.zeros((len(times), 3)), from_yaw_pitch(yaw, np.zeros(len(times))))
-    assert time_above(flown, np.radians(10)) == pytest.approx(0.25, abs=0.03)
-    assert time_above(flown, np.radians(40)) == 0
-    assert time_above(flown, np.radians(1)) == pytest.approx(1)
+    limits = Sharp(np.full(len(times), np.inf), np.maximum(rate, 10.0))
+    return limits, times, (flown, np.zeros(len(times), bool), times)
+
+
+def steady_after(swings):
+    limits, times, timed = turned(swings)
+    found = steadied_swings(limits, times, timed, np.radians(10))
+    np.testing.assert_array_equal(found.speed_mps, limits.speed_mps)
+    return [bool((found.pan_degps[(times >= a) & (times < b)] < 10).all()) for a, b, _ in swings]
+
+
+def test_swings_that_are_rare_are_flown_as_the_expert_flew_them():
+    limits, times, timed = turned([(10, 11.5, 30)])
+    assert steadied_swings(limits, times, timed, np.radians(10)) is limits
+
+
+def test_so_many_of_the_slowest_swings_are_steadied_that_the_others_are_rare():
+    swings = [(5, 8, 30), (15, 16.5, 60), (25, 28, 20)]
+    assert steady_after(swings) == [True, False, True]  # 1.5 of 40 s are left
+    assert steady_after([(5, 8, 30), (15, 18, 60)]) == [True, True]  # 3 s would be too many

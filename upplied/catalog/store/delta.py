@@ -205,9 +205,13 @@ class StoredTable(TableLog):
         if not self._columns_added:
             self._insist(self._ready)
             self._columns_added = True
+
         # Those who write take turns where the disk lets them: who loses numbers and writes its file again.
-        with turn(self._turn) if self._files.local else nullcontext():
-            return self._insist(lambda: self._append_next(rows))
+        def once() -> int:
+            with turn(self._turn) if self._files.local else nullcontext():
+                return self._append_next(rows)
+
+        return self._insist(once)
 
     def beside(self) -> StoredTable:
         """The same table, opened anew: for who works on it while others write through this one."""

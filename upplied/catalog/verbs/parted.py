@@ -151,8 +151,9 @@ def _steps(
     declared, key = TABLES[name], TABLES[name].names[0]
     lacking = {}
     for file, own in files.items():
-        known = owned.named(_before(was, file, declared, [key, "commit_id"]), key).unique()
-        lacking[file] = own[~pc.is_in(owned.named(own, key), known).to_numpy(zero_copy_only=False)]
+        old = _before(was, file, declared, [key, "commit_id"])
+        known = pc.is_in(owned.named(own, key), owned.named(old, key).unique()) if len(old) else None
+        lacking[file] = own if known is None else own[~known.to_numpy(zero_copy_only=False)]
     lots = list(_lots(files, {file: own[f"n_{name}"].sum() for file, own in lacking.items()}, owned.GATHERED))
     wanted = {str(at): pd.concat([lacking[file] for file in lot]) for at, lot in enumerate(lots)}
     for at, new in owned.parted_steps(catalog, name, wanted, spool):
@@ -162,9 +163,12 @@ def _steps(
         new = new.take(pa.array(np.argsort(number, kind="stable")))
         ends = np.cumsum(np.bincount(number, minlength=len(lot)))
         for file, first, end in zip(lot, [0, *ends], ends, strict=False):
-            old, own = _before(was, file, declared), files[file]
-            still = old.filter(pc.is_in(owned.named(old, key), owned.named(own, key)))
-            yield file, owned.in_order(name, own, pa.concat_tables([still, new.slice(first, end - first)]))
+            own, steps = files[file], new.slice(first, end - first)
+            if len(lacking[file]) < len(own):
+                old = _before(was, file, declared)
+                still = old.filter(pc.is_in(owned.named(old, key), owned.named(own, key)))
+                steps = pa.concat_tables([still, steps])
+            yield file, owned.in_order(name, own, steps)
 
 
 def _lots(files: Files, weight: Mapping[str, float], most: int) -> Iterator[list[str]]:

@@ -196,7 +196,11 @@ def write(path: Path, declared: Table, parts: Iterator[pa.Table]) -> int:
         with pq.ParquetWriter(file, schema, compression="zstd") as writer:
             for rows in parts:
                 for at in range(0, len(rows), _ROW_GROUP):  # decoded so many at a time
-                    writer.write_table(decoded(rows.slice(at, _ROW_GROUP)).cast(schema))
+                    part = decoded(rows.slice(at, _ROW_GROUP))
+                    alike = part.schema.names == schema.names and part.schema.types == schema.types
+                    writer.write_table(
+                        pa.Table.from_arrays(part.columns, schema=schema) if alike else part.cast(schema)
+                    )
                 count += len(rows)
         file.flush()
         os.fsync(file.fileno())

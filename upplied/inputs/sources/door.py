@@ -51,10 +51,11 @@ KINDS = {
     "dataflash": Kind("ArduPilot log", "ardupilot"),
     "tlog": Kind("MAVLink telemetry log", "ardupilot"),
     "photos": Kind("drone photos", "photos"),
-    "captions": Kind("captions of a video", "records"),
+    "captions": Kind("captions of a video", "captions"),
     "record": Kind("flight record", "records"),
     "poses": Kind("poses as text", "trajectories"),
     "project": Kind("photogrammetry project", "projects"),
+    "placed": Kind("photogrammetry project", "placed_projects"),
     "colmap": Kind("COLMAP model", "colmap"),
     "mission": Kind("planned mission", "missions"),
 }
@@ -84,9 +85,9 @@ _TEXTS: tuple[tuple[str, str], ...] = (  # what stands in a text -> the kind tha
     (r'"fileType"\s*:\s*"Plan"', "mission"),
     (r'"shots"\s*:\s*\{', "project"),
     (r'"transform_matrix"', "project"),
-    (r"<document\b[\s\S]*<chunks?\b", "project"),
+    (r"<document\b[\s\S]*<chunks?\b", "placed"),
     (r"<kml\b", "mission"),
-    (r"^#?name,x,y,alt,heading,pitch,roll", "project"),
+    (r"^#?name,x,y,alt,heading,pitch,roll", "placed"),
     (r"^latitude,longitude,altitude\(m\),heading\(deg\),curvesize", "mission"),
     (r"^# Image list with two lines of data per image", "colmap"),
 )
@@ -163,9 +164,9 @@ def _whole(path: Path, head: bytes) -> str:
 
 def _lines(text: str) -> str:
     """The kind of a text of captions, columns or numbers."""
-    from upplied.inputs.sources import records, trajectories
+    from upplied.inputs.sources import captions, records, trajectories
 
-    if records.BLOCK.search(text[:4096]) or re.search(r"\[latitude ?: ", text[:4096]):
+    if captions.BLOCK.search(text[:4096]) or re.search(r"\[latitude ?: ", text[:4096]):
         return "captions"
     if records.is_record(text[:8192]):
         return "record"
@@ -293,7 +294,7 @@ def _walked(folder: Path) -> Iterator[tuple[Path, list[str], Sequence[str]]]:
     """A folder and those in it; links are not followed."""
     for place, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        if "_delta_log" in folders:  # a table of a catalog
+        if "catalog.json" in names and "heads" in folders:  # a catalog holds no flights of others
             folders.clear()
             continue
         yield Path(place), folders, [name for name in names if (Path(place) / name).is_file()]

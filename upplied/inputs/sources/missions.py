@@ -8,18 +8,15 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import zipfile
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from defusedxml import ElementTree
 
 from upplied.errors import InputError
 from upplied.inputs.files import read_regular
+from upplied.inputs.sources.mission_items import Route, plan_route, waypoints_route
 from upplied.inputs.sources.source import Fields, Source, fixes, gimbals
 from upplied.records import Floats
 
@@ -27,53 +24,15 @@ MAX_BYTES = 64 << 20
 MAX_UNPACKED = 256 << 20
 _STEP_S = 0.2  # of the stations on a leg
 _SLOW_MPS = 3.0  # where a mission says no speed
-_WAYPOINT, _SPLINE, _SPEED, _YAW, _ROI, _MOUNT, _GIMBAL = 16, 82, 178, 115, (195, 201), 205, 1000
-_FRAMES = {0: "alt", 3: "alt_takeoff", 5: "alt", 6: "alt_takeoff"}
-
-
-@dataclass
-class Route:
-    """Waypoints, in the order in which they are flown; NaN where nothing is said."""
-
-    datum: str = "alt_takeoff"
-    rows: list[tuple[float, float, float, float, float, float]] = field(default_factory=list)
-    speed: float = np.nan
-    yaw: float = np.nan
-    pitch: float = np.nan
-
-    def add(
-        self,
-        lat: float,
-        lon: float,
-        alt: float,
-        yaw: float = np.nan,
-        pitch: float = np.nan,
-        speed: float = np.nan,
-    ) -> None:
-        """A waypoint with the yaw from north and the pitch of the camera, deg."""
-        said = [
-            now if np.isnan(value) else value
-            for value, now in ((yaw, self.yaw), (pitch, self.pitch), (speed, self.speed))
-        ]
-        self.rows.append((lat, lon, alt, *said))  # type: ignore[arg-type]
 
 
 def read(path: Path, fields: Fields) -> Source:
     """The planned flight of a mission."""
     data = read_regular(path, MAX_BYTES)
     head = data.lstrip(b"\xef\xbb\xbf \r\n\t")
-    reader: Callable[[bytes, Path], Route] = (
-        _zipped
-        if head[:2] == b"PK"
-        else _waypoints
-        if head.startswith(b"QGC WPL")
-        else _plan
-        if head[:1] == b"{"
-        else _marks
-        if head[:1] == b"<"
-        else _litchi
-    )
-    route = reader(data, path)
+    readers = {b"PK": _zipped, b"QGC WPL": waypoints_route, b"{": plan_route, b"<": _marks}
+    found = [reader for start, reader in readers.items() if head.startswith(start)]
+    route = found[0](data, path) if found else _litchi(data, path)
     rows = np.array(route.rows, float).reshape(-1, 6)
     if len(rows) < 2 or not np.isfinite(rows[:, :3]).all():
         raise InputError(
@@ -109,69 +68,6 @@ def _flown(rows: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     seconds = np.unique(np.concatenate([at, np.arange(0, min(at[-1], 86_400), _STEP_S)]))
     place = np.column_stack([np.interp(seconds, at, rows[:, axis]) for axis in range(3)])
     return place, np.interp(seconds, at, yaw), np.interp(seconds, at, pitch), seconds
-
-
-def _commands(items: list[tuple[int, int, list[float]]], route: Route) -> Route:
-    """Waypoints of MAVLink commands: number, frame, seven parameters."""
-    datums = {
-        _FRAMES[frame] for command, frame, _ in items if command in (_WAYPOINT, _SPLINE) and frame in _FRAMES
-    }
-    route.datum = datums.pop() if len(datums) == 1 else route.datum
-    for command, frame, params in items:
-        if command == _SPEED and params[1] > 0:
-            route.speed = params[1]
-        elif command == _YAW:
-            route.yaw = params[0]
-        elif command in (_MOUNT, _GIMBAL):
-            route.pitch = params[0]
-        elif command in (_WAYPOINT, _SPLINE) and frame in _FRAMES and (params[4] or params[5]):
-            route.add(params[4], params[5], params[6], params[3] or np.nan)
-    if len(datums) > 1:
-        raise ValueError("its waypoints have heights of several kinds")
-    return route
-
-
-def _plan(data: bytes, path: Path) -> Route:
-    plan = json.loads(data)
-    versions = plan.get("version"), plan.get("mission", {}).get("version")
-    if versions != (1, 2):
-        raise InputError(
-            str(path),
-            f"is a plan of version {versions[0]}, mission {versions[1]}",
-            "versions 1 and 2",
-            "open it in QGroundControl and save it again",
-        )
-    items: list[tuple[int, int, list[float]]] = []
-    computed = []
-    for item in plan["mission"].get("items", []):
-        inner = (
-            [item]
-            if item.get("type") == "SimpleItem"
-            else item.get("TransectStyleComplexItem", {}).get("Items", [])
-        )
-        if not inner:
-            computed.append(str(item.get("complexItemType", "?")))
-        for each in inner:
-            params = [float("nan") if value is None else float(value) for value in each["params"]]
-            items.append((int(each["command"]), int(each["frame"]), params))
-    route = _commands(items, Route())
-    if computed and len(route.rows) < 2:
-        raise InputError(
-            str(path),
-            f"states no waypoints of {', '.join(computed)}: QGroundControl computes them",
-            "waypoints",
-            "upload it, download it from the vehicle, and save that",
-        )
-    return route
-
-
-def _waypoints(data: bytes, path: Path) -> Route:
-    lines = [
-        line.split() for line in data.decode("ascii").splitlines()[2:] if line.strip()
-    ]  # the first is home
-    return _commands(
-        [(int(row[3]), int(row[2]), [float(value) for value in row[4:11]]) for row in lines], Route()
-    )
 
 
 def _litchi(data: bytes, path: Path) -> Route:
@@ -233,22 +129,18 @@ def _marks(data: bytes, path: Path) -> Route:
     )
     for mark in root.iter("Placemark"):
         lon, lat = (float(value) for value in str(mark.findtext("Point/coordinates")).split(",")[:2])
-        fixed = str(mark.findtext(".//waypointHeadingAngleEnable")).strip() == "1"
-        yaw = float(mark.findtext(".//waypointHeadingAngle") or "nan") if fixed else np.nan
-        for turn in mark.iter("actionActuatorFuncParam"):
-            if turn.findtext("gimbalPitchRotateAngle") is not None:
-                route.pitch = float(str(turn.findtext("gimbalPitchRotateAngle")))
-            if str(turn.findtext("gimbalYawRotateEnable")).strip() == "1" and _north(turn):
-                yaw = float(str(turn.findtext("gimbalYawRotateAngle")))
-        route.add(
-            lat,
-            lon,
-            float(str(mark.findtext("executeHeight"))),
-            yaw,
-            speed=float(mark.findtext("waypointSpeed") or "nan"),
-        )
+        turned = str(mark.findtext(".//waypointHeadingMode")).strip() in ("smoothTransition", "fixed")
+        yaw = float(mark.findtext(".//waypointHeadingAngle") or "nan") if turned else np.nan
+        here, ahead = route.pitch, route.pitch
+        for action in mark.iter("action"):
+            pitch = action.findtext(".//gimbalPitchRotateAngle")
+            if pitch is not None and action.findtext("actionActuatorFunc") == "gimbalEvenlyRotate":
+                ahead = float(pitch)  # reached at the next waypoint
+            elif pitch is not None:
+                here = ahead = float(pitch)
+            if (heading := action.findtext(".//aircraftHeading")) is not None:
+                yaw = float(heading)
+        speed = float(mark.findtext("waypointSpeed") or "nan")
+        route.add(lat, lon, float(str(mark.findtext("executeHeight"))), yaw, here, speed)
+        route.pitch = ahead
     return route
-
-
-def _north(turn: Any) -> bool:
-    return str(turn.findtext("gimbalHeadingYawBase")).strip() == "north"

@@ -8,27 +8,21 @@ says above what the others are, but for those of satellites that were fixed to t
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import exifread
 import numpy as np
-from defusedxml import ElementTree
-from defusedxml.common import DefusedXmlException
 
 from upplied.errors import InputError
-from upplied.inputs.files import open_regular
-from upplied.inputs.sources.records import _date as dated
+from upplied.inputs.sources.photo_tags import head_of
 from upplied.inputs.sources.source import (
     Fields,
     Source,
     attitudes,
     cameras,
     fixes,
-    focal_of_35mm,
     gimbals,
     numbered,
 )
@@ -37,24 +31,8 @@ from upplied.records import Floats, Ints
 ENDINGS = (".jpg", ".jpeg", ".dng", ".tif", ".tiff")
 MAGIC = (b"\xff\xd8\xff", b"II*\x00", b"MM\x00*")
 MAX_PHOTOS = 100_000
-_HEAD = 1 << 18  # bytes in which the XMP begins and ends
 _RTK_FIXED = 50
 _NADIR_DEG, _TURN_DEG, _STILL_DEG = 85.0, 60.0, 15.0
-_NAMES = {  # what is said -> the local names that makers use in XMP
-    "gimbal": ("GimbalYawDegree", "CameraYawDegree"),
-    "pitch": ("GimbalPitchDegree", "CameraPitchDegree"),
-    "roll": ("GimbalRollDegree", "CameraRollDegree"),
-    "flight": ("FlightYawDegree", "DroneYawDegree"),
-    "relative": ("RelativeAltitude",),
-    "absolute": ("AbsoluteAltitude",),
-    "lat": ("GpsLatitude",),
-    "lon": ("GpsLongitude", "GpsLongtitude"),
-    "rtk": ("RtkFlag",),
-    "sigma": ("RtkStdHgt",),
-    "focal_px": ("CalibratedFocalLength",),
-    "utc_us": ("CaptureUtime",),
-}
-_NED = re.compile(r"(Camera)OrientationNED", re.IGNORECASE)  # Skydio: yaw, pitch and roll within
 logging.getLogger("exifread").setLevel(logging.CRITICAL)  # what is odd in a tag is no news
 
 
@@ -70,7 +48,7 @@ def read(path: Path, fields: Fields) -> Source:
     if len(names) > MAX_PHOTOS:
         raise InputError(str(path), f"holds more than {MAX_PHOTOS} photos", "one flight", "split the folder")
     with ThreadPoolExecutor(4) as threads:
-        heads = list(threads.map(_head, names))
+        heads = list(threads.map(head_of, names))
     placed = [
         head
         for head in heads
@@ -142,65 +120,6 @@ def _yaw(at: dict[str, Floats], notes: list[str]) -> Floats:
     return np.where(np.isfinite(yaw), yaw, flight)
 
 
-def _head(path: Path) -> dict[str, Any]:
-    """What the head of one photo says; NaN for what it does not."""
-    found: dict[str, Any] = dict.fromkeys((*_NAMES, "exif_alt", "t_ms", "width", "height"), float("nan"))
-    try:
-        with open_regular(path) as stream:
-            xmp = _xmp(stream.read(_HEAD))
-            stream.seek(0)
-            tags = exifread.process_file(stream, details=False, extract_thumbnail=False)
-    except (InputError, OSError):
-        raise
-    except Exception:  # tags that are damaged say nothing
-        tags, xmp = {}, {}
-    for name, names in _NAMES.items():
-        for local in names:
-            if local in xmp and np.isnan(found[name]):
-                found[name] = xmp[local]
-    lat, lon = (_degrees(tags, f"GPS GPS{axis}") for axis in ("Latitude", "Longitude"))
-    found["lat"], found["lon"] = (
-        a if np.isfinite(a) else b for a, b in ((found["lat"], lat), (found["lon"], lon))
-    )
-    found["camera"] = " ".join(str(tags.get(f"Image {name}", "?")).strip() for name in ("Make", "Model"))
-    below = -1.0 if str(tags.get("GPS GPSAltitudeRef", "0")) == "1" else 1.0
-    found["exif_alt"] = below * _ratio(tags.get("GPS GPSAltitude"))
-    found["absolute"] = found["absolute"] if np.isfinite(found["absolute"]) else found["exif_alt"]
-    found["width"] = _ratio(tags.get("EXIF ExifImageWidth", tags.get("Image ImageWidth")))
-    found["height"] = _ratio(tags.get("EXIF ExifImageLength", tags.get("Image ImageLength")))
-    focal_mm = _ratio(tags.get("EXIF FocalLengthIn35mmFilm"))
-    if np.isnan(found["focal_px"]) and focal_mm > 0:
-        found["focal_px"] = float(focal_of_35mm(found["width"], found["height"], focal_mm))
-    text = str(tags.get("EXIF DateTimeOriginal", tags.get("Image DateTime", "")))
-    found["t_ms"] = dated(text.replace(":", "-", 2)) + _fraction(tags) * 1e3 - _zone_ms(tags)
-    if np.isfinite(found["utc_us"]):
-        found["t_ms"] = found["utc_us"] / 1e3
-    return found
-
-
-def _xmp(head: bytes) -> dict[str, float]:
-    """Numbers of the XMP by local name, whether attributes or elements."""
-    start, stop = head.find(b"<x:xmpmeta"), head.find(b"</x:xmpmeta>")
-    if not 0 <= start < stop:
-        return {}
-    try:
-        root = ElementTree.fromstring(head[start : stop + 12], forbid_dtd=True)
-    except (ElementTree.ParseError, DefusedXmlException, ValueError):
-        return {}
-    found: dict[str, float] = {}
-    for node in root.iter():
-        inside = _NED.search(node.tag)
-        for name, text in [(node.tag, node.text or ""), *node.attrib.items()]:
-            local = name.rsplit("}", 1)[-1]
-            if (inside or _NED.search(name)) and (axis := re.search(r"(Yaw|Pitch|Roll)$", local)):
-                local = f"Gimbal{axis[1]}Degree"
-            try:
-                found.setdefault(local, float(text))
-            except ValueError:
-                continue
-    return found
-
-
 def _times(t_ms: Floats, notes: list[str]) -> Ints:
     """Times, ns, of photos in the order of their names; those of one second are spread over it."""
     if not np.isfinite(t_ms).all():
@@ -212,29 +131,3 @@ def _times(t_ms: Floats, notes: list[str]) -> Ints:
         same = np.flatnonzero(t_ns == stamp)
         t_ns[same] += np.arange(len(same)) * 1_000_000_000 // len(same)
     return t_ns
-
-
-def _degrees(tags: Any, name: str) -> float:
-    try:
-        parts = [float(part) for part in tags[name].values[:3]]
-    except (KeyError, AttributeError, TypeError, ValueError, ZeroDivisionError):
-        return float("nan")
-    value = sum(part / 60**at for at, part in enumerate(parts))
-    return -value if str(tags.get(f"{name}Ref", "")) in ("S", "W") else value
-
-
-def _ratio(tag: Any) -> float:
-    try:
-        return float(tag.values[0])
-    except (AttributeError, IndexError, TypeError, ValueError, ZeroDivisionError):
-        return float("nan")
-
-
-def _fraction(tags: Any) -> float:
-    text = str(tags.get("EXIF SubSecTimeOriginal", "")).strip()
-    return float(f"0.{text}") if text.isdigit() else 0.0
-
-
-def _zone_ms(tags: Any) -> float:
-    hit = re.fullmatch(r"([+-])(\d\d):(\d\d)", str(tags.get("EXIF OffsetTimeOriginal", "")).strip())
-    return 0.0 if hit is None else float(f"{hit[1]}1") * (int(hit[2]) * 60 + int(hit[3])) * 60_000

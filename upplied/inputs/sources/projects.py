@@ -6,8 +6,6 @@ project's frame, in which its mesh lies too. COLMAP is in `upplied.inputs.source
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Sequence
@@ -16,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pymap3d
-from defusedxml import ElementTree
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
@@ -27,8 +24,6 @@ from upplied.inputs.sources.source import (
     attitudes,
     cameras,
     fixes,
-    focal_of_35mm,
-    gimbals,
     numbered,
     poses,
 )
@@ -39,7 +34,7 @@ MAX_BYTES = 1 << 30
 OPTICAL_R_CAMERA = Rotation.from_matrix([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 _FLIPPED = np.diag([1.0, -1.0, -1.0])  # of cameras that look along -z, y up
 Size = tuple[float, float, float]  # width, height and focal length, pixels
-_NO_SIZE = (math.nan, math.nan, math.nan)
+NO_SIZE = (math.nan, math.nan, math.nan)
 
 
 def read(path: Path, fields: Fields) -> Source:
@@ -49,13 +44,9 @@ def read(path: Path, fields: Fields) -> Source:
     if start[:1] in (b"[", b"{"):
         content = json.loads(data)
         return _nerfstudio(path, content) if isinstance(content, dict) else _opensfm(path, content)
-    if start.startswith(b"<"):
-        return _metashape(path, ElementTree.fromstring(data, forbid_dtd=True))
     if start.startswith(b"# Bundle"):
         return _bundler(path, data.decode("ascii").split("\n"))
-    if start.startswith(b"NVM_V3"):
-        return _nvm(path, data.decode("utf-8", "replace").split("\n"))
-    return _realitycapture(path, data.decode("utf-8-sig"))
+    return _nvm(path, data.decode("utf-8", "replace").split("\n"))
 
 
 def reconstructed(
@@ -121,11 +112,11 @@ def _opensfm(path: Path, content: list[Any]) -> Source:
         notes=notes,
     )
     if place is not None:
-        _on_earth(source, centres[order], (place["latitude"], place["longitude"], place["altitude"]))
+        on_earth(source, centres[order], (place["latitude"], place["longitude"], place["altitude"]))
     return source
 
 
-def _on_earth(source: Source, enu: Floats, place: tuple[float, float, float]) -> None:
+def on_earth(source: Source, enu: Floats, place: tuple[float, float, float]) -> None:
     """The same cameras by latitude and longitude, for a structure that is placed so."""
     table = source.tables[0]
     lat, lon, alt = pymap3d.enu2geodetic(*enu.T, *place)
@@ -157,93 +148,6 @@ def _pinhole(frame: dict[str, Any]) -> Size:
     width = float(frame.get("w", math.nan))
     focal = frame.get("fl_x") or width / 2 / math.tan(float(frame.get("camera_angle_x", math.nan)) / 2)
     return width, float(frame.get("h", math.nan)), float(focal)
-
-
-def _metashape(path: Path, root: Any) -> Source:
-    """Matrices from the camera to the chunk, and where it is placed from the chunk to the Earth's centre."""
-    chunk = next(root.iter("chunk"), None)
-    found = (
-        [] if chunk is None else [each for each in chunk.iter("camera") if each.find("transform") is not None]
-    )
-    if chunk is None or len(found) < 2:
-        raise InputError(
-            str(path), f"holds {len(found)} aligned cameras", "at least two", "align the photos, export again"
-        )
-    matrices = np.array([_numbers(each.find("transform"), 16) for each in found]).reshape(-1, 4, 4)
-    part = next(
-        (each for each in (*chunk.iter("component"), chunk) if each.find("transform") is not None), None
-    )
-    place = None if part is None else part.find("transform")
-    sizes = {each.get("id"): _sensor(each) for each in chunk.iter("sensor")}
-    lenses = [sizes.get(each.get("sensor_id"), _NO_SIZE) for each in found]
-    turn = None if place is None else place.find("rotation")
-    if place is None or turn is None:
-        return reconstructed(path, matrices[:, :3, :3], matrices[:, :3, 3], sizes=lenses)
-    scale = float(place.findtext("scale") or 1.0)
-    whole = _numbers(turn, 9).reshape(3, 3)
-    shift = _numbers(place.find("translation"), 3)
-    ecef = scale * matrices[:, :3, 3] @ whole.T + shift
-    lat, lon, alt = (float(value) for value in pymap3d.ecef2geodetic(*ecef.mean(axis=0)))
-    if np.linalg.norm(shift) < 1e6:  # a project in metres of its own, not on the Earth
-        return reconstructed(path, whole @ matrices[:, :3, :3], ecef, sizes=lenses, scaled=True)
-    enu = np.column_stack(pymap3d.ecef2enu(*ecef.T, lat, lon, alt))
-    axes = np.column_stack([pymap3d.ecef2enuv(*axis, lat, lon) for axis in np.eye(3)])
-    source = reconstructed(path, axes @ whole @ matrices[:, :3, :3], enu, sizes=lenses, scaled=True)
-    _on_earth(source, enu, (lat, lon, alt))
-    source.tables[-2].columns["alt_ellipsoid"] = source.tables[-2].columns.pop("alt")
-    source.notes[-1] = "a Metashape chunk on the Earth: heights above the ellipsoid"
-    source.tables.pop(0)  # a frame of nobody else's
-    return source
-
-
-def _sensor(sensor: Any) -> Size:
-    size, focal = sensor.find("resolution"), sensor.findtext(".//f")
-    if size is None or focal is None:
-        return _NO_SIZE
-    return float(size.get("width", "nan")), float(size.get("height", "nan")), float(focal)
-
-
-def _numbers(node: Any, count: int) -> Floats:
-    values = np.array((node.text or "").split() if node is not None else [], float)
-    if len(values) != count:
-        raise ValueError(f"a matrix has {len(values)} numbers instead of {count}")
-    return values
-
-
-def _realitycapture(path: Path, text: str) -> Source:
-    """``#name,x,y,alt,heading,pitch,roll,f``: degrees; x and y in degrees too where they are of the Earth."""
-    rows = list(csv.DictReader(io.StringIO(text.lstrip("#"))))
-    value = {
-        name: np.array([float(row[name]) for row in rows])
-        for name in ("x", "y", "alt", "heading", "pitch", "roll")
-    }
-    if len(rows) < 2:
-        raise InputError(
-            str(path), f"holds {len(rows)} cameras", "at least two", "align the photos, export again"
-        )
-    t_ns = numbered(len(rows))
-    angles = value["heading"], value["pitch"] - 90, value["roll"]  # 0 looks down in RealityCapture
-    focal = np.array([float(row.get("f") or "nan") for row in rows])
-    lens = (
-        [cameras("/cameras", t_ns, 36.0, 24.0, focal_of_35mm(36.0, 24.0, focal))]
-        if np.isfinite(focal).all()
-        else []
-    )
-    notes = ["the export says no times: one photo every 2 s, in its order"]
-    if (np.abs(value["x"]) <= 180).all() and (np.abs(value["y"]) <= 90).all():
-        notes.append("RealityCapture: x and y are taken for longitude and latitude, alt above the ellipsoid")
-        place = fixes("/cameras", t_ns, value["y"], value["x"], alt_ellipsoid=value["alt"])
-        return Source([place, gimbals("/cameras", t_ns, *angles), *lens], notes=notes, stills=True)
-    yaw, pitch, roll = angles
-    turns = Rotation.from_euler("ZYX", np.column_stack([90 - yaw, -pitch, roll]), degrees=True).as_quat()
-    centres = np.column_stack([value["x"], value["y"], value["alt"]])
-    defaults = {"body_frame": "camera"}
-    return Source(
-        [poses("/cameras", t_ns, centres, turns, "project"), *lens],
-        notes=notes,
-        defaults=defaults,
-        stills=True,
-    )
 
 
 def _bundler(path: Path, lines: list[str]) -> Source:

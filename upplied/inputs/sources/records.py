@@ -1,8 +1,4 @@
-"""Flight records as text: captions of DJI's videos (.srt); tables (.csv) of DJI, Airdata and Litchi.
-
-Columns are found by their names, with the unit that they name. What is not said is not guessed: captions
-without an attitude give positions alone.
-"""
+"""Flight records as tables (.csv) of DJI and Airdata: columns by name, with the unit that they say."""
 
 from __future__ import annotations
 
@@ -32,18 +28,7 @@ from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
 
 MAX_BYTES = 1 << 30
-BLOCK = re.compile(r"^\d+\s*\n\d\d:\d\d:\d\d[,.]\d{3} --> ", re.MULTILINE)
-_NUMBER = r"([-+]?\d+(?:\.\d+)?)"
-_CLOCK = re.compile(r"(\d\d):(\d\d):(\d\d)[,.](\d{3}) -->")
 _DATE = re.compile(r"(\d{4})[-./](\d{1,2})[-./](\d{1,2}) (\d\d):(\d\d):(\d\d)(?:[.,](\d{3}))?(?:,(\d{3}))?")
-_GPS = re.compile(rf"(?<![A-Z])GPS ?\({_NUMBER}, ?{_NUMBER}(?:, ?{_NUMBER}(M?))?\)")
-_CAPTIONS = {  # what a caption says -> the words before it
-    "lat": r"latitude ?: ?", "lon": r"longt?itude ?: ?", "takeoff": r"rel_alt ?: ?",
-    "alt": r"abs_alt ?: ?|altitude ?: ?", "baro": r"BAROMETER ?[:(] ?|, H ", "yaw": r"gb_yaw ?: ?",
-    "pitch": r"gb_pitch ?: ?", "roll": r"gb_roll ?: ?", "focal": r"focal_len ?: ?",
-}  # fmt: skip
-_CAPTION = {name: re.compile(f"(?:{words}){_NUMBER}") for name, words in _CAPTIONS.items()}
-_PRY = re.compile(rf"G\.PRY \({_NUMBER}\D*, {_NUMBER}\D*, {_NUMBER}")
 _FOOT, _MS = 0.3048, 1e-3
 _COLUMNS = {  # what a column says -> its names, in lower case without the unit; the first that is there
     "ms": ("time(millisecond)", "time(ms)"),
@@ -65,65 +50,13 @@ _UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
 def read(path: Path, fields: Fields) -> Source:
     """The tables of a record."""
     text = read_regular(path, MAX_BYTES).decode("utf-8-sig", "replace").replace("\r\n", "\n")
-    return (
-        _captions(path, text)
-        if " --> " in text[:4096] or path.suffix.lower() == ".srt"
-        else _table(path, text)
-    )
+    return _table(path, text)
 
 
 def is_record(head: str) -> bool:
     """Whether the first line of a text names columns of latitude and longitude."""
     found = _named(next(csv.reader([head.splitlines()[0]]), [])) if head.strip() else {}
     return {"lat", "lon"} <= found.keys()
-
-
-def _captions(path: Path, text: str) -> Source:
-    blocks = re.split(r"\n\s*\n(?=\d+\s*\n)", text.strip())[:MAX_ROWS]
-    rows, since, dates = [], [], []
-    for block in blocks:
-        found = {name: float(hit[1]) for name, each in _CAPTION.items() if (hit := each.search(block))}
-        if hit := _GPS.search(block):
-            found |= {
-                "first": float(hit[1]),
-                "second": float(hit[2]),
-                "latitude_first": float(hit[4] == "M" or "BAROMETER(" in block),
-            }
-        if hit := _PRY.search(block):
-            found |= dict(zip(("pitch", "roll", "yaw"), map(float, hit.groups()), strict=True))
-        clock = _CLOCK.search(block)
-        rows.append(found)
-        since.append(np.nan if clock is None else _ms(*map(int, clock.groups())))
-        dates.append(_date(block))
-    if not rows or not any(found.keys() & {"lat", "first"} for found in rows):
-        raise InputError(
-            str(path),
-            f"has {len(blocks) if text.strip() else 0} captions, none with a place",
-            "captions that say latitude and longitude",
-            "let the camera record captions with GPS",
-        )
-    names = {name for found in rows for name in found}
-    if {"lat", "first"} <= names:
-        raise InputError(
-            str(path), "holds captions of two kinds", "one flight", "split it where another camera begins"
-        )
-    columns = {name: np.array([found.get(name, np.nan) for found in rows]) for name in names}
-    notes = []
-    if "lat" not in columns:
-        columns["lat"], columns["lon"], order = _ordered(columns)
-        notes.append(order)
-    if "takeoff" not in columns and "baro" in columns:
-        columns["takeoff"] = columns["baro"]
-    t_ns = _times(np.array(since), np.array(dates), notes)
-    return _source("/captions", t_ns, columns, notes, path)
-
-
-def _ordered(columns: dict[str, Floats]) -> tuple[Floats, Floats, str]:
-    """Latitude and longitude of ``GPS(a, b, c)``: most models say longitude first, some do not."""
-    first, second = columns["first"], columns["second"]
-    if np.nanmax(np.abs(second)) > 90 or (np.nanmax(np.abs(first)) <= 90 and columns["latitude_first"].any()):
-        return first, second, "captions say GPS(latitude, longitude)"
-    return second, first, "captions say GPS(longitude, latitude)"
 
 
 def _table(path: Path, text: str) -> Source:
@@ -147,10 +80,10 @@ def _table(path: Path, text: str) -> Source:
                 [_float(row[column]) if column < len(row) else np.nan for row in rows]
             )
     dates = np.array(
-        [_date(row[at["date"][0]]) if "date" in at and at["date"][0] < len(row) else np.nan for row in rows]
+        [dated(row[at["date"][0]]) if "date" in at and at["date"][0] < len(row) else np.nan for row in rows]
     )
     since = columns["s"] * 1e3 if "s" in columns else columns.get("ms", np.full(len(rows), np.nan))
-    return _source("/record", _times(since, dates, notes), columns, notes, path)
+    return source_of("/record", times_of(since, dates, notes), columns, notes, path)
 
 
 def _named(head: Sequence[str]) -> dict[str, tuple[int, float]]:
@@ -168,7 +101,7 @@ def _named(head: Sequence[str]) -> dict[str, tuple[int, float]]:
     return found
 
 
-def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str], path: Path) -> Source:
+def source_of(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str], path: Path) -> Source:
     heights = {"alt_takeoff": columns["takeoff"]} if "takeoff" in columns else {}
     if not heights and "alt" in columns:
         heights = {"alt": columns["alt"]}
@@ -227,7 +160,7 @@ def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]
     return Source(tables, notes=notes)
 
 
-def _times(since_ms: Floats, dates: Floats, notes: list[str]) -> Ints:
+def times_of(since_ms: Floats, dates: Floats, notes: list[str]) -> Ints:
     """Times, ns: dates where they run on, else from the start."""
     if (
         np.isfinite(dates).all()
@@ -247,7 +180,7 @@ def _times(since_ms: Floats, dates: Floats, notes: list[str]) -> Ints:
     return (1 + np.arange(len(dates), dtype=np.int64)) * 10**9
 
 
-def _date(text: str) -> float:
+def dated(text: str) -> float:
     """Milliseconds since 1970 of the first date in a text; NaN where there is none."""
     hit = _DATE.search(text)
     if hit is None:
@@ -258,10 +191,6 @@ def _date(text: str) -> float:
     except (ValueError, OverflowError):
         return float("nan")
     return start + int(hit[7] or 0) + int(hit[8] or 0) * _MS
-
-
-def _ms(hours: int, minutes: int, seconds: int, milliseconds: int) -> float:
-    return ((hours * 60 + minutes) * 60 + seconds) * 1e3 + milliseconds
 
 
 def _float(text: str) -> float:

@@ -31,7 +31,7 @@ def frechet(first: Floats, second: Floats, relative: float = _RELATIVE) -> float
     -------
     float
         In the unit of the coordinates; never below the true distance and at most `relative` of it above
-        (where the distance vanishes: 1e-13 of the curves' extent).
+        (where the distance vanishes: a thousandth of that share of the curves' extent).
 
     Raises
     ------
@@ -40,7 +40,7 @@ def frechet(first: Floats, second: Floats, relative: float = _RELATIVE) -> float
 
     Notes
     -----
-    O(N M) time in the worst case and O(N + M) memory for each of about forty decisions.
+    O(N M) time in the worst case and O(N + M) memory for each of about log2(1 / relative) decisions.
 
     Examples
     --------
@@ -54,19 +54,21 @@ def frechet(first: Floats, second: Floats, relative: float = _RELATIVE) -> float
     return float(_bisect(first, second, relative))
 
 
-def frechet_z(demonstrated: Floats, planned: Floats) -> float:
+def frechet_z(demonstrated: Floats, planned: Floats, relative: float = _RELATIVE) -> float:
     """Frechet distance of two paths, each z-scored by its own mean and deviation (paper, Table II).
 
     Parameters
     ----------
     demonstrated, planned : array, shape (N, 3) and (M, 3), m
+    relative : float
+        See `frechet`.
 
     Notes
     -----
     Each axis is divided by its own deviation, however small: on a level flight that is centimetres, and
     they decide the distance. `frechet_floored` is the one that tells whether two paths have one shape.
     """
-    return frechet(_plainly_scored(demonstrated), _plainly_scored(planned))
+    return frechet(_plainly_scored(demonstrated), _plainly_scored(planned), relative)
 
 
 def _plainly_scored(path: Floats) -> Floats:
@@ -76,9 +78,9 @@ def _plainly_scored(path: Floats) -> Floats:
     return np.asarray((path - mean) / np.where(flat, max(largest, 1e-9), deviation))
 
 
-def frechet_floored(demonstrated: Floats, planned: Floats) -> float:
+def frechet_floored(demonstrated: Floats, planned: Floats, relative: float = _RELATIVE) -> float:
     """The same with no axis divided by less than a tenth of the path's largest deviation, see `spread`."""
-    return frechet(zscored(demonstrated), zscored(planned))
+    return frechet(zscored(demonstrated), zscored(planned), relative)
 
 
 def zscored(path: Floats) -> Floats:
@@ -148,7 +150,7 @@ def _bisect(first: Floats, second: Floats, relative: float) -> float:
     reach_up, reach_right = np.empty((len(second), 2)), np.empty((len(second), 2))
     if _suffices(first, second, low, reach_up, reach_right):
         return low
-    while high - low > max(relative * high, 1e-13 * extent):
+    while high - low > max(relative * high, 1e-3 * relative * extent):
         middle = 0.5 * (low + high)
         if _suffices(first, second, middle, reach_up, reach_right):
             high = middle

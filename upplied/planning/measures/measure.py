@@ -24,6 +24,8 @@ from upplied.records import (
 )
 from upplied.scene import Scene
 
+_FRECHET = 1e-4  # of the distances of paths, to which they are known: a decision fewer for each half of it
+
 
 def measure(
     planned: Trajectory,
@@ -74,9 +76,9 @@ def measure(
             found["coverage_attainable_pct"] = coverage(true[0], attainable)
     return Measures(
         coverage_paper_pct=coverage(paper[0], paper[1].total),
-        frechet_z=frechet_z(carried @ axes.T, planned.positions @ axes.T),
-        frechet_floored=frechet_floored(carried @ axes.T, planned.positions @ axes.T),
-        frechet_m=frechet(carried, planned.positions),
+        frechet_z=frechet_z(carried @ axes.T, planned.positions @ axes.T, _FRECHET),
+        frechet_floored=frechet_floored(carried @ axes.T, planned.positions @ axes.T, _FRECHET),
+        frechet_m=frechet(carried, planned.positions, _FRECHET),
         min_clearance_m=path_clearance(scene, planned.positions).distance_m,
         surface_error_m=scene.error_m,
         path_length_m=path_length(planned.positions),

@@ -17,8 +17,7 @@ from scipy.optimize import minimize
 from upplied.config import OptimiseSettings
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
-from upplied.planning.trajectory.looks import looks_aside
-from upplied.planning.trajectory.moves import Aside, moves_aside
+from upplied.planning.trajectory.extra_views import Price, with_extra_views
 from upplied.planning.trajectory.state import Flown, State
 from upplied.planning.trajectory.terms import Term
 from upplied.planning.trajectory.terms.axis import Axis, aims, axes
@@ -147,9 +146,8 @@ class _Search(Record):
             if number == weights.rounds // 2:  # what small moves can show is shown by now
                 turn = weights.turning / problem.turned_rad
                 way = float(problem.speed_mps.mean()) / problem.pan_radps
-                path = looks_aside(path, problem.view, turn, way)
-                aside = Aside(_standoff_m(problem), self.price, turn)
-                path = moves_aside(path, problem.view, problem.airspace, aside)
+                price = Price(_standoff_m(problem), self.price, turn, way)
+                path = with_extra_views(path, problem.view, problem.airspace, price)
                 variables = state.nearest(path)
             variables = self.solved(variables, self.terms(path, float(width)))
             if number >= weights.rounds // 2:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,12 +14,12 @@ from upplied.planning.airspace.detours import Ways, route
 from upplied.planning.carry.carried import Carried
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined
-from upplied.planning.demonstration.sharp_looks import USUAL_PCT, steady_radps
+from upplied.planning.demonstration.sharp_looks import steady_radps
 from upplied.planning.trajectory.complete import completed
-from upplied.planning.trajectory.retime import Sharp, retime
-from upplied.planning.trajectory.sharpness import MARGIN, sharp_limits, time_above
+from upplied.planning.trajectory.retime import retime
+from upplied.planning.trajectory.sharpness import sharp_limits, steadied_swings
 from upplied.poses import fov_at
-from upplied.records import Bools, Floats, Ints, Trajectory, Waypoints
+from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 
 def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory, Bools, Floats]:
@@ -59,30 +58,11 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
         return _zooming(flight, *retime(path, flight, settings.retime, breaks_of(takes)))
     inspected = InspectedSurface.together([goal.inspected for goal in goals])
     sharp = sharp_limits(path, flight, takes, inspected, settings)
-    steady = steady_radps(takes, settings.inspection)
-    fast = _swings(sharp.pan_degps, np.degrees(steady))
-
-    def timed(steadily: int) -> tuple[Trajectory, Bools, Floats]:
-        pan = sharp.pan_degps.copy()
-        pan[fast[:steadily]] = MARGIN * np.degrees(steady)
-        return retime(path, flight, settings.retime, breaks_of(takes), Sharp(sharp.speed_mps, pan))
-
-    def exceptional(found: tuple[Trajectory, Bools, Floats]) -> bool:
-        return time_above(found[0], steady) <= 1 - USUAL_PCT / 100
-
-    # A swing takes as long on a small structure, the rest does not: it is not the exception any more. Then
-    # as much of the swings as it takes is flown steadily, the slowest swing first.
-    found = timed(0)
-    if not exceptional(found):
-        found = timed(bisect_left(range(len(fast)), True, key=lambda number: exceptional(timed(number))))
-    return _zooming(flight, *found)
-
-
-def _swings(pan_degps: Floats, steady_degps: float) -> Ints:
-    """The waypoints where the camera may turn faster than steady, swing by swing, the slowest first."""
-    fast = np.flatnonzero(pan_degps > steady_degps)
-    swings = np.split(fast, np.flatnonzero(np.diff(fast) > 1) + 1)
-    return np.concatenate(sorted(swings, key=lambda swing: float(pan_degps[swing].max(initial=0.0))))
+    timed = retime(path, flight, settings.retime, breaks_of(takes), sharp)
+    steadied = steadied_swings(sharp, path.t_s, timed, steady_radps(takes, settings.inspection))
+    if steadied is not sharp:
+        timed = retime(path, flight, settings.retime, breaks_of(takes), steadied)
+    return _zooming(flight, *timed)
 
 
 def _zooming(

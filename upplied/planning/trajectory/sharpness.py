@@ -7,6 +7,7 @@ what is shown while it smears in the picture is not inspected.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numba import njit
@@ -15,7 +16,8 @@ from upplied.config import Settings
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.constants import MAJORITY
 from upplied.planning.demonstration.repetition import Take
-from upplied.planning.demonstration.sharp_looks import look_limits, steady_radps
+from upplied.planning.demonstration.sharp_looks import USUAL_PCT, look_limits, steady_radps
+from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.trajectory.retime import Sharp
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
@@ -99,11 +101,38 @@ def _sharp_speeds(
     return np.minimum(np.append(fastest, np.inf), np.insert(fastest, 0, np.inf))
 
 
-def time_above(flown: Trajectory, steady_radps: float) -> float:
-    """Share of the time in which the camera turns faster than it stays sharp."""
-    steps = moments(flown)
-    fast = np.linalg.norm(steps.turn, axis=1) > steady_radps
-    return float(steps.step_s[fast].sum() / max(float(steps.step_s.sum()), 1e-9))
+def steadied_swings(
+    sharp: Sharp, path_t_s: Floats, timed: tuple[Trajectory, Bools, Floats], steady_radps: float
+) -> Sharp:
+    """The limits with slow swings of the camera made steady, so that fast ones stay the exception.
+
+    A swing takes as long on a small structure as on a large one, the rest of the flight does not. The slowest
+    swings are flown steadily, as many as leave no more than 5 % of the time for the others.
+
+    Parameters
+    ----------
+    sharp : Sharp
+        Of W waypoints.
+    path_t_s : array, shape (W,), s
+        The time of the demonstration that each corresponds to.
+    timed : tuple
+        What `retime` gives for these limits.
+    steady_radps : float
+        Up to which a camera turns steadily.
+    """
+    flown, _, demonstrated_s = timed
+    steps, steady_degps = moments(flown), np.degrees(steady_radps)
+    fast = sharp.pan_degps > steady_degps
+    first = np.flatnonzero(np.diff(fast, prepend=~fast[:1]))  # of each swing, and of each stretch between two
+    swing = np.repeat(np.maximum.reduceat(sharp.pan_degps, first), np.diff(first, append=len(fast)))
+    at = np.interp(np.interp(steps.poses.t_s, flown.t_s, demonstrated_s), path_t_s, np.arange(len(fast)))
+    is_fast = np.linalg.norm(steps.turn, axis=1) > steady_radps
+    slow = weighted_percentile(
+        np.where(is_fast, swing[np.rint(at).astype(int)], 0.0), steps.step_s, USUAL_PCT
+    )
+    if not slow > 0:
+        return sharp
+    return replace(sharp, pan_degps=np.where(fast & (swing <= slow), MARGIN * steady_degps, sharp.pan_degps))
 
 
 @njit(cache=True)

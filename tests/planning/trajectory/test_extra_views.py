@@ -1,14 +1,22 @@
-"""Leaving the path for what all of it misses: only where that is hidden, allowed, and worth its price."""
+"""Extra views of what all of a path misses: only where that is allowed, and worth its price."""
 
 import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.trajectory.moves import Aside, _Places, _taken, moves_aside, places_beside
+from upplied.planning.trajectory.extra_views import (
+    Price,
+    _in_picture,
+    _Places,
+    _taken,
+    places_beside,
+    with_extra_views,
+)
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch
@@ -51,8 +59,8 @@ def below_the_roof() -> Flown:
     )
 
 
-def price(of: float) -> Aside:
-    return Aside(6.0, lambda off: of * (off**2).sum(axis=1) / 36, 0.001)
+def price(of: float) -> Price:
+    return Price(6.0, lambda off: of * (off**2).sum(axis=1) / 36, 0.001, 1.0)
 
 
 def shown(view: View, path: Flown) -> float:
@@ -68,7 +76,7 @@ def test_no_look_from_the_path_shows_the_roof(roof: View) -> None:
 
 def test_a_path_rises_to_see_a_roof_and_keeps_its_distance(roof: View) -> None:
     path, airspace = below_the_roof(), Airspace(roof.scene, 2.0, Surroundings(ground_z_m=0.0), 1.0)
-    found = moves_aside(path, roof, airspace, price(0.05))
+    found = with_extra_views(path, roof, airspace, price(0.05))
     assert shown(roof, found) > shown(roof, path) + 0.1
     assert found.positions[:, 2].max() > HIGH
     assert airspace.allowed(found.positions).all()
@@ -79,7 +87,7 @@ def test_a_path_stays_where_leaving_it_is_too_dear_or_forbidden(roof: View) -> N
     free = Airspace(roof.scene, 2.0, Surroundings())
     low = Airspace(roof.scene, 2.0, Surroundings(ceiling_z_m=4.5))
     for airspace, aside in ((free, price(100.0)), (low, price(0.05))):
-        found = moves_aside(path, roof, airspace, aside)
+        found = with_extra_views(path, roof, airspace, aside)
         np.testing.assert_array_equal(found.positions, path.positions)
 
 
@@ -90,7 +98,7 @@ def test_a_path_that_misses_nothing_stays(roof: View) -> None:
     view = replace(roof, need=need)
     path = below_the_roof()
     assert shown(view, path) == pytest.approx(1)
-    assert moves_aside(path, view, Airspace(roof.scene, 2.0, Surroundings()), price(0.0)) is path
+    assert with_extra_views(path, view, Airspace(roof.scene, 2.0, Surroundings()), price(0.0)) is path
 
 
 def bent_line() -> Flown:
@@ -104,7 +112,7 @@ def places(*given: tuple[int, list[float], float, float, list[bool]]) -> _Places
     return _Places(np.array(at), np.array(off), np.array(yaw), np.array(pitch), np.array(shows))
 
 
-DEAR = Aside(6.0, lambda off: (np.atleast_2d(off) ** 2).sum(axis=1), 0.25)
+DEAR = Price(6.0, lambda off: (np.atleast_2d(off) ** 2).sum(axis=1), 0.25, 1.0)
 
 
 @pytest.mark.parametrize("share", [0.98, 1.02])
@@ -129,7 +137,7 @@ def test_a_level_camera_turns_by_its_heading_and_a_steep_one_by_less() -> None:
 
 def test_the_dearest_sight_is_taken_first_and_nothing_is_shown_twice() -> None:
     """The first of two places shows what the other one does, too; the third shows something else."""
-    free = Aside(6.0, lambda off: 0 * np.atleast_2d(off)[:, 0], 0.0)
+    free = Price(6.0, lambda off: 0 * np.atleast_2d(off)[:, 0], 0.0, 1.0)
     given = places(
         (1, [0, 1, 0], 0, 0, [True, False, False]), (2, [0, 2, 0], 0, 0, [True, True, False]),
         (3, [0, 0, 3], 0, 0, [False, False, True]),
@@ -142,15 +150,60 @@ def test_the_dearest_sight_is_taken_first_and_nothing_is_shown_twice() -> None:
 def test_places_are_tried_all_round_as_the_camera_looks() -> None:
     path = Flown(np.zeros((3, 3)), np.array([0.0, np.pi / 2, np.pi]), np.array([0.0, 1.0, -1.0]))
     at, off = places_beside(path, 10.0)
-    assert at.tolist() == [0] * 52 + [1] * 52 + [2] * 52
-    length = np.linalg.norm(off, axis=1).reshape(3, 2, 26)
+    assert at.tolist() == [0] * 53 + [1] * 53 + [2] * 53
+    assert not off[::53].any()  # the stations themselves
+    length = np.linalg.norm(off, axis=1).reshape(3, 53)[:, 1:].reshape(3, 2, 26)
     np.testing.assert_allclose(length, np.broadcast_to(np.array([4.0, 8.0])[:, None], (3, 2, 26)))
-    ways = {tuple(np.round(way, 6)) for way in off[:26] / 4.0}
+    ways = {tuple(np.round(way, 6)) for way in off[1:27] / 4.0}
     every = [np.array(way) for way in itertools.product((-1, 0, 1), repeat=3) if any(way)]
     assert ways == {tuple(np.round(way / np.linalg.norm(way), 6)) for way in every}
-    ahead = off.reshape(3, 2, 26, 3)[:, 0, -1]  # ahead, to the left and up, whatever the camera's elevation
+    ahead = off.reshape(3, 53, 3)[:, 26]  # ahead, to the left and up, whatever the camera's elevation
     np.testing.assert_allclose(ahead[0], 4 / np.sqrt(3) * np.array([1, 1, 1]))
     np.testing.assert_allclose(ahead[1], 4 / np.sqrt(3) * np.array([-1, 1, 1]), atol=1e-9)
     many = Flown(np.zeros((500, 3)), np.zeros(500), np.zeros(500))
     stations = np.unique(places_beside(many, 1.0)[0])
     assert len(stations) == 48 and stations[[0, -1]].tolist() == [0, 499]
+
+
+def test_the_camera_turns_on_the_path_to_what_it_looks_away_from(roof: View) -> None:
+    """The front lies behind the camera, and leaving the path is too dear."""
+    away = replace(below_the_roof(), yaw=np.full(COUNT, -np.pi / 2))
+    dear = Price(6.0, lambda off: 1e3 * (off**2).sum(axis=1), 0.001, 2.0)
+    found = with_extra_views(away, roof, Airspace(roof.scene, 2.0, Surroundings()), dear)
+    assert shown(roof, away) == 0 and shown(roof, found) > 0.4
+    np.testing.assert_array_equal(found.positions, away.positions)
+    low, high = np.radians([roof.limits.min_gimbal_pitch_deg, roof.limits.max_gimbal_pitch_deg])
+    assert found.pitch.min() >= low - 1e-9 and found.pitch.max() <= high + 1e-9
+    # A radian takes two metres of the path, and so does the way back.
+    still = found.yaw == away.yaw
+    assert 0 < still.sum() < COUNT
+    dearer = replace(dear, turn=10.0)
+    kept = with_extra_views(away, roof, Airspace(roof.scene, 2.0, Surroundings()), dearer)
+    np.testing.assert_array_equal(kept.yaw, away.yaw)
+
+
+def test_a_turn_on_the_path_comes_and_goes_as_steadily_as_the_camera_turns() -> None:
+    """Half a radian at ten metres a radian: five metres to each side."""
+    x = np.arange(0.0, 21.0)
+    path = Flown(np.column_stack([x, 0 * x, 0 * x]), 0 * x, 0 * x)
+    free = Price(6.0, lambda off: 0 * np.atleast_2d(off)[:, 0], 0.25, 10.0)
+    one = places((10, [0, 0, 0], 0.5, 0, [True]))
+    found = _taken(path, one, np.array([1.0]), free)
+    np.testing.assert_allclose(found.yaw, 0.5 * np.clip(1 - np.abs(x - 10) / 5, 0, 1))
+    for left, taken in ((0.25, False), (0.252, True)):  # there and back
+        assert _taken(path, one, np.array([left]), free).yaw.any() == taken
+
+
+def test_in_the_picture_is_what_both_angles_say() -> None:
+    rng = np.random.default_rng(0)
+    places, points = rng.normal(0, 4, (3, 3)), rng.normal(0, 4, (60, 3))
+    row, turns = rng.integers(0, 3, 12), Rotation.random(12, random_state=1)
+    reach, round_ = rng.random((3, 60)) < 0.8, np.arange(12) % 2 == 0
+    half = np.column_stack([np.where(round_, 2.0, 0.6), np.full(12, 0.5)])
+    found = _in_picture(places, row, turns.as_matrix(), points, reach, half, round_)
+    for at in range(12):
+        x, y, z = turns[at].inv().apply(points - places[row[at]]).T
+        ahead = np.hypot(x, y) if round_[at] else x
+        within = (np.abs(np.arctan2(y, x)) <= half[at, 0]) & (np.abs(np.arctan2(z, ahead)) <= half[at, 1])
+        assert np.array_equal(found[at], within & reach[row[at]])
+    assert 0.02 < found.mean() < 0.5
