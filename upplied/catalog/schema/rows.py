@@ -78,7 +78,7 @@ def structure_row(structure: Structure, mesh_sha256: str) -> Row:
         "landmarks_json": json_text({name: list(map(float, at)) for name, at in structure.landmarks.items()}),
         "symmetric": structure.symmetric,
         "tells_parts": structure.tells_parts,
-        "surface": structure.surface,
+        "surface": structure.surface or "",
         "surface_error_m": structure.surface_error_m,
         "findings": "; ".join(_found(item) for item in json.loads(structure.verdicts_json or "[]")),
         "verdicts_json": structure.verdicts_json,

@@ -87,11 +87,10 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     first = [search.worth(search.first) for search in searches]
     results = []
     for number in np.argsort(-np.array(first), kind="stable")[: weights.starts]:
-        search = searches[number]
-        at = search.left(first[number], *search.improved())
-        results.append((search.worth(at), search.state, at))
-    _, state, variables = max(results, key=lambda result: result[0])
-    return state, variables
+        after, at = searches[number].improved()
+        results.append((max(after, first[number]), number, after, at))
+    _, number, after, at = max(results, key=lambda result: result[0])
+    return searches[number].state, searches[number].left(first[number], after, at)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
