@@ -49,11 +49,12 @@ def test_on_the_demonstrated_structure_itself_everything_is_seen_again(fleet, ar
 
 def test_paper_gives_the_demonstrated_viewpoints_back_on_the_same_structure(fleet, around_cube):
     from upplied.planning.correspondence.pair import study_pair
-    from upplied.planning.demonstration.inspection import inspect_demonstration
+    from upplied.planning.demonstration.repetition import takes_of
 
     cube, settings = fleet["cube-v1"], settings_for("paper")
     plan = plan_transfer(around_cube, cube, cube, settings)
-    found = inspect_demonstration(around_cube, study_pair(cube, cube, settings), settings).viewpoints
+    (take,) = takes_of(around_cube, study_pair(cube, cube, settings), settings)
+    found = take.inspection.viewpoints
     np.testing.assert_allclose(plan.trajectory.positions, found.positions, atol=1e-6)
     assert angle_between(plan.trajectory.quat_xyzw, found.quat_xyzw).max() < 1e-6
 
