@@ -69,7 +69,7 @@ def test_every_engine_of_a_scan_is_found_and_flown(a320, engine, scan):
     flown = []
     for take in takes:
         cloud = take.pair.surface.target
-        name = true_names("b747-v1", scan, cloud.points[labels_of(cloud) == take.choice])
+        name = true_names("b747-v1", scan, cloud.points[labels_of(cloud) == take.attended.choice])
         name = np.char.replace(name, "pylon", "engine")  # which a part of the source has as well
         names, count = np.unique(name, return_counts=True)
         assert count.max() > 0.9 * count.sum()

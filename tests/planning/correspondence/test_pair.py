@@ -24,11 +24,9 @@ RECOMMENDED, PAPER = settings_for("recommended"), settings_for("paper")
 HULL, FIN, POD = ([0, -4, 0], [60, 8, 6]), ([50, -1, 6], [8, 2, 9]), ([20, 6, 0], [6, 2, 2])
 
 
-def structure(name: str, heading_deg: float = 0.0) -> Structure:
-    frame = Frame(np.radians(heading_deg))
-    return cast(
-        Structure, SimpleNamespace(sha256=name, frame=frame, landmarks={f"mark of {name}": (1.0, 2, 3)})
-    )
+def structure(name: str, heading_deg: float = 0.0, is_scan: bool = False) -> Structure:
+    frame, marks = Frame(np.radians(heading_deg)), {f"mark of {name}": (1.0, 2, 3)}
+    return cast(Structure, SimpleNamespace(sha256=name, frame=frame, landmarks=marks, is_scan=is_scan))
 
 
 def fit_of(source: Cloud, target: Cloud, here: list[int] | None, there: list[int] | None) -> Fit:
@@ -202,7 +200,11 @@ def test_a_fit_depends_on_its_turn_where_there_is_one() -> None:
 
 
 def told_or_not(
-    known: tuple[bool, bool], explained: list[float], monkeypatch: pytest.MonkeyPatch, **asked: Any
+    known: tuple[bool, bool],
+    explained: list[float],
+    monkeypatch: pytest.MonkeyPatch,
+    scans: tuple[bool, bool] = (False, False),
+    **asked: Any,
 ) -> tuple[Fit, list[Any]]:
     """The fit of the surfaces where parts are known of some, and so much of them is matched, one by one."""
     clouds = tuple(boxes(HULL, FIN, POD, number=60) if has else boxes(HULL, number=60) for has in known)
@@ -224,7 +226,7 @@ def told_or_not(
     monkeypatch.setattr(pair, "explained", lambda _: next(shares))
     monkeypatch.setattr(pair, "_with_carried", lambda fit, *_: replace(fit, carried=np.zeros(1, np.int64)))
     settings = settings_for("recommended", correspondence=asked)
-    both = structure("s"), structure("t")
+    both = structure("s", is_scan=scans[0]), structure("t", is_scan=scans[1])
     fit = pair._surface_fit(clouds, both, (None, None), settings, Declared(), no_memo)  # type: ignore[arg-type]
     return fit, calls
 
@@ -233,15 +235,23 @@ PLAIN = ("matched", (), "surface")
 
 
 def test_pieces_that_explain_most_are_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    fit, calls = told_or_not((True, True), [0.6], monkeypatch)
+    fit, calls = told_or_not((True, True), [0.6], monkeypatch, scans=(True, True))
     assert calls == [PLAIN] and fit.inferred == -1 and fit.carried is not None
 
 
-@pytest.mark.parametrize(("inferred", "taken"), [(0.61, False), (0.62, True)])
-def test_parts_told_by_geometry_must_explain_clearly_more(
-    inferred: float, taken: bool, monkeypatch: pytest.MonkeyPatch
+def test_pieces_of_what_was_drawn_are_believed_however_little_they_explain(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    fit, calls = told_or_not((True, True), [0.49, inferred, 0.49], monkeypatch)
+    fit, calls = told_or_not((True, True), [0.0], monkeypatch)
+    assert calls == [PLAIN] and fit.inferred == -1 and fit.carried is not None
+
+
+@pytest.mark.parametrize("scans", [(True, False), (False, True)])
+@pytest.mark.parametrize(("inferred", "taken"), [(0.61, False), (0.62, True)])
+def test_parts_of_a_scan_told_by_geometry_must_explain_clearly_more(
+    inferred: float, taken: bool, scans: tuple[bool, bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit, calls = told_or_not((True, True), [0.49, inferred, 0.49], monkeypatch, scans)
     assert calls == [PLAIN, ("inferred", 1, ())] and fit.inferred == (1 if taken else -1)
 
 
