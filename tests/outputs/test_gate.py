@@ -212,7 +212,9 @@ def test_no_mission_is_below_its_own_rules(
         done = export(plan, placed_box(**around), format, goal, options)
     except RefusedError:
         return
-    for path, mission in zip(done.paths, done.missions, strict=True):
+    sorties, fences = done.paths[: len(done.missions)], done.paths[len(done.missions) :]
+    assert all(path.name.endswith(f".fence{path.suffix}") for path in fences)
+    for path, mission in zip(sorties, done.missions, strict=True):
         reading = read_mission(format, path.read_bytes(), mission)
         flown = dense(reading.positions)
         assert from_box(flown).min() >= 2.0 - 0.06

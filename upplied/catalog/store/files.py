@@ -13,6 +13,7 @@ import pyarrow.fs as pafs
 from deltalake import DeltaTable
 from deltalake.exceptions import CommitFailedError, DeltaError
 
+_FIRST = ".first"  # ends the name of the table by which the first writer of a file is known
 _CONTENT = "upplied.content"  # property of a table that stands for a file
 
 
@@ -68,13 +69,17 @@ class FileStore:
             except (FileNotFoundError, NotADirectoryError):
                 return []
         found = self.filesystem().get_file_info(pafs.FileSelector("", allow_not_found=True))
-        return sorted(item.base_name for item in found)
+        return sorted(item.base_name for item in found if not item.base_name.endswith(_FIRST))
 
     def older(self, moment: datetime) -> list[str]:
         """The names of the files at the root that nobody wrote or used since a moment, by their stamps."""
         if not self.local:
             found = self.filesystem().get_file_info(pafs.FileSelector("", allow_not_found=True))
-            return sorted(item.base_name for item in found if item.mtime and item.mtime < moment)
+            return sorted(
+                item.base_name
+                for item in found
+                if item.mtime and item.mtime < moment and not item.base_name.endswith(_FIRST)
+            )
         names = []
         for name in self.names():
             with contextlib.suppress(FileNotFoundError):
@@ -123,7 +128,7 @@ class FileStore:
         Pyarrow always replaces what is there. Delta-rs puts the first entry of a log on condition that there
         is none: who makes a table that holds the content has made the file, and the others read it there.
         """
-        uri = self.path(f"{name}.first")
+        uri = self.path(name + _FIRST)
         try:
             with contextlib.suppress(CommitFailedError):
                 DeltaTable.create(

@@ -35,6 +35,7 @@ _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond th
 _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _WORTHWHILE = 0.002  # gain, as a share of the need, from which on a start is left wholly; less, less far
+_CLEARLY = 0.01  # of the need, by which another start must be better than the carried path
 _COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _CORRECTIONS = 12  # that L-BFGS keeps
 
@@ -85,10 +86,12 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     if len(samples) == 0:
         return searches[0].state, searches[0].first
     first = [search.worth(search.first) for search in searches]
+    # The carried path stays the start unless another one is clearly better: else chance would choose.
+    order = [0, *(1 + np.argsort(-np.array(first[1:]), kind="stable")).tolist()]
     results = []
-    for number in np.argsort(-np.array(first), kind="stable")[: weights.starts]:
+    for number in order[: weights.starts]:
         after, at = searches[number].improved()
-        results.append((max(after, first[number]), number, after, at))
+        results.append((max(after, first[number]) + (_CLEARLY if number == 0 else 0.0), number, after, at))
     _, number, after, at = max(results, key=lambda result: result[0])
     return searches[number].state, searches[number].left(first[number], after, at)
 
