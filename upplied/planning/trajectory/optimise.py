@@ -87,11 +87,12 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
         return searches[0].state, searches[0].first
     first = [search.worth(search.first) for search in searches]
     # The carried path stays the start unless another one is clearly better: else chance would choose.
-    order = [0, *(1 + np.argsort(-np.array(first[1:]), kind="stable")).tolist()]
+    favour = np.where(np.arange(len(first)) == 0, _CLEARLY, 0.0)
+    ranked = np.argsort(-(np.array(first) + favour), kind="stable")[: weights.starts].tolist()
     results = []
-    for number in order[: weights.starts]:
+    for number in ranked if 0 in ranked or weights.starts == 1 else [0, *ranked[:-1]]:
         after, at = searches[number].improved()
-        results.append((max(after, first[number]) + (_CLEARLY if number == 0 else 0.0), number, after, at))
+        results.append((max(after, first[number]) + favour[number], number, after, at))
     _, number, after, at = max(results, key=lambda result: result[0])
     return searches[number].state, searches[number].left(first[number], after, at)
 
