@@ -43,6 +43,8 @@ def test_each_rule_is_broken_by_a_file_and_overruled_by_its_name(tmp_path: Path,
 def test_every_rule_has_a_test_here() -> None:
     among_others = {"size", "units", "up-axis", "odd-up-axis", "forward-axis", "odd-size", "kind"}
     among_others |= {"size-unconfirmed"}
+    among_others |= {"floating", "cut-off"}  # tests/inputs/test_reader_bounds.py
+    among_others |= {"looks-scanned"}  # tests/test_reconstruction.py
     assert {odd.rule for odd in ALONE} | among_others == set(RULES)
     assert all(rule.reason and rule.remedy for rule in RULES.values())
     assert all(hasattr(BOUNDS, rule.limit) for rule in RULES.values() if rule.limit)

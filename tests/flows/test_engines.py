@@ -25,7 +25,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.server, pytest.mark.filterwarnings("
 def planned(catalog: Catalog, engine: str, environment: dict[str, str], address: str = "") -> list[dict]:
     told = message(start_run(catalog, engine, address, environment))
     assert "6 ok, 0 refused, 0 failed, 0 unchanged" in told, told
-    assert "lost" not in told.lower()
+    ours = [
+        line for line in told.splitlines() if "distributed." not in line
+    ]  # Dask loses its own as it closes
+    assert not [line for line in ours if "lost" in line.lower()], told
     rows = catalog.transfers()
     assert rows["run_id"].nunique() == 1
     where = [place.split("/", 2)[2] for place in rows["planned_on"]]
