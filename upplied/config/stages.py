@@ -218,7 +218,7 @@ class OptimiseSettings:
     iterations: int = 12  # of the solver in each round
     # Times what was inspected counts surface that must be seen, by area: so much of that may go for it.
     required: float = 10.0
-    samples: int = 1600  # of the surface that stand for all, two thirds of them inspected ones
+    samples: int = 2400  # of the surface that stand for all, two thirds of them inspected ones
 
 
 def focal_px(width_px: int, hfov_deg: float) -> float:

@@ -15,7 +15,6 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from upplied.planning.airspace.rules import Airspace
-from upplied.polylines import chosen_evenly
 from upplied.records import Cloud, Floats, Ints, Record
 from upplied.vectors import across, neighbour_spacing
 
@@ -47,8 +46,7 @@ def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -
     further : array, shape (N, 3), optional
         More places, e.g. of the path itself.
     """
-    shown = chosen_evenly(len(surface), _SAMPLES)
-    points, normals = surface.points[shown], surface.normals[shown]  # type: ignore[index]
+    points, normals = surface.points[:_SAMPLES], surface.outward[:_SAMPLES]
     spacing = max(neighbour_spacing(points), 1e-3) if len(points) > 1 else 1.0  # m
     near = airspace.clearance_m + 0.15 + 0.15 * spacing
     directions = _directions(normals)

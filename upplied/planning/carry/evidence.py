@@ -15,7 +15,6 @@ from upplied.planning.constants import SAME_FACE
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.boxes import spacing
 from upplied.planning.geometry.percentile import weighted_percentile
-from upplied.polylines import chosen_evenly
 from upplied.records import Cloud, Floats, Ints, Record
 from upplied.vectors import with_normals
 
@@ -84,8 +83,7 @@ def _size(points: Floats, share: Floats) -> float:
 
 
 def _uneven(here: Floats, there: Floats, share: Floats) -> float:
-    some = chosen_evenly(len(here), _MOST)
-    here, there, share = here[some], there[some], share[some]
+    here, there, share = here[:_MOST], there[:_MOST], share[:_MOST]
     near = cKDTree(here).query(here, k=min(_NEIGHBOURS + 1, len(here)))[1][:, 1:]
     before = np.linalg.norm(here[near] - here[:, None], axis=2).mean(axis=1)
     after = np.linalg.norm(there[near] - there[:, None], axis=2).mean(axis=1)
@@ -134,7 +132,7 @@ def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> floa
     chosen = np.flatnonzero(share > 0.05 * share.max()) if share.max() > 0 else np.empty(0, np.int64)
     if not len(chosen):
         return 0.0
-    chosen = chosen[chosen_evenly(len(chosen), _MOST)]
+    chosen = chosen[:_MOST]
     weight = _ELSEWHERE * size
     tree = cKDTree(with_normals(registered.points, registered.outward, weight))
     asked = with_normals(source.points[chosen], source.outward[chosen], weight)

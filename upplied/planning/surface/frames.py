@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.config import Settings
+from upplied.planning.surface.lattice import centre
 from upplied.poses import normalised, wrapped
 from upplied.records import (
     Demonstration,
@@ -26,9 +27,10 @@ from upplied.records import (
     Trajectory,
 )
 from upplied.records.required import RequiredSurface
+from upplied.triangles import triangle_areas
 from upplied.vectors import area_vectors
 
-_ROUND = 0.02  # below it walls face all ways alike, and no heading follows from them
+_ROUND = 0.02  # below it walls face all ways alike, or surface reaches as far, and no heading follows
 _SQUARE = 4.0  # weight of walls that mostly face one way and its opposite beside those of four ways
 _NORMAL_DEG = 2.0  # a declared heading this near to the walls' own, or a right angle from it, is meant
 _GRID_M = 2.0**-20  # what coordinates are rounded to, so that a turn forth and back leaves no trace
@@ -66,16 +68,17 @@ def plans_in_own_frame(settings: Settings) -> bool:
 def own_frame(structure: Structure) -> Frame:
     """The frame that follows from a structure, however it is turned about the vertical or moved.
 
-    Its axes are those that walls face. Which of the four headings counts as +X follows from the order
-    of the vertices: it is of no consequence, but must turn with the structure. A round structure,
-    whose walls tell no heading, has one from the vertices alone.
+    Its axes are those that walls face. Which of the four headings counts as +X follows from where the
+    surface reaches farther out, and of structures alike to all sides from the order of the vertices: it is
+    of no consequence, but must turn with the structure. A round structure, whose walls tell no heading, has
+    one from these alone.
     """
     return structure.derived("own frame", lambda: _found_frame(structure))
 
 
 def _found_frame(structure: Structure) -> Frame:
-    middle = structure.vertices.mean(axis=0) * [1.0, 1.0, 0.0]
-    walls, order = _wall_heading(structure), _vertex_heading(structure)
+    middle = centre(structure) * [1.0, 1.0, 0.0]
+    walls, order = _wall_heading(structure), _leaning(structure)
     if walls is None:
         return Frame(order, middle)
     quarters = np.round((order - walls - _OFF) / (np.pi / 2))
@@ -109,6 +112,19 @@ def _facing(structure: Structure) -> np.ndarray:
     else:
         normal = structure.vertices - structure.vertices.mean(axis=0)
     return np.asarray(normal[:, 0] + 1j * normal[:, 1])
+
+
+def _leaning(structure: Structure) -> float:
+    """A direction (rad) in which the surface reaches farther out, however its triangles are divided."""
+    if len(structure.triangles):
+        middles, size = structure.vertices[structure.triangles].mean(axis=1), triangle_areas(structure)
+        offset = middles - centre(structure)
+        out = offset[:, 0] + 1j * offset[:, 1]
+        cubes = size * np.abs(out) ** 3
+        towards = (size * np.abs(out) ** 2 * out).sum()
+        if abs(towards) > _ROUND * cubes.sum():
+            return float(np.angle(towards))
+    return _vertex_heading(structure)
 
 
 def _vertex_heading(structure: Structure) -> float:

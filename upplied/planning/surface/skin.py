@@ -19,14 +19,14 @@ from scipy.spatial import cKDTree
 from upplied.planning.constants import FRAGMENT, SAME_FACE, TOUCH
 from upplied.planning.surface.escape import lets_out
 from upplied.planning.surface.floor import floor_of
+from upplied.planning.surface.lattice import lattice, spacing_for
 from upplied.planning.surface.parts import mesh_pieces
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 from upplied.scene import Scene
-from upplied.triangles import points_on_triangles, triangle_areas
+from upplied.triangles import triangle_areas
 from upplied.vectors import area_vectors, plane_normals, with_normals
 
 _FINE = 40_000  # samples that are joined
-_DRAWN = 1.6  # candidates for each of them
 _REACH = 3.0  # sample spacings: samples this near are asked whether the skin goes on between them
 _RISE = 0.25  # sine of the angle at which a neighbour stands out of the tangent plane: 14.5 deg
 _NECK = 0.5  # of the narrower part's half width: what is joined by less is two parts
@@ -98,14 +98,11 @@ def skin_study(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) 
 
 def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud, seed: int) -> tuple[Floats, Floats, Ints]:
     """Points and outward normals (F, 3) on the outside, and the mesh piece (F,) of each, -1 unknown."""
-    rng = np.random.default_rng(seed)
     if not len(structure.triangles):
-        return _fine_points(structure, cloud, rng)
-    points, triangle = points_on_triangles(structure, int(_DRAWN * _FINE), rng)
-    index, outward, _ = outside_like(points, triangle, structure, scene, cloud)
-    kept = np.sort(rng.permutation(len(index))[:_FINE])
-    index, outward = index[kept], outward[kept]
-    return points[index], outward, _known_pieces(structure)[triangle[index]]
+        return _fine_points(structure, cloud, np.random.default_rng(seed))
+    lines = lattice(structure, spacing_for(structure, float(cloud.areas.sum()), _FINE))
+    index, outward, _ = outside_like(lines.points, lines.triangle, structure, scene, cloud)
+    return lines.points[index], outward, _known_pieces(structure)[lines.triangle[index]]
 
 
 def outside_like(

@@ -62,7 +62,7 @@ def with_extra_views(path: Flown, view: View, airspace: Airspace, price: Price) 
     missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
     if not len(missed) or view.need[missed].sum() <= _LEAST:
         return path
-    few = missed[chosen_evenly(len(missed), _MISSED)]
+    few = missed[:_MISSED]
     left = view.need[few] * (view.need[missed].sum() / view.need[few].sum())
     at, off = places_beside(path, price.usual_m)
     kept = airspace.allowed(path.positions[at] + off)

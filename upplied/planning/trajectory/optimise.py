@@ -27,7 +27,7 @@ from upplied.planning.trajectory.terms.shape import Shape
 from upplied.planning.trajectory.terms.standoff import StandoffKept
 from upplied.planning.trajectory.terms.turning import Turning
 from upplied.planning.trajectory.view import View
-from upplied.polylines import chosen_evenly, leg_lengths
+from upplied.polylines import leg_lengths
 from upplied.poses import from_yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -243,7 +243,7 @@ def _sampled(view: View, most: int) -> tuple[Ints, Floats]:
     first = min(len(inspected), max(2 * most // 3, most - len(context)))
     for group, count in ((inspected, first), (context, most - first)):
         if len(group) and count:
-            few = group[chosen_evenly(len(group), count)]
+            few = group[:count]
             chosen.append(few)
             needs.append(view.need[few] * view.need[group].sum() / view.need[few].sum())
     if not chosen:
