@@ -14,6 +14,7 @@ from upplied.planning.trajectory.terms import Term
 from upplied.planning.trajectory.terms.axis import Axis, aims, angles, axes
 from upplied.planning.trajectory.terms.clearance import Clearance
 from upplied.planning.trajectory.terms.coverage import Coverage
+from upplied.planning.trajectory.terms.leaving import Leaving
 from upplied.planning.trajectory.terms.shape import Shape
 from upplied.planning.trajectory.terms.standoff import StandoffKept
 from upplied.planning.trajectory.terms.turning import Turning
@@ -24,7 +25,7 @@ from upplied.scene import Scene
 
 STATIONS = 14
 NAMES = (
-    "axis", "clearance", "coverage", "frontal", "round", "shape", "standoff", "turning",
+    "axis", "clearance", "coverage", "frontal", "leaving", "round", "shape", "standoff", "turning",
 )  # fmt: skip
 
 
@@ -75,6 +76,7 @@ def term(name: str, view: View) -> Term:
         "clearance": lambda: Clearance.of(airspace, path),
         "coverage": lambda: coverage(view, path, 0.15),
         "frontal": lambda: coverage(frontal, path, 0.15),
+        "leaving": lambda: Leaving.of(other.positions, 5.0),
         "round": lambda: coverage(around, path, 0.15),
         "shape": lambda: Shape.of(other.positions, turned),
         "standoff": lambda: StandoffKept.of(standoff, path, 0.08),

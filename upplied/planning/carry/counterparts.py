@@ -190,7 +190,10 @@ def _others_within(take: Attended, part: int, source: _Side) -> int:
     if (stretches.high - stretches.low)[most].max() > least:
         return 0
     alike = choices_for(stretches, most, stretches, [most])
-    return int((~inspected[alike]).sum())
+    # What lies where this does is the same thing: the other half of a nacelle, the lower side of a wing.
+    apart = np.linalg.norm(stretches.middle[alike] - stretches.middle[most], axis=1)
+    elsewhere = apart > np.linalg.norm((stretches.high - stretches.low)[most]) / 2
+    return int((elsewhere & ~inspected[alike]).sum())
 
 
 def _probability(

@@ -35,20 +35,21 @@ _DISAGREES, _DISPUTED = 0.6, 0.4
 
 def evidence_of_counterpart(
     source: Cloud,
-    part: int,
+    parts: Sequence[int],
     registered: Cloud,
     counterparts: Sequence[int],
     wholes: float,
     inferred: bool,
     carried: Ints,
 ) -> Floats:
-    """Evidence against parts of the target corresponding to a part of the source, (6,); 0 is perfect.
+    """Evidence against parts of the target corresponding to parts of the source, (6,); 0 is perfect.
 
     Parameters
     ----------
     source, registered : Cloud
         Samples with parts, in the source's frame and at its scale.
-    part : int
+    parts : sequence of int
+        Of the source: one, or all that were matched with these as one.
     counterparts : sequence of int
         Parts of the target.
     wholes : float
@@ -58,8 +59,8 @@ def evidence_of_counterpart(
     carried : array of int, shape (M,)
         The part of the source that a smooth displacement alone brings onto each sample of the target.
     """
-    mine, theirs = labels_of(source) == part, np.isin(labels_of(registered), counterparts)
-    named = carried == part
+    mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(registered), counterparts)
+    named = np.isin(carried, parts)
     both, area = named & theirs, registered.areas
     return np.array(
         [
