@@ -29,7 +29,7 @@ _AIMS = 3  # directions from each place, besides that towards the middle of what
 _INSIDE = 0.98  # of the field of view: well inside the picture
 _LENGTH = 2.0  # of the way back to the path, along it, over the way aside: a gentle bend
 _OF_TENT = 2 / 3  # mean square of a tent over both its slopes, over one of them
-_LEAST = 1e-3  # share of the need, net of its price, that a view must add
+_LEAST = 5e-3  # share of the need, net of its price, that a view must add
 
 
 @dataclass(frozen=True, eq=False, repr=False)
