@@ -76,10 +76,9 @@ def _by_fit(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = Fals
         return 0.0
     known, match = (fit.registration.scanned, fit.inferred >= 0), fit.correspondences
     parts = [part]
-    if match.source_class is not None and match.source_class[part] >= 0:
-        # Two wings may be one part of the target: together they are its counterpart.
-        if set(match.target_parts(part).tolist()) == set(counterparts):
-            parts = np.flatnonzero(match.source_class == match.source_class[part]).tolist()
+    # Two wings may be one part of the target: together they are its counterpart.
+    if match.source_class is not None and set(match.target_parts(part).tolist()) == set(counterparts):
+        parts = np.flatnonzero(match.source_class == match.source_class[part]).tolist()
     found = evidence_of_counterpart(fit.source, parts, fit.registered, counterparts, *known, fit.carried)
     return probability(found, COUNTERPART, alone)
 

@@ -28,8 +28,8 @@ CAPS = (2.0, 1.0, 1.0, 1.0, 1.5, 1.0)
 COUNTERPART = (8.88, 2.39, 0.0, 3.76, 0.85, 2.66, 2.43)
 SAME_KIND = (8.14, 1.53, 0.0, 0.0, 2.04, 0.55, 11.05)
 
-# Where the smooth displacement brings most of either part elsewhere, and another part is like it, 6 of 16 were
-# right; a logistic curve through all says more.
+# Where the smooth displacement brings most of either part elsewhere, and another part is like it, 6 of 16
+# were right; a logistic curve through all says more.
 _DISAGREES, _DISPUTED = 0.6, 0.4
 
 

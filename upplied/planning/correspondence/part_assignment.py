@@ -221,9 +221,10 @@ def _with_unions(
 
 
 def _with_pieces(own: Ints, one: Parts, others: Ints, other: Parts, diagonal_m: float) -> Ints:
-    """The classes (K,) of parts, those in none joined to the compact body they touch if that is then as alike.
+    """The classes (K,) of parts, where pieces in none joined the compact body that they touch.
 
-    The inlet of a nacelle is a part of its own here and not there.
+    The inlet of a nacelle is a part of its own here and not there. The body has to stay as alike to its
+    counterpart as it was.
     """
     own, size = own.copy(), (one.high - one.low).max(axis=1)
     compact = size < COMPACT * diagonal_m
