@@ -1,4 +1,4 @@
-"""Evidence for and against a transfer: how the inspected region and what is around it correspond.
+"""Evidence for and against a transfer: how the inspected region corresponds.
 
 A whole may differ elsewhere, in its superstructure or where a rotor stopped, and a hull or a tower still be
 inspected alike; and another thing may fill the same box. So the evidence is of what the flight was about.
@@ -20,29 +20,26 @@ from upplied.records import Cloud, Floats, Ints, Record
 from upplied.vectors import with_normals
 
 _ELSEWHERE = 0.1  # of the region's size: farther is elsewhere, and so much counts turning a normal
-_AROUND = 0.3  # of the region's size: how far its surroundings reach
 _NEIGHBOURS = 8  # neighbours of a patch by which its stretch is judged
 _MOST = 1500  # patches that are asked
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evidence(Record):
-    """How well the inspected region and what is around it correspond to the target; 0 is perfect."""
+    """How well the inspected region corresponds to the target; 0 is perfect."""
 
     without: float  # share of what was inspected that has no counterpart
     facing_away: float  # share whose counterpart faces more than 60 deg another way
     turned: float  # mean angle between the normals of a patch and of its counterpart, rad
     uneven: float  # how unevenly patches are stretched: spread of the logarithm of the local scale
     bent: float  # what no scaling along the axes explains, over the region's size
-    crowded: float  # share that meets on the same target samples, beyond what sampling explains
     back: float  # share of the corresponding target surface that leads elsewhere on the source
     gap: float  # mean distance of the registered surfaces, over the region's size
-    around: float  # the same of the surroundings
     misfit: float  # of the wholes, `Registration.acceptance`
 
     @property
     def values(self) -> Floats:
-        """In the order of the fields, (10,)."""
+        """In the order of the fields, (8,)."""
         return np.array([getattr(self, item.name) for item in fields(self)], float)
 
 
@@ -56,23 +53,20 @@ def evidence_of(take: Take) -> Evidence:
     misfit = 3.0 if not np.isfinite(misfit) else min(misfit, 10.0)
     known = np.flatnonzero((share > 0) & (match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
     if share.sum() <= 0 or len(known) < 2 * _NEIGHBOURS:
-        return Evidence(1.0, 1.0, 1.6, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, misfit)
+        return Evidence(1.0, 1.0, 1.6, 2.0, 1.0, 1.0, 1.0, misfit)
     without = 1 - float(share[known].sum() / share.sum())
     registered = fit.registered
     mine = share[known]
     facing = (source.outward[known] * registered.outward[match.target_index[known]]).sum(axis=1)
     size = _size(source.points[known], mine)
-    own = share / np.maximum(area, 1e-12)
     return Evidence(
         without=without,
         facing_away=float(mine[facing < SAME_FACE].sum() / mine.sum()),
         turned=float(np.average(np.arccos(np.clip(facing, -1, 1)), weights=mine)),
         uneven=_uneven(source.points[known], match.target_points[known], mine),
         bent=_bent(source.points[known], match.target_points[known], mine),
-        crowded=_crowded(match.target_index[known], source, target, known, fit.registration.scale),
         back=_back(match.target_points[known], match.target_index[known], source.points[known], target, size),
         gap=_apart(source, registered, share, size),
-        around=_apart(source, registered, area * _nearby(source.points, own, size), size),
         misfit=misfit,
     )
 
@@ -103,13 +97,6 @@ def _bent(here: Floats, there: Floats, share: Floats) -> float:
     return float(np.sqrt(np.average((off**2).sum(axis=1), weights=share)) / _size(there, share))
 
 
-def _crowded(index: Ints, source: Cloud, target: Cloud, known: Ints, scale: Floats) -> float:
-    """One less the share of distinct counterparts that as much carried surface should have."""
-    factor = float(np.prod(1 / scale)) ** (2 / 3)  # of areas, from the source to the target
-    expected = min(float(source.areas[known].sum()) * factor / float(target.areas.mean()), len(known))
-    return float(np.clip(1 - len(np.unique(index)) / max(expected, 1.0), 0, 1))
-
-
 def _back(there: Floats, index: Ints, here: Floats, target: Cloud, size: float) -> float:
     """Share of the counterparts that lead back farther than a tenth of the region from where they came."""
     hit = np.unique(index)
@@ -118,15 +105,6 @@ def _back(there: Floats, index: Ints, here: Floats, target: Cloud, size: float) 
     first[index[::-1]] = np.arange(len(index))[::-1]
     off = np.linalg.norm(here[place] - here[first[hit]], axis=1)
     return float(np.mean(off > _ELSEWHERE * size))
-
-
-def _nearby(points: Floats, own: Floats, size: float) -> Floats:
-    """Weight of the surroundings: 1 beside the region, 0 from a third of its size away, and on it."""
-    inside = own > 0.5
-    if not inside.any() or inside.all():
-        return own
-    off = cKDTree(points[inside]).query(points)[0]
-    return np.asarray(np.clip(1 - off / (_AROUND * size), 0, 1) * (1 - own))
 
 
 def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> float:

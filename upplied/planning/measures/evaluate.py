@@ -15,7 +15,6 @@ from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface
 from upplied.planning.carry.reference import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import (
-    KEPT,
     carried_sight,
     counted,
     picture_share,
@@ -42,6 +41,7 @@ from upplied.records import (
 )
 from upplied.scene import Scene
 
+_KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
 _ASKED = 200  # viewpoints, at most, whose stand-off is asked for
 _ALMOST_DEG = 2.0  # beyond a limit, that jitter of the hand explains
@@ -112,7 +112,7 @@ def _standoff_kept(
         )
         ratios.append(_standoff_ratios(take, seen_at, places, settings))
     off = np.abs(np.concatenate(ratios) - 1)
-    return 100 * float(np.mean(off <= KEPT)) if len(off) else float("nan")
+    return 100 * float(np.mean(off <= _KEPT)) if len(off) else float("nan")
 
 
 def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Settings) -> Floats:

@@ -20,10 +20,8 @@ from upplied.planning.demonstration.repetition import Take
 from upplied.planning.demonstration.sharp_looks import look_limits
 from upplied.planning.geometry.boxes import spacing
 from upplied.planning.measures.attainable import attainable_beside
-from upplied.planning.visibility.moments import rates
 from upplied.planning.visibility.path_views import Views
-from upplied.planning.visibility.view_quality import shown_well
-from upplied.records import Bools, Cloud, Floats, Ints, Record, SurfaceStates
+from upplied.records import Bools, Floats, Ints, Record, SurfaceStates
 
 _CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
 
@@ -57,29 +55,12 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     attention, like = _target_attention(takes, inspected)
     asked_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
     farthest = asked_m / rule.least_resolution
-    as_well = _shown_well(planned, cloud, farthest, *look_limits(takes, rule))
+    as_well = planned.shown_well(cloud, farthest, *look_limits(takes, rule))
     missed = np.flatnonzero((inspected.need > 0) & ~as_well)
     never = np.zeros(len(cloud), bool)
     camera, airspace = takes[0].inspection.camera, airspace_of(pair, settings)
     never[missed] = ~attainable_beside(missed, cloud, airspace, camera, farthest)
     return Shown(inspected, as_well, never, attention)
-
-
-def _shown_well(
-    planned: Views, cloud: Cloud, farthest_m: Floats, sharp_radps: float, least_cosine: float
-) -> Bools:
-    moving = (planned.stations.positions, *rates(planned.stations))
-    return np.asarray(
-        shown_well(
-            *(np.ascontiguousarray(of) for of in (*moving, cloud.points, cloud.outward)),
-            planned.seen,
-            np.ascontiguousarray(planned.coarseness),
-            farthest_m,
-            least_cosine,
-            sharp_radps,
-        ),
-        bool,
-    )
 
 
 def _target_attention(takes: Sequence[Take], inspected: InspectedSurface) -> tuple[Floats, Ints]:

@@ -14,7 +14,6 @@ from upplied.planning.carry.inspected_surface import InspectedSurface, coverage
 from upplied.planning.geometry.frechet import frechet, frechet_floored, frechet_z
 from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.visibility.path_views import Views
-from upplied.planning.visibility.view_quality import nearest_views
 from upplied.polylines import leg_lengths
 from upplied.records import (
     Bools,
@@ -114,13 +113,7 @@ def peaks(trajectory: Trajectory) -> tuple[float, float]:
 def _view_quality(inspected: InspectedSurface, views: Views) -> tuple[float, float]:
     """Median of nearest view over the demonstration's, and 95th percentile of the least incidence."""
     normals = inspected.cloud.normals
-    near, cosine = nearest_views(
-        np.ascontiguousarray(views.stations.positions),
-        np.ascontiguousarray(inspected.cloud.points),
-        np.zeros((len(inspected.need), 3)) if normals is None else np.ascontiguousarray(normals),
-        views.seen,
-        np.ascontiguousarray(views.coarseness),
-    )
+    near, cosine = views.nearest(inspected.cloud.points, normals)
     used = (inspected.need > 0) & np.isfinite(near)
     if not used.any():
         return float("nan"), float("nan")

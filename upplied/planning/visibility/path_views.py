@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 
 from upplied.config import VisibilitySettings
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.moments import motion_of, rates, sight_to
 from upplied.polylines import cumulated, leg_lengths
 from upplied.poses import angle_between, interpolate
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
@@ -41,6 +43,51 @@ class Views(Record):
     def total(self) -> Bools:
         """(N,) seen from any pose."""
         return np.asarray(self.seen.any(axis=0), bool)
+
+    def nearest(
+        self, points: Floats, normals: Floats | None = None, carry: Floats | None = None
+    ) -> tuple[Floats, Floats]:
+        """Of each point (N, 3) the smallest distance, m, and the largest cosine of the incidence.
+
+        Parameters
+        ----------
+        points : array, shape (N, 3), m
+            What `seen` is of.
+        normals : array, shape (N, 3), optional
+            Without them all cosines are 0.
+        carry : array, shape (3, 3), optional
+            How lines of sight are carried before they are measured.
+
+        Returns
+        -------
+        distance : array, shape (N,), m
+            inf where no pose sees it.
+        cosine : array, shape (N,)
+            -1 where no pose sees it.
+        """
+        carry = np.eye(3) if carry is None else carry
+        normals = np.zeros((len(points), 3)) if normals is None else normals
+        return _nearest(
+            self.stations.positions @ carry.T, points @ carry.T, normals, self.seen, self.coarseness
+        )
+
+    def shown_well(self, cloud: Cloud, farthest_m: Floats, sharp_radps: float, least_cosine: float) -> Bools:
+        """Which samples (N,) some pose sees near, frontally and slowly enough, all at once.
+
+        Parameters
+        ----------
+        cloud : Cloud
+            What `seen` is of, with normals.
+        farthest_m : array, shape (N,), m
+            NaN: not asked for.
+        sharp_radps : float
+            Largest motion of the sample in the picture.
+        least_cosine : float
+            Of the incidence.
+        """
+        moving, points = (self.stations.positions, *rates(self.stations)), (cloud.points, cloud.outward)
+        looks = (*(np.ascontiguousarray(of) for of in (*moving, *points)), self.seen, self.coarseness)
+        return np.asarray(_shown_well(*looks, farthest_m, least_cosine, sharp_radps), bool)
 
 
 def stations(trajectory: Trajectory, most: int = _MOST) -> Trajectory:
@@ -89,3 +136,47 @@ def views(
         asked.positions, asked.quat_xyzw, cloud, camera, settings, scene, fov_deg=asked.fov_deg
     ).seen
     return Views(asked, seen, coarseness(camera, asked.fov_deg))
+
+
+@njit(cache=True)
+def _nearest(
+    positions: Floats, points: Floats, normals: Floats, seen: Bools, coarse: Floats
+) -> tuple[Floats, Floats]:
+    near, frontal = np.full(len(points), np.inf), np.full(len(points), -1.0)
+    for pose in range(len(positions)):
+        for index in range(len(points)):
+            if seen[pose, index]:
+                x = positions[pose, 0] - points[index, 0]
+                y = positions[pose, 1] - points[index, 1]
+                z = positions[pose, 2] - points[index, 2]
+                distance = np.sqrt(x * x + y * y + z * z)
+                near[index] = min(near[index], distance * coarse[pose])
+                facing = x * normals[index, 0] + y * normals[index, 1] + z * normals[index, 2]
+                frontal[index] = max(frontal[index], facing / max(distance, 1e-12))
+    return near, frontal
+
+
+@njit(cache=True)
+def _shown_well(
+    positions: Floats,
+    velocity: Floats,
+    turn: Floats,
+    points: Floats,
+    normals: Floats,
+    seen: Bools,
+    coarse: Floats,
+    farthest_m: Floats,
+    least_cosine: float,
+    sharp_radps: float,
+) -> Bools:
+    shown = np.zeros(len(points), np.bool_)
+    ray = np.empty(3)
+    for pose in range(len(positions)):
+        for index in range(len(points)):
+            if shown[index] or not seen[pose, index]:
+                continue
+            distance, cosine = sight_to(positions[pose], points[index], normals[index], ray)
+            if not distance * coarse[pose] <= farthest_m[index] or cosine < least_cosine:
+                continue
+            shown[index] = motion_of(ray, distance, velocity[pose], turn[pose]) <= sharp_radps
+    return shown
