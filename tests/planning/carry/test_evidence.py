@@ -8,12 +8,13 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from upplied.planning.carry.evidence import Evidence, evidence_of
 from upplied.planning.carry.forecast import (
     CAPS,
     OFFSET,
     WEIGHTS,
+    Evidence,
     Forecast,
+    evidence_of,
     forecast_of,
     in_words,
     probability_of,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from upplied.planning.visibility.moments import rates
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Views
 from upplied.poses import look_at
 from upplied.records import Bools, Cloud, Floats, Trajectory
 

@@ -9,11 +9,9 @@ import numpy as np
 
 from upplied.config import Settings, focal_px
 from upplied.planning.carry.affine import registered_map
-from upplied.planning.demonstration.repetition import Take
-from upplied.planning.demonstration.sharp_looks import look_limits
-from upplied.planning.visibility.dwell import dwell
+from upplied.planning.demonstration.repetition import Take, look_limits
 from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Views, dwell
 from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Record
 
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface
-from upplied.planning.carry.reference import demonstrated_on_target, standing
+from upplied.planning.carry.on_target import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import (
     carried_sight,
     counted,
@@ -24,9 +24,8 @@ from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.measures.fidelity import fidelity
-from upplied.planning.measures.inspected import inspected_measures, shown_of, surface_states
-from upplied.planning.measures.measure import measure
-from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
+from upplied.planning.measures.measure import inspected_measures, measure, shown_of, surface_states
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
 from upplied.poses import yaw_pitch
 from upplied.reconstruction import looks_scanned
