@@ -16,7 +16,7 @@ from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.path_views import TRULY, stations
+from upplied.planning.visibility.observations import TRULY, stations
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.proof.align import align
 from upplied.proof.as_flown import AsFlown, as_flown, looks_of

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from upplied.planning.airspace.clearance import at_least, legs_below
+from upplied.planning.airspace.clearance import legs_below
 from upplied.records import Bools, Floats, Frame, Record, Surroundings
 from upplied.scene import Scene
 
@@ -41,7 +41,7 @@ class Airspace(Record):
     def allowed(self, positions: Floats) -> Bools:
         """Which positions (N, 3) keep every rule."""
         kept = self.in_bounds(positions)
-        kept[kept] = at_least(self.scene, positions[kept], self.clearance_m)
+        kept[kept] = self.scene.distance(positions[kept]) >= self.clearance_m
         return kept
 
     def in_bounds(self, positions: Floats) -> Bools:

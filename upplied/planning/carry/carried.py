@@ -11,9 +11,8 @@ from upplied.config import FIDELITIES, Settings
 from upplied.errors import RefusedError, SettingsError
 from upplied.planning.carry.affine import AxisMap, published_map, registered_map
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by, inspected_surface
-from upplied.planning.carry.planar import at_height, plane_height
+from upplied.planning.carry.on_target import at_height, demonstrated_on_target, plane_height, standing
 from upplied.planning.carry.published import published
-from upplied.planning.carry.reference import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.carry.to_counterparts import follow_counterparts
 from upplied.planning.correspondence.registration import box_on_box

@@ -9,12 +9,9 @@ import numpy as np
 
 from upplied.config import Settings, focal_px
 from upplied.planning.carry.affine import registered_map
-from upplied.planning.demonstration.repetition import Take
-from upplied.planning.demonstration.sharp_looks import look_limits
-from upplied.planning.visibility.dwell import dwell
+from upplied.planning.demonstration.repetition import Take, look_limits
 from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.path_views import Views
-from upplied.planning.visibility.view_quality import nearest
+from upplied.planning.visibility.observations import Views, dwell
 from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Record
 
 
@@ -84,13 +81,7 @@ def inspected_surface(
     paired = meant & (correspondences.target_index >= 0)
     index, number = correspondences.target_index[paired], len(target)
     need: Floats = np.bincount(index, weights=share[paired], minlength=number).astype(float)
-    jacobian = np.eye(3) if carry is None else carry
-    near = nearest(
-        np.ascontiguousarray(demonstrated.stations.positions @ jacobian.T),
-        np.ascontiguousarray((source.points @ jacobian.T).T),
-        demonstrated.seen,
-        np.ascontiguousarray(demonstrated.coarseness),
-    )
+    near, _ = demonstrated.nearest(source.points, carry=carry)
     if near_m is not None:
         near = np.where(np.isfinite(near_m), near_m, near)
     with np.errstate(invalid="ignore"):

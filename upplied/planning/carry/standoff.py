@@ -21,7 +21,6 @@ from upplied.planning.constants import FOVEA, TOLERANCE
 from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
-KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LEAST_M2 = 1e-6  # squared distance, so that nothing is divided by none
 _SEEN = 32  # counterparts that speak for what a viewpoint sees
 
@@ -39,17 +38,6 @@ class Standoff(Record):
     def usual_m(self) -> float:
         """Median over the viewpoints, m; 0 where there are none."""
         return float(np.median(self.wanted_m)) if len(self.wanted_m) else 0.0
-
-    def ratio(self, positions: Floats) -> Floats:
-        """Stand-off over the wanted one, (V,), of a path with the same stations."""
-        ray = self.seen - positions[self.station][:, None]
-        return np.median(np.linalg.norm(ray, axis=2), axis=1) / self.wanted_m
-
-    def share(self, positions: Floats) -> float:
-        """Share of the viewpoints that stand as far off as wanted, within a fifth; 1 where there are none."""
-        if len(self.station) == 0:
-            return 1.0
-        return float(np.mean(np.abs(self.ratio(positions) - 1) <= KEPT))
 
 
 def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bools) -> Floats:

@@ -14,13 +14,13 @@ from scipy.spatial import cKDTree
 from upplied.config import CloudSettings
 from upplied.discs import Discs
 from upplied.planning.constants import FRAGMENT, LEAST_PART, MAJORITY, TOUCH
-from upplied.planning.correspondence.displacement import brought_onto
+from upplied.planning.correspondence.coherent_point_drift import brought_onto
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.label_transfer import connected
 from upplied.planning.correspondence.memo import Memo, content_key
 from upplied.planning.correspondence.partial import as_likely, is_open
 from upplied.planning.geometry.boxes import in_source_frame, spacing
-from upplied.planning.surface.openings import shows_inside
+from upplied.planning.surface.escape import shows_inside
 from upplied.planning.surface.parts import labels_of
 from upplied.records import (
     Bools,

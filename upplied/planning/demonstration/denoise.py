@@ -19,8 +19,7 @@ import numpy as np
 from scipy.ndimage import convolve1d, gaussian_filter1d, minimum_filter1d
 
 from upplied.planning.constants import JITTER_M, SMOOTH_S
-from upplied.planning.demonstration.pauses import pauses
-from upplied.planning.demonstration.stations import axes_of, jitter_m, looking, stations_of
+from upplied.planning.demonstration.stations import axes_of, jitter_m, looking, pauses, stations_of
 from upplied.polylines import interpolated, leg_lengths
 from upplied.poses import fov_at, in_a_row
 from upplied.records import Floats, Ints, Record, Trajectory

@@ -15,7 +15,7 @@ from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.viewpoints import find_viewpoints
 from upplied.planning.surface.skin import Skin, middle_of
 from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
 

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface
-from upplied.planning.carry.reference import demonstrated_on_target, standing
+from upplied.planning.carry.on_target import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import (
-    KEPT,
     carried_sight,
     counted,
     picture_share,
@@ -25,9 +24,8 @@ from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.measures.fidelity import fidelity
-from upplied.planning.measures.inspected import inspected_measures, shown_of, surface_states
-from upplied.planning.measures.measure import measure
-from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
+from upplied.planning.measures.measure import inspected_measures, measure, shown_of, surface_states
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
 from upplied.poses import yaw_pitch
 from upplied.reconstruction import looks_scanned
@@ -42,6 +40,7 @@ from upplied.records import (
 )
 from upplied.scene import Scene
 
+_KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
 _ASKED = 200  # viewpoints, at most, whose stand-off is asked for
 _ALMOST_DEG = 2.0  # beyond a limit, that jitter of the hand explains
@@ -112,7 +111,7 @@ def _standoff_kept(
         )
         ratios.append(_standoff_ratios(take, seen_at, places, settings))
     off = np.abs(np.concatenate(ratios) - 1)
-    return 100 * float(np.mean(off <= KEPT)) if len(off) else float("nan")
+    return 100 * float(np.mean(off <= _KEPT)) if len(off) else float("nan")
 
 
 def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Settings) -> Floats:

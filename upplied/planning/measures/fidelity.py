@@ -11,12 +11,10 @@ from scipy.stats import kendalltau
 from upplied.config import InspectionSettings, Settings, focal_px
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.inspected_surface import InspectedSurface
-from upplied.planning.demonstration.repetition import Take
-from upplied.planning.demonstration.sharp_looks import look_limits, steady_radps
+from upplied.planning.demonstration.repetition import Take, look_limits, steady_radps
 from upplied.planning.geometry.percentile import weighted_percentile
-from upplied.planning.visibility.dwell import Dwell, dwell, widened
 from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Dwell, Views, dwell, widened
 from upplied.polylines import arc_length, interpolated
 from upplied.poses import angle_between
 from upplied.records import Camera, Floats, Ints, Rows, Trajectory

@@ -12,8 +12,8 @@ from dataclasses import fields
 import numpy as np
 
 from upplied.config import FIDELITIES, Settings
-from upplied.planning.airspace.at_target import airspace_of
-from upplied.planning.carry.reference import demonstrated_on_target
+from upplied.planning.airspace.detours import airspace_of
+from upplied.planning.carry.on_target import demonstrated_on_target
 from upplied.planning.correspondence.label_transfer import fragments
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take

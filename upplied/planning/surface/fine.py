@@ -12,11 +12,11 @@ from scipy.spatial import cKDTree
 from upplied.planning.constants import TOUCH
 from upplied.planning.geometry.boxes import spacing
 from upplied.planning.surface.lattice import lattice, spacing_for
-from upplied.planning.surface.poisson import shares, thin
-from upplied.planning.surface.skin import outside_like
+from upplied.planning.surface.skin import normals_like, outside_like
+from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene
-from upplied.vectors import plane_normals, with_normals
+from upplied.vectors import with_normals
 
 FINE = 1500  # samples of what was inspected, and of its counterpart, at least
 _MOST = 4000  # of them and of what is beside them
@@ -127,9 +127,7 @@ def _of_points(
         like = known.query(with_normals(points[chosen], outward, weight))[1]
     else:
         like = like[chosen]
-        outward = plane_normals(points, cKDTree(points).query(points[chosen], k=min(13, len(points)))[1])
-        turned = (outward * cloud.outward[like]).sum(axis=1, keepdims=True) < 0
-        outward = np.where(turned, -outward, outward)
+        outward = normals_like(points, chosen, cloud.outward[like])
     mine = region[like]
     count = np.maximum(np.bincount(like[mine], minlength=len(cloud)), 1)
     area = (cloud.areas / count)[like[mine]]

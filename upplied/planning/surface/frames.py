@@ -27,8 +27,7 @@ from upplied.records import (
     Trajectory,
 )
 from upplied.records.required import RequiredSurface
-from upplied.triangles import triangle_areas
-from upplied.vectors import area_vectors
+from upplied.vectors import area_vectors, triangle_areas
 
 _ROUND = 0.02  # below it walls face all ways alike, or surface reaches as far, and no heading follows
 _SQUARE = 4.0  # weight of walls that mostly face one way and its opposite beside those of four ways

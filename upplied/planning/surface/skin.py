@@ -23,8 +23,7 @@ from upplied.planning.surface.lattice import lattice, spacing_for
 from upplied.planning.surface.parts import mesh_pieces
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 from upplied.scene import Scene
-from upplied.triangles import triangle_areas
-from upplied.vectors import area_vectors, plane_normals, with_normals
+from upplied.vectors import area_vectors, plane_normals, triangle_areas, with_normals
 
 _FINE = 40_000  # samples that are joined
 _REACH = 3.0  # sample spacings: samples this near are asked whether the skin goes on between them
@@ -145,11 +144,14 @@ def _fine_points(structure: Structure, cloud: Cloud, rng: np.random.Generator) -
     chosen = np.sort(rng.permutation(len(points))[:_FINE])
     if structure.normals is not None:
         return points[chosen], structure.normals[chosen], np.full(len(chosen), -1)
-    like = cloud.outward[cKDTree(cloud.points).query(points[chosen])[1]]
-    neighbours = cKDTree(points).query(points[chosen], k=min(13, len(points)))[1]
-    normals = plane_normals(points, neighbours)
-    turned = np.where((normals * like).sum(axis=1, keepdims=True) < 0, -normals, normals)
-    return points[chosen], turned, np.full(len(chosen), -1)
+    like = cKDTree(cloud.points).query(points[chosen])[1]
+    return points[chosen], normals_like(points, chosen, cloud.outward[like]), np.full(len(chosen), -1)
+
+
+def normals_like(points: Floats, chosen: Ints, like: Floats) -> Floats:
+    """Normals (K, 3) of some of the points (N, 3) from their neighbours, turned as others (K, 3) are."""
+    normals = plane_normals(points, cKDTree(points).query(points[chosen], k=min(13, len(points)))[1])
+    return np.where((normals * like).sum(axis=1, keepdims=True) < 0, -normals, normals)
 
 
 def _known_pieces(structure: Structure) -> Ints:
