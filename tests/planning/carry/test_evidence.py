@@ -57,8 +57,8 @@ def evidence(**changes: Any) -> Evidence:
 
 def test_a_structure_speaks_for_itself() -> None:
     found = evidence()
-    assert found.values == pytest.approx([0] * 7 + [0.3], abs=1e-6)
-    assert probability_of(found) > 0.99
+    assert found.values == pytest.approx([0] * 4 + [0.3], abs=1e-6)
+    assert probability_of(found) > 0.95
 
 
 def test_what_has_no_counterpart_is_counted_by_weight_and_area() -> None:
@@ -72,7 +72,7 @@ def test_what_has_no_counterpart_is_counted_by_weight_and_area() -> None:
 
 
 def test_nothing_known_has_all_against_it() -> None:
-    all_against = [1, 1, 1.6, 2, 1, 1, 1, 0.3]
+    all_against = [1, 1, 1, 1, 0.3]
     assert evidence(weight=np.zeros(COUNT)).values.tolist() == all_against
     index = np.full(COUNT, -1)
     index[:15] = np.arange(15)
@@ -91,7 +91,6 @@ def test_counterparts_that_face_another_way_face_away() -> None:
     normals[(GRID[:, 0] >= 2) & (GRID[:, 0] < 4)] = [np.sin(1.0), 0, np.cos(1.0)]  # 57 deg
     found = evidence(target=Cloud(GRID, normals, AREA))
     assert found.facing_away == pytest.approx(0.25)
-    assert found.turned == pytest.approx((1.1 + 1.0) / 4)
 
 
 def test_a_scaling_bends_nothing_and_a_wave_does() -> None:
@@ -102,27 +101,6 @@ def test_a_scaling_bends_nothing_and_a_wave_does() -> None:
     low, high = np.quantile(GRID[REGION > 0], [0.05, 0.95], axis=0)
     size = np.linalg.norm(np.append((high - low)[:2], 0.4))
     assert wavy.bent == pytest.approx(0.2 / size, rel=0.08)
-
-
-def test_patches_stretched_alike_are_even() -> None:
-    assert evidence(points=3 * GRID).uneven == pytest.approx(0, abs=1e-9)
-    bent = GRID.copy()
-    bent[:, 0] = np.where(GRID[:, 0] < 4, GRID[:, 0], 4 + 3 * (GRID[:, 0] - 4))
-    bent[:, 1] = np.where(GRID[:, 0] < 4, GRID[:, 1], 3 * GRID[:, 1])
-    found = evidence(points=bent).uneven  # half of it three times as large: from the lower median 0 or ln 3
-    assert found == pytest.approx(np.log(3) * np.sqrt(0.5), rel=0.12)
-    extreme = GRID.copy()
-    extreme[GRID[:, 0] >= 4] *= 1000.0
-    assert evidence(points=extreme).uneven == pytest.approx(2 * np.sqrt(0.5), rel=0.12)
-
-
-def test_what_leads_elsewhere_on_the_way_back_is_counted() -> None:
-    shuffled = GRID.copy()
-    swapped = (GRID[:, 0] < 2) | ((GRID[:, 0] >= 6) & (GRID[:, 0] < 8))
-    shuffled[GRID[:, 0] < 2, 0] += 6
-    shuffled[(GRID[:, 0] >= 6) & (GRID[:, 0] < 8), 0] -= 6
-    found = evidence(points=shuffled)  # its target samples stay where they are
-    assert found.back == pytest.approx(swapped.sum() / REGION.sum(), abs=0.02)
 
 
 @pytest.mark.parametrize("apart", [0.4, 1.5, 3.0])
@@ -140,27 +118,27 @@ def test_a_surface_that_faces_away_is_apart() -> None:
     size = np.linalg.norm(high - low)
     found = evidence(target=Cloud(GRID, -UP, AREA))
     assert found.gap == pytest.approx((2 * 0.1 * size - STEP) / size, rel=0.08)
-    assert found.facing_away == 1 and found.turned == pytest.approx(np.pi)
+    assert found.facing_away == 1
 
 
 def test_the_probability_is_logistic_and_capped() -> None:
-    found = Evidence(0.1, 0.2, 0.3, 0.4, 0.05, 0.1, 0.02, 0.9)
+    found = Evidence(0.1, 0.2, 0.05, 0.02, 0.9)
     against = sum(weight * value for weight, value in zip(WEIGHTS, found.values, strict=True))
     assert probability_of(found) == pytest.approx(1 / (1 + np.exp(against - OFFSET)))
-    assert probability_of(Evidence(*np.full(8, 99.0))) == probability_of(Evidence(*CAPS)) < 1e-6
-    assert found.values.tolist() == [0.1, 0.2, 0.3, 0.4, 0.05, 0.1, 0.02, 0.9]
+    assert probability_of(Evidence(*np.full(5, 99.0))) == probability_of(Evidence(*CAPS)) < 1e-5
+    assert found.values.tolist() == [0.1, 0.2, 0.05, 0.02, 0.9]
 
 
 def test_the_first_take_speaks() -> None:
     takes = [take(), take(weight=np.zeros(COUNT))]
-    assert forecast_of(takes).probability > 0.99 and forecast_of(takes[::-1]).probability < 0.01
+    assert forecast_of(takes).probability > 0.95 and forecast_of(takes[::-1]).probability < 0.02
 
 
 def test_the_evidence_in_words() -> None:
-    found = Evidence(0.1, 0.2, np.radians(30), np.log(1.5), 0.05, 0.1, 0.02, 0.9)
+    found = Evidence(0.1, 0.2, 0.05, 0.02, 0.9)
     assert in_words(found) == (
-        "90 % of what was inspected has a counterpart, 20 % of that faces another way and all by 30 deg, "
-        "patches are stretched unevenly by 50 %, 5 % of the region's size is left by the best scaling, "
+        "90 % of what was inspected has a counterpart, 20 % of that faces another way, "
+        "5 % of the region's size is left by the best scaling, "
         "the surfaces are 2 % of its size apart; misfit of the wholes 0.90"
     )
     nothing = Evidence(1.0, *found.values[1:])

@@ -1,4 +1,4 @@
-"""What a path costs by where it is and how it turns: clearance, shape, leaving the carried flight, stand-off, turning."""
+"""What a path costs by where it is and how it turns: clearance, shape, leaving, stand-off, turning."""
 
 from __future__ import annotations
 
