@@ -65,16 +65,16 @@ def with_fine(
     points, normals, like, weight = drawn(structure, scene, cloud, region, number, seed)
     if len(points) <= region.sum():
         return cloud, own
-    kept = thin(points, normals, number, float(weight.sum()))
-    fine_area = shares(points, normals, weight, kept)
+    chosen = thin(points, normals, number, float(weight.sum()))
+    fine_area = shares(points, normals, weight, chosen)
     even = np.flatnonzero(~region)
     if cloud.part is not None:  # no part is lost of which no fine sample lies nearest
-        even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[kept]]])))
-    index = np.concatenate([even, like[kept]])
+        even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[chosen]]])))
+    index = np.concatenate([even, like[chosen]])
     return (
         Cloud(
-            np.concatenate([cloud.points[even], points[kept]]),
-            np.concatenate([cloud.outward[even], normals[kept]]),
+            np.concatenate([cloud.points[even], points[chosen]]),
+            np.concatenate([cloud.outward[even], normals[chosen]]),
             np.concatenate([area[even], fine_area]),
             None if cloud.part is None else cloud.part[index],
             open=None if cloud.open is None else cloud.open[index],
@@ -90,20 +90,20 @@ def _on_mesh(
     rng = np.random.default_rng(seed)
     near, tree, reach_m = _near(structure, cloud, region), cKDTree(cloud.points[region]), spacing(cloud)
     wanted, whole = int(_SPARE * number), float(triangle_areas(structure)[near].sum())
-    batch, drawn, found = wanted, 0, []
+    batch, drawn, batches = wanted, 0, []
     for _ in range(_ROUNDS):
         points, triangle = points_on_triangles(structure, batch, rng, near)
         close = np.isfinite(tree.query(points, distance_upper_bound=_CLOSE * reach_m)[0])
         points, triangle = points[close], triangle[close]
         index, outward, like = outside_like(points, triangle, structure, scene, cloud)
         mine = region[like]
-        found.append((points[index[mine]], outward[mine], like[mine]))
+        batches.append((points[index[mine]], outward[mine], like[mine]))
         drawn += batch
-        missing = wanted - sum(len(each[0]) for each in found)
+        missing = wanted - sum(len(each[0]) for each in batches)
         if missing <= wanted / 10:
             break
         batch = int(min(missing * drawn / max(wanted - missing, 1), 8 * wanted))
-    points, outward, like = (np.concatenate(each) for each in zip(*found, strict=True))
+    points, outward, like = (np.concatenate(each) for each in zip(*batches, strict=True))
     return points, outward, like, np.full(len(points), whole / drawn)
 
 

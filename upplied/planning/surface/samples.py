@@ -58,10 +58,13 @@ def _from_triangles(structure: Structure, scene: Scene, settings: CloudSettings)
     drawn, points, normals, triangle = 0, np.empty((0, 3)), np.empty((0, 3)), np.empty(0, np.int64)
     batch, piece = wanted, mesh_pieces(structure)
     for _ in range(3):
-        found = _outside(*points_on_triangles(structure, batch, rng), piece, structure, scene, floor)
+        batch_samples = _outside(*points_on_triangles(structure, batch, rng), piece, structure, scene, floor)
         drawn += batch
-        points, normals = np.concatenate([points, found[0]]), np.concatenate([normals, found[1]])
-        triangle = np.concatenate([triangle, found[2]])
+        points, normals = (
+            np.concatenate([points, batch_samples[0]]),
+            np.concatenate([normals, batch_samples[1]]),
+        )
+        triangle = np.concatenate([triangle, batch_samples[2]])
         missing = wanted - len(points)
         if missing <= wanted / 10:
             break
@@ -105,10 +108,10 @@ def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
 
 
 def _thinned(points: Floats, normals: Floats, area: Floats, piece: Ints, settings: CloudSettings) -> Cloud:
-    kept = thin(points, normals, settings.surface_samples, float(area.sum()))
-    each, area = area, shares(points, normals, area, kept)
+    chosen = thin(points, normals, settings.surface_samples, float(area.sum()))
+    each, area = area, shares(points, normals, area, chosen)
     # By all candidates: a piece is not cut off, or joined, by where some of them were left out.
-    return Cloud(points[kept], normals[kept], area, part_labels(points, each, piece)[kept])
+    return Cloud(points[chosen], normals[chosen], area, part_labels(points, each, piece)[chosen])
 
 
 def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:

@@ -82,12 +82,12 @@ def _sharp_speeds(
     camera, scene = takes[0].inspection.camera, takes[0].pair.target_scene
     rule = settings.inspection
     limit, _ = look_limits(takes, rule)
-    asked = np.flatnonzero(inspected.need > 0)
-    asked = asked[chosen_evenly(len(asked), _SAMPLES)]
-    part = inspected.cloud.at(asked)
+    chosen = np.flatnonzero(inspected.need > 0)
+    chosen = chosen[chosen_evenly(len(chosen), _SAMPLES)]
+    part = inspected.cloud.at(chosen)
     poses, fov_deg = (path.positions, path.quat_xyzw), fov_at(flight, path.t_s)
     seen = visible(*poses, part, camera, settings.visibility, scene, fov_deg=fov_deg).seen
-    farthest_m = inspected.standoff_m[asked] / rule.least_resolution
+    farthest_m = inspected.standoff_m[chosen] / rule.least_resolution
     coarse = coarseness(camera, fov_deg)
     coarse = np.ones(len(path)) if coarse is None else coarse
     angle = moved_in_picture(
