@@ -115,8 +115,8 @@ def _begun(demonstration: Demonstration, source: Structure, target: Structure, s
     sizes = wrong_size(source, target, settings)
     if sizes and settings.verdict.enforce:
         return replace(plan, status="refused", reason="; ".join(sizes))
-    said = () if sizes else odd_size(source, target, settings)
-    return replace(plan, warnings=said, not_flyable="; ".join(sizes))
+    warnings = () if sizes else odd_size(source, target, settings)
+    return replace(plan, warnings=warnings, not_flyable="; ".join(sizes))
 
 
 def _on_pair(
@@ -133,17 +133,17 @@ def _on_pair(
         pair = study(source, target, settings, memo, siblings)
     except RefusedError as refusal:  # a part that was named is ambiguous
         return replace(plan, status="refused", reason=str(refusal)), ()
-    found = pair.fit_for(settings).registration
-    told = pair.surface.told
+    registration = pair.fit_for(settings).registration
+    labelled = pair.surface.told
     plan = replace(
         plan,
-        registration=found,
+        registration=registration,
         counterpart_summary=pair.surface.correspondences.summary,
-        parts_told_by="" if told is None else told.sibling_id,
+        parts_told_by="" if labelled is None else labelled.sibling_id,
     )
     least = settings.registration.least_probability
-    if not found.accepted and least is None:
-        return replace(plan, status="refused", reason=found.reason), ()
+    if not registration.accepted and least is None:
+        return replace(plan, status="refused", reason=registration.reason), ()
     # What did the expert look at, and from which viewpoints? (Algorithm 2, lines 1 to 13)
     takes = takes_of(demonstration, pair, settings, memo)
     plan = replace(plan, inspected=inspected_states(takes[0]))
@@ -157,12 +157,12 @@ def _on_pair(
         measures=Measures(acceptance_probability=likely.probability),
     )
     if least is not None and likely.probability < least:
-        return replace(plan, status="refused", reason=unlikely(likely, least, found)), takes
+        return replace(plan, status="refused", reason=unlikely(likely, least, registration)), takes
     # Which part of the target is it, and how certain is that?
     counterparts = counterparts_of(takes, settings)
     known = replace(plan.measures, counterpart_probability=least_probability(counterparts))
-    said = *plan.warnings, *doubts(counterparts), *missing_of(counterparts)
-    plan = replace(plan, counterparts=counterparts, measures=known, warnings=said)
+    warnings = *plan.warnings, *doubts(counterparts), *missing_of(counterparts)
+    plan = replace(plan, counterparts=counterparts, measures=known, warnings=warnings)
     if unsure := undecided(counterparts, settings):
         return replace(plan, status="refused", reason=unsure), takes
     return plan, takes
@@ -192,13 +192,13 @@ def decided(
     if plan.status != "ok":
         return plan, ()
     inputs = demonstration, source, target, settings, memo
-    found = _on_pair(plan, *inputs)
-    if siblings and _in_doubt(*found):
+    alone = _on_pair(plan, *inputs)
+    if siblings and _in_doubt(*alone):
         # A sibling is asked where the two leave a doubt, and heard where it leaves none.
-        told = _on_pair(plan, *inputs, siblings)
-        if told[0].parts_told_by and told[0].status == "ok" and not doubts(told[0].counterparts):
-            return told
-    return found
+        labelled = _on_pair(plan, *inputs, siblings)
+        if labelled[0].parts_told_by and labelled[0].status == "ok" and not doubts(labelled[0].counterparts):
+            return labelled
+    return alone
 
 
 def _planned(
@@ -230,8 +230,8 @@ def _planned(
         counterpart_probability=plan.measures.counterpart_probability,
     )
     # May it be flown? What falls short is refused, or says so where it is for comparison.
-    found = shortfalls(trajectory, measures, takes, settings)
-    short = "; ".join((*([plan.not_flyable] if plan.not_flyable else []), *found))
+    reasons = shortfalls(trajectory, measures, takes, settings)
+    short = "; ".join((*([plan.not_flyable] if plan.not_flyable else []), *reasons))
     warnings = (*plan.warnings, *warnings, *odd_shape(measures, settings))
     if short and settings.verdict.enforce:
         return replace(plan, status="refused", reason=short, measures=measures, warnings=warnings)

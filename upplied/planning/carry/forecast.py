@@ -78,8 +78,8 @@ def _bent(here: Floats, there: Floats, share: Floats) -> float:
     """Weighted root mean square of what is left by the best map, over the target region's size."""
     root = np.sqrt(share / share.sum())[:, None]
     known = np.column_stack([here - here.mean(axis=0), np.ones(len(here))])
-    found = np.linalg.lstsq(root * known, root * there, rcond=None)[0]
-    off = there - known @ found
+    best = np.linalg.lstsq(root * known, root * there, rcond=None)[0]
+    off = there - known @ best
     return float(np.sqrt(np.average((off**2).sum(axis=1), weights=share)) / _size(there, share))
 
 
@@ -116,36 +116,36 @@ class Forecast(Record):
 
 def forecast_of(takes: Sequence[Take]) -> Forecast:
     """The forecast of a demonstration on its target; of several takes that of the first."""
-    found = evidence_of(takes[0])
-    return Forecast(probability_of(found), in_words(found))
+    evidence = evidence_of(takes[0])
+    return Forecast(probability_of(evidence), in_words(evidence))
 
 
-def probability_of(found: Evidence) -> float:
+def probability_of(evidence: Evidence) -> float:
     """Probability that most of what was inspected can be shown, 0 to 1."""
-    against = float(np.dot(WEIGHTS, np.minimum(found.values, CAPS)))
+    against = float(np.dot(WEIGHTS, np.minimum(evidence.values, CAPS)))
     return float(1 / (1 + np.exp(against - OFFSET)))
 
 
 def unlikely(likely: Forecast, least: float, wholes: Registration) -> str:
     """Why a transfer is refused, in words."""
-    said = (
+    reason = (
         f"what was inspected cannot be shown here: probability {likely.probability:.2f}, "
         f"{least:g} is asked for (registration.least_probability); {likely.evidence}"
     )
-    return said if wholes.accepted else f"{said}; {wholes.reason}"
+    return reason if wholes.accepted else f"{reason}; {wholes.reason}"
 
 
-def in_words(found: Evidence) -> str:
+def in_words(evidence: Evidence) -> str:
     """The evidence as a sentence of figures."""
-    if found.without >= 1:
-        return "nothing of what was inspected has a counterpart" + _whole(found)
+    if evidence.without >= 1:
+        return "nothing of what was inspected has a counterpart" + _whole(evidence)
     return (
-        f"{100 * (1 - found.without):.0f} % of what was inspected has a counterpart"
-        f", {100 * found.facing_away:.0f} % of that faces another way"
-        f", {100 * found.bent:.0f} % of the region's size is left by the best scaling"
-        f", the surfaces are {100 * found.gap:.0f} % of its size apart" + _whole(found)
+        f"{100 * (1 - evidence.without):.0f} % of what was inspected has a counterpart"
+        f", {100 * evidence.facing_away:.0f} % of that faces another way"
+        f", {100 * evidence.bent:.0f} % of the region's size is left by the best scaling"
+        f", the surfaces are {100 * evidence.gap:.0f} % of its size apart" + _whole(evidence)
     )
 
 
-def _whole(found: Evidence) -> str:
-    return f"; misfit of the wholes {found.misfit:.2f}"
+def _whole(evidence: Evidence) -> str:
+    return f"; misfit of the wholes {evidence.misfit:.2f}"

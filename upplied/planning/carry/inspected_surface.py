@@ -105,7 +105,7 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
         *look_limits([take], settings.inspection),
         carry,
     )
-    found = inspected_surface(
+    surface = inspected_surface(
         fit.source,
         fit.target,
         fit.correspondences,
@@ -114,14 +114,16 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
         weight=inspection.attention.weight,
         near_m=looks.carried_m,
     )
-    wanted = found.standoff_m
+    wanted = surface.standoff_m
     if transfer.gsd_m is not None and camera.width_px:
-        wanted = np.where(found.need > 0, transfer.gsd_m * focal_px(camera.width_px, camera.hfov_deg), np.nan)
+        wanted = np.where(
+            surface.need > 0, transfer.gsd_m * focal_px(camera.width_px, camera.hfov_deg), np.nan
+        )
     lowest, highest = _limits(camera, settings)
     widest = float(
         inspection.truly.coarseness.max(initial=1.0)
     )  # where it zooms, distances are of one camera
-    return replace(found, standoff_m=np.clip(wanted, lowest, highest * widest))
+    return replace(surface, standoff_m=np.clip(wanted, lowest, highest * widest))
 
 
 def _limits(camera: Camera, settings: Settings) -> tuple[float, float]:

@@ -37,9 +37,9 @@ def open_parts(take: Attended, flown: Sequence[int], label: Ints) -> list[int]:
     return [part for part in flown if ends[part] > LEAST_PART * whole[part]]
 
 
-def missing_of(found: Sequence[Counterpart]) -> tuple[str, ...]:
+def missing_of(counterparts: Sequence[Counterpart]) -> tuple[str, ...]:
     """What was never scanned of the inspected parts, as warnings."""
-    return tuple(_missing(one) for one in found if one.never_scanned_pct >= _SAID_PCT or one.open)
+    return tuple(_missing(one) for one in counterparts if one.never_scanned_pct >= _SAID_PCT or one.open)
 
 
 def _missing(one: Counterpart) -> str:
@@ -51,7 +51,7 @@ def _missing(one: Counterpart) -> str:
     )
 
 
-def odd_number(take: Attended, part: int, source: Parts, target: Parts, found: set[int]) -> str:
+def odd_number(take: Attended, part: int, source: Parts, target: Parts, like: set[int]) -> str:
     """What is odd about how many parts of a kind there are, in words; empty where nothing is.
 
     Parameters
@@ -61,13 +61,13 @@ def odd_number(take: Attended, part: int, source: Parts, target: Parts, found: s
         Of the source, that was inspected.
     source, target : Parts
         In the axes in which places are named.
-    found : set of int
+    like : set of int
         The target's parts that correspond to it or are like it.
     """
     fit, own = take.pair.surface, side_of(source, part)
     kind = choices_for(source, part, source, [part]).tolist()
     of_kind = [set(fit.correspondences.target_parts(twin).tolist()) for twin in kind]
-    lone = [*(min(each) for each in of_kind if each), *found.difference(*of_kind)]  # a part in pieces is one
+    lone = [*(min(each) for each in of_kind if each), *like.difference(*of_kind)]  # a part in pieces is one
     here, across = on_sides(source, kind, own)
     there, beyond = on_sides(target, lone, own)
     on = take.pair.target.structure_id
@@ -76,7 +76,7 @@ def odd_number(take: Attended, part: int, source: Parts, target: Parts, found: s
             f"of parts like the inspected one {there} lie on its side of {on} and {beyond} on the other: "
             "some were not scanned or are not told apart"
         )
-    label, known = labels_of(fit.registered), sorted(found.union(*of_kind))
+    label, known = labels_of(fit.registered), sorted(like.union(*of_kind))
     if fit.inferred < 0 or fit.carried is None or not known:
         return ""
     explained = np.isin(label, known)

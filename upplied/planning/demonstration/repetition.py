@@ -146,11 +146,11 @@ def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
     fit, structures = pair.surface, (pair.source, pair.target)
     memo = remembering(memo, *(each.sha256 for each in structures))
     facts = [(each.sha256, each.frame.heading_rad) for each in structures]
-    told = () if fit.told is None else (fit.told.sha256,)
+    labelled = () if fit.told is None else (fit.told.sha256,)
     key = content_key(
-        "repeated", *facts, *told, settings.clouds, settings.registration, settings.correspondence
+        "repeated", *facts, *labelled, settings.clouds, settings.registration, settings.correspondence
     )
-    found = memo(
+    match = memo(
         "correspondences",
         Correspondences,
         key,
@@ -165,8 +165,8 @@ def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
             fit.carried if fit.inferred >= 0 else None,
         ),
     )
-    found = without(found, pair.missing, fit.source, fit.target, fit.carried)
-    return replace(pair, surface=replace(fit, correspondences=found))
+    match = without(match, pair.missing, fit.source, fit.target, fit.carried)
+    return replace(pair, surface=replace(fit, correspondences=match))
 
 
 def mirrored(demonstration: Demonstration, source: Structure) -> Demonstration:
@@ -194,8 +194,8 @@ def inspected_states(take: Take) -> SurfaceStates:
 
 def demonstrated_part(take: Attended) -> int:
     """The part of the source that the demonstration is about: the one with most of what was inspected."""
-    found = inspected_parts(take, labels_of(take.pair.surface.source))
-    return found[0][0] if found else 0
+    parts = inspected_parts(take, labels_of(take.pair.surface.source))
+    return parts[0][0] if parts else 0
 
 
 def inspected_parts(take: Attended, label: Ints) -> list[tuple[int, float]]:

@@ -66,10 +66,10 @@ def fidelity(
     flown = [moments(take.inspection.logged, take.inspection.logged_breaks) for take in takes]
     rows = zip(takes, flown, begins_s, strict=True)
     patches = Patches.stacked([_patches(take, own, begin, sharp, cosine) for take, own, begin in rows])
-    found = _smoothness(steps, flown, inspected, steady_radps(takes, rule))
+    figures = _smoothness(steps, flown, inspected, steady_radps(takes, rule))
     if not len(patches.weight):
-        return found
-    return found | _compared(patches, looks, inspected, camera, rule)
+        return figures
+    return figures | _compared(patches, looks, inspected, camera, rule)
 
 
 def _patches(take: Take, flown: Moments, begin_s: float, sharp: float, cosine: float) -> Patches:
@@ -94,7 +94,7 @@ def _compared(
     mine = shown.sides & widened(looks.sides)[at]
     possible = float(weight @ shown.sides.sum(axis=1))
     lasted = shown.held_s > 0
-    kept = np.minimum(held[lasted] / shown.held_s[lasted], 1.0)
+    held_share = np.minimum(held[lasted] / shown.held_s[lasted], 1.0)
     pixel_mm = 1e3 / focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
     both = lasted & (held > 0)
     return {
@@ -102,7 +102,7 @@ def _compared(
         "fidelity_resolution_p05": weighted_percentile(ratio, weight, 5),
         "fidelity_incidence_deg_p95": weighted_percentile(lost, weight, 95),
         "fidelity_looks_kept_pct": _share(float(weight @ mine.sum(axis=1)), possible),
-        "fidelity_dwell_kept_pct": _share(float(weight[lasted] @ kept), float(weight[lasted].sum())),
+        "fidelity_dwell_kept_pct": _share(float(weight[lasted] @ held_share), float(weight[lasted].sum())),
         "fidelity_order": order_kept(shown.time_s[both], looks.time_s[at][both]),
         **_gsd("gsd_demonstrated_mm", shown.near_m * pixel_mm, weight),
         **_gsd("gsd_mm", near * pixel_mm, weight),

@@ -81,16 +81,16 @@ def measure(
     """
     speed, acceleration = peaks(planned)
     axes = np.eye(3) if standing is None else standing
-    found: dict[str, float] = {}
+    quality: dict[str, float] = {}
     if true is not None:
         ratio, incidence = _view_quality(*true)
-        found = {
+        quality = {
             "coverage_seen_pct": coverage(true[0], true[1].total),
             "standoff_ratio_p50": ratio,
             "incidence_p95_deg": incidence,
         }
         if attainable is not None:
-            found["coverage_attainable_pct"] = coverage(true[0], attainable)
+            quality["coverage_attainable_pct"] = coverage(true[0], attainable)
     return Measures(
         coverage_paper_pct=coverage(paper[0], paper[1].total),
         frechet_z=frechet_z(carried @ axes.T, planned.positions @ axes.T, _FRECHET),
@@ -102,7 +102,7 @@ def measure(
         duration_s=float(planned.t_s[-1] - planned.t_s[0]),
         peak_speed_mps=speed,
         peak_acceleration_mps2=acceleration,
-        **found,
+        **quality,
     )
 
 

@@ -62,21 +62,21 @@ def with_fine(
     area = cloud.areas
     number = min(FINE * area[region].sum() / area[meant].sum(), _MOST)
     if len(structure.triangles):
-        points, normals, like, weight, kept = _on_mesh(structure, scene, cloud, region, number)
+        points, normals, like, weight, chosen = _on_mesh(structure, scene, cloud, region, number)
     else:
         points, normals, like, weight = _of_points(structure, scene, cloud, region, int(number), seed)
-        kept = thin(points, normals, int(number), float(weight.sum()))
-    if len(kept) <= region.sum():
+        chosen = thin(points, normals, int(number), float(weight.sum()))
+    if len(chosen) <= region.sum():
         return cloud, own
-    fine_area = shares(points, normals, weight, kept)
+    fine_area = shares(points, normals, weight, chosen)
     even = np.flatnonzero(~region)
     if cloud.part is not None:  # no part is lost of which no fine sample lies nearest
-        even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[kept]]])))
-    index = np.concatenate([even, like[kept]])
+        even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[chosen]]])))
+    index = np.concatenate([even, like[chosen]])
     return (
         Cloud(
-            np.concatenate([cloud.points[even], points[kept]]),
-            np.concatenate([cloud.outward[even], normals[kept]]),
+            np.concatenate([cloud.points[even], points[chosen]]),
+            np.concatenate([cloud.outward[even], normals[chosen]]),
             np.concatenate([area[even], fine_area]),
             None if cloud.part is None else cloud.part[index],
             open=None if cloud.open is None else cloud.open[index],

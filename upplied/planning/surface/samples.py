@@ -103,11 +103,11 @@ def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
     return starts
 
 
-def _standing_for(points: Floats, normals: Floats, area: Floats, piece: Ints, kept: Ints) -> Cloud:
+def _standing_for(points: Floats, normals: Floats, area: Floats, piece: Ints, chosen: Ints) -> Cloud:
     """The kept candidates, which stand for all."""
-    each, area = area, shares(points, normals, area, kept)
+    each, area = area, shares(points, normals, area, chosen)
     # By all candidates: a piece is not cut off, or joined, by where some of them were left out.
-    return Cloud(points[kept], normals[kept], area, part_labels(points, each, piece)[kept])
+    return Cloud(points[chosen], normals[chosen], area, part_labels(points, each, piece)[chosen])
 
 
 def _thinned(points: Floats, normals: Floats, area: Floats, number: int) -> Cloud:

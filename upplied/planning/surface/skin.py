@@ -171,15 +171,15 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     rim: Bools = np.bincount(pairs[~goes_on].reshape(-1), minlength=number) > 0
     pairs, length = pairs[goes_on], length[goes_on]
     depth, place = _from_rim(pairs, length, rim), with_normals(points, normals, TOUCH * spacing)
-    found = np.zeros((len(_NECKS), number), np.int64)
-    for label, neck in zip(found, _NECKS, strict=True):
+    labels = np.zeros((len(_NECKS), number), np.int64)
+    for label, neck in zip(labels, _NECKS, strict=True):
         label[:] = _basins(pairs, depth, neck)
         body = (np.bincount(label)[label] >= FRAGMENT * number) & ~rim
         if not body.any():
-            return np.zeros_like(found)
+            return np.zeros_like(labels)
         label[~body] = label[body][cKDTree(place[body]).query(place[~body])[1]]
         label[:] = np.unique(label, return_inverse=True)[1]
-    return found
+    return labels
 
 
 @njit(cache=True)

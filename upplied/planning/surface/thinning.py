@@ -119,27 +119,27 @@ def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     start, second, distance = _neighbours(points, normals, pairs)
     low, high = 0.0, reach
-    kept = np.ones(len(points), bool)
+    chosen = np.ones(len(points), bool)
     for _ in range(12):
         middle = (low + high) / 2
-        kept = _greedy(start, second, distance, middle)
-        if kept.sum() > number:
+        chosen = _greedy(start, second, distance, middle)
+        if chosen.sum() > number:
             low = middle
         else:
             high = middle
-    return np.flatnonzero(kept)
+    return np.flatnonzero(chosen)
 
 
-def shares(points: Floats, normals: Floats, area: Floats, kept: Ints) -> Floats:
+def shares(points: Floats, normals: Floats, area: Floats, chosen: Ints) -> Floats:
     """The area (K,) of all candidates, each given to the nearest kept sample on its own side."""
-    tree, sides = cKDTree(points[kept]), normals[kept]
+    tree, sides = cKDTree(points[chosen]), normals[chosen]
     choice = tree.query(points)[1]
     # The nearest of all is mostly on the same side.
     asked = np.flatnonzero(~(np.einsum("ni,ni->n", sides[choice], normals) > 0))
-    near = tree.query(points[asked], k=[*range(1, min(8, len(kept)) + 1)])[1]
+    near = tree.query(points[asked], k=[*range(1, min(8, len(chosen)) + 1)])[1]
     facing = np.einsum("nki,ni->nk", sides[near], normals[asked]) > 0
     choice[asked] = near[np.arange(len(asked)), np.argmax(facing, axis=1)]
-    return np.asarray(np.bincount(choice, weights=area, minlength=len(kept)), float)
+    return np.asarray(np.bincount(choice, weights=area, minlength=len(chosen)), float)
 
 
 @njit(cache=True)
@@ -170,10 +170,10 @@ def _neighbours(points: Floats, normals: Floats, pairs: Ints) -> tuple[Ints, Int
 def _greedy(start: Ints, other: Ints, distance: Floats, radius: float) -> np.ndarray:
     """Keep each candidate in turn unless one kept before lies within the radius."""
     number = len(start) - 1
-    kept = np.ones(number, np.bool_)
+    chosen = np.ones(number, np.bool_)
     for index in range(number):
-        if kept[index]:
+        if chosen[index]:
             for pair in range(start[index], start[index + 1]):
                 if distance[pair] < radius:
-                    kept[other[pair]] = False
-    return kept
+                    chosen[other[pair]] = False
+    return chosen

@@ -113,8 +113,8 @@ def seen_by_any(
     in_view(*_poses_and_points(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg), may.T)
     point, pose = np.nonzero(may)
     if counts is not None:
-        kept = counts(pose, point)
-        point, pose = point[kept], pose[kept]
+        counted = counts(pose, point)
+        point, pose = point[counted], pose[counted]
     first = np.searchsorted(point, np.arange(len(cloud) + 1))
     number = np.diff(first)
     seen, tried = np.zeros(len(cloud), bool), np.zeros(len(point), bool)

@@ -110,16 +110,16 @@ class StandoffKept(Record):
 
     def value(self, flown: Flown) -> tuple[float, Flown]:
         """Mean squared excess, and its slope."""
-        asked, slope, nothing = self.standoff, np.zeros_like(flown.positions), np.zeros(len(flown))
-        if len(asked.station) == 0:
+        standoff, slope, nothing = self.standoff, np.zeros_like(flown.positions), np.zeros(len(flown))
+        if len(standoff.station) == 0:
             return 0.0, Flown(slope, nothing, nothing)
-        ray = flown.positions[asked.station][:, None] - asked.seen
+        ray = flown.positions[standoff.station][:, None] - standoff.seen
         distance = np.maximum(np.linalg.norm(ray, axis=2), 1e-9)
-        wanted = asked.wanted_m * self.ratio
+        wanted = standoff.wanted_m * self.ratio
         off = distance.mean(axis=1) / wanted - 1
         excess = np.sign(off) * np.maximum(np.abs(off) - self.tolerance, 0)
         each = (ray / distance[:, :, None]).mean(axis=1) / wanted[:, None]
-        np.add.at(slope, asked.station, (2 / len(off) * excess)[:, None] * each)
+        np.add.at(slope, standoff.station, (2 / len(off) * excess)[:, None] * each)
         return float((excess**2).mean()), Flown(slope, nothing, nothing)
 
 
