@@ -66,7 +66,7 @@ def test_every_source_of_planning_counts(monkeypatch, tmp_path):
         seen.add(found())
     (tmp_path / "planning" / "b.py").write_text("")
     seen.add(found())
-    assert len(seen) == 15
+    assert len(seen) == 13
 
 
 def test_the_libraries_that_results_depend_on_are_named():
