@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from upplied.planning.airspace.rules import Airspace
+from upplied.polylines import chosen_evenly
 from upplied.records import Cloud, Floats, Ints, Record
 from upplied.vectors import across, neighbour_spacing
 
@@ -46,7 +47,8 @@ def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -
     further : array, shape (N, 3), optional
         More places, e.g. of the path itself.
     """
-    points, normals = surface.points[:_SAMPLES], surface.outward[:_SAMPLES]
+    shown = chosen_evenly(len(surface), _SAMPLES)  # what is supposed comes last
+    points, normals = surface.points[shown], surface.outward[shown]
     spacing = max(neighbour_spacing(points), 1e-3) if len(points) > 1 else 1.0  # m
     near = airspace.clearance_m + 0.15 + 0.15 * spacing
     directions = _directions(normals)

@@ -69,6 +69,7 @@ def with_fine(
     if len(chosen) <= region.sum():
         return cloud, own
     fine_area = shares(points, normals, weight, chosen)
+    chosen, fine_area = chosen[fine_area > 0], fine_area[fine_area > 0]
     even = np.flatnonzero(~region)
     if cloud.part is not None:  # no part is lost of which no fine sample lies nearest
         even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[chosen]]])))

@@ -104,10 +104,11 @@ def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
 
 
 def _standing_for(points: Floats, normals: Floats, area: Floats, piece: Ints, chosen: Ints) -> Cloud:
-    """The kept candidates, which stand for all."""
-    each, area = area, shares(points, normals, area, chosen)
+    """The chosen candidates, which stand for all, but those that lie where another one does."""
+    share = shares(points, normals, area, chosen)
+    chosen, share = chosen[share > 0], share[share > 0]
     # By all candidates: a piece is not cut off, or joined, by where some of them were left out.
-    return Cloud(points[chosen], normals[chosen], area, part_labels(points, each, piece)[chosen])
+    return Cloud(points[chosen], normals[chosen], share, part_labels(points, area, piece)[chosen])
 
 
 def _thinned(points: Floats, normals: Floats, area: Floats, number: int) -> Cloud:
