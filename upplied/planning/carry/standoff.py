@@ -93,6 +93,7 @@ class Counted(Record):
     points: Floats  # (K, 3) m, the counterparts
     middle: Floats | None  # (M, 3) m, what corresponds to the middle of each picture; None: all of it counts
     wanted_m: Floats  # (M,) NaN where a camera sees nothing
+    before: Floats | None = None  # (M, 3) m, on the source: what `middle` corresponds to
 
     def distance(self, positions: Floats) -> Floats:
         """Stand-off (M,), m, of cameras there; NaN where one sees nothing."""
@@ -146,9 +147,9 @@ def counted(
     coarse : array, shape (M,), optional
         How coarsely each camera shows beside `camera`, where it zooms.
     """
-    middle = None
+    before = middle = None
     if settings.gsd_m is not None and camera.width_px:
-        middle = _middles(positions, weight, here, there)[1]
+        before, middle = _middles(positions, weight, here, there)
         sampled = settings.gsd_m * focal_px(camera.width_px, camera.hfov_deg)
         wanted = np.where(weight.any(axis=1), sampled / (1.0 if coarse is None else coarse), np.nan)
     elif settings.standoff == "kept":
@@ -161,7 +162,7 @@ def counted(
         1 + TOLERANCE
     )  # so that the middle of the view is in range
     wanted = np.clip(wanted, lowest, max((1 - TOLERANCE) * camera.max_range_m, lowest))
-    return Counted(weight, there, middle, wanted)
+    return Counted(weight, there, middle, wanted, before)
 
 
 def _middles(positions: Floats, weight: Floats, here: Floats, there: Floats) -> tuple[Floats, Floats]:
