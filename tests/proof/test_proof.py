@@ -337,7 +337,7 @@ def graph(plan):
     return roadmap(airspace, SURFACE, plan.positions[::4])
 
 
-@pytest.mark.parametrize("end", [0.6, 0.8])
+@pytest.mark.parametrize("end", [0.5, 0.65])
 def test_the_flight_that_closes_a_gap_shows_it_safely_and_is_short(plan, flown, graph, end):
     shown = looks_of(plan, SURFACE, CAMERA, SCENE).seen
     missing = shown & ~looks_of(at(flown, 0, end * flown.t_s[-1]), SURFACE, CAMERA, SCENE).seen

@@ -140,7 +140,9 @@ class _Search(Record):
     def worth(self, variables: Floats) -> float:
         """Share of the need that is truly seen, less what coming too near and the lasting terms cost."""
         path, near = self.state.flown(variables), self.weights.clearance * self.near(variables)
-        return self.shown(variables) - near - sum(weight * term.value(path)[0] for weight, term in self.lasting)
+        return (
+            self.shown(variables) - near - sum(weight * term.value(path)[0] for weight, term in self.lasting)
+        )
 
     def near(self, variables: Floats) -> float:
         """How much the path lacks of the safety distance, mean square, m^2."""
