@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from prefect import flow
-from prefect.states import State
+from prefect.states import Completed, State
 
 from upplied import fleet
 from upplied.catalog import open_catalog
@@ -36,4 +36,4 @@ def plan_shard(catalog: Location, run_id: str, shard: str, resources: Resources 
     _, missing = fleet.kept(open_catalog(catalog), jobs, run_id)
     with manifest.attempt(catalog, shard, worker):
         result = here(catalog, missing, resources, run_id, worker)
-    return states.of_shard(str(result))
+    return Completed(message=str(result))

@@ -65,16 +65,6 @@ def ingested(summary: str, files: Sequence[dict[str, str]]) -> State:
     return ended(summary, failures, bool(failures) and len(failures) == len(files))
 
 
-def of_shard(summary: str) -> State:
-    """The state of a shard: what failed is a row with its reason, and the run over the fleet tells of it."""
-    return Completed(message=summary)
-
-
-def troubles_of(runs: Sequence[State]) -> list[str]:
-    """What went wrong in runs within this one."""
-    return [run.message or run.name for run in runs if run.name != "Completed"]
-
-
 def ended(summary: str, problems: Sequence[str], all_failed: bool = False) -> State:
     """Completed; completed with failures where there are problems, the first of which are told; or failed."""
     if not problems:

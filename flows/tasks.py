@@ -153,9 +153,9 @@ def worker_of(engine: str) -> str:
 
 
 @task(name="plan-on-pool", task_run_name="{name}", cache_policy=NO_CACHE, retries=1)
-def plan_on_pool(name: str, parameters: dict[str, Any]) -> None:
+def plan_on_pool(name: str, shard: str, given: dict[str, Any]) -> None:
     """Plan one shard on a machine of the work pool; on another one if that is lost."""
-    pool.run_on_pool(name, parameters)
+    pool.run_on_pool(name, {**given, "shard": shard})
 
 
 @materialize(SOMEWHERE, name="publish-reports", task_run_name="publish to {folder}", **STORED)

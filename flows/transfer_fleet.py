@@ -19,7 +19,7 @@ from .ingest_structures import ingest_structures
 from .lineage import asset, making
 from .parameters import Changes, Id, Location, Presets, Resources, wish_of
 from .roots import check_roots
-from .states import ended, planned, told_in_words, troubles_of
+from .states import ended, planned, told_in_words
 
 NO_CHANGES, ALL_CORES = Changes(), Resources()
 BOTH: Presets = ["recommended", "baseline"]
@@ -75,7 +75,7 @@ def transfer_fleet(
         read.append(ingest_demonstrations(logs, catalog, resources.workers, return_state=True))
     plan_request = wish_of(presets, changes, demonstrations, targets, retry_failed, experiment or "")
     kept = open_catalog(catalog)
-    if unread := troubles_of(read):
+    if unread := [run.message or run.name for run in read if run.name != "Completed"]:
         try:
             kept.identity.required()
         except CatalogError as error:  # the first night: why there is no catalog is what was not read

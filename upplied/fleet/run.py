@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import chain, groupby, pairwise, zip_longest
+from operator import attrgetter
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.extras import required
@@ -25,6 +26,7 @@ SHARD_TARGETS = 64  # that a task of an engine plans at most
 SHARDS_EACH = 8  # tasks to a worker where that makes smaller ones, so that all end at about the same time
 
 Shard = tuple[Job, ...]
+_PAIR = attrgetter("source_id", "target_id")
 
 
 @dataclass(frozen=True)
@@ -188,12 +190,8 @@ def _joined(units: Sequence[Shard]) -> Shard:
 
 
 def _by_target(jobs: Sequence[Job]) -> list[Shard]:
-    ordered = sorted(jobs, key=lambda job: (*_pair(job), job.demonstration_id, job.settings.preset, job.key))
-    return [tuple(group) for _, group in groupby(ordered, key=_pair)]
-
-
-def _pair(job: Job) -> tuple[str, str]:
-    return job.source_id, job.target_id
+    ordered = sorted(jobs, key=lambda job: (*_PAIR(job), job.demonstration_id, job.settings.preset, job.key))
+    return [tuple(group) for _, group in groupby(ordered, key=_PAIR)]
 
 
 def shard_name(shard: Shard) -> str:
