@@ -13,7 +13,6 @@ import numpy as np
 
 from upplied.catalog import Catalog
 from upplied.catalog.verbs import required
-from upplied.catalog.verbs.decisions import standing
 from upplied.catalog.verbs.standing import unit_of
 from upplied.checks import check_id
 from upplied.errors import InputError, UppliedError
@@ -187,7 +186,7 @@ class Session:
         return {"told": f"{target.structure_id}: {name} asks for {len(zones)} zone(s)"}
 
     def _last(self) -> str:
-        return standing(self.catalog).last.get(unit_of(self.editing.recipe.row), "")
+        return self.catalog.standing().last.get(unit_of(self.editing.recipe.row), "")
 
     # --- what the answers are made of ----------------------------------------------------------
 

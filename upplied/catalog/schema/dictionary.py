@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from upplied.catalog.schema.columns import MOMENT, REAL, TEXT, TRUTH, WHOLE
+from upplied.catalog.schema.columns import TYPES
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import TABLES
 
@@ -23,7 +23,8 @@ def data_dictionary() -> str:
     return "\n".join(parts).rstrip() + "\n"
 
 
-_TYPES = {TEXT: "text", REAL: "float64", WHOLE: "int64", TRUTH: "bool", MOMENT: "time, UTC, us"}
+_NAMES = {"text": "text", "real": "float64", "whole": "int64", "truth": "bool", "moment": "time, UTC, us"}
+_TYPES = {TYPES[word]: name for word, name in _NAMES.items()}
 
 
 _PREFACE = """\

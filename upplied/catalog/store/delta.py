@@ -31,7 +31,7 @@ from deltalake.transaction import AddAction
 
 from upplied.catalog.schema.columns import BEFORE_SHA256, ROW_SHA256, Table
 from upplied.catalog.schema.migrations import SCHEMA_VERSION, needed, upgraded
-from upplied.catalog.store.chain import is_chained, sealed
+from upplied.catalog.store.chain import sealed
 from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.errors import explained
 from upplied.catalog.store.files import FileStore, sync_path
@@ -285,7 +285,7 @@ class StoredTable(TableLog):
                 numbered = numbered.set_column(
                     numbered.schema.get_field_index(name), field, pa.repeat(stamp, len(rows))
                 )
-            numbered = sealed(numbered, self._chain(delta) if is_chained(self.declared) else None)
+            numbered = sealed(numbered, self._chain(delta) if self.declared.is_chained else None)
             added = self.new_file(numbered)
             about = {"rows": str(len(rows)), STATED: self._unstated(delta.version())}
             said = CommitProperties(about, max_commit_retries=30, app_transactions=[Transaction(_ORDER, now)])
@@ -309,7 +309,7 @@ class StoredTable(TableLog):
     def _chain(self, delta: DeltaTable) -> pa.Table:
         """The rows that the next ones follow: all of each where none has a hash yet."""
         rows = self.rows_of(delta)
-        found = rows.to_table([ROW_SHA256.name, BEFORE_SHA256.name, "commit_version"])
+        found = rows.to_table([ROW_SHA256, BEFORE_SHA256, "commit_version"])
         return found if pc.any(pc.greater(found[0], "")).as_py() else self._complete(rows.to_table())
 
     def _unstated(self, version: int) -> str:

@@ -23,7 +23,6 @@ from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import file_name
 from upplied.catalog.store.opening import in_schema
 from upplied.catalog.store.surfaces import SUPPOSED, SURFACES, Samples, States
-from upplied.catalog.verbs import adding
 from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, checked_bytes, name_of
 from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
 from upplied.catalog.verbs.verification import broken_values
@@ -111,7 +110,7 @@ def import_dataset(
     return {
         "structures": catalog.add_structures(new_structures),
         "demonstrations": catalog.add_demonstrations(new_demonstrations),
-        "transfers": adding.adopt_plans(catalog, plans, steps["waypoints"]),
+        "transfers": catalog.adopt_plans(plans, steps["waypoints"]),
     }
 
 

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 
 from upplied.catalog.schema.plan_rows import is_foreign
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import custody, decisions, ordering
+from upplied.catalog.verbs import custody, ordering
 from upplied.errors import RefusedError
 
 if TYPE_CHECKING:
-    from upplied.catalog.reading import Reading
+    from upplied.catalog.verbs.decisions import Deciding
 
 #: Of a row of `transfers`, what `check_leaves` asks.
 ASKED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
 
 
-def check_leaves(catalog: Reading, row: Row, force: Collection[str] = ()) -> None:
+def check_leaves(catalog: Deciding, row: Row, force: Collection[str] = ()) -> None:
     """Refuse a plan that is for comparison, falls short of its floors, or has been followed by another.
 
     Parameters
@@ -44,7 +44,7 @@ def check_leaves(catalog: Reading, row: Row, force: Collection[str] = ()) -> Non
         found["verdict"] = str(row["not_flyable"])
     if is_foreign(row):
         found["foreign"] = custody.FOREIGN_PLAN[0]
-    now = decisions.standing(catalog)
+    now = catalog.standing()
     state = now.of(row["transfer_id"])
     for wrong in custody.alterations(catalog, [row["transfer_id"]], now).values():
         found["altered"] = wrong

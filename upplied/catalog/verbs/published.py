@@ -30,7 +30,6 @@ from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs import parted
-from upplied.catalog.verbs.decisions import foremost
 from upplied.catalog.verbs.frames import decoded
 from upplied.catalog.verbs.generations import Before, Generation, check, clean, current, switch
 from upplied.catalog.verbs.standing import DERIVED
@@ -113,14 +112,14 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
     before = current(place)
     # Asked before the rows are read: what is published is at least as new as it says.
     versions = {name: -1 if (d := t.delta()) is None else d.version() for name, t in catalog.tables.items()}
-    transfers, demonstrations = foremost(catalog, _OF_PLANS), catalog.demonstrations()
+    transfers, demonstrations = catalog.foremost(_OF_PLANS), catalog.demonstrations()
     frames = {
         "demonstrations": demonstrations,
         "structures": catalog.structures(),
         "flights": catalog.flights(),
         "decisions": catalog.decisions(),
         "overruled": catalog.overruled(),
-        "settings": catalog.said_settings(),
+        "settings": catalog.declared_settings(),
         "requirements": catalog.requirements(),
         "edits": catalog.edits(),
     }

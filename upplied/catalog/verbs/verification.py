@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from upplied.catalog.schema.columns import ROW_SHA256, Column
 from upplied.catalog.schema.plan_rows import settings_text
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.chain import breaks, is_chained
+from upplied.catalog.store.chain import breaks
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.opening import HASHED_KEY
 from upplied.catalog.store.surfaces import SURFACES
@@ -27,7 +27,6 @@ from upplied.catalog.verbs.byte_checks import (
     stored_contents,
 )
 from upplied.catalog.verbs.custody import alterations
-from upplied.catalog.verbs.decisions import standing
 from upplied.catalog.verbs.owned import as_frame, step_faults
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.catalog.verbs.standing import DERIVED
@@ -113,7 +112,7 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
 
 def _not_as_released(catalog: Catalog) -> Iterator[Finding]:
     """Plans in force that are not what was released."""
-    now = standing(catalog)
+    now = catalog.standing()
     plans = [row["transfer_id"] for row in now.in_force.values()]
     for plan, wrong in alterations(catalog, plans, now).items():
         yield Finding(f"plan {plan}, which is in force", wrong)
@@ -121,8 +120,8 @@ def _not_as_released(catalog: Catalog) -> Iterator[Finding]:
 
 def _lost_heads(catalog: Catalog, heads: Collection[str]) -> Iterator[Finding]:
     """Heads that were noted earlier and that no row has."""
-    chained = [table for table in catalog.tables.values() if is_chained(table.declared)] if heads else []
-    known = [sha256 for table in chained for sha256 in table.read(None, [ROW_SHA256.name])[0].to_pylist()]
+    chained = [table for table in catalog.tables.values() if table.declared.is_chained] if heads else []
+    known = [sha256 for table in chained for sha256 in table.read(None, [ROW_SHA256])[0].to_pylist()]
     for head in heads:
         if not any((sha256 or "").startswith(head) for sha256 in known):
             yield Finding(f"head {head}", "no row has this hash: rows were taken away or changed")
@@ -142,7 +141,7 @@ def _changed_rows(table: StoredTable) -> Iterator[Finding]:
             count += len(rows)
             if since.isdigit():
                 late = pc.greater_equal(rows["commit_version"], int(since))
-                lacking = pc.equal(pc.coalesce(rows[ROW_SHA256.name], ""), "")
+                lacking = pc.equal(pc.coalesce(rows[ROW_SHA256], ""), "")
                 bare.extend(rows.filter(pc.and_(late, lacking))[key].to_pylist())
             yield rows
 
