@@ -126,13 +126,13 @@ def test_plans_are_looked_at_some_at_a_time_and_told_of_once(catalog, monkeypatc
     """A row of plans takes kilobytes, and there may be a million."""
     rewrite(catalog, "transfers", lambda rows: rows.assign(status="fine"))
     looked = []
-    broken = verification._broken
+    broken = verification.broken
 
     def noted(column, values):
         looked.append(len(values))
         return broken(column, values)
 
-    monkeypatch.setattr(verification, "_broken", noted)
+    monkeypatch.setattr(verification, "broken", noted)
     monkeypatch.setattr(delta, "_ROW_GROUP", 5)
     found = [str(f) for f in verify(catalog)]
     assert max(looked) == 5 and sum("and 7 more" in f and "'fine' is not" in f for f in found) == 1, found

@@ -12,13 +12,19 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from upplied.catalog.reading import OWNER
-from upplied.catalog.verbs import looks
+from upplied.catalog.schema.plan_rows import is_foreign
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.verbs import custody, looks, ordering
 from upplied.catalog.verbs.decisions import Deciding
-from upplied.catalog.verbs.leaving import ASKED, check_leaves
 from upplied.catalog.verbs.queries import PlannedTrajectory
+from upplied.errors import RefusedError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+#: Of a row of `transfers`, what tells whether it may leave.
+_ASKED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
 
 
 def open_catalog(location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> Catalog:
@@ -58,8 +64,8 @@ class Catalog(Deciding):
         ----------
         transfer_id : str
         force : collection of str
-            Rules that are overruled: ``preset``, ``verdict``, ``rejected``, ``recalled``, ``superseded``
-            (docs/checks.md).
+            Rules that are overruled: ``preset``, ``verdict``, ``foreign``, ``altered``, ``rejected``,
+            ``recalled``, ``superseded`` (docs/checks.md).
 
         Raises
         ------
@@ -70,10 +76,40 @@ class Catalog(Deciding):
             If it is for comparison, falls short of its floors, was rejected or
             recalled, or another took its place.
         """
-        row = self.transfer(transfer_id, [*OWNER, *ASKED])
+        row = self.transfer(transfer_id, [*OWNER, *_ASKED])
         path = self.path_of(row)
-        check_leaves(self, row, force)
+        self._check_leaves(row, force)
         return path
+
+    def _check_leaves(self, row: Row, force: Collection[str]) -> None:
+        """Refuse a plan that is for comparison, falls short of its floors, or has been followed by another.
+
+        The steps of a row are compared with its hash whenever they are read, so they are those that were
+        judged when they were planned: clearance, surroundings, speed and other floors stand in its verdict.
+        """
+        broken = {}
+        if row["preset"] != "recommended":
+            broken["preset"] = f"the plan is of preset {row['preset']}, which is for comparison"
+        if row["not_flyable"]:
+            broken["verdict"] = str(row["not_flyable"])
+        if is_foreign(row):
+            broken["foreign"] = custody.FOREIGN_PLAN[0]
+        now = self.standing()
+        state = now.of(row["transfer_id"])
+        for wrong in custody.alterations(self, [row["transfer_id"]], now).values():
+            broken["altered"] = wrong
+        if state in ("rejected", "recalled", "superseded"):
+            broken[state] = f"the plan is {state}"
+        elif state != "released" and ordering.superseded(self.tables["transfers"], [row]):
+            broken["superseded"] = "a newer plan of this pair and preset took its place"
+        left = {rule: found for rule, found in broken.items() if rule not in force}
+        if left:
+            names = ", ".join(f'"{rule}"' for rule in left)
+            remedy = f"to look at it: plan() or waypoints(); to fly it all the same: force=[{names}]"
+            words = "; ".join(f"{rule}: {found}" for rule, found in left.items())
+            raise RefusedError(
+                f"transfer {row['transfer_id']}", words, "only what may be flown leaves", remedy
+            )
 
     def looks_at(self, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:
         """How each flight round a structure saw the patch nearest to a place (m, structure frame).

@@ -21,7 +21,6 @@ from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.identity import Identity
 from upplied.catalog.store.labels import FaceLabels
 from upplied.catalog.store.looks import StoredLooks
-from upplied.catalog.store.meshes import MeshStore
 from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.steps import StepTable
 from upplied.catalog.store.surfaces import REMEDY, SUPPOSED, SurfaceStore
@@ -51,7 +50,8 @@ class Reading:
             name: (StepTable if name in STEPS else StoredTable)(self.location, table, self.identity)
             for name, table in TABLES.items()
         }
-        self.meshes = MeshStore(self.location)
+        remedy = "delete it and add the structure again"
+        self.meshes = ContentStore(self.location, "meshes", Structure, remedy)
         self.surfaces = SurfaceStore(self.location)
         self.supposed_surfaces = ContentStore(self.location, SUPPOSED, SupposedSurface, REMEDY)
         self.flown_paths = ContentStore(self.location, "flown", Trajectory, "fly the plan again")

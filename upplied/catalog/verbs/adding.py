@@ -40,7 +40,9 @@ class Adding(Reading):
         for structure in structures:
             check_id(structure.structure_id, "structure id")
             check_id(structure.kind, f"kind of {structure.structure_id}")
-            row = rows.structure_row(structure, self.meshes.put(structure))
+            # The mesh without its name: structures may share one.
+            mesh = Structure("", "", structure.vertices, structure.triangles, structure.normals)
+            row = rows.structure_row(structure, self.meshes.put(mesh))
             stored = current.get(structure.structure_id)
             if stored is not None and row["tells_parts"] is None and stored["sha256"] == row["sha256"]:
                 row["tells_parts"] = stored["tells_parts"]

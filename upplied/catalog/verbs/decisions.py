@@ -86,10 +86,11 @@ class Deciding(OwnSettings):
         A plan in force whose demonstration is retired stays.
         """
         read = list(dict.fromkeys([*columns, *ordering.PAIR, "purpose"]))
-        newest, force = self.transfers(columns=read), self.transfers(in_force=True, columns=read)
-        force = force[force["purpose"] == ""]
-        if not len(force):
+        newest = self.transfers(columns=read)
+        if not self.standing().in_force:  # else every plan would be read once more to find none
             return newest
+        force = self.transfers(in_force=True, columns=read)
+        force = force[force["purpose"] == ""]
         pair = pd.MultiIndex.from_frame(newest[ordering.PAIR])
         left = newest[~pair.isin(pd.MultiIndex.from_frame(force[ordering.PAIR]))]
         every = pd.concat([left, force]) if len(left) else force

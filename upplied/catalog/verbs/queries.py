@@ -21,7 +21,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.verbs.frames import When, decoded, frame, moment, until
+from upplied.catalog.verbs.frames import Units, When, decoded, frame, moment, until
 from upplied.catalog.verbs.ordering import NEWEST, SLOT, in_order, retired
 from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_states
 from upplied.errors import CatalogError, SettingsError
@@ -107,7 +107,7 @@ def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
         more = completed(tables["transfers"], found, rest, len(table), which.version)
         found = pd.concat([found.reset_index(drop=True), frame(decoded(more))], axis=1)
     made = found[list(wanted)].reset_index(drop=True)
-    made.attrs["units"] = {c.name: c.unit for c in declared.columns if c.name in made}
+    made.attrs["units"] = Units((c.name, c.unit) for c in declared.columns if c.name in made)
     return made
 
 
