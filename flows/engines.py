@@ -144,7 +144,7 @@ def _handed_out(
         planned.attempted(named, manifest.attempts(catalog, run_id))
     finally:
         manifest.remove_shards(catalog, run_id)
-    planned.result, missing = fleet.kept(catalog, jobs, run_id)
+    planned.result, missing = fleet.known_outcomes(catalog, jobs, run_id)
     if missing:
         planned.result.include(here(str(catalog.location), missing, resources, run_id))
     return planned

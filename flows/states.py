@@ -20,7 +20,7 @@ LAST_WORDS = 3  # of what failed, in a state's message; the artifact has them al
 P = ParamSpec("P")
 
 
-def told_in_words(flow: Callable[P, State]) -> Callable[P, State]:
+def errors_in_words(flow: Callable[P, State]) -> Callable[P, State]:
     """A flow whose errors that a person can mend end it in their own words, not in a traceback."""
 
     @wraps(flow)

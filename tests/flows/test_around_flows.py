@@ -28,7 +28,7 @@ from upplied.flows import engines, pages, pool, states, watch
 from upplied.flows.environment import ROOTS, SETTINGS, environment, home, profile
 from upplied.flows.roots import check_roots
 from upplied.flows.server import ServerError, free_port, offspring, private_server, stop
-from upplied.flows.states import told_in_words
+from upplied.flows.states import errors_in_words
 
 ROOT = Path(__file__).parents[2]
 
@@ -302,7 +302,7 @@ def test_a_flow_that_finds_no_space_or_right_ends_in_words():
     def full() -> None:
         raise OSError(errno.ENOSPC, "No space left on device", "reports/index.html")
 
-    assert told_in_words(full)().message == "reports/index.html: No space left on device"
+    assert errors_in_words(full)().message == "reports/index.html: No space left on device"
 
 
 def test_the_state_of_a_run_names_lost_workers_and_who_did_their_work():

@@ -13,11 +13,11 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from upplied.fleet.admission import Asked
+    from upplied.fleet.admission import RuleOptions
     from upplied.fleet.checking import check_structures
     from upplied.fleet.decisions import Decision, Job, PlanRequest, decide
     from upplied.fleet.ingest import Ingested, ingest_demonstrations, ingest_structures
-    from upplied.fleet.keeping import Result, kept
+    from upplied.fleet.keeping import Result, known_outcomes
     from upplied.fleet.rechecking import Rechecked, recheck
     from upplied.fleet.run import (
         SHARD_TARGETS,
@@ -39,11 +39,11 @@ logging.getLogger("upplied").addHandler(logging.NullHandler())
 # Where each name is, for a type checker above; loaded when first asked for: a process that plans needs
 # neither what reads files nor what draws.
 _NAMES = {
-    "fleet.admission": "Asked",
+    "fleet.admission": "RuleOptions",
     "fleet.checking": "check_structures",
     "fleet.decisions": "Decision Job PlanRequest decide",
     "fleet.ingest": "Ingested ingest_demonstrations ingest_structures",
-    "fleet.keeping": "Result kept",
+    "fleet.keeping": "Result known_outcomes",
     "fleet.rechecking": "Rechecked recheck",
     "fleet.run": "SHARD_TARGETS Resources Run Shard bundles cores plan_here shard_name shards transfer",
     "fleet.workers": "Limits",

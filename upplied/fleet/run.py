@@ -18,7 +18,7 @@ from operator import attrgetter
 from upplied.catalog import Catalog, open_catalog
 from upplied.extras import required
 from upplied.fleet.decisions import Job
-from upplied.fleet.keeping import Keeper, Result, kept
+from upplied.fleet.keeping import Keeper, Result, known_outcomes
 from upplied.fleet.planner import Outcome, plan_job, prepare, this_process, without_path
 from upplied.fleet.workers import JobKilled, Limits, Workers
 
@@ -129,7 +129,7 @@ def plan_here(
     catalog = open_catalog(location)
     keeper = Keeper(catalog, run_id, engine)
     workers = _beside(location, limits or Limits())
-    _, left = kept(catalog, jobs, run_id)
+    _, left = known_outcomes(catalog, jobs, run_id)
     try:
         for job in left:
             keeper.add(attempt(workers, job))

@@ -21,7 +21,7 @@ from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
 from upplied.outputs.along import profile
 from upplied.outputs.display import display_mesh, display_states, nearest_samples, packed, structure_data
 from upplied.outputs.pair_page import path_data
-from upplied.outputs.pairs import number, said_of
+from upplied.outputs.pairs import bound_options, number
 from upplied.outputs.reports import trajectory_of
 from upplied.poses import from_yaw_pitch, optical_axis
 from upplied.proof.asking import Asking
@@ -90,7 +90,7 @@ class Session:
             "demonstration": row["demonstration_id"],
             "target": row["target_id"],
             "kind": self.editing.recipe.target.kind,
-            "state": said_of({str(name): value for name, value in now.items()}),
+            "state": bound_options({str(name): value for name, value in now.items()}),
             "structure": self._structure,
             "camera": {"hfov_deg": camera.hfov_deg, "vfov_deg": camera.vfov_deg},
             "usual_m": self.editing.clearance_m(Asked()),
