@@ -135,8 +135,11 @@ def plan_shard(name: str, run_id: str, shard: int) -> None:
 def plan_elsewhere(name: str, shard: str, given: dict[str, Any]) -> None:
     """Plan one shard in the process that an engine chose."""
     catalog, limits, worker = given["catalog"], fleet.Limits(**given["limits"]), worker_of(given["engine"])
+    jobs = shards.read_shard(
+        catalog, shard
+    )  # before anything is noted: a run that has ended took its shards away
     with shards.attempt(catalog, shard, worker):
-        fleet.plan_here(catalog, shards.read_shard(catalog, shard), given["run_id"], worker, limits)
+        fleet.plan_here(catalog, jobs, given["run_id"], worker, limits)
 
 
 def worker_of(engine: str) -> str:
