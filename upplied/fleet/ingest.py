@@ -21,7 +21,7 @@ import pandas as pd
 from upplied.catalog import Cache, Catalog
 from upplied.config import digest
 from upplied.errors import InputError, UppliedError
-from upplied.fleet.admission import Admission, Asked
+from upplied.fleet.admission import Admission, RuleOptions
 from upplied.fleet.learn import gather, learnt_flight, learnt_structure
 from upplied.fleet.run import cores
 from upplied.fleet.workers import JobKilled, Workers, WorkersBroken
@@ -70,7 +70,7 @@ def ingest_structures(
     workers: int = 0,
     progress: Progress = _silent,
     prune: bool = False,
-    asked: Asked | None = None,
+    asked: RuleOptions | None = None,
 ) -> list[Ingested]:
     """Read the structures of a manifest and keep those that are new or changed.
 
@@ -85,7 +85,7 @@ def ingest_structures(
         Called with what became of each file.
     prune : bool
         Retire structures that the manifest no longer names, and with them their plans; history stays.
-    asked : Asked, optional
+    asked : RuleOptions, optional
         Which rules are overruled, and their bounds.
 
     Raises
@@ -93,7 +93,7 @@ def ingest_structures(
     InputError
         If the manifest itself cannot be read.
     """
-    entries = (asked or Asked()).of(read_manifest(manifest))
+    entries = (asked or RuleOptions()).of(read_manifest(manifest))
     table = catalog.create().structures()
     known = {row.structure_id: (row.sha256, row.site, row.notes) for row in table.itertuples()}
     sizes = dict(zip(table["structure_id"], table[_SIZES].to_numpy(), strict=True))

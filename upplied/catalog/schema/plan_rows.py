@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from upplied.catalog.schema.rows import Row, json_text
 from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
-from upplied.catalog.schema.tables import WAYPOINTS
+from upplied.catalog.schema.tables import TABLES
 from upplied.config import Settings, settings_for
 from upplied.errors import CatalogError
 from upplied.records import Bools, Counterpart, Measures, Plan, Registration, Trajectory
@@ -139,7 +139,7 @@ def waypoint_table(name: str, plan: Plan) -> pa.Table:
         "t_s": np.asarray(path.t_s, float),
         "is_viewpoint": _viewpoint_flags(plan),
     }
-    return step_table(WAYPOINTS, columns, path.positions, path.quat_xyzw, path.fov_deg)
+    return step_table(TABLES["waypoints"], columns, path.positions, path.quat_xyzw, path.fov_deg)
 
 
 def plan_of(row: Row, waypoints: pa.Table) -> Plan:

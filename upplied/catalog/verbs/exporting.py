@@ -21,7 +21,7 @@ from upplied.catalog.store.files import replace_file
 from upplied.catalog.store.surfaces import SUPPOSED, SURFACES
 from upplied.catalog.verbs.dataset_files import describe, new_folder
 from upplied.catalog.verbs.owned import checked_steps
-from upplied.catalog.verbs.plain import write_tables
+from upplied.catalog.verbs.published import write
 from upplied.catalog.verbs.tum import write_splits
 from upplied.errors import CatalogError, InputError
 
@@ -70,16 +70,17 @@ def export_dataset(
     wanted = {*plans["source_id"], *plans["target_id"], *demonstrations["structure_id"]}
     wanted |= {*plans["parts_told_by"].dropna()} - {""}
     structures = _only(catalog.structures(every=True), "structure_id", wanted)
-    counts = write_tables(
-        place,
-        {
-            "structures": iter([_table("structures", structures)]),
-            "demonstrations": iter([_table("demonstrations", demonstrations)]),
-            "poses": checked_steps(catalog, "poses", demonstrations),
-            "transfers": iter([_table("transfers", plans)]),
-            "waypoints": checked_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0]),
-        },
-    )
+    tables = {
+        "structures": iter([_table("structures", structures)]),
+        "demonstrations": iter([_table("demonstrations", demonstrations)]),
+        "poses": checked_steps(catalog, "poses", demonstrations),
+        "transfers": iter([_table("transfers", plans)]),
+        "waypoints": checked_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0]),
+    }
+    try:
+        counts = {name: write(place / f"{name}.parquet", TABLES[name], rows) for name, rows in tables.items()}
+    except OSError as error:
+        raise CatalogError(str(place), f"cannot be written: {error}", "", "free space or rights") from None
     for sha256 in sorted(set(structures["mesh_sha256"])):
         replace_file(place / "meshes" / f"{sha256}.parquet", codec.encode(catalog.meshes.get(sha256)))
     for sha256 in sorted({sha256 for column in SURFACES for sha256 in plans[column]} - {""}):
