@@ -131,9 +131,7 @@ class Assembly:
 
 
 def flatten(
-    source: Source,
-    roots: list[tuple[Node, Floats]],
-    children: Callable[[Node], list[tuple[Node, Floats]]],
+    source: Source, roots: list[tuple[Node, Floats]], children: Callable[[Node], list[tuple[Node, Floats]]]
 ) -> Iterator[tuple[Node, Floats]]:
     """Every node of a tree with its transform (4, 4) to the scene, depth first, in order.
 
