@@ -98,13 +98,16 @@ def add(
 
     options = LogOptions(
         allow=tuple(allow), strict=strict, passport=changed(set_), publisher=publisher,
-        structure_id=structure, points=_points(register), start_s=start, stop_s=stop
+        structure_id=structure, points=_points(register), start_s=start, stop_s=stop,
+        kind=kind, unit_m=unit_m,
     )  # fmt: skip
     with progress("reading flights", len(find_logs(logs))) as advance:
         ingested = fleet.ingest_demonstrations(
             opened(catalog), logs, workers, lambda _: advance(), options=options, dry_run=dry_run
         )
-    code = ingested_report([*ingested, *passed_over(logs)])
+    known = {Path(item.file).resolve() for item in ingested}
+    others = [item for item in passed_over(logs) if Path(item.file).resolve() not in known]
+    code = ingested_report([*ingested, *others])
     stored = [item.name for item in ingested if item.status in ("added", "unchanged")]
     names = [name for name in stored if name in set(opened(catalog).demonstrations()["demonstration_id"])]
     if not code and names:

@@ -159,7 +159,8 @@ def _demonstration(
     # Facts beside the messages: side-car, metadata, options; then the defaults of the kind of file.
     declared, notes = inspection(path, source.metadata, options)
     if not declared.structure_id:
-        remedy = f"write it into {path.with_suffix('.toml').name}, table [inspection], or give --structure"
+        name = "inspection.toml in it" if path.is_dir() else path.with_suffix(".toml").name
+        remedy = f"write it into {name}, table [inspection], or give --structure"
         raise InputError(what, "does not name the structure that was flown", "a structure_id", remedy)
     structure = None if structures is None else structures(declared.structure_id)
     declared = placed(declared, placements.get(declared.structure_id))

@@ -41,7 +41,7 @@ class PassportSettings:
     odd_off_centre_m: float = 1.2  # of 150 right flights none is so by more than 0.2 m with as much certainty
     # Of 200 right flights none drifts by more than 10.7 deg or looks aside by more than 9.4.
     aim_drift_deg: float = 15.0  # by which the camera turns off the nearest surface from end to end
-    aim_off_deg: float = 15.0  # by which it looks aside of it all the time
+    aim_off_deg: float = 11.0  # by which it looks aside of it all the time
     least_motion_fit_pct: float = 60.0  # mean cosine: other axes give 0 or less, recordings 98.6 and more
     least_felt_turn_pct: float = -50.0  # mirrored poses give -100, right ones 100, others neither
     motion_ratio: float = 1.08  # of speeds, either way; public recordings keep within 1.01
@@ -55,7 +55,7 @@ class PassportSettings:
     odd_roll_deg: float = 15.0
     least_pitch_fit_pct: float = -50.0  # correlation of the pitch with the elevation of the surface
     least_pitch_span_deg: float = 1.0  # of a pitch that changes at all
-    most_pitch_want_deg: float = 20.0  # elevation of the nearest surface to which it should have changed
+    most_pitch_want_deg: float = 10.0  # elevation of the nearest surface to which it should have changed
     odd_step_s: float = 2.0  # between poses, but for photos
     odd_year: int = 2100
     clock_ratio: float = 1.1  # of the source's clock and the recorder's, either way
