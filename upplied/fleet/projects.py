@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from os.path import isabs, relpath
 from pathlib import Path
 
 from upplied.errors import UppliedError
@@ -55,7 +56,10 @@ def facts_of(
             projects |= {} if project is None else {str(one.path): project}
     if not projects:
         return found, [], {}
-    surfaces = {project.entry.structure_id: str(project.entry.path) for project in projects.values()}
+    surfaces = {
+        project.entry.structure_id: str(project.entry.path if isabs(name) else relpath(project.entry.path))
+        for name, project in projects.items()
+    }
     ingested = add(Asked(strict=options.strict).of([project.entry for project in projects.values()]))
     words = "structure of a photogrammetry project"
     structures = [replace(one, file=surfaces.get(one.name, one.name), words=words) for one in ingested]

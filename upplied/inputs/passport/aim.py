@@ -33,7 +33,7 @@ class Aim:
     aim_off_deg: float = 0.0  # in the middle
     pitch_fit_pct: float = float("nan")  # correlation of the pitch with the elevation of the nearest surface
     pitch_span_deg: float = float("nan")  # of the pitch, nine tenths of the poses
-    pitch_want_deg: float = 0.0  # elevation of the nearest surface, up or down, 90th percentile
+    pitch_want_deg: float = 0.0  # elevation of the nearest surface, up or down, 75th percentile
 
 
 def aim_of(positions: Floats, quat_xyzw: Floats, scene: Scene) -> Aim:
@@ -59,7 +59,7 @@ def aim_of(positions: Floats, quat_xyzw: Floats, scene: Scene) -> Aim:
     across = near[:, 0] * ahead[:, 1] - near[:, 1] * ahead[:, 0]
     left = np.degrees(np.arctan2(across, (ahead[:, :2] * near[:, :2]).sum(axis=1)))[level]
     line = _line(np.linspace(-0.5, 0.5, len(some))[level], left)
-    return Aim(*line, fit, span, float(np.percentile(np.abs(want), 90)))
+    return Aim(*line, fit, span, float(np.percentile(np.abs(want), 75)))
 
 
 def _line(time: Floats, left: Floats) -> tuple[float, float]:
