@@ -57,12 +57,9 @@ def axes(given: Mapping[str, Any], what: str) -> tuple[str, str]:
     if forward is None and given.get("symmetric"):
         forward = next(axis for axis in AXES if axis[-1] != up[-1])
     if forward is None:
-        raise InputError(
-            what,
-            "has no 'forward'",
-            "the axis of the file that points to the nose, bow, rotor hub or along the structure",
-            "declare it, or symmetric = true where no such direction exists",
-        )
+        found = "has no 'forward'"
+        rule = "the axis of the file that points to the nose, bow, rotor hub or along the structure"
+        raise InputError(what, found, rule, "declare it, or symmetric = true where no such direction exists")
     if forward[-1] == up[-1]:
         raise InputError(what, f"forward {forward!r} and up {up!r} lie on one axis", "two different axes")
     return up, forward
