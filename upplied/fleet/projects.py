@@ -9,7 +9,7 @@ from os.path import isabs, relpath
 from pathlib import Path
 
 from upplied.errors import UppliedError
-from upplied.fleet.admission import Asked
+from upplied.fleet.admission import RuleOptions
 from upplied.fleet.learn import learnt_flight
 from upplied.fleet.reading import Ingested
 from upplied.inputs.manifests import StructureEntry
@@ -60,7 +60,7 @@ def facts_of(
         project.entry.structure_id: str(project.entry.path if isabs(name) else relpath(project.entry.path))
         for name, project in projects.items()
     }
-    ingested = add(Asked(strict=options.strict).of([project.entry for project in projects.values()]))
+    ingested = add(RuleOptions(strict=options.strict).of([project.entry for project in projects.values()]))
     words = "structure of a photogrammetry project"
     structures = [replace(one, file=surfaces.get(one.name, one.name), words=words) for one in ingested]
     roots = {project.folder for project in projects.values()}
