@@ -76,7 +76,6 @@ def test_a_project_becomes_released_missions_of_two_sisters(
     for name, radius, height in (("tower-2", 5.5, 18), ("tower-3", 4.5, 15)):
         tower(radius, height).export(f"{name}.ply")
     Path("sisters.toml").write_text("\n".join(SISTER.format(name=name) for name in ("tower-2", "tower-3")))
-    open_catalog("towers").create()
     (block,) = re.findall(r"```bash\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     commands = [line.split(" #")[0].strip() for line in block.splitlines()]
     each = [command for command in commands if "TRANSFER" in command]
