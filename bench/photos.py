@@ -24,6 +24,7 @@ from upplied.outputs.missions.read_back import read_mission
 from upplied.planning.plan import plan_transfer
 from upplied.records import Placement
 
+_FINE = ("gsd_mm_p50", "gsd_mm_p95", "gsd_demonstrated_mm_p50", "gsd_demonstrated_mm_p95", "gsd_within_pct")
 PLACE = Placement(47.0, 8.0, 400.0, 30.0, "ellipsoid")
 
 
@@ -76,8 +77,7 @@ def main() -> None:
         planned = float(plan.trajectory.t_s[-1])
         cells = [f"{len(before):8d}", f"{np.diff(before).min():8.2f}", f"{count:8d}", f"{min(apart):8.2f}",
                  f"{shown:>8}", f"{planned:8.0f}", f"{flown - planned:8.0f}"]  # fmt: skip
-        cells += [f"{getattr(found, name):8.1f}" for name in (
-            "gsd_mm_p50", "gsd_mm_p95", "gsd_demonstrated_mm_p50", "gsd_demonstrated_mm_p95", "gsd_within_pct")]  # fmt: skip
+        cells += [f"{getattr(found, name):8.1f}" for name in _FINE]
         print(f"{row.published.title:32}{''.join(cells)}{found.blur_px_p99:8.2f}", flush=True)
         worst.append(float(np.mean(np.diff(before) < options.trigger)))
         soonest.append(min(apart))

@@ -16,7 +16,8 @@ ROOT = Path(__file__).parents[1]
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
     "errors", "extras", "records", "config", "checks", "polylines", "vectors", "triangles", "poses", "discs",
-    "cameras", "disc_cells", "reconstruction", "scene", "supposed_scene", "threads", "provenance", "guard",
+    "cameras", "overlap", "photographed", "disc_cells", "reconstruction", "scene", "supposed_scene",
+    "threads", "provenance", "guard",
 }  # fmt: skip
 ALLOWED = {
     "errors": set(),
@@ -24,6 +25,8 @@ ALLOWED = {
     "records": {"errors"},
     "config": {"errors"},
     "cameras": {"errors", "records"},
+    "overlap": {"polylines", "poses", "records", "scene"},
+    "photographed": {"overlap", "poses", "records", "scene"},
     "checks": {"errors", "records", "config"},
     "polylines": {"records"},
     "vectors": {"records"},

@@ -16,10 +16,10 @@ from upplied.outputs.missions import FORMATS, MissionOptions, export, missions_o
 from upplied.outputs.missions.gate import Limits, breaches
 from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.read_back import read_mission
-from upplied.planning.measures.photos import photographed
-from upplied.planning.visibility.overlap import Frames
+from upplied.overlap import Frames
+from upplied.photographed import photographed
 from upplied.poses import look_at
-from upplied.records import Camera, Trajectory
+from upplied.records import Camera, Cloud, Trajectory
 from upplied.scene import scene_of
 
 FLOWN = [name for name in sorted(FORMATS) if name != "mcap"]
@@ -109,7 +109,7 @@ def test_overlap_across_is_measured_and_refused_where_passes_lie_too_far_apart()
     at = np.concatenate([there, back])
     path = Trajectory(np.arange(120) * 0.3, at, look_at(at, at + np.array([0.0, 1, 0])))
     camera, box = Camera(60.0, 45.0, 1.0, 60.0), placed_box()
-    found = photographed(path, camera, scene_of(box), np.empty((0, 3)), 0.7, (0.8, 0.4))
+    found = photographed(path, camera, scene_of(box), Cloud(np.empty((0, 3))), 0.7, (0.8, 0.4))
     height = 2 * 6 * np.tan(np.radians(22.5))
     assert found.across == pytest.approx(1 - 2.5 / height, abs=0.02)  # the passes lie 2.5 m apart
     assert np.median(found.along) == pytest.approx(0.8, abs=0.02)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from upplied.catalog.schema.columns import COMMIT as _COMMIT
 from upplied.catalog.schema.columns import REAL, TRUTH, WHOLE, Column, Table
 from upplied.catalog.schema.columns import identity as _id
+from upplied.records import Photos
 
 _POSE = (
     *(Column(f"{axis}_m", REAL, "m", f"position of the camera, {axis}, structure frame") for axis in "xyz"),
@@ -18,6 +21,19 @@ _ZOOM = (
     Column("hfov_deg", REAL, "deg", "full horizontal field of view, where the camera zooms", low=0, high=360),
     Column("vfov_deg", REAL, "deg", "full vertical field of view, where the camera zooms", low=0, high=180),
 )
+
+#: Of the photos of a plan, `Catalog.photos`.
+PHOTO_COLUMNS = (
+    "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "patches", "gsd_mm", "blur_px", "overlap_pct",
+)  # fmt: skip
+
+
+def photo_columns(photos: Photos) -> dict[str, Any]:
+    """The columns of a plan's photos by name."""
+    poses = (*photos.positions.T, *photos.quat_xyzw.T)
+    shown = (photos.patches, photos.gsd_mm, photos.blur_px, photos.overlap_pct)
+    return dict(zip(PHOTO_COLUMNS, (photos.t_s, *poses, *shown), strict=True))
+
 
 POSES = Table(
     "poses",

@@ -260,6 +260,12 @@ TRANSFERS = Table(
             "hash of what of the target was never scanned, which is supposed/<hash>.parquet; empty: nothing",
         ),
         Column(
+            "photos_sha256",
+            TEXT,
+            "",
+            "hash of its photos, which are photos/<hash>.parquet; empty: its demonstration is a film",
+        ),
+        Column(
             "imported_from",
             TEXT,
             "",

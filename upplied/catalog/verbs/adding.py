@@ -102,6 +102,8 @@ def keep_surface(catalog: Reading, plan: Plan) -> Plan:
         plan = replace(plan, inspected=None, inspected_sha256=put(plan.inspected))
     if plan.supposed is not None:
         plan = replace(plan, supposed=None, supposed_sha256=catalog.supposed_surfaces.put(plan.supposed))
+    if plan.photos is not None:
+        plan = replace(plan, photos=None, photos_sha256=catalog.plan_photos.put(plan.photos))
     return plan
 
 

@@ -61,6 +61,7 @@ def missions_of(
         that is not overruled.
     """
     path, is_viewpoint, surface, name = _inspection(plan, structure)
+    own = isinstance(plan, Plan) and bool(plan.photos or plan.photos_sha256)
     supposed = plan.supposed if isinstance(plan, Plan) else None
     placement = geodesy.placement_of(structure)
     check_altitude(options.altitude, placement, structure.structure_id)
@@ -79,7 +80,7 @@ def missions_of(
     else:
         home = np.array(options.home_m, float)
     camera = camera or Camera()
-    shots = shots_of(name, path, is_viewpoint, airspace.scene, (surface, camera), options)
+    shots = shots_of(name, path, is_viewpoint, airspace.scene, (surface, camera), options, own)
     tolerances = (options.tolerance_m, options.tolerance_deg)
     kept, note, share = thinned(
         shots.path, shots.fixed, tolerances, airspace, (surface, camera), flying.turning, zooms

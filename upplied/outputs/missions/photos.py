@@ -10,9 +10,9 @@ from upplied.cameras import known_camera, least_interval, named_by_drone
 from upplied.errors import RefusedError
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.sorties import SLOWEST_MPS
-from upplied.planning.measures.photos import MARGIN, photographed
+from upplied.photographed import MARGIN, photographed
 from upplied.polylines import cumulated, leg_lengths
-from upplied.records import Bools, Camera, Record, SurfaceStates, Trajectory
+from upplied.records import Bools, Camera, Cloud, Record, SurfaceStates, Trajectory
 from upplied.scene import Scene
 
 _SLOWER_S = 1.0  # from which it is said
@@ -50,6 +50,7 @@ def shots_of(
     scene: Scene,
     seen: tuple[SurfaceStates | None, Camera | None],
     options: MissionOptions,
+    own: bool = False,
 ) -> Shots:
     """Where a mission takes photos, and its path in the times that they need.
 
@@ -65,6 +66,8 @@ def shots_of(
     seen : (SurfaceStates or None, Camera or None)
         What the plan shows, where that is known, and the demonstration's camera.
     options : MissionOptions
+    own : bool
+        Whether the viewpoints are the plan's own photos, which stay where the camera takes them in time.
 
     Raises
     ------
@@ -79,10 +82,18 @@ def shots_of(
     if options.photos == "none":
         return Shots(path, fixed, none, 0.0, nan, nan, ())
     interval, why = interval_of(options, camera)
+    if own and viewpoints is not None and not options.overlap and options.photos == "viewpoints":
+        between = np.diff(path.t_s[viewpoints])
+        if not len(between) or between.min() >= interval * MARGIN - 1e-6:
+            count = int(viewpoints.sum())
+            note = f"{count} photos, those of the plan: the camera takes {interval:g} s for one, {why}"
+            return Shots(path, viewpoints, viewpoints, 0.0, nan, nan, (note,))
     if options.photos == "distance" or viewpoints is None:
         return _by_distance(name, path, fixed, options.photo_distance_m, interval, why)
-    points = np.empty((0, 3)) if states is None else states.points[states.state == 1]
-    found = photographed(path, camera or Camera(), scene, points, interval, options.overlaps)
+    surface = Cloud(np.empty((0, 3)))
+    if states is not None:
+        surface = Cloud(states.points, states.normals).at(states.state == 1)
+    found = photographed(path, camera or Camera(), scene, surface, interval, options.overlaps)
     count = int(found.photo.sum())
     took = np.diff(found.path.t_s[found.photo])
     apart = f", at least {took.min():.1f} s apart" if count > 1 else ""

@@ -30,6 +30,7 @@ class Pictures(Rows):
     cosine: Floats  # (N,) of the incidence
     moved: Floats  # (N,) 1/s: times the focal length in pixels, the speed across the picture
     defocus: Floats  # (N,) times the focal length in pixels, the blur of what is out of focus; 0 unknown
+    pose: Ints  # (N,) step at which it is; -1
     looks: Ints  # (N,) how many looks are as fine as asked, sharp and frontal
 
 
@@ -71,7 +72,7 @@ def pictures(
         *(sharp_radps, least_cosine, camera.hfov_deg <= _FLAT_DEG, asked),
     )
     defocus = _defocus(camera, positions, axes, seen, points, depth, pose)
-    return Pictures(sampled, depth, cosine, moved, defocus, looks)
+    return Pictures(sampled, depth, cosine, moved, defocus, pose, looks)
 
 
 def _defocus(
