@@ -15,14 +15,17 @@ ROOT = Path(__file__).parents[1]
 
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
-    "errors", "extras", "records", "config", "checks", "polylines", "vectors", "poses", "discs",
-    "reconstruction", "scene", "supposed_scene", "threads", "provenance", "guard",
+    "errors", "extras", "records", "config", "checks", "polylines", "vectors", "poses", "discs", "cameras",
+    "overlap", "photographed", "reconstruction", "scene", "supposed_scene", "threads", "provenance", "guard",
 }  # fmt: skip
 ALLOWED = {
     "errors": set(),
     "extras": {"errors"},
     "records": {"errors"},
     "config": {"errors"},
+    "cameras": {"errors", "records"},
+    "overlap": {"polylines", "poses", "records", "scene"},
+    "photographed": {"overlap", "poses", "records", "scene"},
     "checks": {"errors", "records", "config"},
     "polylines": {"records"},
     "vectors": {"records"},

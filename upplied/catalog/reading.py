@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -13,6 +13,7 @@ import pyarrow.dataset as ds
 
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.steps import PHOTO_COLUMNS, photo_columns
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.clock import Clock
@@ -23,14 +24,23 @@ from upplied.catalog.store.labels import FaceLabels
 from upplied.catalog.store.looks import StoredLooks
 from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.steps import StepTable
-from upplied.catalog.store.surfaces import REMEDY, SUPPOSED, SurfaceStore
+from upplied.catalog.store.surfaces import PHOTOS, REMEDY, SUPPOSED, SurfaceStore
 from upplied.catalog.verbs import ordering, queries
 from upplied.catalog.verbs.current import Current
 from upplied.catalog.verbs.frames import When, frame
 from upplied.catalog.verbs.queries import PlannedTrajectory, Which
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
-from upplied.records import Bools, Demonstration, Plan, Structure, SupposedSurface, SurfaceStates, Trajectory
+from upplied.records import (
+    Bools,
+    Demonstration,
+    Photos,
+    Plan,
+    Structure,
+    SupposedSurface,
+    SurfaceStates,
+    Trajectory,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,6 +64,7 @@ class Reading:
         self.meshes = ContentStore(self.location, "meshes", Structure, remedy)
         self.surfaces = SurfaceStore(self.location)
         self.supposed_surfaces = ContentStore(self.location, SUPPOSED, SupposedSurface, REMEDY)
+        self.plan_photos = ContentStore(self.location, PHOTOS, Photos, REMEDY)
         self.flown_paths = ContentStore(self.location, "flown", Trajectory, "fly the plan again")
         self.labels = ContentStore(self.location, "labels", FaceLabels, "require the zones again")
         self.looks = ContentStore(self.location, "looks", StoredLooks, "add the flight again")
@@ -192,6 +203,19 @@ class Reading:
         """What of its source structure the demonstration of a plan was about; None where it was not kept."""
         sha256 = self.transfer(transfer_id, ("inspected_sha256",))["inspected_sha256"]
         return self.surfaces.get(sha256) if sha256 else None
+
+    def photos(self, transfer_id: str) -> pd.DataFrame:
+        """The photos of a plan, one a row in the order of flight; none of a plan from a film.
+
+        Columns ``t_s``, ``x_m`` to ``z_m``, ``qx`` to ``qw`` (camera to structure), ``patches`` that it shows
+        sharply, ``gsd_mm`` and ``blur_px``, medians over these, and ``overlap_pct`` with the one before.
+        """
+        import pandas as pd
+
+        sha256 = self.transfer(transfer_id, ("photos_sha256",))["photos_sha256"]
+        found = self.plan_photos.get(sha256) if sha256 else None
+        columns: dict[str, Any] = {} if found is None else photo_columns(found)
+        return pd.DataFrame(columns, columns=list(PHOTO_COLUMNS))
 
     def supposed(self, transfer_id: str) -> SupposedSurface | None:
         """Surface of a plan's target that nobody scanned, where it is supposed to be; None where none is.

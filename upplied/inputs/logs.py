@@ -48,7 +48,11 @@ __all__ = ["LogOptions", "read_demonstration"]
 
 # Facts that change nothing of a flight, and those that came later and leave the hash of older logs alone.
 _UNHASHED = ("demonstration_id", "allow", "strict", "passport")
-_LATER = ("publisher", "convention", "unit_m", "takeoff_alt_m", "points", "body_T_antenna_position_m")
+_LATER = (
+    "publisher", "convention", "unit_m", "takeoff_alt_m", "points", "body_T_antenna_position_m",
+    "camera_model", "camera_file_format", "camera_width_px", "camera_height_px", "camera_exposure_s", "camera_trigger_s",
+    "camera_focus_m", "camera_focal_mm", "camera_f_number",
+)  # fmt: skip
 _PHOTO_HEAD = 1 << 17  # bytes by which a photo is known: reading all of them would take longer than the rest
 
 FIELDS = {
@@ -204,6 +208,8 @@ def _demonstration(
     first_after, how = breaks(kept, gap_s)
     pacing = [] if flight else pace.words
     notes += [*source.notes, *filter(None, [placing]), *more, *chosen, *cut, *kept.notes, *how, *pacing]
+    if source.stills and not camera.trigger_s and len(kept) > 1:
+        camera = replace(camera, trigger_s=float(np.diff(kept.t_ns).min() * 1e-9))
     passport: Mapping[str, Any] = {}
     if structure is not None:
         of_reader: dict[str, Callable[[LogOptions], object]] = {
@@ -236,6 +242,7 @@ def _demonstration(
         notes="; ".join([*filter(None, [facts.notes]), *notes, *source.losses]),
         passport=passport,
         wind=wind.wind_of(tables, kept, facts.structure_heading_deg),
+        stills=source.stills,
     )
     return demonstration, declared
 

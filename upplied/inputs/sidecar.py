@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from upplied.cameras import FILE_FORMATS, known_cameras
 from upplied.checks import check_id
 from upplied.errors import InputError
 from upplied.inputs.manifest_keys import DATUMS, Parser, array, choice, number, points, text
@@ -80,6 +81,15 @@ class LogOptions:
     camera_max_range_m: float | None = None
     camera_hfov_deg: float | None = None
     camera_vfov_deg: float | None = None
+    camera_model: str = ""  # a name in `cameras.toml`
+    camera_file_format: str = ""  # of its photos: "jpeg" or "raw"
+    camera_width_px: float | None = None
+    camera_height_px: float | None = None
+    camera_exposure_s: float | None = None  # of one picture
+    camera_trigger_s: float | None = None  # least time between two photos
+    camera_focus_m: float | None = None  # nearest distance that is in focus
+    camera_focal_mm: float | None = None
+    camera_f_number: float | None = None
     # Limits of the reader; options only.
     gap_s: float = 0.5  # a longer silence breaks the flight
     max_dropped: float = 0.05  # share of the samples
@@ -119,6 +129,15 @@ _KEYS: dict[str, Parser] = {
     "camera_vfov_deg": number(1, 180),
     "camera_min_range_m": number(0, 10_000),
     "camera_max_range_m": number(0.01, 100_000),
+    "camera_model": choice(tuple(known_cameras())),
+    "camera_file_format": choice(FILE_FORMATS),
+    "camera_width_px": number(16, 100_000),
+    "camera_height_px": number(16, 100_000),
+    "camera_exposure_s": number(1e-6, 1),
+    "camera_trigger_s": number(0.01, 3600),
+    "camera_focus_m": number(0, 1000),
+    "camera_focal_mm": number(0.1, 10_000),
+    "camera_f_number": number(0.5, 100),
     "gap_s": number(1e-3, 3600),
     "max_dropped": number(0, 1),
     "min_duration_s": number(0, 1e6),

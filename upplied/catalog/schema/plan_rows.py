@@ -126,6 +126,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         "surface_sha256": plan.surface_sha256,
         "inspected_sha256": plan.inspected_sha256,
         "supposed_sha256": plan.supposed_sha256,
+        "photos_sha256": plan.photos_sha256,
     }
 
 
@@ -162,6 +163,7 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
         warnings=tuple(json.loads(row["warnings"] or "[]")),
         flyable=bool(row["flyable"]),
         not_flyable=row["not_flyable"] or "",
+        photos_sha256=row["photos_sha256"] or "",
     )
 
 

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 
 from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.tables import TABLES
-from upplied.records import Bools, Floats, Ints
+from upplied.records import Bools, Floats, Ints, Photos
 
 _POSITION = ("x_m", "y_m", "z_m")
 _QUATERNION = ("qx", "qy", "qz", "qw")
@@ -141,3 +141,16 @@ def _starts(rows: pa.Table, names: tuple[str, ...]) -> Ints:
         column = rows[name]
         differs[1:] |= pc.not_equal(column.slice(1), column.slice(0, len(rows) - 1)).to_numpy()
     return np.flatnonzero(differs)
+
+
+#: Of the photos of a plan, `Catalog.photos`.
+PHOTO_COLUMNS = (
+    "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "patches", "gsd_mm", "blur_px", "overlap_pct",
+)  # fmt: skip
+
+
+def photo_columns(photos: Photos) -> dict[str, Any]:
+    """The columns of a plan's photos by name."""
+    poses = (*photos.positions.T, *photos.quat_xyzw.T)
+    shown = (photos.patches, photos.gsd_mm, photos.blur_px, photos.overlap_pct)
+    return dict(zip(PHOTO_COLUMNS, (photos.t_s, *poses, *shown), strict=True))

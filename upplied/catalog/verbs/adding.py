@@ -106,6 +106,8 @@ class Adding(Reading):
             plan = replace(plan, inspected=None, inspected_sha256=put(plan.inspected))
         if plan.supposed is not None:
             plan = replace(plan, supposed=None, supposed_sha256=self.supposed_surfaces.put(plan.supposed))
+        if plan.photos is not None:
+            plan = replace(plan, photos=None, photos_sha256=self.plan_photos.put(plan.photos))
         return plan
 
     def add_flight(self, row: Mapping[str, Any], path: Trajectory) -> int:

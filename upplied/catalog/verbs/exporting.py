@@ -18,7 +18,7 @@ from upplied.catalog.schema import codec
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import file_name
 from upplied.catalog.store.files import replace_file
-from upplied.catalog.store.surfaces import SUPPOSED, SURFACES
+from upplied.catalog.store.surfaces import PHOTOS, SUPPOSED, SURFACES
 from upplied.catalog.verbs.dataset_files import describe, new_folder
 from upplied.catalog.verbs.owned import checked_steps
 from upplied.catalog.verbs.published import write
@@ -91,9 +91,9 @@ def export_dataset(
             path = place / folder / file_name(hashed)
             if not path.exists():
                 replace_file(path, codec.encode(samples.get(hashed) if record is None else record))
-    for sha256 in sorted({*plans["supposed_sha256"]} - {""}):
-        surface = codec.encode(catalog.supposed_surfaces.get(sha256))
-        replace_file(place / SUPPOSED / file_name(sha256), surface)
+    for folder, store in ((SUPPOSED, catalog.supposed_surfaces), (PHOTOS, catalog.plan_photos)):
+        for sha256 in sorted({*plans[f"{folder}_sha256"]} - {""}):
+            replace_file(place / folder / file_name(sha256), codec.encode(store.get(sha256)))
     write_splits(catalog, place, plans.to_dict("records"))
     about = {"name": name, "licence": licence, "attribution": attribution, "rows": counts}
     describe(place, about)

@@ -22,13 +22,13 @@ from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import file_name
 from upplied.catalog.store.opening import in_schema
-from upplied.catalog.store.surfaces import SUPPOSED, SURFACES, Samples, States
+from upplied.catalog.store.surfaces import PHOTOS, SUPPOSED, SURFACES, Samples, States
 from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, checked_bytes, name_of
 from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
 from upplied.catalog.verbs.verification import Values
 from upplied.checks import check_id
 from upplied.errors import CatalogError
-from upplied.records import Demonstration, Measures, Plan, Structure, SupposedSurface
+from upplied.records import Demonstration, Measures, Photos, Plan, Structure, SupposedSurface
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
@@ -108,6 +108,8 @@ def import_dataset(
             row[column] = _surface(catalog, place, listed, row[column])
         if sha256 := row["supposed_sha256"]:
             catalog.supposed_surfaces.put(_kept(place, listed, SUPPOSED, SupposedSurface, sha256))
+        if sha256 := row["photos_sha256"]:
+            catalog.plan_photos.put(_kept(place, listed, PHOTOS, Photos, sha256))
     return {
         "structures": catalog.add_structures(new_structures),
         "demonstrations": catalog.add_demonstrations(new_demonstrations),

@@ -86,9 +86,12 @@ def _drop_surfaces(catalog: Catalog, before: datetime) -> int:
     """Surfaces that stopped planners left; one that is kept again meanwhile counts as young."""
     shown = [("transfers", column) for column in SURFACES]
     supposed = [(table, "supposed_sha256") for table in ("transfers", "decisions")]
-    return _drop_unnamed(catalog, catalog.surfaces.states.files, shown, before) + _drop_unnamed(
-        catalog, catalog.supposed_surfaces.files, supposed, before
+    kept = (
+        (catalog.surfaces.states, shown),
+        (catalog.supposed_surfaces, supposed),
+        (catalog.plan_photos, [("transfers", "photos_sha256")]),
     )
+    return sum(_drop_unnamed(catalog, store.files, columns, before) for store, columns in kept)
 
 
 def _drop_unnamed(

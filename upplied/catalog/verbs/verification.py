@@ -43,7 +43,14 @@ _HELD = {
     "demonstrations": ["demonstration_id", "structure_id", "commit_id", "n_poses", "poses_sha256"],
     "transfers": [
         *("transfer_id", "demonstration_id", "source_id", "target_id", "commit_id", "n_waypoints"),
-        *("waypoints_sha256", "settings_json", "settings_sha256", *SURFACES, "supposed_sha256"),
+        *(
+            "waypoints_sha256",
+            "settings_json",
+            "settings_sha256",
+            *SURFACES,
+            "supposed_sha256",
+            "photos_sha256",
+        ),
     ],
     "flights": ["flight_id", "transfer_id", "flight_sha256", "looks_sha256"],
     "decisions": ["decision_id", "transfer_id", "supposed_sha256"],
@@ -265,6 +272,7 @@ def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, F
         ("meshes", held["structures"], "mesh_sha256"),
         *(("surfaces", held["transfers"], column) for column in SURFACES),
         ("supposed", held["transfers"], "supposed_sha256"),
+        ("photos", held["transfers"], "photos_sha256"),
         ("supposed", held["decisions"].drop_columns("decision_id"), "supposed_sha256"),
         ("flown", held["flights"].drop_columns("flight_id"), "flight_sha256"),
         ("looks", held["flights"].drop_columns("flight_id"), "looks_sha256"),

@@ -11,9 +11,11 @@ import logging
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from upplied.cameras import named_by_exif
 from upplied.inputs.sources.photo_tags import head_of
 from upplied.inputs.sources.source import (
     Fields,
@@ -67,7 +69,17 @@ def read(path: Path, fields: Fields) -> Source:
     t_ns = _times(at["t_ms"], notes)
     order = np.argsort(t_ns, kind="stable")
     at, t_ns = {name: column[order] for name, column in at.items()}, t_ns[order]
-    return Source([*_tables(at, t_ns, notes)], notes=notes, stills=True)
+    return Source([*_tables(at, t_ns, notes)], notes=notes, stills=True, defaults=_lens(at, models[0]))
+
+
+def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:
+    """What EXIF says of camera and lens, as facts: of exposures the longest, which blurs the most."""
+    known = {name: values[np.isfinite(values) & (values > 0)] for name, values in at.items()}
+    longest = {name: known[name].max() for name in ("exposure_s",) if len(known[name])}
+    usual = {name: np.median(known[name]) for name in ("f_number", "focal_mm") if len(known[name])}
+    found = {f"camera_{name}": float(value) for name, value in (longest | usual).items()}
+    name = named_by_exif(model, found.get("camera_focal_mm", 0.0))
+    return found | ({"camera_model": name} if name else {})
 
 
 def _tables(at: dict[str, Floats], t_ns: Ints, notes: list[str]) -> Iterator[Table]:

@@ -19,6 +19,7 @@ from upplied.records import (
     Demonstration,
     Floats,
     Frame,
+    Photos,
     Registration,
     Structure,
     StructureInFrame,
@@ -205,6 +206,14 @@ def supposed_from(frame: Frame, supposed: SupposedSurface | None) -> SupposedSur
         return supposed
     normals, corner = supposed.normals @ frame.turn.T, supposed.corner @ frame.turn.T
     return replace(supposed, points=frame.to_declared(supposed.points), normals=normals, corner=corner)
+
+
+def photos_from(frame: Frame, photos: Photos | None) -> Photos | None:
+    """Photos in the declared frame."""
+    if photos is None or frame is DECLARED:
+        return photos
+    quats = _turned_quats(photos.quat_xyzw, frame.heading_rad)
+    return replace(photos, positions=frame.to_declared(photos.positions), quat_xyzw=quats)
 
 
 def registration_from(here: Frame, there: Frame, registration: Registration | None) -> Registration | None:
