@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from upplied.config import focal_px, settings_for
-from upplied.planning.airspace.rules import airspace_of
+from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.carry.inspected_surface import inspected_by
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, takes_of
