@@ -47,6 +47,7 @@ EXTRA_FILES = {
         "upplied/outputs/camera_pictures.py",
     },
     "plan": {"upplied/scene.py"},
+    "geoid": {"upplied/inputs/schemas/geoid.py"},
     "signing": {"upplied/catalog/verbs/roster.py"},
     "fleet": set(),
     "dask": set(),

@@ -20,7 +20,7 @@ from upplied.inputs.flight.whole import phases
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.passport import conventions
 from upplied.inputs.passport.aim import aim_of
-from upplied.inputs.passport.measured import _named, _off_centre
+from upplied.inputs.passport.measured import _best, _off_centre
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import inside, sight_of
 from upplied.inputs.passport.steadiness import steadiness
@@ -99,9 +99,9 @@ def test_a_rare_mistake_is_named_where_it_fits_clearly_better(monkeypatch, share
 
 def test_where_two_conventions_fit_alike_both_are_named() -> None:
     one, other = (conventions.Fit(conventions.NAMED[name], 0.9) for name in ("mirrored-x", "mirrored-y"))
-    told = _named([one, other])
+    told = _best([one, other])
     assert "(mirrored-y)" in told["other_words"] and "cannot be told" in told["other_advice"]
-    alone = _named([one, replace(other, share=0.8)])
+    alone = _best([one, replace(other, share=0.8)])
     assert "(mirrored-y)" not in alone["other_words"] and "cannot be told" not in alone["other_advice"]
 
 
