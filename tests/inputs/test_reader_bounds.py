@@ -51,14 +51,14 @@ def ring(count: int = 300, radius: float = 2.0, off: float = 0.0) -> Track:
 
 def test_the_aim_is_a_line_only_where_most_of_the_flight_lies_near_it() -> None:
     flown = ring(off=20.0)
-    assert aim_of(flown.positions, flown.quat_xyzw, SCENE).off_deg == pytest.approx(20, abs=3)
+    assert aim_of(flown.positions, flown.quat_xyzw, SCENE).aim_off_deg == pytest.approx(20, abs=3)
     rng = np.random.default_rng(0)
     wild = ring(off=20.0).quat_xyzw.copy()
     some = np.arange(len(wild)) % 20 < 5  # every fourth look goes anywhere between 30 and 70 deg aside
     aside = np.radians(rng.uniform(30, 70, some.sum()) * rng.choice([-1, 1], some.sum()))
     wild[some] = (Rotation.from_rotvec(np.outer(aside, [0, 0, 1])) * Rotation.from_quat(wild[some])).as_quat()
     aim = aim_of(flown.positions, wild, SCENE)
-    assert (aim.off_deg, aim.drift_deg) == (0.0, 0.0)
+    assert (aim.aim_off_deg, aim.aim_drift_deg) == (0.0, 0.0)
 
 
 def test_a_camera_in_the_ground_fits_no_inspection() -> None:
