@@ -65,7 +65,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
             said = f"{status}: {row['target_id']} ({row['preset']}): {why}"
             say(said)
         elif warnings := loads(row["warnings"] or "[]"):
-            say(f"look at: {row['target_id']} ({row['preset']}): {'; '.join(warnings)}")
+            say(f"check: {row['target_id']} ({row['preset']}): {'; '.join(warnings)}")
 
 
 def _cell(row: dict[str, Any], name: str) -> Any:
