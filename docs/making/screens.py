@@ -60,7 +60,7 @@ def main(location: str, wanted: str = "") -> None:
                 page = context.new_page()
                 page.goto(f"http://127.0.0.1:{server.port}/" if name == "sign-in" else server.address(path))
                 page.wait_for_selector("#password" if name == "sign-in" else "h1", timeout=120_000)
-                page.wait_for_timeout(800)
+                page.wait_for_load_state("networkidle")
                 if act is not None:
                     act(page)
                     page.wait_for_timeout(800)

@@ -129,7 +129,7 @@ def diff(
     Parameters
     ----------
     before : str
-        A moment, as 2026-11-21T02:00:00Z, or a version of the table of transfers.
+        A time, as 2026-11-21T02:00:00Z, or a version of the table of transfers.
     after : str
         The same; by default now.
     """
@@ -153,7 +153,7 @@ def transfers(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -
 
 @app.command(name="as-of")
 def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """List the plans as they stood at a moment.
+    """List the plans as they were at a time.
 
     Parameters
     ----------

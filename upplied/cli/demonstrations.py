@@ -141,7 +141,7 @@ def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: Js
     Parameters
     ----------
     demonstration : str
-        Its id.
+        ID of the demonstration.
     """
     from upplied.inputs.passport.passport import findings_of
     from upplied.outputs.passport_page import rows_of
@@ -168,7 +168,7 @@ def retire(*demonstrations: str, catalog: CatalogOption = "catalog") -> int:
     Parameters
     ----------
     demonstrations : str
-        Their ids.
+        IDs of the demonstrations.
     """
     count = opened(catalog).retire_demonstrations(demonstrations)
     console.print(f"{count} retired, {len(demonstrations) - count} were already")

@@ -24,7 +24,7 @@ def run(
     Parameters
     ----------
     parameters : str
-        Of the flow, as NAME=VALUE with the value in JSON.
+        Parameters of the flow, as NAME=VALUE with the value in JSON.
     """
     if not (address := connected(port)):
         return 1
@@ -50,8 +50,8 @@ def notify(
     Parameters
     ----------
     url : str
-        Where to: a webhook (http://...), Slack (https://hooks.slack.com/...), or any address of Apprise's,
-        as mailto://user:password@smtp.example.org?to=ops@example.org. Empty ends it.
+        Address: a webhook (http://...), Slack (https://hooks.slack.com/...), or any Apprise address,
+        as mailto://user:password@smtp.example.org?to=ops@example.org. Empty: no more messages.
     """
     if not connected(port):
         return 1

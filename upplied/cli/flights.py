@@ -71,7 +71,7 @@ def add(
     Parameters
     ----------
     log : Path
-        MCAP, of any family that demonstrations are read from; with its side-car.
+        Any log that demonstrations are read from; with its side-car.
     """
     from upplied.fleet.flight_logs import add_flight_log
     from upplied.fleet.zone_gaps import zones_left_out
@@ -112,7 +112,7 @@ def show_one(flight: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
     Parameters
     ----------
     flight : str
-        ID of the plan, or its beginning.
+        ID of the flight, or its beginning.
     """
     from upplied.fleet.gaps import flight_row
 
@@ -127,7 +127,7 @@ def gap(flight: str, /, *, catalog: CatalogOption = "catalog") -> int:
     Parameters
     ----------
     flight : str
-        ID of the plan, or its beginning.
+        ID of the flight, or its beginning.
     """
     from upplied.fleet.gaps import plan_gap
 
@@ -162,7 +162,7 @@ def history(
     ----------
     structure : str
     x, y, z : float
-        Of the place, m, structure frame.
+        Point in the frame of the structure, m.
     """
     from upplied.cli.catalog import rows_of
 
@@ -201,7 +201,7 @@ def promote(
     Parameters
     ----------
     flight : str
-        ID of the plan, or its beginning.
+        ID of the flight, or its beginning.
     """
     from upplied.fleet.promoting import promote_flight
 

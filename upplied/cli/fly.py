@@ -43,14 +43,14 @@ def fly(
 ) -> int:
     """Simulate a plan and compare; the next report includes it.
 
-    Exit code 1 where the flight comes nearer than the plan was asked to keep.
+    Exit code 1 if the flight comes nearer to the structure than the clearance limit.
 
     Parameters
     ----------
     transfer : str
-        Its id, as `upplied transfer` prints it.
+        ID of the plan, as `upplied transfer` prints it.
     gusts : bool
-        Whether the wind is gusty.
+        Add gusts.
     """
     from upplied.catalog.verbs.recipes import settings_of
     from upplied.fleet.flights import fly_plan

@@ -16,12 +16,12 @@ app = App(name="keys", help="Manage who may release plans, and their signing key
 
 @app.command
 def new(name: str, /, *, catalog: CatalogOption = "catalog") -> int:
-    """Make a key pair; the private half stays on this machine.
+    """Generate a key pair; the private key stays on this machine.
 
     Parameters
     ----------
     name : str
-        Whose it is.
+        Name of the person.
     """
     from upplied.catalog.verbs.roster import key_path, new_key
 

@@ -24,7 +24,7 @@ def recommend(
     Parameters
     ----------
     structure : str
-        Id of the structure to be inspected.
+        ID of the structure to inspect.
     """
     from upplied.recommend.ranking import recommend as rank
 

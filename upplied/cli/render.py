@@ -20,12 +20,12 @@ ViewOption = Annotated[
 
 @app.command
 def structure(id: str, /, *, output: OutputOption, catalog: CatalogOption = "catalog") -> int:
-    """Draw a structure from three sides, with everything that was demonstrated on it.
+    """Draw a structure from three sides, with its demonstrations.
 
     Parameters
     ----------
     id : str
-        Of the structure.
+        ID of the structure.
     """
     from upplied.outputs.render import render_structure
 
@@ -41,7 +41,7 @@ def transfer(
     Parameters
     ----------
     id : str
-        Of the transfer, as `upplied transfer` prints it.
+        ID of the plan, as `upplied transfer` prints it.
     """
     from upplied.outputs.render import render_transfer
 
@@ -64,9 +64,9 @@ def comparison(
     Parameters
     ----------
     demonstration : str
-        Its id.
+        ID of the demonstration.
     target : str
-        Id of the structure it was carried to.
+        ID of the target structure.
     """
     from upplied.outputs.render import render_comparison
 

@@ -143,9 +143,9 @@ def list_in_force(
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """List the plans in force.
+    """List the released plans.
 
-    Exit code 1 where one was recalled and none is in force in its place, or one is not what was released.
+    Exit code 1 if a plan was recalled and not replaced, or if a stored plan differs from what was released.
     """
     from upplied.cli.catalog import rows_of
 

@@ -19,7 +19,7 @@ def write(folder: Path = Path("samples")) -> int:
     Parameters
     ----------
     folder : Path
-        Where to; created when missing.
+        Folder to write; created when missing.
     """
     from upplied.outputs.sample_fleet import FILES, write_sample_fleet
 

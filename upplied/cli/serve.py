@@ -52,7 +52,7 @@ def serve(*, port: PortOption = 4200, root: RootOption = (), only: PartOption = 
 
 @deploying.default
 def deploy(*, port: PortOption = 4200) -> int:
-    """Apply prefect.yaml, this folder's or the one that came with the program, to the server."""
+    """Apply the prefect.yaml of this folder, or the program's own, to the server."""
     flows_wanted()
     from upplied.flows import environment, serve
     from upplied.flows.server import ServerError, answers

@@ -28,10 +28,10 @@ def say(
     Parameters
     ----------
     owner : str
-        A structure, or with --kind a kind.
+        ID of a structure, or a kind with --kind.
     values : str
         As STAGE.NAME=VALUE: route.clearance_m=3, transfer.standoff=kept, transfer.gsd_m=0.002; without a
-        value it is taken back, and inherited again. preset=recommended is the one preset that is flown.
+        value the parameter is inherited again. preset=recommended is the only preset that is flown.
     """
     from upplied.cli.transfer import changes
     from upplied.errors import SettingsError
@@ -70,7 +70,7 @@ def settings(
     Parameters
     ----------
     structure : str
-        Its id.
+        ID of the structure.
     """
     found = opened(catalog).settings_of(structure)
     if not (every or json):

@@ -90,7 +90,7 @@ def show_(structure: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
     Parameters
     ----------
     structure : str
-        Its id.
+        ID of the structure.
     """
     from dataclasses import asdict
 

@@ -86,9 +86,9 @@ def transfer(
     Parameters
     ----------
     demonstration : str
-        Its id in the catalog; none with --best.
+        ID of the demonstration; omit it with --best.
     to : tuple of str
-        Ids of the targets; none: every other structure of the kind.
+        IDs of the targets; by default every other structure of the kind.
     """
     from upplied import fleet
     from upplied.cli.reproduce import reproduce as made_again

@@ -35,11 +35,11 @@ def require(
     Parameters
     ----------
     owner : str
-        A structure, or with --kind a kind.
+        ID of a structure, or a kind with --kind.
     file : Path
-        TOML: `name`, and a `[[zone]]` each with `zone`, `where`, and what is asked: `looks`, `gsd_mm`,
-        `incidence_deg`, `max_age_days`. Instead of `where` it may have a `label` of the faces that the
-        file `labels` beside the name labels. Without a zone the set is taken back.
+        TOML: `name`, and a `[[zone]]` each with `zone`, `where` and requirements: `looks`, `gsd_mm`,
+        `incidence_deg`, `max_age_days`. Instead of `where` a zone may name a `label` of the faces
+        that the file `labels` labels. A set without zones is withdrawn.
     """
     import tomllib
 
@@ -114,9 +114,9 @@ def zones(
     Parameters
     ----------
     structure : str
-        Its id.
+        ID of the structure.
     mesh : Path
-        Write its mesh there as it is kept (PLY), whose faces a file of labels labels.
+        Save the structure's mesh as PLY, for labelling faces.
     """
     if mesh is not None:
         return _mesh(opened(catalog), structure, mesh)

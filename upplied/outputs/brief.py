@@ -88,7 +88,7 @@ def brief_html(
 
 def _verdict(overruled: Sequence[str]) -> str:
     if not overruled:
-        return '<p class="verdict go">Passed every rule of the gate, from take-off to landing.</p>'
+        return '<p class="verdict go">All safety checks passed, take-off to landing.</p>'
     listed = "".join(f"<li>{_text(note)}</li>" for note in overruled)
     draft = all(note.startswith(DRAFT) for note in overruled)
     words = "This plan is a draft and is not released" if draft else "Safety rules were overruled"

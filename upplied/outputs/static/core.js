@@ -81,9 +81,10 @@ upplied.facts = (pairs) => upplied.element("dl", {}, pairs.filter(([, value]) =>
 // table(caption, ["Column", ...], [[cell, ...], ...]): cells are text or elements; the first of a row is its head.
 upplied.table = function (caption, columns, rows) {
   const { element } = upplied;
+  const kind = (at) => (rows.length && rows.every((cells) => typeof cells[at] === "string" && /^[-–\d]*[\d–]/.test(cells[at])) ? "number" : "text");
   return element("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": caption }, element("table", { class: "figures" },
-    element("thead", {}, element("tr", {}, columns.map((name) => element("th", { scope: "col" }, name)))),
-    element("tbody", {}, rows.map((cells) => element("tr", {}, cells.map((cell, at) => element(at ? "td" : "th", at ? {} : { scope: "row" }, cell)))))));
+    element("thead", {}, element("tr", {}, columns.map((name, at) => element("th", { scope: "col", class: kind(at) }, name)))),
+    element("tbody", {}, rows.map((cells) => element("tr", {}, cells.map((cell, at) => element(at ? "td" : "th", { scope: at ? null : "row", class: kind(at) }, cell)))))));
 };
 
 // tabs([[name, panel, opened], ...]): `opened` runs once, when its panel is first shown.

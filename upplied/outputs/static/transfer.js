@@ -225,8 +225,8 @@
     ]);
     const rows = RESEARCH.filter(([key]) => columns.some(({ values }) => Number.isFinite(values[key])));
     return element("section", {}, element("h2", {}, "All measures"), upplied.table("All measures",
-      ["Measure", ...columns.map(({ name, colour }) => [line(colour || "#888888"), name])],
-      [["Status", ...columns.map(({ status }) => status)], ...rows.map(([key, label, digits, unit, help]) => [element("span", { title: help || null }, label), ...columns.map(({ values }) => format(values[key], digits, unit))])]));
+      ["Measure", ...columns.map(({ name, colour, status }) => [line(colour || "#888888"), name + " ", status])],
+      [...rows.map(([key, label, digits, unit, help]) => [element("span", { title: help || null }, label), ...columns.map(({ values }) => format(values[key], digits, unit))])]));
   }
 
   function figures(plan) {
