@@ -58,12 +58,13 @@ def test_no_page_has_a_serious_fault(server, browser, screen):
     faults: list[str] = []
     for name, (path, ready, clicks) in PAGES.items():
         page = context.new_page()
+        page.set_default_timeout(400_000)
         page.goto(f"http://127.0.0.1:{server.port}/" if name == "login" else server.address(path))
-        page.wait_for_selector(ready, timeout=240_000)
+        page.wait_for_selector(ready)
         for control in clicks:
             page.click(control)
             if control == "#tab-quality":
-                page.wait_for_selector("#app[data-drawn=true]", timeout=240_000)
+                page.wait_for_selector("#app[data-drawn=true]")
         page.evaluate(AXE.read_text(encoding="utf-8"))
         found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
         for fault in found:

@@ -232,7 +232,8 @@ class Session:
         zones = [] if before.empty else json.loads(before.iloc[-1]["zones_json"])
         zones = [each for each in zones if each["zone"] != zone.get("zone")] + [dict(zone)]
         self.catalog.require("structure", target.structure_id, name, zones, by, note)
-        self.__dict__.pop("_asking", None)
+        for name in ("_asking", "_required"):
+            self.__dict__.pop(name, None)
         count = f"{len(zones)} zone{'s' if len(zones) > 1 else ''}"
         return {"message": f"Set {name} of {target.structure_id} now requires {count}."}
 
@@ -256,6 +257,8 @@ class Session:
         return answer | {name: round(value, 3) for name, value in took.items()}
 
     def _judged_zones(self, plan: Any) -> list[dict[str, Any]]:
+        if not self._required:
+            return []
         return list(self._asking.judged(self._asking.planned(plan, self._asking.camera)))
 
     def _shown(self, judged: JudgedEdit, edit: Edit, asked: Asked, base: Base) -> dict[str, Any]:
@@ -322,9 +325,14 @@ class Session:
         return {"id": row["transfer_id"], "path": path_data(profile(path, self.editing.scene), self._origin)}
 
     @cached_property
+    def _required(self) -> list[dict[str, Any]]:
+        """The zones that are required of the structure."""
+        target = self.editing.target
+        return list(required.zones_of(self.catalog, target.kind, target.structure_id))
+
+    @cached_property
     def _asking(self) -> Asking:
         camera = self.editing.recipe.demonstration.camera
         target, supposed = self.editing.target, self.editing.kept.plan.supposed
-        asked = required.zones_of(self.catalog, target.kind, target.structure_id)
-        known = supposed, camera, asked, self.catalog.faces_labelled
+        known = supposed, camera, self._required, self.catalog.faces_labelled
         return Asking(self.catalog.structure, self.catalog.cache, target, *known)
