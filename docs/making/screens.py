@@ -58,8 +58,9 @@ def main(location: str, wanted: str = "") -> None:
                 if wanted and name not in wanted.split(","):
                     continue
                 page = context.new_page()
+                page.set_default_timeout(400_000)
                 page.goto(f"http://127.0.0.1:{server.port}/" if name == "sign-in" else server.address(path))
-                page.wait_for_selector("#password" if name == "sign-in" else "h1", timeout=120_000)
+                page.wait_for_selector("#password" if name == "sign-in" else "h1")
                 page.wait_for_load_state("networkidle")
                 if act is not None:
                     act(page)
@@ -73,7 +74,7 @@ def main(location: str, wanted: str = "") -> None:
 def quality(page: Any) -> None:
     """The tab with the 3-D views."""
     page.click("#tab-quality")
-    page.wait_for_selector("#app[data-drawn=true]", timeout=120_000)
+    page.wait_for_selector("#app[data-drawn=true]")
 
 
 def preview(page: Any) -> None:
@@ -89,7 +90,7 @@ def preview(page: Any) -> None:
 
 def opened(page: Any) -> None:
     """The studio once its plan is drawn."""
-    page.wait_for_selector("#app[data-ready=true]", timeout=240_000)
+    page.wait_for_selector("#app[data-ready=true]")
 
 
 def save(page: Any, path: Path, high: int) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from upplied.cli.export import Flags, Format
-from upplied.cli.terminal import CatalogOption, beside, hint, opened, say
+from upplied.cli.terminal import CatalogOption, beside, errors, hint, opened, say
 
 app = App(name="brief", help="Write the pilot's brief: map, heights, flights, verdict.")
 
@@ -36,7 +36,8 @@ def brief(
 
     options = MissionOptions(**asdict(flags or Flags()))
     store = opened(catalog)
-    made = brief_transfer(store, store.find_transfer(transfer), to, beside(output), options)
+    with errors.status("writing the brief"):
+        made = brief_transfer(store, store.find_transfer(transfer), to, beside(output), options)
     say(made)
     hint("Next: open it in a browser and print it, as PDF or on paper")
     return 0

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, console, opened, say, show
+from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, opened, say, show
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -182,7 +182,8 @@ def verify(
     from upplied.catalog.verbs.custody import HEAD_DIGITS, chain_heads, foreign_plans
 
     store = opened(catalog)
-    found, heads, foreign = check(store, head), chain_heads(store), foreign_plans(store)
+    with errors.status("checking every byte"):
+        found, heads, foreign = check(store, head), chain_heads(store), foreign_plans(store)
     if json:
         said = {
             "findings": [vars(finding) for finding in found],

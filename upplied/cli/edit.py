@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from upplied.cli.review import ByOption
-from upplied.cli.terminal import CatalogOption, beside, console, next_step, opened_at, say
+from upplied.cli.terminal import CatalogOption, beside, console, errors, next_step, opened_at, say
 
 app = App(name="edit", help="Edit a plan as a file: move, turn or remove viewpoints, add keep-out boxes.")
 
@@ -41,7 +41,8 @@ def edit(
         next_step(f"edit {plan} --from {out} --by NAME", "once it is changed", catalog)
         return 0
     assert read is not None
-    made = edit_plan(store, plan, read, by)
+    with errors.status("checking the edited plan"):
+        made = edit_plan(store, plan, read, by)
     row = store.transfer(made)
     say(f"{made}: {store.plan(made).warnings[0]}")
     shown, clearance = row["coverage_inspected_pct"], row["min_clearance_m"]

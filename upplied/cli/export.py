@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, beside, hint, opened, say
+from upplied.cli.terminal import CatalogOption, beside, errors, hint, opened, say
 
 app = App(name="export", help="Write a plan as a mission file for an autopilot or a map.")
 
@@ -124,7 +124,8 @@ def export(
 
     options = MissionOptions(**asdict(flags or Flags()))
     store = opened(catalog)
-    written = export_transfer(store, store.find_transfer(transfer), to, beside(output), options)
+    with errors.status("writing the mission"):
+        written = export_transfer(store, store.find_transfer(transfer), to, beside(output), options)
     for path in written.paths:
         say(path)
     for note in written.notes:

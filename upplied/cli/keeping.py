@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from upplied.cli.catalog import app
-from upplied.cli.terminal import CatalogOption, console, opened, say
+from upplied.cli.terminal import CatalogOption, console, errors, opened, say
 
 NO_LICENCE = "All rights reserved"  # whoever gives data away chooses another
 
@@ -20,7 +20,8 @@ def compact(*, catalog: CatalogOption = "catalog") -> int:
     """Merge small data files; readers and writers are not interrupted."""
     from upplied.catalog import compact as merge
 
-    _counted("merged files", merge(opened(catalog)))
+    with errors.status("merging files"):
+        _counted("merged files", merge(opened(catalog)))
     return 0
 
 
@@ -33,7 +34,8 @@ def vacuum(
     """Remove files that no version needs; rows are never removed."""
     from upplied.catalog import vacuum as clean
 
-    done = clean(opened(catalog), keep_days)
+    with errors.status("removing files"):
+        done = clean(opened(catalog), keep_days)
     _counted("files removed", done.files_removed)
     _counted("rows of stopped writers removed", done.orphan_commits)
     console.print(
@@ -91,7 +93,8 @@ def export(
         _counted(str(folder), export_lerobot(store, folder, chosen, 10, names, licence, attribution))
         return 0
     name = name or versioned(folder.resolve().name)
-    _counted(str(folder), export_dataset(store, folder, name, chosen, licence, attribution))
+    with errors.status("exporting"):
+        _counted(str(folder), export_dataset(store, folder, name, chosen, licence, attribution))
     return 0
 
 
@@ -123,7 +126,8 @@ def import_(
     from upplied.catalog import import_dataset
     from upplied.fleet.flights import measured
 
-    done = import_dataset(opened(catalog), folder, replace, measured if verify else None)
+    with errors.status("importing"):
+        done = import_dataset(opened(catalog), folder, replace, measured if verify else None)
     _counted("added rows", done)
     return 0
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, beside, opened, say
+from upplied.cli.terminal import CatalogOption, beside, errors, opened, say
 
 app = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
 
@@ -29,7 +29,8 @@ def structure(id: str, /, *, output: OutputOption, catalog: CatalogOption = "cat
     """
     from upplied.outputs.render import render_structure
 
-    return _saved(output, render_structure(opened(catalog), id))
+    with errors.status("drawing"):
+        return _saved(output, render_structure(opened(catalog), id))
 
 
 @app.command
@@ -46,7 +47,8 @@ def transfer(
     from upplied.outputs.render import render_transfer
 
     store = opened(catalog)
-    return _saved(output, render_transfer(store, store.find_transfer(id), view))
+    with errors.status("drawing"):
+        return _saved(output, render_transfer(store, store.find_transfer(id), view))
 
 
 @app.command
@@ -70,7 +72,8 @@ def comparison(
     """
     from upplied.outputs.render import render_comparison
 
-    return _saved(output, render_comparison(opened(catalog), demonstration, target, view))
+    with errors.status("drawing"):
+        return _saved(output, render_comparison(opened(catalog), demonstration, target, view))
 
 
 def _saved(output: Path, png: bytes) -> int:

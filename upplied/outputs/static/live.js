@@ -4,20 +4,28 @@
 (function () {
   const { element } = upplied;
 
-  // The answer to a request; `refused` says in words why there is none.
-  upplied.ask = async function (address, request) {
-    try {
-      const answer = await post(address, request);
-      if (answer.status !== 401) return await answer.json();
-      return (await asked()) ? upplied.ask(address, request) : { refused: "Sign in to do this." };
-    } catch { return { refused: "The program does not answer. Is it still running?" }; }
-  };
-
   upplied.signIn = async function (password) {
     const answer = await post("/login", { password });
     const content = await answer.json();
     if (content.token) window.sessionStorage.setItem("token", content.token);
     return content.refused || "";
+  };
+
+  // Whether the address held the password behind #, which a command prints there and no server sees.
+  upplied.entered = (async () => {
+    const given = decodeURIComponent(window.location.hash.slice(1));
+    window.history.replaceState(null, "", window.location.pathname);
+    return given !== "" && !(await upplied.signIn(given));
+  })();
+
+  // The answer to a request; `refused` says in words why there is none.
+  upplied.ask = async function (address, request) {
+    try {
+      await upplied.entered;
+      const answer = await post(address, request);
+      if (answer.status !== 401) return await answer.json();
+      return (await asked()) ? upplied.ask(address, request) : { refused: "Sign in to do this." };
+    } catch { return { refused: "The program does not answer. Is it still running?" }; }
   };
 
   function post(address, request) {

@@ -3,9 +3,7 @@
 
 (async function () {
   const { element } = upplied;
-  const given = decodeURIComponent(window.location.hash.slice(1));
-  window.history.replaceState(null, "", window.location.pathname);
-  if (given && !(await upplied.signIn(given))) { window.location.reload(); return; }
+  if (await upplied.entered) { window.location.reload(); return; }
   const field = element("input", { type: "password", id: "password", autocomplete: "current-password", required: true });
   const message = element("p", { class: "message refused", role: "status" });
   document.getElementById("app").append(element("form", { class: "login", onsubmit: async (event) => {
