@@ -99,7 +99,7 @@ def rows_of(
         meant = _most(true_here[labels_of(here) == part])
         strict = counts[0].get(sort(meant)) == counts[1].get(sort(meant)) and not free(meant)
         right = _right(np.isin(labels_of(registered), answers), true_there, area, meant, strict)
-        found = evidence_of_counterpart(here, part, registered, answers, wholes, told, carried)
+        found = evidence_of_counterpart(here, [part], registered, answers, wholes, told, carried)
         yield {**common, "part": meant, "question": "answer", "right": right, "evidence": found.tolist()}
         alike = choices_for(mine, part, theirs, answers).tolist()
         for choice in dict.fromkeys([*alike, _BODY]):  # what is of no such size is no other one either

@@ -48,9 +48,17 @@ class Flags:
     corner_m : float
         Largest distance from a waypoint when passing it without a stop, m.
     photos : str
-        Trigger of the photos.
+        Trigger of the photos: where overlap and coverage need them, by distance, none, or a video instead.
     photo_distance_m : float
         Distance between photos, m.
+    overlap : str
+        Overlap of photos along and across the path, percent, as 80/70.
+    trigger_s : float
+        Minimum time between two photos, s; by default that of the camera if known, else 2.
+    camera : str
+        Name of the camera in cameras.toml; by default that of the demonstration.
+    file_format : str
+        File format of the photos; raw files take longer.
     endurance_s : float
         Endurance of one battery, s; longer missions are split into several flights.
     reserve_pct : float
@@ -82,8 +90,12 @@ class Flags:
     tolerance_m: float = 0.1
     tolerance_deg: float = 3.0
     corner_m: float = 0.5
-    photos: Literal["viewpoints", "distance", "none"] = "viewpoints"
+    photos: Literal["viewpoints", "distance", "video", "none"] = "viewpoints"
     photo_distance_m: float = 2.0
+    overlap: str = ""
+    trigger_s: float | None = None
+    camera: str = ""
+    file_format: Literal["jpeg", "raw"] = "jpeg"
     endurance_s: float | None = None
     reserve_pct: float = 20.0
     max_waypoints: int | None = None

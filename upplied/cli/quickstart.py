@@ -66,9 +66,8 @@ def show_results(catalog: Path, reports: str) -> int:
         table.add_column(name, justify="right")
     for (demonstration, target), rows in transfers.groupby(["demonstration_id", "target_id"]):
         by = rows.set_index("preset")
-        coverage = [_percent(by, preset) for preset in PRESETS]
-        frechet = [_number(by, preset) for preset in PRESETS[:2]]
-        table.add_row(demonstration, target, *coverage, *frechet)
+        coverage = [_shown(by, preset, "coverage_inspected_pct", "{:.1f} %") for preset in PRESETS]
+        table.add_row(demonstration, target, *coverage, *(_shown(by, it, "frechet_z") for it in PRESETS[:2]))
     console.print(table)
     console.print(
         f"Open {reports}/index.html, or: pd.read_parquet('{reports}/transfers.parquet')", soft_wrap=True
@@ -76,12 +75,9 @@ def show_results(catalog: Path, reports: str) -> int:
     return int((transfers["status"] == "failed").any())
 
 
-def _percent(by: pd.DataFrame, preset: str) -> str:
-    """Coverage of the inspected surface by one preset, or its status where it has none."""
-    value = by["coverage_inspected_pct"].get(preset)
-    return by["status"].get(preset, "") if value is None or value != value else f"{value:.1f} %"
-
-
-def _number(by: pd.DataFrame, preset: str) -> str:
-    value = by["frechet_z"].get(preset)
-    return "" if value is None or value != value else f"{value:.2f}"
+def _shown(by: pd.DataFrame, preset: str, measure: str, form: str = "{:.2f}") -> str:
+    """A measure of one preset; if its coverage is missing, its status."""
+    value = by[measure].get(preset)
+    if value is None or value != value:
+        return by["status"].get(preset, "") if measure == "coverage_inspected_pct" else ""
+    return form.format(value)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from upplied.catalog import Catalog
-from upplied.catalog.verbs.decisions import standing
 from upplied.catalog.verbs.standing import unit_of
 from upplied.errors import InputError
 from upplied.web.requests import signed
@@ -28,7 +27,7 @@ class Decisions:
     def last(self, transfer_id: str) -> str:
         """The last decision about the pair of a plan; empty where there is none."""
         rows = self.catalog.transfers(every=True, ids=[transfer_id]).to_dict("records")
-        return standing(self.catalog).last.get(unit_of(rows[-1]), "") if rows else ""
+        return self.catalog.standing().last.get(unit_of(rows[-1]), "") if rows else ""
 
     def decide(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Review, release or reject a plan.

@@ -230,7 +230,7 @@ def certain(of: dict[int, float], others: float, monkeypatch: pytest.MonkeyPatch
         lambda *given: asked.append(given[3:6]) or ("answer", given[3]),
     )
     monkeypatch.setattr(counterparts, "evidence_of_same_kind", lambda *given: ("other", given[1:3]))
-    monkeypatch.setattr(agreement, "probability", lambda found, _: of[found[1][0]])
+    monkeypatch.setattr(agreement, "probability", lambda found, *_: of[found[1][0]])
     monkeypatch.setattr(counterparts, "probability", lambda found, _: others)
     return asked
 
@@ -263,7 +263,9 @@ def within(inspected: list[int], weight: float = 1.0, places: list[Any] | None =
 
 def test_other_stretches_like_the_inspected_piece_of_a_part_are_counted() -> None:
     assert within([1]) == 2 and within([1, 2]) == 1 and within([1, 2, 3]) == 0
-    assert within([1], weight=0.39) == 3  # nothing was inspected from two fifths on: the like of all is open
+    assert within([1], weight=0.39) == 2  # nothing was inspected from two fifths on: the others stay open
+    halves = [([20, 9, 0], [8, 1, 2]), ([20, 10.05, 0], [8, 1, 2])]
+    assert within([1], places=halves) == 0  # the other half of one pod is no other pod
     assert within([0]) == 0  # most of the part
     assert (
         within([1], places=[([20, 9, 0], [17, 2, 2]), ([20, -11, 0], [17, 2, 2])]) == 0

@@ -51,9 +51,9 @@ def test_what_speaks_against_a_part_never_speaks_for_it(model):
 
 def test_a_part_is_sure_of_itself_and_not_of_another():
     carried = ENGINES.part
-    own = evidence_of_counterpart(ENGINES, 1, ENGINES, [1], 0.0, False, carried)
-    across = evidence_of_counterpart(ENGINES, 1, ENGINES, [2], 0.0, False, carried)
-    whole = evidence_of_counterpart(ENGINES, 1, ENGINES, [0], 0.0, False, carried)
+    own = evidence_of_counterpart(ENGINES, [1], ENGINES, [1], 0.0, False, carried)
+    across = evidence_of_counterpart(ENGINES, [1], ENGINES, [2], 0.0, False, carried)
+    whole = evidence_of_counterpart(ENGINES, [1], ENGINES, [0], 0.0, False, carried)
     assert probability(own, COUNTERPART) > 0.99
     assert probability(across, COUNTERPART) < probability(own, COUNTERPART)
     assert probability(whole, COUNTERPART) < 0.8
@@ -71,14 +71,14 @@ def test_the_evidence_of_an_answer_is_counted_by_area() -> None:
     points = RNG.normal(size=(10, 3))
     one = Cloud(points, np.tile([0.0, 0, 1], (10, 1)), area, label)
     carried = np.array([1, 1, 0, 0, 1, 0, 1, 1, 2, 2])
-    found = evidence_of_counterpart(one, 1, one, [1, 2], 0.7, True, carried)
+    found = evidence_of_counterpart(one, [1], one, [1, 2], 0.7, True, carried)
     both = area[[4, 6, 7]].sum()
     assert found[1] == pytest.approx(1 - both / area[4:].sum())
     assert found[2] == pytest.approx(1 - both / area[carried == 1].sum())
     assert found[3:5].tolist() == [1.0, 0.7]
     assert found[5] == pytest.approx(np.log(area[4:].sum() / area[4:7].sum()))
-    assert evidence_of_counterpart(one, 1, one, [2], np.nan, False, carried)[3:5].tolist() == [0.0, 3.0]
-    nothing = evidence_of_counterpart(one, 1, one, [7], 0.7, False, carried)
+    assert evidence_of_counterpart(one, [1], one, [2], np.nan, False, carried)[3:5].tolist() == [0.0, 3.0]
+    nothing = evidence_of_counterpart(one, [1], one, [7], 0.7, False, carried)
     assert nothing[0] == CAPS[0] and nothing[1] == nothing[2] == 1
     other = evidence_of_same_kind(one, 1, 2, np.inf, True)
     assert other[1:5].tolist() == [0.0, 0.0, 1.0, 3.0]

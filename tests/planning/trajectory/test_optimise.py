@@ -8,9 +8,9 @@ import pytest
 from upplied.config import OptimiseSettings, RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
-from upplied.planning.trajectory.optimise import Problem, Start, _towards, optimise
+from upplied.planning.trajectory.optimise import Problem, Start, optimise
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.terms.shape import Shape
+from upplied.planning.trajectory.terms.path import Leaving, Shape
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Cloud, Surroundings
@@ -189,7 +189,26 @@ def test_a_start_that_nothing_improves_is_kept(wall: View):
     np.testing.assert_array_equal(variables, state.nearest(path))
 
 
-def test_a_start_is_left_only_as_far_as_that_is_worth_it():
-    here, there = np.zeros(3), np.array([1.0, -2, 4])
-    for gain, share in ((-0.1, 0.0), (0.0, 0.0), (0.0005, 0.25), (0.002, 1.0), (0.5, 1.0)):
-        np.testing.assert_allclose(_towards(here, there, gain), share * there)
+def test_the_carried_flight_is_left_only_for_what_that_shows(wall: View):
+    """A path farther along the wall shows as much: it is not flown there, and less far the dearer that is."""
+    path = along(height=3.0)
+    left = [
+        np.linalg.norm(result(wall, problem(wall, path), leaving=price).positions - path.positions, axis=1)
+        for price in (0.0, 0.05, 5.0)
+    ]
+    means = [off.mean() for off in left]
+    assert means[0] > means[1] > means[2]
+    assert means[2] < 0.05
+
+
+def test_leaving_counts_a_kink_more_than_a_shift(wall: View):
+    carried = along().positions
+    term = Leaving.of(carried, 6.0)
+    shift, kink = carried.copy(), carried.copy()
+    shift[:, 2] += 1.0
+    kink[20, 2] += 1.0 * np.sqrt(COUNT)  # the same mean square
+    values = [term.value(replace(along(), positions=places))[0] for places in (carried, shift, kink)]
+    assert values[0] == 0 and values[1] == pytest.approx(1 / 36)
+    assert values[2] > 10 * values[1]
+    still = Leaving.of(np.zeros((5, 3)), 6.0).value(Flown(np.ones((5, 3)), np.zeros(5), np.zeros(5)))
+    assert still[0] == pytest.approx(3 / 36) and np.isfinite(still[1].positions).all()

@@ -12,11 +12,8 @@ from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms import Term
 from upplied.planning.trajectory.terms.axis import Axis, aims, angles, axes
-from upplied.planning.trajectory.terms.clearance import Clearance
 from upplied.planning.trajectory.terms.coverage import Coverage
-from upplied.planning.trajectory.terms.shape import Shape
-from upplied.planning.trajectory.terms.standoff import StandoffKept
-from upplied.planning.trajectory.terms.turning import Turning
+from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Cloud, Surroundings
@@ -24,7 +21,7 @@ from upplied.scene import Scene
 
 STATIONS = 14
 NAMES = (
-    "axis", "clearance", "coverage", "frontal", "round", "shape", "standoff", "turning",
+    "axis", "clearance", "coverage", "frontal", "leaving", "round", "shape", "standoff", "turning",
 )  # fmt: skip
 
 
@@ -75,6 +72,7 @@ def term(name: str, view: View) -> Term:
         "clearance": lambda: Clearance.of(airspace, path),
         "coverage": lambda: coverage(view, path, 0.15),
         "frontal": lambda: coverage(frontal, path, 0.15),
+        "leaving": lambda: Leaving.of(other.positions, 5.0),
         "round": lambda: coverage(around, path, 0.15),
         "shape": lambda: Shape.of(other.positions, turned),
         "standoff": lambda: StandoffKept.of(standoff, path, 0.08),

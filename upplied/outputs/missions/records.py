@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from upplied.outputs.missions import gate
+from upplied.polylines import cumulated, leg_lengths
 from upplied.records import Bools, Floats, Placement, Record
 
 _SAME_PLACE_M = 0.05
@@ -53,6 +54,7 @@ class Mission(Record):
     fov_deg: Floats | None = None  # (N, 2) horizontal and vertical, where the camera zooms
     overruled: tuple[gate.Breach, ...] = ()  # rules of the gate; the notes say them too
     fences: tuple[Fence, ...] = ()  # that the autopilot is to enforce
+    films: bool = False  # during the inspection, instead of photos
 
     def __len__(self) -> int:
         return len(self.local)
@@ -75,6 +77,26 @@ class Mission(Record):
             if np.linalg.norm(self.local[at] - self.local[starts[-1]]) > _SAME_PLACE_M:
                 starts.append(at)
         return [range(start, end) for start, end in pairwise([*starts, len(self)])]
+
+    @property
+    def arrival_s(self) -> Floats:
+        """When each waypoint is left (N,), after its hovering, s from the first, as speeds and holds say."""
+        legs = leg_lengths(self.local) / np.maximum(self.speed_mps[1:], 1e-3)
+        return cumulated(legs) + np.cumsum(self.hold_s)
+
+    def inspects_behind(self, at: int) -> bool:
+        """Whether the leg behind a waypoint belongs to the inspection."""
+        return at + 1 < len(self) and bool(self.inspect[at] and self.inspect[at + 1])
+
+    @property
+    def starts_at(self) -> int:
+        """The first waypoint of the inspection."""
+        return int(self.inspect.argmax())
+
+    @property
+    def stops_at(self) -> int:
+        """The last waypoint of the inspection."""
+        return len(self) - 1 - int(self.inspect[::-1].argmax())
 
     @property
     def height_m(self) -> Floats:

@@ -4,7 +4,7 @@
 (function () {
   const { element, badge, format, COLOURS, STATES } = upplied;
   const RESEARCH = [
-    ["coverage_inspected_pct", "Inspected surface shown", 1, " %", "Share of the inspected surface that the plan shows at least as near, as frontally and as sharply"],
+    ["coverage_inspected_pct", "Inspected surface shown", 1, " %", "Share of the inspected surface that the plan shows at least as near, as frontally and as sharply; relative to the size of the target where stand-offs are scaled"],
     ["inspected_without_counterpart_pct", "Inspected surface without counterpart", 1, " %", "Share with no corresponding surface on the target; it counts as not shown"],
     ["inspected_unattainable_pct", "Inspected surface unattainable", 1, " %", "Share that no safe viewpoint can show as well"],
     ["coverage_of_target_pct", "Target surface covered", 1, " %", "Share of the target's corresponding surface that is shown as well"],
@@ -17,10 +17,14 @@
     ["fidelity_dwell_kept_pct", "Time on each patch kept", 0, " %", "Share of the demonstrated viewing time"],
     ["fidelity_order", "Order of views kept", 2, "", "Kendall's tau of the times at which patches are seen"],
     ["fidelity_incidence_deg_p95", "More oblique than demonstrated, 95th percentile", 0, "°", "Against the demonstration's most frontal view"],
-    ["gsd_mm_p50", "Ground sample distance, median", 1, " mm", "Of the nearest sharp view of each patch"],
+    ["gsd_within_pct", "As fine as demonstrated", 1, " %", "Share with a ground sample distance, in millimetres, of at most 1.1 times the demonstrated one, of the inspected surface that a safe camera can show so"],
+    ["gsd_mm_p50", "Ground sample distance, median", 1, " mm", "Longer side of a pixel on the surface, in the finest sharp view of each patch"],
     ["gsd_mm_p95", "Ground sample distance, 95th percentile", 1, " mm", ""],
     ["gsd_demonstrated_mm_p50", "Demonstrated ground sample distance, median", 1, " mm", ""],
     ["gsd_demonstrated_mm_p95", "Demonstrated ground sample distance, 95th percentile", 1, " mm", ""],
+    ["blur_px_p50", "Motion blur, median", 2, " px", "In that view, during the exposure"],
+    ["blur_px_p99", "Motion blur, 99th percentile", 2, " px", ""],
+    ["defocus_px_p95", "Defocus, 95th percentile", 2, " px", "With the camera focused on the middle depth of its picture"],
     ["camera_turn_ratio", "Camera rotation / demonstrated", 1, "", ""],
     ["path_turn_ratio", "Path curvature / demonstrated", 1, "", ""],
     ["pan_fast_pct", "Time with motion blur", 0, " %", "Share of the flight in which the picture moves too fast to be sharp"],

@@ -28,27 +28,28 @@ CAPS = (2.0, 1.0, 1.0, 1.0, 1.5, 1.0)
 COUNTERPART = (8.88, 2.39, 0.0, 3.76, 0.85, 2.66, 2.43)
 SAME_KIND = (8.14, 1.53, 0.0, 0.0, 2.04, 0.55, 11.05)
 
-# Where the smooth displacement brings most of either part elsewhere, 6 of 16 were right; a logistic
-# curve through all says more.
+# Where the smooth displacement brings most of either part elsewhere, and another part is like it, 6 of 16
+# were right; a logistic curve through all says more.
 _DISAGREES, _DISPUTED = 0.6, 0.4
 
 
 def evidence_of_counterpart(
     source: Cloud,
-    part: int,
+    parts: Sequence[int],
     registered: Cloud,
     counterparts: Sequence[int],
     wholes: float,
     inferred: bool,
     carried: Ints,
 ) -> Floats:
-    """Evidence against parts of the target corresponding to a part of the source, (6,); 0 is perfect.
+    """Evidence against parts of the target corresponding to parts of the source, (6,); 0 is perfect.
 
     Parameters
     ----------
     source, registered : Cloud
         Samples with parts, in the source's frame and at its scale.
-    part : int
+    parts : sequence of int
+        Of the source: one, or all that were matched with these as one.
     counterparts : sequence of int
         Parts of the target.
     wholes : float
@@ -58,8 +59,8 @@ def evidence_of_counterpart(
     carried : array of int, shape (M,)
         The part of the source that a smooth displacement alone brings onto each sample of the target.
     """
-    mine, theirs = labels_of(source) == part, np.isin(labels_of(registered), counterparts)
-    named = carried == part
+    mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(registered), counterparts)
+    named = np.isin(carried, parts)
     both, area = named & theirs, registered.areas
     return np.array(
         [
@@ -85,11 +86,11 @@ def evidence_of_same_kind(
     )
 
 
-def probability(evidence: Floats, model: Sequence[float]) -> float:
-    """Probability that the part is the one that is meant, 0 to 1."""
+def probability(evidence: Floats, model: Sequence[float], alone: bool = False) -> float:
+    """Probability that the part is the one that is meant, 0 to 1; `alone` where no other is like it."""
     against = float(np.dot(model[1:], np.minimum(evidence, CAPS)))
     known = float(1 / (1 + np.exp(against - model[0])))
-    return min(known, _DISPUTED) if evidence[1:3].max() > _DISAGREES else known
+    return min(known, _DISPUTED) if not alone and evidence[1:3].max() > _DISAGREES else known
 
 
 def _shape(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools) -> float:

@@ -20,9 +20,8 @@ from numba import njit
 from upplied.config import InspectionSettings
 from upplied.planning.constants import FOVEA, MAJORITY
 from upplied.planning.surface.skin import middle_of
-from upplied.planning.visibility.dwell import stations_at
 from upplied.planning.visibility.moments import Moments, moments, motion_of, sight_to
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Views, stations_at
 from upplied.poses import matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
@@ -88,9 +87,10 @@ def attention(
     limit = np.full(len(depth), np.inf)
     if zone is None:
         limit = np.where(known & (depth <= _DEPTH * subject), _DEPTH * depth, 0.0)
-    sharp = np.full(len(steps), settings.sharp_radps(camera.hfov_deg))
+    optics = camera.width_px, camera.exposure_s
+    sharp = np.full(len(steps), settings.sharp_radps(camera.hfov_deg, *optics))
     if steps.poses.fov_deg is not None:
-        sharp = np.array([settings.sharp_radps(float(angle)) for angle in steps.poses.fov_deg[:, 0]])
+        sharp = np.array([settings.sharp_radps(float(angle), *optics) for angle in steps.poses.fov_deg[:, 0]])
     gaze, time = _gazed(*arguments, limit, steps.step_s, *_motion(steps), sharp, FOVEA)
     gazed, seen = 1 - np.exp(-gaze / _GAZE_S), 1 - np.exp(-time / _SHOWN_S)
     whole = float((area * gazed).sum())

@@ -11,17 +11,16 @@ from scipy.spatial import cKDTree
 
 from upplied.planning.constants import TOUCH
 from upplied.planning.geometry.boxes import spacing
-from upplied.planning.surface.poisson import shares, thin
-from upplied.planning.surface.skin import outside_like
+from upplied.planning.surface.lattice import lattice, spacing_for
+from upplied.planning.surface.skin import normals_like, outside_like
+from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene
-from upplied.triangles import points_on_triangles, triangle_areas
-from upplied.vectors import plane_normals, with_normals
+from upplied.vectors import with_normals
 
 FINE = 1500  # samples of what was inspected, and of its counterpart, at least
 _MOST = 4000  # of them and of what is beside them
-_SPARE = 2.5  # candidates for each sample that is kept
-_ROUNDS = 3  # of drawing candidates
+_SPARE = 2  # candidates for each sample that is kept
 _CLOSE = 1.5  # spacings of even samples: what lies farther from all of a region's is not in it
 
 
@@ -61,21 +60,24 @@ def with_fine(
         return cloud, own
     region = beside(cloud, meant)
     area = cloud.areas
-    number = int(min(FINE * area[region].sum() / area[meant].sum(), _MOST))
-    drawn = _on_mesh if len(structure.triangles) else _of_points
-    points, normals, like, weight = drawn(structure, scene, cloud, region, number, seed)
-    if len(points) <= region.sum():
+    number = min(FINE * area[region].sum() / area[meant].sum(), _MOST)
+    if len(structure.triangles):
+        points, normals, like, weight, chosen = _on_mesh(structure, scene, cloud, region, number)
+    else:
+        points, normals, like, weight = _of_points(structure, scene, cloud, region, int(number), seed)
+        chosen = thin(points, normals, int(number), float(weight.sum()))
+    if len(chosen) <= region.sum():
         return cloud, own
-    kept = thin(points, normals, number, float(weight.sum()))
-    fine_area = shares(points, normals, weight, kept)
+    fine_area = shares(points, normals, weight, chosen)
+    chosen, fine_area = chosen[fine_area > 0], fine_area[fine_area > 0]
     even = np.flatnonzero(~region)
     if cloud.part is not None:  # no part is lost of which no fine sample lies nearest
-        even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[kept]]])))
-    index = np.concatenate([even, like[kept]])
+        even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[chosen]]])))
+    index = np.concatenate([even, like[chosen]])
     return (
         Cloud(
-            np.concatenate([cloud.points[even], points[kept]]),
-            np.concatenate([cloud.outward[even], normals[kept]]),
+            np.concatenate([cloud.points[even], points[chosen]]),
+            np.concatenate([cloud.outward[even], normals[chosen]]),
             np.concatenate([area[even], fine_area]),
             None if cloud.part is None else cloud.part[index],
             open=None if cloud.open is None else cloud.open[index],
@@ -85,27 +87,20 @@ def with_fine(
 
 
 def _on_mesh(
-    structure: Structure, scene: Scene, cloud: Cloud, region: Bools, number: int, seed: int
-) -> tuple[Floats, Floats, Ints, Floats]:
-    """Candidates in a region of a mesh: points, outward normals, the even sample of each, area."""
-    rng = np.random.default_rng(seed)
+    structure: Structure, scene: Scene, cloud: Cloud, region: Bools, number: float
+) -> tuple[Floats, Floats, Ints, Floats, Ints]:
+    """Candidates in a region of a mesh: points, outward normals, the even sample of each, area; some kept."""
     near, tree, reach_m = _near(structure, cloud, region), cKDTree(cloud.points[region]), spacing(cloud)
-    wanted, whole = int(_SPARE * number), float(triangle_areas(structure)[near].sum())
-    batch, drawn, found = wanted, 0, []
-    for _ in range(_ROUNDS):
-        points, triangle = points_on_triangles(structure, batch, rng, near)
-        close = np.isfinite(tree.query(points, distance_upper_bound=_CLOSE * reach_m)[0])
-        points, triangle = points[close], triangle[close]
-        index, outward, like = outside_like(points, triangle, structure, scene, cloud)
-        mine = region[like]
-        found.append((points[index[mine]], outward[mine], like[mine]))
-        drawn += batch
-        missing = wanted - sum(len(each[0]) for each in found)
-        if missing <= wanted / 10:
-            break
-        batch = int(min(missing * drawn / max(wanted - missing, 1), 8 * wanted))
-    points, outward, like = (np.concatenate(each) for each in zip(*found, strict=True))
-    return points, outward, like, np.full(len(points), whole / drawn)
+    # No fewer than asked for: the next narrower of the spacings.
+    spacing_m = spacing_for(structure, float(cloud.areas[region].sum()), _SPARE * number * 2**0.25)
+    lines = lattice(structure, spacing_m, near)
+    close = np.flatnonzero(np.isfinite(tree.query(lines.points, distance_upper_bound=_CLOSE * reach_m)[0]))
+    points, triangle = lines.points[close], lines.triangle[close]
+    index, outward, like = outside_like(points, triangle, structure, scene, cloud)
+    mine = region[like]
+    index, outward, like = index[mine], outward[mine], like[mine]
+    chosen = close[index]
+    return points[index], outward, like, lines.area[chosen], np.flatnonzero(lines.coarse[chosen])
 
 
 def _near(structure: Structure, cloud: Cloud, region: Bools) -> Ints:
@@ -133,9 +128,7 @@ def _of_points(
         like = known.query(with_normals(points[chosen], outward, weight))[1]
     else:
         like = like[chosen]
-        outward = plane_normals(points, cKDTree(points).query(points[chosen], k=min(13, len(points)))[1])
-        turned = (outward * cloud.outward[like]).sum(axis=1, keepdims=True) < 0
-        outward = np.where(turned, -outward, outward)
+        outward = normals_like(points, chosen, cloud.outward[like])
     mine = region[like]
     count = np.maximum(np.bincount(like[mine], minlength=len(cloud)), 1)
     area = (cloud.areas / count)[like[mine]]

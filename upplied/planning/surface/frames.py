@@ -13,11 +13,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.config import Settings
+from upplied.planning.surface.lattice import centre
 from upplied.poses import normalised, wrapped
 from upplied.records import (
     Demonstration,
     Floats,
     Frame,
+    Photos,
     Registration,
     Structure,
     StructureInFrame,
@@ -26,9 +28,9 @@ from upplied.records import (
     Trajectory,
 )
 from upplied.records.required import RequiredSurface
-from upplied.vectors import area_vectors
+from upplied.vectors import area_vectors, triangle_areas
 
-_ROUND = 0.02  # below it walls face all ways alike, and no heading follows from them
+_ROUND = 0.02  # below it walls face all ways alike, or surface reaches as far, and no heading follows
 _SQUARE = 4.0  # weight of walls that mostly face one way and its opposite beside those of four ways
 _NORMAL_DEG = 2.0  # a declared heading this near to the walls' own, or a right angle from it, is meant
 _GRID_M = 2.0**-20  # what coordinates are rounded to, so that a turn forth and back leaves no trace
@@ -66,16 +68,17 @@ def plans_in_own_frame(settings: Settings) -> bool:
 def own_frame(structure: Structure) -> Frame:
     """The frame that follows from a structure, however it is turned about the vertical or moved.
 
-    Its axes are those that walls face. Which of the four headings counts as +X follows from the order
-    of the vertices: it is of no consequence, but must turn with the structure. A round structure,
-    whose walls tell no heading, has one from the vertices alone.
+    Its axes are those that walls face. Which of the four headings counts as +X follows from where the
+    surface reaches farther out, and of structures alike to all sides from the order of the vertices: it is
+    of no consequence, but must turn with the structure. A round structure, whose walls tell no heading, has
+    one from these alone.
     """
     return structure.derived("own frame", lambda: _found_frame(structure))
 
 
 def _found_frame(structure: Structure) -> Frame:
-    middle = structure.vertices.mean(axis=0) * [1.0, 1.0, 0.0]
-    walls, order = _wall_heading(structure), _vertex_heading(structure)
+    middle = centre(structure) * [1.0, 1.0, 0.0]
+    walls, order = _wall_heading(structure), _leaning(structure)
     if walls is None:
         return Frame(order, middle)
     quarters = np.round((order - walls - _OFF) / (np.pi / 2))
@@ -95,8 +98,8 @@ def _wall_heading(structure: Structure) -> float | None:
         return None
     unit = np.where(size > 0, facing / np.where(size > 0, size, 1.0), 0.0)
     squares, fourths = ((size * unit**power).sum() / size.sum() for power in (2, 4))
-    found = fourths + _SQUARE * squares**2
-    return float(np.angle(found) / 4) if abs(found) > _ROUND else None
+    mean = fourths + _SQUARE * squares**2
+    return float(np.angle(mean) / 4) if abs(mean) > _ROUND else None
 
 
 def _facing(structure: Structure) -> np.ndarray:
@@ -109,6 +112,19 @@ def _facing(structure: Structure) -> np.ndarray:
     else:
         normal = structure.vertices - structure.vertices.mean(axis=0)
     return np.asarray(normal[:, 0] + 1j * normal[:, 1])
+
+
+def _leaning(structure: Structure) -> float:
+    """A direction (rad) in which the surface reaches farther out, however its triangles are divided."""
+    if len(structure.triangles):
+        middles, size = structure.vertices[structure.triangles].mean(axis=1), triangle_areas(structure)
+        offset = middles - centre(structure)
+        out = offset[:, 0] + 1j * offset[:, 1]
+        cubes = size * np.abs(out) ** 3
+        towards = (size * np.abs(out) ** 2 * out).sum()
+        if abs(towards) > _ROUND * cubes.sum():
+            return float(np.angle(towards))
+    return _vertex_heading(structure)
 
 
 def _vertex_heading(structure: Structure) -> float:
@@ -128,9 +144,9 @@ def structure_in(frame: Frame, structure: Structure) -> Structure:
 
 
 def _turned(frame: Frame, structure: Structure) -> Structure:
-    said = {item.name: getattr(structure, item.name) for item in fields(Structure)}
+    values = {item.name: getattr(structure, item.name) for item in fields(Structure)}
     return replace(
-        StructureInFrame(**said, frame=frame),
+        StructureInFrame(**values, frame=frame),
         vertices=_on_grid(frame.from_declared(structure.vertices)),
         normals=None if structure.normals is None else structure.normals @ frame.turn,
         landmarks={
@@ -192,17 +208,27 @@ def supposed_from(frame: Frame, supposed: SupposedSurface | None) -> SupposedSur
     return replace(supposed, points=frame.to_declared(supposed.points), normals=normals, corner=corner)
 
 
-def registration_from(here: Frame, there: Frame, found: Registration | None) -> Registration | None:
+def photos_from(frame: Frame, photos: Photos | None) -> Photos | None:
+    """Photos in the declared frame."""
+    if photos is None or frame is DECLARED:
+        return photos
+    quats = _turned_quats(photos.quat_xyzw, frame.heading_rad)
+    return replace(photos, positions=frame.to_declared(photos.positions), quat_xyzw=quats)
+
+
+def registration_from(here: Frame, there: Frame, registration: Registration | None) -> Registration | None:
     """A registration of two structures in other frames, `here` of the source, as one of the declared ones."""
-    if found is None or here is there is DECLARED:
-        return found
+    if registration is None or here is there is DECLARED:
+        return registration
     words = named_axes(here)
-    translation = here.to_declared(found.translation - found.matrix @ (there.turn.T @ there.origin_m))
+    translation = here.to_declared(
+        registration.translation - registration.matrix @ (there.turn.T @ there.origin_m)
+    )
     return replace(
-        found,
-        scale=np.abs(words) @ found.scale,
-        rotation=here.turn @ found.rotation @ words.T,
-        turn=words @ found.turn @ there.turn.T,
+        registration,
+        scale=np.abs(words) @ registration.scale,
+        rotation=here.turn @ registration.rotation @ words.T,
+        turn=words @ registration.turn @ there.turn.T,
         translation=translation,
     )
 

@@ -2,7 +2,7 @@
 
 Real meshes carry hidden interiors, duplicate faces and flipped patches, and few are watertight. So
 neither winding nor inside tests are used: a side of a surface counts where rays from it escape. Of shells
-that are open where nothing was scanned the inside does not count (`surface.open_shell`).
+that are open where nothing was scanned the inside does not count (`surface.escape`).
 """
 
 from __future__ import annotations
@@ -12,19 +12,17 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import CloudSettings
-from upplied.planning.surface.escape import ESCAPE, escapes, lets_out
+from upplied.planning.surface.escape import ESCAPE, escapes, inside_open_shell, lets_out, shows_inside
 from upplied.planning.surface.floor import Floor, floor_of
-from upplied.planning.surface.open_shell import inside_open_shell
-from upplied.planning.surface.openings import shows_inside
+from upplied.planning.surface.lattice import Lattice, lattice, spacing_for
 from upplied.planning.surface.parts import mesh_pieces, part_labels
-from upplied.planning.surface.poisson import shares, thin
+from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene, discs_of
-from upplied.triangles import points_on_triangles, triangle_areas
-from upplied.vectors import area_vectors, plane_normals
+from upplied.vectors import area_vectors, plane_normals, triangle_areas
 
 _AREA = 9  # points, each with its nearest, whose circle tells the area that a point stands for
-_SPARE = 2.5  # candidates on the outside per sample that is kept, so that thinning can space them
+_SPARE = 2  # candidates on the outside for each sample: all lines of a lattice for every second one
 
 
 def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
@@ -44,8 +42,8 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
     -------
     Cloud
         `points` (N, 3), m, structure frame; outward `normals` (N, 3); `area_m2` (N,), whose sum is
-        the outside area; `part` (N,), 0 the largest; `open` (N,) of a scan.
-        Deterministic for a seed.
+        the outside area; `part` (N,), 0 the largest; `open` (N,) of a scan. Every beginning of
+        them is spread evenly (`surface.lattice`).
     """
     sampled = _from_triangles if len(structure.triangles) else _from_points
     cloud = sampled(structure, scene, settings)
@@ -55,28 +53,25 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
 
 
 def _from_triangles(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
-    rng = np.random.default_rng(settings.seed)
-    wanted = int(_SPARE * settings.surface_samples)
-    floor = floor_of(structure)
-    drawn, points, normals, triangle = 0, np.empty((0, 3)), np.empty((0, 3)), np.empty(0, np.int64)
-    batch, piece = wanted, mesh_pieces(structure)
-    for _ in range(3):
-        found = _outside(*points_on_triangles(structure, batch, rng), piece, structure, scene, floor)
-        drawn += batch
-        points, normals = np.concatenate([points, found[0]]), np.concatenate([normals, found[1]])
-        triangle = np.concatenate([triangle, found[2]])
-        missing = wanted - len(points)
-        if missing <= wanted / 10:
-            break
-        batch = int(min(missing * drawn / max(len(points), 1), 4 * wanted))
-    area = np.full(len(points), float(triangle_areas(structure).sum()) / drawn)
-    return _thinned(points, normals, area, piece[triangle], settings)
+    floor, piece = floor_of(structure), mesh_pieces(structure)
+    wanted = _SPARE * settings.surface_samples
+    spacing = spacing_for(structure, float(triangle_areas(structure).sum()), wanted / _SPARE)
+    few = lattice(structure, spacing)
+    # A hidden inside takes some of them: so many more are needed.
+    seen = _outside(few, piece, structure, scene, floor)[0]
+    outside = float(few.area[seen].sum())
+    lines = lattice(structure, spacing_for(structure, outside, wanted))
+    index, normals = _outside(lines, piece, structure, scene, floor)
+    kept = np.flatnonzero(lines.coarse[index])
+    points, area = lines.points[index], lines.area[index]
+    return _standing_for(points, normals, area, piece[lines.triangle[index]], kept)
 
 
 def _outside(
-    points: Floats, triangle: Ints, piece: Ints, structure: Structure, scene: Scene, floor: Floor
-) -> tuple[Floats, Floats, Ints]:
-    """The candidates' sides that count: points, outward normals and triangles."""
+    lines: Lattice, piece: Ints, structure: Structure, scene: Scene, floor: Floor
+) -> tuple[Ints, Floats]:
+    """The candidates' sides that count: which candidate, and the outward normal."""
+    points, triangle = lines.points, lines.triangle
     normals = area_vectors(structure.vertices[structure.triangles[triangle]])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     gap = 1e-5 * structure.diagonal_m
@@ -92,8 +87,9 @@ def _outside(
     index, sign_of = np.concatenate(owner), np.concatenate(side)
     both = np.bincount(index, minlength=len(points))[index] > 1
     inside = inside_open_shell(points[index], triangle[index], sign_of, both, piece, structure, scene)
-    index, sign_of = index[~inside], sign_of[~inside]
-    return points[index], sign_of[:, None] * normals[index], triangle[index]
+    order = np.argsort(index[~inside], kind="stable")
+    index, sign_of = index[~inside][order], sign_of[~inside][order]
+    return index, sign_of[:, None] * normals[index]
 
 
 def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
@@ -107,11 +103,18 @@ def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
     return starts
 
 
-def _thinned(points: Floats, normals: Floats, area: Floats, piece: Ints, settings: CloudSettings) -> Cloud:
-    kept = thin(points, normals, settings.surface_samples, float(area.sum()))
-    each, area = area, shares(points, normals, area, kept)
+def _standing_for(points: Floats, normals: Floats, area: Floats, piece: Ints, chosen: Ints) -> Cloud:
+    """The chosen candidates, which stand for all, but those that lie where another one does."""
+    share = shares(points, normals, area, chosen)
+    chosen, share = chosen[share > 0], share[share > 0]
     # By all candidates: a piece is not cut off, or joined, by where some of them were left out.
-    return Cloud(points[kept], normals[kept], area, part_labels(points, each, piece)[kept])
+    return Cloud(points[chosen], normals[chosen], share, part_labels(points, area, piece)[chosen])
+
+
+def _thinned(points: Floats, normals: Floats, area: Floats, number: int) -> Cloud:
+    kept = thin(points, normals, number, float(area.sum()))
+    kept = np.random.default_rng(0).permutation(kept)  # so that every beginning of them is spread evenly
+    return _standing_for(points, normals, area, np.zeros(len(points), np.int64), kept)
 
 
 def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
@@ -119,9 +122,8 @@ def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) ->
     discs = discs_of(structure)
     points, distance, neighbours = discs.points, discs.away[:, :_AREA], discs.nearest[:, :_AREA]
     area = np.pi * distance[:, -1] ** 2 / max(distance.shape[1] - 1, 1)
-    whole = np.zeros(len(points), np.int64)
     if structure.normals is not None:
-        return _thinned(points, discs.normals, area, whole, settings)
+        return _thinned(points, discs.normals, area, settings.surface_samples)
     normals = plane_normals(points, neighbours)
     gap = float(np.median(distance[:, 1]))
     reach = 2 * structure.diagonal_m
@@ -129,4 +131,4 @@ def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) ->
     behind = escapes(points - gap * normals, -normals, reach, scene)
     outward = np.where((behind > ahead)[:, None], -normals, normals)
     seen: Bools = np.maximum(ahead, behind) >= ESCAPE
-    return _thinned(points[seen], outward[seen], area[seen], whole[seen], settings)
+    return _thinned(points[seen], outward[seen], area[seen], settings.surface_samples)

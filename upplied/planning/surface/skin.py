@@ -19,14 +19,13 @@ from scipy.spatial import cKDTree
 from upplied.planning.constants import FRAGMENT, SAME_FACE, TOUCH
 from upplied.planning.surface.escape import lets_out
 from upplied.planning.surface.floor import floor_of
+from upplied.planning.surface.lattice import lattice, spacing_for
 from upplied.planning.surface.parts import mesh_pieces
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 from upplied.scene import Scene
-from upplied.triangles import points_on_triangles, triangle_areas
-from upplied.vectors import area_vectors, plane_normals, with_normals
+from upplied.vectors import area_vectors, plane_normals, triangle_areas, with_normals
 
 _FINE = 40_000  # samples that are joined
-_DRAWN = 1.6  # candidates for each of them
 _REACH = 3.0  # sample spacings: samples this near are asked whether the skin goes on between them
 _RISE = 0.25  # sine of the angle at which a neighbour stands out of the tangent plane: 14.5 deg
 _NECK = 0.5  # of the narrower part's half width: what is joined by less is two parts
@@ -98,14 +97,11 @@ def skin_study(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) 
 
 def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud, seed: int) -> tuple[Floats, Floats, Ints]:
     """Points and outward normals (F, 3) on the outside, and the mesh piece (F,) of each, -1 unknown."""
-    rng = np.random.default_rng(seed)
     if not len(structure.triangles):
-        return _fine_points(structure, cloud, rng)
-    points, triangle = points_on_triangles(structure, int(_DRAWN * _FINE), rng)
-    index, outward, _ = outside_like(points, triangle, structure, scene, cloud)
-    kept = np.sort(rng.permutation(len(index))[:_FINE])
-    index, outward = index[kept], outward[kept]
-    return points[index], outward, _known_pieces(structure)[triangle[index]]
+        return _fine_points(structure, cloud, np.random.default_rng(seed))
+    lines = lattice(structure, spacing_for(structure, float(cloud.areas.sum()), _FINE))
+    index, outward, _ = outside_like(lines.points, lines.triangle, structure, scene, cloud)
+    return lines.points[index], outward, _known_pieces(structure)[lines.triangle[index]]
 
 
 def outside_like(
@@ -148,11 +144,14 @@ def _fine_points(structure: Structure, cloud: Cloud, rng: np.random.Generator) -
     chosen = np.sort(rng.permutation(len(points))[:_FINE])
     if structure.normals is not None:
         return points[chosen], structure.normals[chosen], np.full(len(chosen), -1)
-    like = cloud.outward[cKDTree(cloud.points).query(points[chosen])[1]]
-    neighbours = cKDTree(points).query(points[chosen], k=min(13, len(points)))[1]
-    normals = plane_normals(points, neighbours)
-    turned = np.where((normals * like).sum(axis=1, keepdims=True) < 0, -normals, normals)
-    return points[chosen], turned, np.full(len(chosen), -1)
+    like = cKDTree(cloud.points).query(points[chosen])[1]
+    return points[chosen], normals_like(points, chosen, cloud.outward[like]), np.full(len(chosen), -1)
+
+
+def normals_like(points: Floats, chosen: Ints, like: Floats) -> Floats:
+    """Normals (K, 3) of some of the points (N, 3) from their neighbours, turned as others (K, 3) are."""
+    normals = plane_normals(points, cKDTree(points).query(points[chosen], k=min(13, len(points)))[1])
+    return np.where((normals * like).sum(axis=1, keepdims=True) < 0, -normals, normals)
 
 
 def _known_pieces(structure: Structure) -> Ints:
@@ -172,15 +171,15 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     rim: Bools = np.bincount(pairs[~goes_on].reshape(-1), minlength=number) > 0
     pairs, length = pairs[goes_on], length[goes_on]
     depth, place = _from_rim(pairs, length, rim), with_normals(points, normals, TOUCH * spacing)
-    found = np.zeros((len(_NECKS), number), np.int64)
-    for label, neck in zip(found, _NECKS, strict=True):
+    labels = np.zeros((len(_NECKS), number), np.int64)
+    for label, neck in zip(labels, _NECKS, strict=True):
         label[:] = _basins(pairs, depth, neck)
         body = (np.bincount(label)[label] >= FRAGMENT * number) & ~rim
         if not body.any():
-            return np.zeros_like(found)
+            return np.zeros_like(labels)
         label[~body] = label[body][cKDTree(place[body]).query(place[~body])[1]]
         label[:] = np.unique(label, return_inverse=True)[1]
-    return found
+    return labels
 
 
 @njit(cache=True)

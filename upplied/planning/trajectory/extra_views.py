@@ -29,7 +29,7 @@ _AIMS = 3  # directions from each place, besides that towards the middle of what
 _INSIDE = 0.98  # of the field of view: well inside the picture
 _LENGTH = 2.0  # of the way back to the path, along it, over the way aside: a gentle bend
 _OF_TENT = 2 / 3  # mean square of a tent over both its slopes, over one of them
-_LEAST = 1e-3  # share of the need, net of its price, that a view must add
+_LEAST = 5e-3  # share of the need, net of its price, that a view must add
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,11 +62,11 @@ def with_extra_views(path: Flown, view: View, airspace: Airspace, price: Price) 
     missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
     if not len(missed) or view.need[missed].sum() <= _LEAST:
         return path
-    few = missed[chosen_evenly(len(missed), _MISSED)]
+    few = missed[:_MISSED]
     left = view.need[few] * (view.need[missed].sum() / view.need[few].sum())
     at, off = places_beside(path, price.usual_m)
-    kept = airspace.allowed(path.positions[at] + off)
-    at, off = at[kept], off[kept]
+    allowed = airspace.allowed(path.positions[at] + off)
+    at, off = at[allowed], off[allowed]
     reach = view.reach(path.positions[at] + off, few, station=at)
     if not reach.any():
         return path

@@ -3,7 +3,7 @@
 The state is a smooth displacement of a start and of its camera's directions. Every problem is a term, a file
 in `terms`, with a weight that says what its unit is worth as a share of the surface to be shown
 (`OptimiseSettings`). One solver, L-BFGS-B with analytic slopes, weighs them all. Of several starts those that
-show most for what they cost are optimised, and the best of the results is taken.
+are worth most are optimised, and the best of the results is taken.
 """
 
 from __future__ import annotations
@@ -21,23 +21,19 @@ from upplied.planning.trajectory.extra_views import Price, with_extra_views
 from upplied.planning.trajectory.state import Flown, State
 from upplied.planning.trajectory.terms import Term
 from upplied.planning.trajectory.terms.axis import Axis, aims, axes
-from upplied.planning.trajectory.terms.clearance import Clearance
 from upplied.planning.trajectory.terms.coverage import Coverage
-from upplied.planning.trajectory.terms.shape import Shape
-from upplied.planning.trajectory.terms.standoff import StandoffKept
-from upplied.planning.trajectory.terms.turning import Turning
+from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import View
-from upplied.polylines import chosen_evenly, leg_lengths
+from upplied.polylines import leg_lengths
 from upplied.poses import from_yaw_pitch
-from upplied.records import Bools, Floats, Ints, Record
+from upplied.records import Floats, Ints, Record
 
 _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it
 _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
-_WORTHWHILE = 0.002  # gain, as a share of the need, from which on a start is left wholly; less, less far
-_CLEARLY = 0.01  # of the need, by which another start must be better than the carried path
 _COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _CORRECTIONS = 12  # that L-BFGS keeps
+_LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,7 +48,7 @@ class Start(Record):
 class Problem(Record):
     """What is asked of a path, at M stations."""
 
-    starts: Sequence[Start]  # the first counts where others are no better
+    starts: Sequence[Start]  # the first is the carried flight
     demonstrated: Shape
     view: View
     standoff: Standoff
@@ -86,15 +82,15 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     if len(samples) == 0:
         return searches[0].state, searches[0].first
     first = [search.worth(search.first) for search in searches]
-    # The carried path stays the start unless another one is clearly better: else chance would choose.
-    favour = np.where(np.arange(len(first)) == 0, _CLEARLY, 0.0)
-    ranked = np.argsort(-(np.array(first) + favour), kind="stable")[: weights.starts].tolist()
-    results = []
-    for number in ranked if 0 in ranked or weights.starts == 1 else [0, *ranked[:-1]]:
-        after, at = searches[number].improved()
-        results.append((max(after, first[number]) + favour[number], number, after, at))
-    _, number, after, at = max(results, key=lambda result: result[0])
-    return searches[number].state, searches[number].left(first[number], after, at)
+    ranked = np.argsort(-np.array(first), kind="stable")[: weights.starts].tolist()
+    results = [(first[0], searches[0], searches[0].first)]
+    least = searches[0].shown(searches[0].first) - _LOST if searches[0].near(searches[0].first) == 0 else 0.0
+    for number in ranked:
+        worth, variables = searches[number].improved()
+        if searches[number].shown(variables) >= least:
+            results.append((worth, searches[number], variables))
+    _, search, variables = max(results, key=lambda result: result[0])
+    return search.state, variables
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,6 +123,7 @@ class _Search(Record):
             (shape_weight, shape),
             (firmly, StandoffKept.of(problem.standoff, state.flown(first), weights.standoff_tolerance)),
             (weights.turning, Turning(start.mapped.yaw, start.mapped.pitch, problem.turned_rad)),
+            (weights.leaving, Leaving.of(problem.starts[0].safe.positions, _standoff_m(problem))),
         ]
 
         def price(off: Floats) -> Floats:
@@ -134,11 +131,23 @@ class _Search(Record):
 
         return cls(problem, weights, state, first, samples, need, lasting, price)
 
+    def shown(self, variables: Floats) -> float:
+        """Share of the need that is truly seen."""
+        path = self.state.flown(variables)
+        quats = from_yaw_pitch(path.yaw, path.pitch)
+        return float(self.need @ self.problem.view.shown(path.positions, quats, self.samples))
+
     def worth(self, variables: Floats) -> float:
-        """Share of the need that is truly seen, less what the lasting terms and the optical axis cost."""
-        path, view = self.state.flown(variables), self.problem.view
-        seen = view.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch), self.samples)
-        return float(self.need @ seen) - sum(weight * term.value(path)[0] for weight, term in self.lasting)
+        """Share of the need that is truly seen, less what coming too near and the lasting terms cost."""
+        path, near = self.state.flown(variables), self.weights.clearance * self.near(variables)
+        return (
+            self.shown(variables) - near - sum(weight * term.value(path)[0] for weight, term in self.lasting)
+        )
+
+    def near(self, variables: Floats) -> float:
+        """How much the path lacks of the safety distance, mean square, m^2."""
+        path = self.state.flown(variables)
+        return Clearance.of(self.problem.airspace, path).value(path)[0]
 
     def improved(self) -> tuple[float, Floats]:
         """The best of the rounds, and what it is worth."""
@@ -156,14 +165,6 @@ class _Search(Record):
             if number >= weights.rounds // 2:
                 results.append((self.worth(variables), variables))
         return max(results, key=lambda result: result[0])
-
-    def left(self, before: float, after: float, variables: Floats) -> Floats:
-        """The start, left as far as that is worth it, by turning the camera before by moving."""
-        moves, here = self.state.moves, np.where(self.state.moves, self.first, variables)
-        turned = self.solved(here, self.terms(self.state.flown(here), _NARROWEST), ~moves)
-        shown = max(self.worth(turned), before)
-        at = _towards(self.first, turned, shown - before)
-        return _towards(at, variables, after - shown)
 
     def terms(self, path: Flown, width: float) -> list[tuple[float, Term]]:
         """The terms, with what stands in the way and what is near from this path."""
@@ -188,9 +189,7 @@ class _Search(Record):
             *self.lasting,
         ]
 
-    def solved(
-        self, variables: Floats, terms: Sequence[tuple[float, Term]], free: Bools | None = None
-    ) -> Floats:
+    def solved(self, variables: Floats, terms: Sequence[tuple[float, Term]]) -> Floats:
         """The variables at which the weighted sum of the terms is least, from where they are."""
 
         def objective(at: Floats) -> tuple[float, Floats]:
@@ -202,16 +201,10 @@ class _Search(Record):
                 positions += weight * slope.positions
                 yaw += weight * slope.yaw
                 pitch += weight * slope.pitch
-            slopes = self.state.pulled_back(Flown(positions, yaw, pitch))
-            return total, slopes if free is None else np.where(free, slopes, 0.0)
+            return total, self.state.pulled_back(Flown(positions, yaw, pitch))
 
         options = {"maxiter": self.weights.iterations, "maxcor": _CORRECTIONS}
         return np.asarray(minimize(objective, variables, jac=True, method="L-BFGS-B", options=options).x)
-
-
-def _towards(here: Floats, there: Floats, gain: float) -> Floats:
-    """As far of the way as a gain is worth it: by chance hardly, and wholly for real ones."""
-    return np.asarray(here + float(np.clip(gain / _WORTHWHILE, 0, 1)) * (there - here))
 
 
 def _standoff_m(problem: Problem) -> float:
@@ -243,7 +236,7 @@ def _sampled(view: View, most: int) -> tuple[Ints, Floats]:
     first = min(len(inspected), max(2 * most // 3, most - len(context)))
     for group, count in ((inspected, first), (context, most - first)):
         if len(group) and count:
-            few = group[chosen_evenly(len(group), count)]
+            few = group[:count]
             chosen.append(few)
             needs.append(view.need[few] * view.need[group].sum() / view.need[few].sum())
     if not chosen:

@@ -9,12 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.airspace.at_target import airspace_of
-from upplied.planning.airspace.detours import Ways, route
+from upplied.planning.airspace.detours import Ways, airspace_of, route
 from upplied.planning.carry.carried import Carried
 from upplied.planning.carry.inspected_surface import InspectedSurface
-from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined
-from upplied.planning.demonstration.sharp_looks import steady_radps
+from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined, steady_radps
 from upplied.planning.trajectory.complete import completed
 from upplied.planning.trajectory.retime import retime
 from upplied.planning.trajectory.sharpness import sharp_limits, steadied_swings

@@ -15,14 +15,13 @@ from numba import njit
 from upplied.config import Settings
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.constants import MAJORITY
-from upplied.planning.demonstration.repetition import Take
-from upplied.planning.demonstration.sharp_looks import USUAL_PCT, look_limits, steady_radps
+from upplied.planning.demonstration.repetition import USUAL_PCT, Take, look_limits, steady_radps
 from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.trajectory.retime import Sharp
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import moments
-from upplied.polylines import chosen_evenly, leg_lengths
+from upplied.polylines import leg_lengths
 from upplied.poses import angle_between, fov_at, matrices
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
@@ -83,12 +82,11 @@ def _sharp_speeds(
     camera, scene = takes[0].inspection.camera, takes[0].pair.target_scene
     rule = settings.inspection
     limit, _ = look_limits(takes, rule)
-    asked = np.flatnonzero(inspected.need > 0)
-    asked = asked[chosen_evenly(len(asked), _SAMPLES)]
-    part = inspected.cloud.at(asked)
+    few = np.flatnonzero(inspected.need > 0)[:_SAMPLES]
+    part = inspected.cloud.at(few)
     poses, fov_deg = (path.positions, path.quat_xyzw), fov_at(flight, path.t_s)
     seen = visible(*poses, part, camera, settings.visibility, scene, fov_deg=fov_deg).seen
-    farthest_m = inspected.standoff_m[asked] / rule.least_resolution
+    farthest_m = inspected.standoff_m[few] / rule.least_resolution
     coarse = coarseness(camera, fov_deg)
     coarse = np.ones(len(path)) if coarse is None else coarse
     angle = moved_in_picture(

@@ -9,8 +9,8 @@ from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_matrix
 
-from upplied.polylines import cumulated, interpolated, leg_lengths
-from upplied.records import Bools, Floats, Record
+from upplied.polylines import cumulated, interpolated, leg_lengths, pieces_of_legs
+from upplied.records import Floats, Record
 
 _DEGREE = 3
 _RIDGE = 1e-3  # of a control point's own weight: what the stations leave open stays small
@@ -47,12 +47,6 @@ class State(Record):
     def of(cls, base: Flown, unit_m: Floats, moving: int, turning: int) -> State:
         """The state with so many control points for the displacement and for each angle."""
         return cls(base, unit_m, _basis(len(base), moving), _basis(len(base), turning))
-
-    @property
-    def moves(self) -> Bools:
-        """Which of the variables displace the path; the others turn the camera."""
-        moving = 3 * self.moving.shape[1]
-        return np.arange(moving + 2 * self.turning.shape[1]) < moving
 
     def flown(self, variables: Floats) -> Flown:
         """The path at the stations of the base."""
@@ -119,8 +113,7 @@ def _curve(stations: Floats, step_m: float) -> tuple[Floats, Floats]:
     """Station numbers and positions on the cubic spline by arc length; straight where too few are apart."""
     leg = leg_lengths(stations)
     pieces = np.clip(np.ceil(leg / step_m - 1e-9).astype(int), 1, _MOST_PIECES)
-    number = np.repeat(np.arange(len(leg)), pieces)
-    share = (np.arange(len(number)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[number]
+    number, share = pieces_of_legs(pieces)
     at = np.append(number + share, float(len(leg)))
     along = cumulated(leg)
     apart = np.concatenate([[True], leg > _STILL_M])
