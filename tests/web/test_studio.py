@@ -83,6 +83,9 @@ def test_the_headline_tells_the_clearance_that_the_change_asks_for(session):
     for asked_m, told in ((3.0, "(limit 3 m)"), (2.5, "(limit 2.5 m)"), (1.0, "(limit 2 m)")):
         found = session.answer("judge", wanted(plan, clearance_m=asked_m))
         assert told in found["verdict"]["headline"]  # never less than the plan's own
+        assert "mm/px" in found["verdict"]["headline"] and "demonstrated" in found["verdict"]["headline"]
+        scaled = session.editing.recipe.row["standoff_mode"] == "scaled"
+        assert ("relative to its size" in found["verdict"]["headline"]) == scaled
 
 
 @pytest.mark.slow

@@ -107,13 +107,11 @@ def _interval_s(missions: Sequence[Mission]) -> float | None:
     """The shortest time between two photos, s; the camera must store one within it."""
     shortest = []
     for mission in missions:
-        speed = np.maximum(mission.speed_mps, 0.1)
         if mission.photo_distance_m:
-            shortest.append(mission.photo_distance_m / float(speed[mission.inspect].max()))
-            continue
-        legs = np.concatenate([[0.0], leg_lengths(mission.local)])
-        times = np.cumsum(legs / speed + mission.hold_s)[mission.photo]
-        shortest += np.diff(times).tolist()
+            fastest = float(mission.speed_mps[mission.inspect].max())
+            shortest.append(mission.photo_distance_m / max(fastest, 0.1))
+        else:
+            shortest += np.diff(mission.arrival_s[mission.photo]).tolist()
     return min(shortest, default=None)
 
 

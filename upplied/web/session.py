@@ -265,6 +265,7 @@ class Session:
         """A judged plan as the page draws it, with its verdict in words."""
         path, _ = flown_path(judged.plan)
         measures = vars(judged.plan.measures)
+        standoff = {"standoff_mode": self.editing.recipe.row.get("standoff_mode")}
         faults = [*judged.broken, *([judged.short] if judged.short else [])]
         return {
             "path": path_data(profile(path, self.editing.scene), self._origin),
@@ -272,7 +273,7 @@ class Session:
             "measures": {name: number(measures, name) for name, *_ in _DIFFERENCES},
             "verdict": {
                 "flyable": not faults,
-                "headline": headline(measures, self.editing.clearance_m(asked)),
+                "headline": headline(measures | standoff, self.editing.clearance_m(asked)),
                 "look": [*faults, *judged.plan.warnings],
             },
             "differences": self._differences(measures),
