@@ -51,7 +51,6 @@ EXTRA_FILES = {
         "upplied/web/serving.py",
     },
     "plan": {"upplied/scene.py"},
-    "geoid": {"upplied/inputs/schemas/geoid.py"},
     "signing": {"upplied/catalog/verbs/roster.py"},
     "fleet": set(),
     "dask": set(),
