@@ -47,7 +47,7 @@ def reports(tmp_path_factory) -> Path:
     root = tmp_path_factory.mktemp("reports")
     catalog = FakeCatalog(targets=2)
     catalog.fly("t0000")
-    publish_pages(catalog, root, pictures=0)
+    publish_pages(catalog, root, pictures=9)
     publish_file(catalog, root / "mail.html", target_id="cuboid-0")
     return root
 

@@ -25,7 +25,7 @@ def test_what_is_relative_to_size_says_so_beside_the_millimetres(mode: str, for_
     headline = verdict(ROW | {"standoff_mode": mode}, 2.0)["headline"]
     assert headline.endswith(SENTENCE)
     assert "as well as the demonstration" in headline
-    assert ("as well as the demonstration relative to its size," in headline) == for_its_size
+    assert ("as well as the demonstration relative to its size" in headline) == for_its_size
 
 
 @pytest.mark.parametrize("missing", ["gsd_mm_p50", "gsd_mm_p95", "gsd_demonstrated_mm_p50"])
