@@ -197,4 +197,5 @@ def _surroundings(given: Mapping[str, Any]) -> Surroundings:
         keep_out_m=array("keep_out", (0, 2, 3)),
         geofence_m=array("geofence", (0, 2)),
         ceiling_z_m=given.get("ceiling_z"),
+        rally_m=array("rally", (0, 3)),
     )

@@ -280,5 +280,6 @@ def _sha256(file: str, entry: StructureEntry) -> str:
         "symmetric": entry.symmetric,
     }
     stated = {"surface": entry.surface, "surface_error_m": entry.surface_error_m}
+    stated["rally"] = surroundings.rally_m.tolist() or None
     said |= {key: value for key, value in stated.items() if value is not None}  # else the hash that it had
     return digest(said)
