@@ -85,7 +85,7 @@ def test_the_autopilot_gets_the_fence_of_the_manifest(tmp_path, mavsdk_importer,
 
 
 def test_the_autopilot_gets_the_rally_points_of_the_manifest(tmp_path, mavsdk_importer, mission):
-    """In the plan, as items of its own kind, and in a file beside a MAVLink mission: places, heights over home."""
+    """In the plan, and in a file beside a MAVLink mission: places, and heights over home."""
     rally = np.array([[-30.0, 20.0, 9.0], [25.0, -18.0, 11.5]])
     structure = placed_box(rally_m=rally)
     done = export(made_plan(), structure, "qgc-plan", tmp_path / "a.plan")
