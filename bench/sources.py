@@ -61,7 +61,7 @@ def _raised(by: Callable[[np.ndarray], np.ndarray]) -> Change:
 
 
 def _aside(metres: float) -> Change:
-    return lambda positions, quats: (positions + [metres, 0.0, 0.0], quats)
+    return lambda positions, quats: (positions + np.array([metres, 0.0, 0.0]), quats)
 
 
 #: Mistakes in logs of places on the Earth and angles of a gimbal.
@@ -113,7 +113,7 @@ def judged(log: Made, form: str, folder: Path, convention: str = "") -> str:
 
 
 def conventions(count: int) -> None:
-    """Print what becomes of logs in a wrong convention, and of right ones: every mistake in every form in turn."""
+    """Print what becomes of right logs, and of wrong ones: every mistake in every form in turn."""
     total: dict[str, Counter[str]] = {"right": Counter()}
     cases = [(name, form, item.change) for name, item in NAMED.items() for form in _LOCAL]
     cases += [(name, form, change) for name, change in _OF_THE_EARTH.items() for form in _ON_EARTH]
