@@ -85,9 +85,7 @@ def fewer(suffix: str) -> bytes:
     return data.replace(b"POINTS 16", b"POINTS 6").replace(b"WIDTH 16", b"WIDTH 6")
 
 
-@pytest.mark.parametrize(
-    "suffix", ["ply", "ply_ascii", "stl", "dae", "gltf", "las", "pcd", "pcd_ascii"]
-)
+@pytest.mark.parametrize("suffix", ["ply", "ply_ascii", "stl", "dae", "gltf", "las", "pcd", "pcd_ascii"])
 def test_a_header_that_counts_fewer_than_there_are_is_refused(tmp_path: Path, suffix: str) -> None:
     data = fewer(suffix)
     assert data != mesh_files.write(*mesh_files.shape(), suffix)

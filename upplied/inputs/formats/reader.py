@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from upplied.errors import UppliedError
-from upplied.inputs.content import REFUSED, SAME, content_of
 from upplied.inputs.formats import clouds, collada, gltf, obj, ply, stl
+from upplied.inputs.formats.content import REFUSED, SAME, content_of
 from upplied.inputs.raw import RawMesh, Source
 from upplied.inputs.repair import used_vertices
 

@@ -39,7 +39,7 @@ class Reading:
     source: Source
     logged: Track  # clean, as logged, in its own frame
     flown: Track  # the camera's poses, structure frame, before its time was changed
-    kept: Track  # after
+    shortened: Track  # after
     pace: Pace
     camera: Camera
     to_camera: Callable[[Track], Track]
@@ -114,7 +114,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         **vars(pace99_of(flown, reading.gap_s)),
         **vars(aim_of(flown.positions, flown.quat_xyzw, scene)),
         **_best(others),
-        poses=len(reading.kept),
+        poses=len(reading.shortened),
         ground_declared=declared,
         lowest_m=float(sight.height_m.min()),
         below_ground_pct=_pct(sight.height_m < -settings.ground_slack_m) if declared else 0.0,
