@@ -35,7 +35,7 @@ from upplied.scene import scene_of
 
 _KINDS = ("airliner", "box", "bridge", "ship", "wind_turbine")
 _REAL = ("airplane/b738_fr24", "ship/ferry_88m", "building/house_1_osrf", "wind_turbine/enercon_e82_78m")
-_TELL = {
+TELL = {
     "fits-otherwise", "little-off-centre", "velocity", "aim-drifts", "aim-off", "near-structure",
     "looks-aside", "fast", "clock-stepped", "gaps", "hovering", "zoom",
     "pitch-otherwise", "pitch-unset", "lens-differs", "jerky", "turns-fast",
@@ -190,7 +190,7 @@ def judged(log: Made, path: Path) -> tuple[str, set[str]]:
         found = read_demonstration(log.write(path), LogOptions(), structures=lambda name: log.structure)
     except InputError as error:
         return "refused", {str(error).split(": ")[1][:40]}
-    told = {item["rule"] for item in found.passport["findings"]} & _TELL
+    told = {item["rule"] for item in found.passport["findings"]} & TELL
     return ("warned" if told else "passed"), told
 
 

@@ -1,10 +1,10 @@
 """One known flight in every form that is read, and conventions that were mistaken in some of them.
 
     python bench/sources.py          the table of forms
-    python bench/sources.py 500      besides, so many logs in a wrong convention, over five forms
+    python bench/sources.py 500      besides, so many logs in a wrong convention, over all forms
 
 Forms: the largest error of position, attitude and time beside the flight that was written. Conventions: right
-logs must be read, wrong ones refused or repaired with the name of the convention.
+logs must be read, wrong ones refused, with the name of the convention where it has one, or warned of.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,14 +22,63 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from made_flights import Made, right
 from made_logs import Flight, flight
 from made_sources import UNTIMED, WRITERS
+from passports import TELL
 
 from upplied.errors import InputError
 from upplied.inputs.logs import LogOptions, read_demonstration
-from upplied.inputs.passport.conventions import NAMED
-from upplied.poses import angle_between
+from upplied.inputs.passport.conventions import NAMED, Change
+from upplied.poses import angle_between, from_yaw_pitch, yaw_pitch
 
-_FORMS = ("mcap", "ros1", "tum", "euroc", "opensfm")
 _POSES = 300  # of a flight that is written in a wrong convention
+_LOCAL = (  # forms whose frame is the log's own
+    "mcap", "ros1", "ros2", "ulog", "tum", "euroc", "kitti", "opensfm", "colmap text", "colmap binary",
+    "nerfstudio", "bundler",
+)  # fmt: skip
+_ON_EARTH = ("dataflash", "tlog", "photos", "metashape", "realitycapture", "captions", "airdata")
+_TAKEOFF_Z_M = -10.0  # of the flights in `made_sources`
+
+
+def _heading(turn: Callable[[np.ndarray], np.ndarray]) -> Change:
+    def turned(positions: np.ndarray, quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        yaw, pitch = yaw_pitch(quats)
+        return positions, from_yaw_pitch(turn(yaw), pitch)
+
+    return turned
+
+
+def _from_nose(positions: np.ndarray, quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The gimbal's yaw from the nose of an aircraft that flies ahead, written as if from north."""
+    step = np.gradient(positions, axis=0)
+    return _heading(lambda yaw: yaw - np.unwrap(np.arctan2(step[:, 1], step[:, 0])))(positions, quats)
+
+
+def _level(positions: np.ndarray, quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return positions, from_yaw_pitch(yaw_pitch(quats)[0], np.zeros(len(quats)))
+
+
+def _raised(by: Callable[[np.ndarray], np.ndarray]) -> Change:
+    return lambda positions, quats: (np.column_stack([positions[:, :2], by(positions[:, 2])]), quats)
+
+
+def _aside(metres: float) -> Change:
+    return lambda positions, quats: (positions + np.array([metres, 0.0, 0.0]), quats)
+
+
+#: Mistakes in logs of places on the Earth and angles of a gimbal.
+_OF_THE_EARTH: dict[str, Change] = {
+    "pitch of the wrong sign": NAMED["pitch-sign"].change,
+    "no pitch of the gimbal": _level,
+    "yaw from the nose": _from_nose,
+    "yaw counter-clockwise": _heading(lambda yaw: -yaw),
+    "yaw from the east": _heading(lambda yaw: yaw + np.pi / 2),
+    "yaw of the back": _heading(lambda yaw: yaw + np.pi),
+    "compass off by 40 degrees": _heading(lambda yaw: yaw + np.radians(40)),
+    "heights in feet": _raised(lambda z: _TAKEOFF_Z_M + (z - _TAKEOFF_Z_M) / 0.3048),
+    "feet taken for metres": _raised(lambda z: _TAKEOFF_Z_M + (z - _TAKEOFF_Z_M) * 0.3048),
+    "heights above the sea": _raised(lambda z: z - 47.0),
+    "heights of another take-off": _raised(lambda z: z + 12.0),
+    "placed 20 m aside": _aside(20.0),
+}
 
 
 def forms() -> None:
@@ -50,34 +100,40 @@ def forms() -> None:
 
 
 def judged(log: Made, form: str, folder: Path, convention: str = "") -> str:
-    """The rule that refuses a log, "" where it is read, or the convention that its refusal names."""
+    """What becomes of a log: read, warned of, refused, or named with the convention that it is written in."""
     some = np.unique(np.linspace(0, len(log) - 1, _POSES).astype(int))
     place = Path(tempfile.mkdtemp(dir=folder))
     path, facts = WRITERS[form](place, Flight(log.t_ns[some], log.positions[some], log.quats[some]))
-    names = {"structure_id": log.structure.structure_id, "max_dropped": 1.0}
-    options = LogOptions(**(facts | {"body_frame": "camera"} | names))
+    options = LogOptions(**(facts | {"structure_id": log.structure.structure_id, "max_dropped": 1.0}))
     try:
-        read_demonstration(path, options, structures=lambda name: log.structure)
+        found = read_demonstration(path, options, structures=lambda name: log.structure)
     except InputError as error:
-        return convention if convention and f"({convention})" in str(error) else "refused"
-    return ""
+        return "named" if convention and f"({convention})" in str(error) else "refused"
+    return "warned of" if {item["rule"] for item in found.passport["findings"]} & TELL else "read"
 
 
 def conventions(count: int) -> None:
-    """Print what becomes of logs in a wrong convention, and of right ones."""
-    total: Counter[str] = Counter()
+    """Print what becomes of right logs, and of wrong ones: every mistake in every form in turn."""
+    total: dict[str, Counter[str]] = {"right": Counter()}
+    cases = [(name, form, item.change) for name, item in NAMED.items() for form in _LOCAL]
+    cases += [(name, form, change) for name, change in _OF_THE_EARTH.items() for form in _ON_EARTH]
+    order = np.random.default_rng(1).permutation(len(cases))
     with tempfile.TemporaryDirectory() as folder:
         for number in range(count):
-            name, form = list(NAMED)[number % len(NAMED)], _FORMS[number % len(_FORMS)]
-            log = right(number // len(NAMED))
+            name, form, change = cases[order[number % len(cases)]]
+            log = right(number % 24)
             quats = log.quats / np.linalg.norm(log.quats, axis=1, keepdims=True)
-            positions, turns = NAMED[name].change(log.positions, quats)
-            result = judged(replace(log, positions=positions, quats=turns), form, Path(folder), name)
-            total["named" if result == name else result or f"passed: {name}"] += 1
-            if number % len(NAMED) == 0:
-                total["right refused" if judged(log, form, Path(folder)) else "right read"] += 1
-    for result, times in total.most_common():
-        print(f"{result:40}{times:6}")
+            positions, turns = change(log.positions, quats)
+            wrong = replace(log, positions=positions, quats=turns)
+            total.setdefault(name, Counter())[judged(wrong, form, Path(folder), name)] += 1
+            if number % 5 == 0:
+                total["right"][judged(log, form, Path(folder))] += 1
+    results = ("named", "refused", "warned of", "read")
+    print(f"{'':30}" + "".join(f"{result:>11}" for result in results))
+    for name, found in total.items():
+        print(f"{name:30}" + "".join(f"{found[result]:11}" for result in results))
+    wrong = sum((found for name, found in total.items() if name != "right"), Counter())
+    print(f"{'all that are wrong':30}" + "".join(f"{wrong[result]:11}" for result in results))
 
 
 if __name__ == "__main__":

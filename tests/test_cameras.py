@@ -1,4 +1,4 @@
-"""The cameras of the list: complete, with a source each, and as their data sheets say."""
+"""The cameras of the list: complete, with a source each, and their doubtful figures named."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import pytest
 
 from upplied.cameras import (
     DEFAULT_TRIGGER_S,
-    assumptions,
     completed,
     known_camera,
     known_cameras,
     least_interval,
     named_by_exif,
+    unverified,
 )
 from upplied.config import InspectionSettings
 from upplied.errors import SettingsError
@@ -23,11 +23,14 @@ from upplied.records import Camera
 RULE = InspectionSettings()
 
 
-def test_there_are_ten_and_each_names_its_data_sheet() -> None:
+def test_there_are_ten_and_each_names_what_its_figures_were_read_from() -> None:
     entries = known_cameras()
     assert len(entries) >= 10
     for name, entry in entries.items():
-        assert entry["source"].startswith("https://"), name
+        doubtful = set(entry.get("unverified", ()))
+        assert doubtful <= entry.keys(), name
+        read = entry.keys() & {"width_px", "height_px", "sensor_mm", "dfov_deg", "focal_mm"} - doubtful
+        assert ("https://" in entry["source"]) == bool(read), name
         assert entry.keys() >= {"name", "exif", "width_px", "height_px", "focal_mm", "trigger_s"}, name
         assert ("sensor_mm" in entry) != ("dfov_deg" in entry), name
         camera = known_camera(name)
@@ -35,14 +38,14 @@ def test_there_are_ten_and_each_names_its_data_sheet() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "diagonal_deg", "pixel_um"),  # of the same sheets
+    ("name", "diagonal_deg", "pixel_um"),
     [
         ("dji-zenmuse-p1-35", 63.5, 4.4),
         ("dji-phantom-4-rtk", 84.0, 2.4),
         ("phase-one-ixm-100-35", 76.0, 3.76),
     ],
 )
-def test_fields_of_view_and_pixels_are_those_of_the_sheets(name, diagonal_deg, pixel_um) -> None:
+def test_fields_of_view_and_pixels_follow_from_the_figures(name, diagonal_deg, pixel_um) -> None:
     camera = known_camera(name)
     across, up = (math.tan(math.radians(angle) / 2) for angle in (camera.hfov_deg, camera.vfov_deg))
     assert math.degrees(2 * math.atan(math.hypot(across, up))) == pytest.approx(diagonal_deg, abs=0.8)
@@ -51,7 +54,7 @@ def test_fields_of_view_and_pixels_are_those_of_the_sheets(name, diagonal_deg, p
 
 def test_the_file_format_says_how_long_a_photo_takes() -> None:
     assert [known_camera("dji-mavic-3e", kind).trigger_s for kind in ("jpeg", "raw")] == [0.7, 3.0]
-    assert known_camera("dji-phantom-4-rtk", "raw").trigger_s == 2.5  # the sheet is silent about it
+    assert known_camera("dji-phantom-4-rtk", "raw").trigger_s == 2.5  # nothing is stated of it
     for wrong in (("nikon-f",), ("dji-mavic-3e", "tiff")):
         with pytest.raises(SettingsError, match="one of"):
             known_camera(*wrong)
@@ -78,12 +81,14 @@ def test_the_interval_says_where_it_is_known_from() -> None:
     assert "dji-phantom-4-rtk" in least_interval(known_camera("dji-phantom-4-rtk"))[1]
 
 
-def test_what_is_assumed_is_named() -> None:
-    said = assumptions(Camera(), RULE.exposure_s, RULE.width_px)
-    assert said == [
-        "4000 pixels of width", "an exposure of 1/500 s", "2 s between photos", "everything in focus"
-    ]  # fmt: skip
-    assert assumptions(known_camera("dji-phantom-4-rtk"), 1 / 500, 4000) == ["an exposure of 1/500 s"]
+def test_figures_that_were_read_nowhere_are_named_but_for_those_the_flight_has() -> None:
+    assert unverified("sony-a7r-iv-35") == ""
+    words = unverified("dji-mavic-3e")
+    assert words.startswith("sensor width, focal length") and words.endswith("of dji-mavic-3e not verified")
+    assert "sensor" not in unverified("dji-mavic-3e", ["hfov_deg"])
+    assert unverified("dji-phantom-4-rtk", ["focus_m", "trigger_s"]) == ""
+    assert least_interval(known_camera("sony-a7r-iv-35"))[1] == "of the camera sony-a7r-iv-35"
+    assert least_interval(known_camera("dji-mavic-3e"))[1].endswith("not verified")
 
 
 def test_an_unknown_optic_leaves_a_camera_as_it_was_stored() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from importlib import resources
 from typing import Any
@@ -16,7 +16,13 @@ FILE_FORMATS = ("jpeg", "raw")
 #: Least time between two photos where neither camera nor flight says it, s.
 DEFAULT_TRIGGER_S = 2.0
 _SAME_LENS = 0.05  # of a focal length
-_UNLIMITED_M = 50.0  # as the default of `Camera.max_range_m`: no sheet says how far off a photo is of use
+_FIGURES = {
+    "sensor_mm": "sensor width", "dfov_deg": "field of view", "width_px": "width in pixels",
+    "height_px": "height in pixels", "focal_mm": "focal length", "f_number": "aperture",
+    "focus_m": "nearest focus", "trigger_s": "least time between photos",
+}  # fmt: skip
+_OF_FIELD = ("sensor_mm", "dfov_deg")  # they give the field of view and nothing else
+_UNLIMITED_M = 50.0  # as the default of `Camera.max_range_m`: nobody states how far off a photo is of use
 
 
 def known_cameras() -> Mapping[str, Mapping[str, Any]]:
@@ -33,7 +39,7 @@ def known_camera(name: str, file_format: str = "jpeg") -> Camera:
     name : str
         Of its entry in `cameras.toml`.
     file_format : {"jpeg", "raw"}
-        Of its photos: the longest time that the sheet states counts where it is silent about this one.
+        Of its photos: the longest time that is stated counts where none is for this one.
 
     Raises
     ------
@@ -86,7 +92,7 @@ def named_by_exif(model: str, focal_mm: float) -> str:
     for name, entry in known_cameras().items():
         lens = entry.get("lens_mm")
         fits = lens is None or abs(focal_mm / lens - 1) < _SAME_LENS
-        if fits and any(told in words for told in entry.get("exif", ())):
+        if fits and any(model_name in words for model_name in entry.get("exif", ())):
             return name
     return ""
 
@@ -108,24 +114,31 @@ def least_interval(camera: Camera | None) -> tuple[float, str]:
     if camera is None or not camera.trigger_s:
         return DEFAULT_TRIGGER_S, "assumed, as nobody says what the camera takes"
     if camera.model:
-        return camera.trigger_s, f"of the camera {camera.model}"
+        doubtful = known_cameras().get(camera.model, {}).get("unverified", ())
+        doubt = ", not verified" if "trigger_s" in doubtful else ""
+        return camera.trigger_s, f"of the camera {camera.model}{doubt}"
     return camera.trigger_s, "as the demonstration took them"
 
 
-def assumptions(camera: Camera, exposure_s: float, width_px: int) -> list[str]:
-    """What is not known of a camera and assumed instead, in words.
+def unverified(name: str, stated: Collection[str] = ()) -> str:
+    """The figures of a camera of the list that were read nowhere, in words; empty where there are none.
 
     Parameters
     ----------
-    camera : Camera
-    exposure_s, width_px
-        What is assumed (`InspectionSettings`).
+    name : str
+        Of its entry in `cameras.toml`.
+    stated : collection of str
+        Fields of `Camera` that are known of the flight itself.
+
+    Examples
+    --------
+    >>> unverified("dji-mavic-3e", ("hfov_deg", "focus_m", "trigger_s"))
+    'focal length, aperture of dji-mavic-3e not verified'
+    >>> unverified("sony-a7r-iv-35")
+    ''
     """
-    interval, _ = least_interval(camera)
-    found = [
-        (camera.width_px, f"{width_px} pixels of width"),
-        (camera.exposure_s, f"an exposure of 1/{1 / exposure_s:.0f} s"),
-        (camera.trigger_s, f"{interval:g} s between photos"),
-        (camera.focal_mm and camera.f_number, "everything in focus"),
-    ]
-    return [words for known, words in found if not known]
+    figures = known_cameras()[name].get("unverified", ())
+    lens = "hfov_deg" in stated
+    listed = [words for key, words in _FIGURES.items()
+              if key in figures and key not in stated and not (lens and key in _OF_FIELD)]  # fmt: skip
+    return f"{', '.join(listed)} of {name} not verified" if listed else ""

@@ -169,8 +169,11 @@ def _keys() -> Iterator[str]:
     yield "`[inspection]` of `flight.toml` beside `flight.mcap`, or a metadata record `inspection`"
     yield "in the log. Metres and degrees. The last six are options of the reader alone.\n"
     yield "| key | type | default |\n|---|---|---|"
+    kinds = get_type_hints(LogOptions)
     for item in fields(LogOptions):
-        yield f"| `{item.name}` | {str(item.type).replace(' | None', '')} | {_default(item)} |"
+        kind = kinds[item.name]
+        words = str(kind) if get_origin(kind) else kind.__name__
+        yield f"| `{item.name}` | {words.replace(' | None', '')} | {_default(item)} |"
 
 
 def _default(item: Field[Any]) -> str:

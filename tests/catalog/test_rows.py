@@ -31,6 +31,9 @@ def test_bare_structure_round_trip():
     back = rows.structure_of(through("structures", rows.structure_row(given, "0" * 64)), given)
     assert differences(given, back) == []
     assert differences(Surroundings(), back.surroundings) == []
+    rallied = replace(given, surroundings=Surroundings(rally_m=np.array([[3.0, -4.0, 2.0]])))
+    back = rows.structure_of(through("structures", rows.structure_row(rallied, "0" * 64)), given)
+    assert back.surroundings.rally_m.tolist() == [[3.0, -4.0, 2.0]]
 
 
 @pytest.mark.parametrize(("surface", "stated"), [("drawn", 0.0), ("scanned", 0.15), (None, None)])

@@ -23,8 +23,8 @@ FOLDER = Path(__file__).parents[1]
 KINDS = (b"L", b"S", b"T", b"C")  # first byte: a log, a side-car, a manifest in TOML or in CSV
 
 
-def replay(data: bytes, folder: Path) -> None:
-    """What the fuzzer does with one input; raises what a reader should not.
+def replay(data: bytes, folder: Path) -> str:
+    """What the fuzzer does with one input: why it is refused, empty where it is read; raises what is a fault.
 
     Parameters
     ----------
@@ -51,8 +51,9 @@ def replay(data: bytes, folder: Path) -> None:
             (folder / "fuzz.mcap").write_bytes(content)
             found = read_demonstration(folder / "fuzz.mcap", options)
             assert len(found) >= 2 and (found.t_ns[1:] > found.t_ns[:-1]).all()
-    except UppliedError:
-        pass
+    except UppliedError as error:
+        return str(error)
+    return ""
 
 
 def seeds(folder: Path) -> None:

@@ -29,7 +29,14 @@ def caught(fault: str, number: int, path: Path) -> bool:
     return what == "refused" or (fault in NAMED and NAMED[fault] in said)
 
 
-@pytest.mark.parametrize("fault", sorted(FAULTS))
+# tests/inputs/test_passport.py shows with what words these are refused.
+REFUSED_BY_NAME = {
+    "ned", "w_first", "optical", "swapped", "feet", "mirrored", "two_vehicles", "unconnected", "many_gaps",
+    "yaw_drift",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", sorted(FAULTS.keys() - REFUSED_BY_NAME))
 def test_a_fault_is_refused_or_named(tmp_path: Path, fault: str) -> None:
     assert sum(caught(fault, number, tmp_path / "a.mcap") for number in (0, 4, 6)) >= 2
 

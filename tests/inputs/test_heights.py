@@ -32,7 +32,7 @@ def _grid(folder: Path, height_m: float) -> None:
 
 
 def test_mean_sea_level_comes_from_a_grid_that_is_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     """ArduPilot logs heights above the sea, the structure stands above the ellipsoid."""
     pyproj = pytest.importorskip("pyproj")
@@ -42,6 +42,8 @@ def test_mean_sea_level_comes_from_a_grid_that_is_there(
     with pytest.raises(InputError, match=r"geoid_undulation_m, or a grid: none of PROJ's"):
         read_demonstration(path, place)
     _grid(tmp_path, 47.5)
+    folders = pyproj.datadir.get_data_dir()
+    request.addfinalizer(lambda: pyproj.datadir.set_data_dir(folders))
     pyproj.datadir.append_data_dir(str(tmp_path))
     by_grid = read_demonstration(path, place)
     stated = read_demonstration(path, replace(place, geoid_undulation_m=47.5))

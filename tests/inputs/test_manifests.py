@@ -36,6 +36,7 @@ FULL = {
     "ground_z": 0.0,
     "keep_out": [[[0, 0, 0], [1, 2, 3]]],
     "geofence": [[0, 0], [100, 0], [0, 100]],
+    "rally": [[40, 40, 2.5]],
     "ceiling_z": 120.0,
     "landmarks": {"nose": [18.0, 0.0, 3.0]},
     "symmetric": True,
@@ -92,6 +93,7 @@ def test_every_key_is_understood_and_csv_says_what_toml_says(tmp_path: Path) -> 
     assert entry.nominal_m == (37.6, 34.1, 11.8)
     assert entry.surroundings.keep_out_m.shape == (1, 2, 3)
     assert entry.surroundings.geofence_m.shape == (3, 2)
+    assert entry.surroundings.rally_m.tolist() == [[40, 40, 2.5]]
     assert entry.landmarks == {"nose": (18.0, 0.0, 3.0)}
     assert entry.surface == "scanned" and entry.surface_error_m == 0.15
     assert entry.symmetric and entry.clip_ground and not entry.drop_outliers
@@ -135,6 +137,7 @@ def test_a_symmetric_structure_needs_no_forward_axis(tmp_path: Path) -> None:
         ({"keep_out": [[[0, 0, 0], [1, 2, -3]]]}, "min before max"),
         ({"keep_out": [[0, 0, 0], [1, 2, 3]]}, "boxes"),
         ({"geofence": [[0, 0], [1, 1]]}, "at least 3"),
+        ({"rally": [[1, 2]]}, "points"),
         ({"geofence": [[0, 0], [1, 1], [1]]}, "corners"),
         ({"landmarks": {"no se": [0, 0, 0]}}, "A-Z a-z 0-9"),
         ({"landmarks": {"nose": [0, 0]}}, "x, y, z"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.cli import main
 from upplied.errors import InputError
+from upplied.fleet import reading
 from upplied.fleet.ingest import passed_over
 from upplied.inputs.logs import LogOptions
 from upplied.inputs.passport.rules import RULES
@@ -24,6 +26,29 @@ from upplied.inputs.sources.project_files import project_at
 from upplied.poses import angle_between, look_at
 
 LEVEL = Rotation.identity()
+
+
+class InProcess:
+    """Workers that read here: that files are read in processes of their own, tests/fleet shows."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+
+    def __enter__(self) -> InProcess:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Nothing was started."""
+
+    def run(self, read: Callable[[object], object], item: object) -> object:
+        return read(item)
+
+
+@pytest.fixture(autouse=True)
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reading, "Workers", InProcess)
+
+
 Y_DOWN = Rotation.from_matrix([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # as COLMAP: y down, z ahead
 
 
@@ -52,8 +77,6 @@ def colmap(folder: Path, turn: Rotation = LEVEL, scale: float = 1.0) -> Path:
     return folder
 
 
-@pytest.mark.slow
-@pytest.mark.ci
 def test_a_project_is_a_structure_and_a_flight(tmp_path: Path) -> None:
     project = colmap(tmp_path / "water tower", Y_DOWN, 0.25)
     catalog = open_catalog(tmp_path / "catalog")

@@ -14,9 +14,9 @@ from upplied.inputs import repair
 from upplied.inputs.concerns import concerns, cut_off
 from upplied.inputs.flight.clean import UNSET, breaks, clean
 from upplied.inputs.flight.clock import steady
+from upplied.inputs.flight.inspection import phases
 from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import Track, at_times
-from upplied.inputs.flight.whole import phases
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.passport import conventions
 from upplied.inputs.passport.aim import aim_of
@@ -165,7 +165,7 @@ def test_nothing_is_interpolated_across_a_reset() -> None:
 
 @pytest.mark.parametrize(("slope", "found"), [(0.2, True), (0.5, False)])
 def test_ground_that_is_steep_is_none(slope: float, found: bool) -> None:
-    scene, _ = scanned(member("turbine-1-v1").structure, slope)
+    scene, _ = scanned("turbine-1-v1", slope)
     assert (separated(scene).ground_z_m is not None) == found
 
 

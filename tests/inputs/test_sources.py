@@ -76,6 +76,7 @@ def test_photos_say_their_camera_and_its_shortest_interval(tmp_path: Path) -> No
     camera = (found := read_demonstration(path, LogOptions(structure_id="tank", **facts))).camera
     assert found.stills and (camera.model, camera.trigger_s) == ("dji-phantom-4-pro-v2", 2.0)
     assert camera.exposure_s == pytest.approx(1 / 761) and camera.f_number == 5.6
+    assert "least time between photos of dji-phantom-4-pro-v2 not verified" in found.notes
     raw = LogOptions(structure_id="tank", camera_file_format="raw", camera_exposure_s=0.01, **facts)
     assert (read_demonstration(path, raw).camera.trigger_s) == 5.0
     assert read_demonstration(path, raw).camera.exposure_s == 0.01  # who says it knows better

@@ -84,6 +84,41 @@ def test_the_autopilot_gets_the_fence_of_the_manifest(tmp_path, mavsdk_importer,
     assert np.allclose([[float(value) for value in row[8:10]] for row in rows], places, atol=2e-7)
 
 
+def test_the_autopilot_gets_the_rally_points_of_the_manifest(tmp_path, mavsdk_importer, mission):
+    """In the plan, and in a file beside a MAVLink mission: places, and heights over home."""
+    rally = np.array([[-30.0, 20.0, 9.0], [25.0, -18.0, 11.5]])
+    structure = placed_box(rally_m=rally)
+    done = export(made_plan(), structure, "qgc-plan", tmp_path / "a.plan")
+    items = mavsdk_importer(done.paths[0].read_text()).rally_items
+    assert [(item.command, item.frame) for item in items] == [(5100, 3)] * 2
+    places = np.array([[item.x, item.y] for item in items]) * 1e-7
+    altitude = np.full(len(places), structure.placement.alt_m)
+    local = from_geodetic(np.column_stack([places, altitude]), structure.placement)[:, :2]
+    assert np.allclose(local, rally[:, :2], atol=0.02)
+    assert np.allclose([item.z for item in items], rally[:, 2] - done.missions[0].home_local[2], atol=1e-3)
+    done = export(made_plan(), structure, "mavlink", tmp_path / "a.waypoints")
+    assert [path.name for path in done.paths] == ["a.waypoints", "a.rally.waypoints"]
+    rows = [line.split("\t") for line in done.paths[1].read_text().splitlines()[1:]]
+    assert [row[2:4] for row in rows] == [["3", "5100"]] * 2
+    assert np.allclose(
+        [[float(value) for value in row[8:11]] for row in rows], done.missions[0].rally, atol=1e-7
+    )
+
+
+@pytest.mark.parametrize(
+    ("around", "why"),
+    [
+        ({"rally_m": np.array([[6.5, 0.0, 2.0]])}, "0.50 m from the structure"),
+        ({"rally_m": np.array([[0.0, 0.0, 5.0]])}, "the structure is above it"),
+        ({"rally_m": np.array([[80.0, 0.0, 9.0]]), "geofence_m": FENCE}, "outside the geofence"),
+        ({"rally_m": np.array([[42.0, 42.0, 5.0]]), "keep_out_m": BOX[None]}, "in a keep-out box"),
+    ],
+)
+def test_a_rally_point_that_is_no_place_to_fly_to_is_refused(tmp_path, around, why):
+    with pytest.raises(RefusedError, match=f"rally point 1 .*{why}"):
+        export(made_plan(), placed_box(**around), "qgc-plan", tmp_path / "a.plan")
+
+
 @pytest.mark.parametrize("options", [MissionOptions(), MissionOptions(firmware="ardupilot", gimbal="mount")])
 def test_mavsdk_imports_the_plan_file(tmp_path, mavsdk_importer, mission, options):
     _, path = written(tmp_path, "qgc-plan", options)

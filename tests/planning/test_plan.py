@@ -86,6 +86,7 @@ def test_shifting_both_structures_shifts_the_plan(fleet, around_cube, preset):
     here = plan_transfer(around_cube, without_ground(cube), without_ground(cuboid), settings)
     back = moved(there.trajectory, turn, -shift_t)
     same_plan(here, replace(there, trajectory=back), atol=2e-3)
+    assert (there.status, len(there.trajectory)) == (here.status, len(here.trajectory))
 
 
 def without_ground(structure):

@@ -6,7 +6,6 @@ Each kind of file has a reader of its own in `upplied.inputs.sources`, each fami
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -16,24 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from upplied.config import digest
 from upplied.errors import InputError
-from upplied.inputs.flight import window
-from upplied.inputs.flight.choice import NOTHING, READERS, choose, nothing
+from upplied.inputs.fingerprints import digest_of, fingerprint, sha256_of
+from upplied.inputs.flight import inspection as inspections
+from upplied.inputs.flight.choice import NOTHING, READERS, check_one, choose, nothing
 from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, silence_s, timed
 from upplied.inputs.flight.clock import steady
 from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame
 from upplied.inputs.flight.pace import paced
-from upplied.inputs.flight.publishers import check_one
 from upplied.inputs.flight.registering import registered
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.flight.whole import phases
-from upplied.inputs.mcap.recording import open_recording
 from upplied.inputs.passport.conventions import converted
 from upplied.inputs.passport.measured import SEEN, Reading
 from upplied.inputs.passport.passport import passport_of
 from upplied.inputs.passport.rules import RULES
-from upplied.inputs.passport.settings import SHAPING, PassportSettings
 from upplied.inputs.rules import Verdict, broken
 from upplied.inputs.schemas import cameras, geodetic, gimbal, px4, ros, tf, wind
 from upplied.inputs.sidecar import LogOptions, inspection, placed, stated
@@ -44,20 +39,11 @@ from upplied.poses import normalised
 from upplied.records import Demonstration, Placement, Structure
 from upplied.scene import scene_of
 
-__all__ = ["LogOptions", "read_demonstration"]
-
-# Facts that change nothing of a flight, and those that came later and leave the hash of older logs alone.
-_UNHASHED = ("demonstration_id", "allow", "strict", "passport")
-_LATER = (
-    "publisher", "convention", "unit_m", "takeoff_alt_m", "points", "body_T_antenna_position_m",
-    "camera_model", "camera_file_format", "camera_width_px", "camera_height_px", "camera_exposure_s",
-    "camera_trigger_s", "camera_focus_m", "camera_focal_mm", "camera_f_number",
-)  # fmt: skip
-_PHOTO_HEAD = 1 << 17  # bytes by which a photo is known: reading all of them would take longer than the rest
+__all__ = ["LogOptions", "fingerprint", "read_demonstration"]
 
 FIELDS = {
     schema: paths
-    for family in (ros, px4, geodetic, tf, gimbal, cameras, window, wind)
+    for family in (ros, px4, geodetic, tf, gimbal, cameras, inspections, wind)
     for schema, paths in family.FIELDS.items()
 }
 
@@ -101,51 +87,17 @@ def read_demonstration(
     try:
         kind = door.kind_of(path)
         with ThreadPoolExecutor(1) as beside:  # hashing a large log takes longer than reading its poses
-            sha256 = beside.submit(_sha256_of, path, kind)
+            sha256 = beside.submit(sha256_of, path, kind)
             source = door.read(path, FIELDS)
             try:
-                found, facts = _demonstration(
+                demonstration, facts = _demonstration(
                     path, source, options or LogOptions(), placements or {}, structures, flight
                 )
             except InputError as error:
                 raise _in_context(error, path, source) from None
-            return replace(found, sha256=_digest(sha256.result(), facts))
+            return replace(demonstration, sha256=digest_of(sha256.result(), facts))
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({error.strerror})", "a readable file") from None
-
-
-def fingerprint(
-    path: str | Path, options: LogOptions | None = None, placements: Mapping[str, Placement] | None = None
-) -> tuple[str, str]:
-    """The id and the hash that `read_demonstration` would give; no message is read.
-
-    The hash differs where facts about the flight stand among the messages of a damaged log: such a log is
-    read to be known.
-
-    Raises
-    ------
-    InputError, OSError
-        If the file cannot be read or is no log.
-    """
-    path = Path(path)
-    kind = door.kind_of(path)
-    metadata = open_recording(path).metadata if kind == "mcap" else []
-    facts, _ = inspection(path, metadata, options or LogOptions())
-    facts = placed(facts, (placements or {}).get(facts.structure_id))
-    return facts.demonstration_id, _digest(_sha256_of(path, kind), facts)
-
-
-def _digest(log: str, facts: LogOptions) -> str:
-    """Of the bytes of the log and of all facts about it."""
-    hashed = {
-        name: value
-        for name, value in vars(facts).items()
-        if name not in _UNHASHED and (value or name not in _LATER)
-    }
-    shaped = {name: getattr(facts.passport, name) for name in SHAPING}
-    if shaped != {name: getattr(PassportSettings(), name) for name in SHAPING}:
-        hashed["shaped"] = shaped
-    return digest({"log": log, "said": hashed})
 
 
 def _demonstration(
@@ -175,7 +127,7 @@ def _demonstration(
     track, topic, chosen = _source(tables, tree, facts, camera_frame, what)
     where = f"{what}, {topic}"
     # The inspection alone; samples that are no pose are dropped and counted.
-    track, cut, given = window.inspected(steady(timed(track)), tables, facts, what)
+    track, cut, given = inspections.inspected(steady(timed(track)), tables, facts, what)
     track = clean(track, facts, where)
     check_one(track, facts, where)
     facts, placing = registered(facts, track, structure, where)
@@ -193,7 +145,7 @@ def _demonstration(
 
     flown = to_camera(track)
     if structure is not None and not given and len(flown) > 1:
-        parts = phases(flown, scene_of(structure), SEEN * camera.max_range_m)
+        parts = inspections.phases(flown, scene_of(structure), SEEN * camera.max_range_m)
         if parts is not None:
             since_s = (flown.t_ns - flown.t_ns[0]) * 1e-9
             inside = (since_s >= parts.start_s) & (since_s <= parts.stop_s)
@@ -202,14 +154,14 @@ def _demonstration(
     check_dropped(flown, facts, where)
     _check_length(flown, facts, what)
     gap_s = silence_s(flown, facts.gap_s)
-    kept, pace = paced(flown, gap_s, facts.passport)
+    shortened, pace = paced(flown, gap_s, facts.passport)
     if flight:
-        kept = flown
-    first_after, how = breaks(kept, gap_s)
+        shortened = flown
+    first_after, how = breaks(shortened, gap_s)
     pacing = [] if flight else pace.words
-    notes += [*source.notes, *filter(None, [placing]), *more, *chosen, *cut, *kept.notes, *how, *pacing]
-    if source.stills and not camera.trigger_s and len(kept) > 1:
-        camera = replace(camera, trigger_s=float(np.diff(kept.t_ns).min() * 1e-9))
+    notes += [*source.notes, *filter(None, [placing]), *more, *chosen, *cut, *shortened.notes, *how, *pacing]
+    if source.stills and not camera.trigger_s and len(shortened) > 1:
+        camera = replace(camera, trigger_s=float(np.diff(shortened.t_ns).min() * 1e-9))
     passport: Mapping[str, Any] = {}
     if structure is not None:
         of_reader: dict[str, Callable[[LogOptions], object]] = {
@@ -218,7 +170,7 @@ def _demonstration(
             "frame-unconnected": lambda asked: in_frame(track, asked, tree, what),
         }
         reading = Reading(
-            source, track, flown, kept, pace, camera, to_camera, gap_s, tuple(notes),
+            source, track, flown, shortened, pace, camera, to_camera, gap_s, tuple(notes),
             _overruled(facts, of_reader), None if facts.convention else ros.velocity(_named(tables, topic)),
             ros.turning(tables), cameras.lens_ratio(zoom, facts),
         )  # fmt: skip
@@ -226,22 +178,22 @@ def _demonstration(
     demonstration = Demonstration(
         demonstration_id=facts.demonstration_id,
         structure_id=facts.structure_id,
-        t_ns=kept.t_ns,
-        positions=kept.positions,
-        quat_xyzw=normalised(kept.quat_xyzw),
+        t_ns=shortened.t_ns,
+        positions=shortened.positions,
+        quat_xyzw=normalised(shortened.quat_xyzw),
         camera=camera,
-        fov_deg=kept.fov_deg,
+        fov_deg=shortened.fov_deg,
         operator=facts.operator,
         site=facts.site,
         about=facts.about,
         breaks=first_after,
         degraded=bool(source.losses),
-        dropped=dict(sorted(kept.dropped.items())),
-        clock=kept.clock,
+        dropped=dict(sorted(shortened.dropped.items())),
+        clock=shortened.clock,
         topic=topic,
         notes="; ".join([*filter(None, [facts.notes]), *notes, *source.losses]),
         passport=passport,
-        wind=wind.wind_of(tables, kept, facts.structure_heading_deg),
+        wind=wind.wind_of(tables, shortened, facts.structure_heading_deg),
         stills=source.stills,
     )
     return demonstration, declared
@@ -318,19 +270,3 @@ def _check_length(track: Track, facts: LogOptions, what: str) -> None:
         raise InputError(
             what, found, f"at least 2 poses and {rule}", "lower min_duration_s if this is all of it"
         )
-
-
-def _sha256_of(path: Path, kind: str) -> str:
-    """Of the bytes of a file; where several hold a flight, of all of them, photos by their heads."""
-    names = door.parts_of(path, kind)
-    whole = hashlib.sha256()
-    for name in names:
-        with name.open("rb") as stream:
-            if names == [path]:
-                return hashlib.file_digest(stream, "sha256").hexdigest()
-            whole.update(f"{name.name}\0{name.stat().st_size}\0".encode())
-            if kind == "photos":
-                whole.update(stream.read(_PHOTO_HEAD))
-            else:
-                whole.update(hashlib.file_digest(stream, "sha256").digest())
-    return whole.hexdigest()

@@ -218,6 +218,9 @@ KEYS: dict[str, Key] = {
     "keep_out": Key(_boxes, "boxes no path may enter, m, structure frame"),
     "geofence": Key(_polygon, "polygon no path may leave, m, structure frame"),
     "ceiling_z": Key(number(-1e5, 1e5), "highest allowed z, m, structure frame"),
+    "rally": Key(
+        array((0, 3), "points [x, y, z], m"), "where it may land instead of home, m, structure frame"
+    ),
     "landmarks": Key(points, "named points, m, structure frame"),
     "symmetric": Key(_flag, "no heading can be told from the shape"),
     "surface": Key(choice(SURFACES), "drawn or scanned; left out: a cloud is scanned, a mesh drawn"),

@@ -24,6 +24,10 @@ from upplied.inputs.structure_rules import StructureSettings
 from upplied.records import Floats, Placement, Surroundings
 
 MAX_BYTES = 16 << 20  # a row is some 200 bytes: 80 000 structures
+_AS_DECLARED = (  # keys of a manifest that are fields of an entry
+    "scale", "local_origin", "site", "landmarks", "symmetric", "surface", "surface_error_m", "drop_hidden",
+    "drop_outliers", "clip_ground", "notes", "allow",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,29 +143,13 @@ def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool)
     up, forward = keys.axes(given, what)
     if given.get("clip_ground") and "ground_z" not in given:
         raise InputError(what, "has clip_ground but no ground_z", "the height of the ground to clip at")
+    declared = {name: given[name] for name in _AS_DECLARED if name in given}
     return StructureEntry(
-        structure_id=given["id"],
-        kind=given["kind"],
-        path=_inside(folder, given["path"], what, allow_outside),
-        unit_m=given["units"],
-        up=up,
-        forward=forward,
-        scale=given.get("scale", 1.0),
-        local_origin=given.get("local_origin", (0.0, 0.0, 0.0)),
-        site=given.get("site", ""),
-        placement=_placement(given, what),
-        surroundings=_surroundings(given),
+        given["id"], given["kind"], _inside(folder, given["path"], what, allow_outside), given["units"], up,
+        forward, placement=_placement(given, what), surroundings=_surroundings(given),
         nominal_m=tuple(given.get(f"nominal_{side}_m") for side in ("length", "width", "height")),  # type: ignore[arg-type]
-        landmarks=given.get("landmarks", {}),
-        symmetric=given.get("symmetric", False),
-        surface=given.get("surface"),
-        surface_error_m=given.get("surface_error_m"),
-        drop_hidden=given.get("drop_hidden", False),
-        drop_outliers=given.get("drop_outliers", False),
-        clip_ground=given.get("clip_ground", False),
-        notes=given.get("notes", ""),
-        allow=given.get("allow", ()),
-    )
+        **declared,
+    )  # fmt: skip
 
 
 def _inside(folder: Path, name: str, what: str, allow_outside: bool) -> Path:
@@ -197,4 +185,5 @@ def _surroundings(given: Mapping[str, Any]) -> Surroundings:
         keep_out_m=array("keep_out", (0, 2, 3)),
         geofence_m=array("geofence", (0, 2)),
         ceiling_z_m=given.get("ceiling_z"),
+        rally_m=array("rally", (0, 3)),
     )

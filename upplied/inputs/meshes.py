@@ -91,8 +91,8 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
     else:
         vertices, triangles, normals, findings = _cloud(vertices, raw, entry)
     nominal = nominal_problems(vertices, entry, findings.outliers)
-    found = (*nominal, *findings.verdicts, *concerns(vertices, raw, entry, turn(entry.up, entry.forward)))
-    verdicts = decided(found, entry.allow, entry.strict)
+    verdicts = (*nominal, *findings.verdicts, *concerns(vertices, raw, entry, turn(entry.up, entry.forward)))
+    verdicts = decided(verdicts, entry.allow, entry.strict)
     findings = replace(findings, done=(*raw.remarks, *findings.done), verdicts=verdicts)
     structure = Structure(
         structure_id=entry.structure_id,
@@ -212,9 +212,9 @@ def _cloud(
     ):
         rule, remedy = "a mesh, or at least four points that do not lie on a line", "export the surface again"
         raise InputError(str(entry.path), f"holds no triangles and {len(places)} points", rule, remedy)
-    kept = np.flatnonzero(finite)[np.sort(first)]
-    points = vertices[kept]
-    given = None if raw.normals is None else raw.normals[kept] @ turn(entry.up, entry.forward).T
+    distinct = np.flatnonzero(finite)[np.sort(first)]
+    points = vertices[distinct]
+    given = None if raw.normals is None else raw.normals[distinct] @ turn(entry.up, entry.forward).T
     normals, word = outward_normals(points, given)
     dropped = len(vertices) - len(points)
     done = (f"{dropped} points dropped that stood twice or nowhere" if dropped else "", word)
@@ -263,7 +263,7 @@ def _area(vertices: Floats, triangles: Ints) -> float:
 def _sha256(file: str, entry: StructureEntry) -> str:
     """Of the bytes of the file and of all that the manifest says and a plan may depend on."""
     surroundings, placement = entry.surroundings, entry.placement
-    said: dict[str, object] = {
+    declared: dict[str, object] = {
         "file": file,
         "id": entry.structure_id,
         "kind": entry.kind,
@@ -280,5 +280,6 @@ def _sha256(file: str, entry: StructureEntry) -> str:
         "symmetric": entry.symmetric,
     }
     stated = {"surface": entry.surface, "surface_error_m": entry.surface_error_m}
-    said |= {key: value for key, value in stated.items() if value is not None}  # else the hash that it had
-    return digest(said)
+    stated["rally"] = surroundings.rally_m.tolist() or None
+    declared |= {key: value for key, value in stated.items() if value is not None}  # else as before
+    return digest(declared)

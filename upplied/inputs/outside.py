@@ -30,7 +30,6 @@ class Outside(Record):
     inverted: Bools  # (T,) of patches that show outside rays their back
     hidden: Bools  # (T,) of components that no outside ray reaches
     area_m2: float  # that can be seen from outside, each face counted once
-    unjudged: int  # patches too many to be judged
 
 
 def look(
@@ -76,7 +75,7 @@ def look(
     seen[component[np.isin(patch, fragments)]] = True
     share = patch_area / np.maximum(wanted, 1)
     outside_area = share[patch[sample]][front + back > 0].sum() + patch_area[fragments].sum()
-    return Outside(inverted[patch], ~seen[component], float(outside_area), len(fragments))
+    return Outside(inverted[patch], ~seen[component], float(outside_area))
 
 
 def _chosen(patch: Ints, area: Floats, wanted: Ints, rng: np.random.Generator) -> Ints:

@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, get_type_hints
 
 from upplied.cameras import FILE_FORMATS, known_cameras
 from upplied.checks import check_id
@@ -29,6 +29,9 @@ BODY_FRAMES = ("camera", "optical", "body")
 _CHOICES = ("topic", "schema", "publisher", "start_s", "stop_s")
 
 Vector = tuple[float, ...]
+Text = Annotated[str, text(MAX_TEXT)]
+Place = Annotated[Vector | None, array((3,), "3 finite numbers")]
+Turn = Annotated[Vector | None, array((4,), "a unit quaternion x y z w")]
 
 
 @dataclass(frozen=True)
@@ -39,61 +42,61 @@ class LogOptions:
     except for the last block, which belongs to the reader. All lengths in m, angles in degrees.
     """
 
-    structure_id: str = ""
-    demonstration_id: str = ""  # default: the file's name
-    operator: str = ""
-    site: str = ""
-    kind: str = ""
-    notes: str = ""
-    about: str = ""  # what was inspected: landmarks, part_3, box X Y Z X Y Z (m, structure frame), by commas
+    structure_id: Annotated[str, check_id] = ""
+    demonstration_id: Annotated[str, check_id] = ""  # default: the file's name
+    operator: Text = ""
+    site: Text = ""
+    kind: Text = ""
+    notes: Text = ""
+    about: Text = ""  # what was inspected: landmarks, part_3, box X Y Z X Y Z (m, structure frame), by commas
     # Which messages, and which part of the flight (s from the first pose, or ns of the source clock).
-    topic: str = ""
-    schema: str = ""  # where one topic carries several
-    publisher: str = ""  # where several publish on the topic: a frame's name, or #7 for the channel 7
-    start_s: float | None = None
-    stop_s: float | None = None
-    start_ns: int | None = None
-    end_ns: int | None = None
+    topic: Text = ""
+    schema: Text = ""  # where one topic carries several
+    publisher: Text = ""  # where several publish on the topic: a frame's name, or #7 for the channel 7
+    start_s: Annotated[float | None, number(-1e7, 1e7)] = None
+    stop_s: Annotated[float | None, number(-1e7, 1e7)] = None
+    start_ns: Annotated[int | None, number(0, 2**63 - 1, whole=True)] = None
+    end_ns: Annotated[int | None, number(0, 2**63 - 1, whole=True)] = None
     # Pose of the structure frame in the log's fixed frame.
-    frame_id: str = ""
-    structure_position_m: Vector | None = None  # x y z
-    structure_quat_xyzw: Vector | None = None  # structure to log frame
-    points: tuple[tuple[str, Vector], ...] = ()  # landmarks in the log's frame, by which it is registered
+    frame_id: Text = ""
+    structure_position_m: Place = None  # x y z
+    structure_quat_xyzw: Turn = None  # structure to log frame
+    #: Landmarks in the log's frame, by which it is registered.
+    points: Annotated[tuple[tuple[str, Vector], ...], points] = ()
     # Or, for geodetic logs, where the structure stands.
-    structure_lat_deg: float | None = None
-    structure_lon_deg: float | None = None
-    structure_alt_m: float | None = None
-    structure_heading_deg: float | None = None  # of +X, clockwise from north
-    structure_datum: str = ""  # of the altitude: "ellipsoid" or "amsl"
-    geoid_undulation_m: float | None = None  # ellipsoid minus mean sea level, where datums differ
-    takeoff_alt_m: float | None = None  # of the place of take-off, in the structure's datum
-    unit_m: float | None = (
-        None  # metres per unit of the log's lengths: a reconstruction has a scale of its own
-    )
+    structure_lat_deg: Annotated[float | None, number(-90, 90)] = None
+    structure_lon_deg: Annotated[float | None, number(-180, 360)] = None
+    structure_alt_m: Annotated[float | None, number(-1000, 20_000)] = None
+    structure_heading_deg: Annotated[float | None, number(-360, 360)] = None  # of +X, clockwise from north
+    structure_datum: Annotated[str, choice(DATUMS)] = ""  # of the altitude
+    geoid_undulation_m: Annotated[float | None, number(-200, 200)] = None  # ellipsoid minus mean sea level
+    takeoff_alt_m: Annotated[float | None, number(-1000, 20_000)] = None  # in the structure's datum
+    unit_m: Annotated[float | None, number(1e-6, 1e6)] = None  # metres per unit of a reconstruction's lengths
     # What the poses are of, and the camera.
-    convention: str = ""  # in which the poses are written, where it is not what the schema says
-    body_frame: str = ""  # "camera" (x forward), "optical" (z forward) or "body" (x forward, with a mount)
-    body_T_camera_position_m: Vector | None = None
-    body_T_camera_quat_xyzw: Vector | None = None
-    body_T_antenna_position_m: Vector | None = None  # of the satellite receiver, whose positions are logged
-    camera_frame_id: str = ""  # name of the camera's optical frame in TF
-    camera_min_range_m: float | None = None
-    camera_max_range_m: float | None = None
-    camera_hfov_deg: float | None = None
-    camera_vfov_deg: float | None = None
-    camera_model: str = ""  # a name in `cameras.toml`
-    camera_file_format: str = ""  # of its photos: "jpeg" or "raw"
-    camera_width_px: float | None = None
-    camera_height_px: float | None = None
-    camera_exposure_s: float | None = None  # of one picture
-    camera_trigger_s: float | None = None  # least time between two photos
-    camera_focus_m: float | None = None  # nearest distance that is in focus
-    camera_focal_mm: float | None = None
-    camera_f_number: float | None = None
+    convention: Annotated[str, choice(CONVENTIONS)] = ""  # where it is not what the schema says
+    #: "camera" (x forward), "optical" (z forward) or "body" (x forward, with a mount).
+    body_frame: Annotated[str, choice(BODY_FRAMES)] = ""
+    body_T_camera_position_m: Place = None
+    body_T_camera_quat_xyzw: Turn = None
+    body_T_antenna_position_m: Place = None  # of the satellite receiver, whose positions are logged
+    camera_frame_id: Text = ""  # name of the camera's optical frame in TF
+    camera_min_range_m: Annotated[float | None, number(0, 10_000)] = None
+    camera_max_range_m: Annotated[float | None, number(0.01, 100_000)] = None
+    camera_hfov_deg: Annotated[float | None, number(1, 360)] = None
+    camera_vfov_deg: Annotated[float | None, number(1, 180)] = None
+    camera_model: Annotated[str, choice(tuple(known_cameras()))] = ""  # a name in `cameras.toml`
+    camera_file_format: Annotated[str, choice(FILE_FORMATS)] = ""  # of its photos
+    camera_width_px: Annotated[float | None, number(16, 100_000)] = None
+    camera_height_px: Annotated[float | None, number(16, 100_000)] = None
+    camera_exposure_s: Annotated[float | None, number(1e-6, 1)] = None  # of one picture
+    camera_trigger_s: Annotated[float | None, number(0.01, 3600)] = None  # least time between two photos
+    camera_focus_m: Annotated[float | None, number(0, 1000)] = None  # nearest distance that is in focus
+    camera_focal_mm: Annotated[float | None, number(0.1, 10_000)] = None
+    camera_f_number: Annotated[float | None, number(0.5, 100)] = None
     # Limits of the reader; options only.
-    gap_s: float = 0.5  # a longer silence breaks the flight
-    max_dropped: float = 0.05  # share of the samples
-    min_duration_s: float = 5.0
+    gap_s: Annotated[float, number(1e-3, 3600)] = 0.5  # a longer silence breaks the flight
+    max_dropped: Annotated[float, number(0, 1)] = 0.05  # share of the samples
+    min_duration_s: Annotated[float, number(0, 1e6)] = 5.0
     # Rules of the passport that are overruled, by name; whether what is odd is refused too; the bounds.
     allow: tuple[str, ...] = ()
     strict: bool = False
@@ -101,49 +104,12 @@ class LogOptions:
 
 
 _READER_ONLY = ("gap_s", "max_dropped", "min_duration_s", "allow", "strict", "passport")
-_VECTOR = array((3,), "3 finite numbers")
 _KEYS: dict[str, Parser] = {
-    "structure_id": check_id,
-    "demonstration_id": check_id,
-    "start_s": number(-1e7, 1e7),
-    "stop_s": number(-1e7, 1e7),
-    "start_ns": number(0, 2**63 - 1, whole=True),
-    "end_ns": number(0, 2**63 - 1, whole=True),
-    "structure_position_m": _VECTOR,
-    "structure_quat_xyzw": array((4,), "a unit quaternion x y z w"),
-    "points": points,
-    "structure_lat_deg": number(-90, 90),
-    "structure_lon_deg": number(-180, 360),
-    "structure_alt_m": number(-1000, 20_000),
-    "structure_heading_deg": number(-360, 360),
-    "structure_datum": choice(DATUMS),
-    "geoid_undulation_m": number(-200, 200),
-    "takeoff_alt_m": number(-1000, 20_000),
-    "unit_m": number(1e-6, 1e6),
-    "convention": choice(CONVENTIONS),
-    "body_frame": choice(BODY_FRAMES),
-    "body_T_camera_position_m": _VECTOR,
-    "body_T_camera_quat_xyzw": array((4,), "a unit quaternion x y z w"),
-    "body_T_antenna_position_m": _VECTOR,
-    "camera_hfov_deg": number(1, 360),
-    "camera_vfov_deg": number(1, 180),
-    "camera_min_range_m": number(0, 10_000),
-    "camera_max_range_m": number(0.01, 100_000),
-    "camera_model": choice(tuple(known_cameras())),
-    "camera_file_format": choice(FILE_FORMATS),
-    "camera_width_px": number(16, 100_000),
-    "camera_height_px": number(16, 100_000),
-    "camera_exposure_s": number(1e-6, 1),
-    "camera_trigger_s": number(0.01, 3600),
-    "camera_focus_m": number(0, 1000),
-    "camera_focal_mm": number(0.1, 10_000),
-    "camera_f_number": number(0.5, 100),
-    "gap_s": number(1e-3, 3600),
-    "max_dropped": number(0, 1),
-    "min_duration_s": number(0, 1e6),
+    name: hint.__metadata__[0]
+    for name, hint in get_type_hints(LogOptions, include_extras=True).items()
+    if hasattr(hint, "__metadata__")
 }
 _NAMES = tuple(item.name for item in fields(LogOptions) if item.name not in _READER_ONLY)
-_TEXT = text(MAX_TEXT)
 _FAR_M = 1e7
 
 
@@ -253,7 +219,7 @@ def _given(value: Any) -> bool:
 
 def _parsed(name: str, value: Any, what: str) -> Any:
     what = f"{what}, {name}"
-    value = _KEYS.get(name, _TEXT)(value, what)
+    value = _KEYS[name](value, what)
     if name == "points":
         value = tuple(value.items())
     vectors = (
@@ -268,7 +234,7 @@ def _parsed(name: str, value: Any, what: str) -> Any:
 
 def _checked(options: LogOptions) -> LogOptions:
     """The options, each value as a side-car could have it."""
-    given = {name: getattr(options, name) for name in (*_KEYS, *_NAMES) if _given(getattr(options, name))}
+    given = {name: getattr(options, name) for name in _KEYS if _given(getattr(options, name))}
     given["points"] = dict(options.points)
     changes = {name: _parsed(name, value, "options") for name, value in given.items() if _given(value)}
     return replace(options, **changes)

@@ -74,6 +74,7 @@ def structure_row(structure: Structure, mesh_sha256: str) -> Row:
                 "keep_out_m": np.asarray(around.keep_out_m, float).tolist(),
                 "geofence_m": np.asarray(around.geofence_m, float).tolist(),
                 "ceiling_z_m": around.ceiling_z_m,
+                **({"rally_m": np.asarray(around.rally_m, float).tolist()} if len(around.rally_m) else {}),
             }
         ),
         "landmarks_json": json_text({name: list(map(float, at)) for name, at in structure.landmarks.items()}),
@@ -114,6 +115,7 @@ def structure_of(row: Row, mesh: Structure) -> Structure:
             keep_out_m=np.array(around.get("keep_out_m", []), float).reshape(-1, 2, 3),
             geofence_m=np.array(around.get("geofence_m", []), float).reshape(-1, 2),
             ceiling_z_m=around.get("ceiling_z_m"),
+            rally_m=np.array(around.get("rally_m", []), float).reshape(-1, 3),
         ),
         landmarks={name: (x, y, z) for name, (x, y, z) in json.loads(row["landmarks_json"] or "{}").items()},
         symmetric=row["symmetric"],

@@ -1,20 +1,25 @@
-"""The topic of a log that holds the poses: the only sensible one, or an error that lists them all."""
+"""The topic of a log that holds the poses, and of its publishers one: the only sensible, or an error.
+
+Several bodies on one topic are separated by the frames they name, by their channels, or by their places.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
-from upplied.inputs.flight.publishers import chosen
 from upplied.inputs.flight.tracks import Track, at_times
 from upplied.inputs.schemas import geodetic, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table, joined
+from upplied.polylines import leg_lengths
 from upplied.poses import angle_between
+from upplied.records import Floats
 
 Samples = Callable[[Table, Sequence[Table], LogOptions], Track]
 READERS: dict[str, Samples] = {
@@ -29,6 +34,12 @@ _INPUTS = re.compile(
 _MOST = 8  # sources that are compared
 NOTHING = "holds no poses"
 SAME_M, SAME_RAD = 0.05, np.radians(3.0)  # sources of one estimate differ by their stamps alone
+_LOOK = 400  # samples together
+_PLACES = 5  # of the flight, at which it is looked
+_SMOOTH = 1.6  # two steps on lead nearly twice as far where one body flies
+_SHORTER = 0.25  # two paths are one tangled up where they are this much shorter apart
+_ONE_BODY = "several-publishers: one body"
+_NAME_ONE = "name one by publisher: the name of its frame, or #7 for the channel 7"
 
 
 def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table | None, list[str]]:
@@ -63,7 +74,7 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
         return None, []
     others = len(sources) > 1 and not facts.topic
     same = (usable[0].channel.topic, usable[0].schema)
-    table = chosen([it for it in tables if (it.channel.topic, it.schema) == same], facts, what)
+    table = one_publisher([it for it in tables if (it.channel.topic, it.schema) == same], facts, what)
     return table, [f"poses of {table.channel.topic}, one of {len(sources)} sources"] if others else []
 
 
@@ -136,3 +147,59 @@ def _same(first: Track, other: Track, facts: LogOptions) -> bool:
     apart = np.linalg.norm(positions[known] - other.positions[known], axis=1)
     turned = angle_between(quats[known], other.quat_xyzw[known])
     return bool(np.median(apart) < SAME_M and np.median(turned) < SAME_RAD)
+
+
+def one_publisher(tables: Sequence[Table], facts: LogOptions, what: str) -> Table:
+    """The channels of one topic and schema as one table, or the channel that is named.
+
+    Raises
+    ------
+    InputError
+        If several channels hold different places at the same time.
+    """
+    if facts.publisher.startswith("#"):
+        named = [table for table in tables if f"#{table.channel.channel_id}" == facts.publisher]
+        return joined(named or list(tables))
+    full = [table for table in tables if len(table) > 1]
+    spans = sorted((int(table.log_ns.min()), int(table.log_ns.max())) for table in full)
+    both = [min(end, other) - start for (_, end), (start, other) in pairwise(spans)]
+    if any(overlap > 1e9 for overlap in both) and "several-publishers" not in facts.allow:
+        listed = ", ".join(f"#{table.channel.channel_id} ({len(table)} messages)" for table in full)
+        found = f"{len(full)} publishers at the same time: channels {listed}"
+        raise InputError(f"{what}, {full[0].channel.topic}", found, _ONE_BODY, _NAME_ONE)
+    return joined(list(tables))
+
+
+def check_one(track: Track, facts: LogOptions, what: str) -> None:
+    """Refuse a track whose samples are of two bodies in turn.
+
+    Raises
+    ------
+    InputError
+        If two paths through the samples are far shorter than one.
+    """
+    if "several-publishers" in facts.allow or len(track) < 40:
+        return
+    starts = np.linspace(0, max(len(track) - _LOOK, 0), _PLACES).astype(int)
+    tangled = [_tangled(track.positions[start : start + _LOOK]) for start in np.unique(starts)]
+    if np.mean(tangled) >= 0.4:
+        found = "holds the poses of several bodies in turn: the path jumps to and fro between them"
+        raise InputError(what, found, _ONE_BODY, f"{_NAME_ONE}; else record them on topics of their own")
+
+
+def _tangled(path: Floats) -> bool:
+    steps = leg_lengths(path)
+    whole = float(steps.sum())
+    if whole < 1e-6 or np.linalg.norm(path[2:] - path[:-2], axis=1).sum() > _SMOOTH * whole:
+        return False
+    far = np.flatnonzero(np.linalg.norm(path - path[0], axis=1) > np.percentile(steps, 60) / 2)
+    if not len(far):
+        return False
+    ends, length, count = [path[0], path[far[0]]], [0.0, 0.0], [0, 0]
+    for place in path:
+        apart = [float(np.linalg.norm(place - end)) for end in ends]
+        nearer = int(apart[1] < apart[0])
+        length[nearer] += apart[nearer]
+        count[nearer] += 1
+        ends[nearer] = place
+    return min(count) > 0.1 * len(path) and sum(length) < _SHORTER * whole

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 
-from upplied.inputs.content import is_text_stl
+from upplied.inputs.formats.content import is_text_stl
 from upplied.inputs.raw import RawMesh, Source, counted
 
 _HEAD, _FACET = 84, 50

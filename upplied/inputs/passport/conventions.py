@@ -14,8 +14,8 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.inputs.flight.inspection import MIDDLE
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track, are_unit
-from upplied.inputs.flight.whole import MIDDLE
 from upplied.inputs.passport.sight import inside
 from upplied.inputs.schemas.px4 import FRD_R_FLU, NED_R_ENU
 from upplied.poses import from_yaw_pitch, yaw_pitch
@@ -204,8 +204,8 @@ def best_fits(
     shares = fits(
         np.stack([p for _, (p, _) in whole]), np.stack([q for _, (_, q) in whole]), scene, ground_m, reach_m
     )
-    found = [Fit(item, float(other)) for (item, _), other in zip(whole, shares, strict=True)]
-    return share, sorted(found, key=lambda fit: fit.convention.rare - round(fit.share, 2))
+    candidates = [Fit(item, float(other)) for (item, _), other in zip(whole, shares, strict=True)]
+    return share, sorted(candidates, key=lambda fit: fit.convention.rare - round(fit.share, 2))
 
 
 def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_m: float) -> Floats:
@@ -231,7 +231,7 @@ def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_
 
 def _mounts() -> Sequence[Convention]:
     """The camera along another axis of what was tracked, or the optical frame taken for it."""
-    found = [
+    mounts = [
         Convention("optical", "poses of the camera's optical frame, z forward",
                    partial(_looking, right=OPTICAL_R_CAMERA), 'body_frame = "optical"'),
         Convention("not-optical", "poses of the body, not of the optical frame",
@@ -243,7 +243,7 @@ def _mounts() -> Sequence[Convention]:
                 continue
             turn = Rotation.from_euler("ZY", [yaw, pitch], degrees=True)
             quat = ", ".join(f"{value:.4f}" for value in turn.as_quat())
-            found.append(
+            mounts.append(
                 Convention(
                     f"mount {yaw:+d} {-pitch:+d}",
                     f"a camera turned {yaw:+d} deg to the left and {-pitch:+d} deg upwards on its body",
@@ -252,28 +252,28 @@ def _mounts() -> Sequence[Convention]:
                     0.03,
                 )
             )
-    return found
+    return mounts
 
 
 def _turns() -> Sequence[Convention]:
-    found = []
+    conventions = []
     for degrees in range(10, 360, 10):
         angle = (degrees + 180) % 360 - 180
         left = Rotation.from_euler("z", angle, degrees=True)
         quat = ", ".join(f"{value:.4f}" for value in left.inv().as_quat())
-        found += [
+        conventions += [
             Convention(f"yaw offset {angle:+d} deg", f"the frame turned by {angle:+d} deg about the vertical",
                        partial(_turned, left=left), f"structure_quat_xyzw = [{quat}]", 0.05),
             Convention(f"heading offset {angle:+d} deg", f"headings off by {angle:+d} deg, positions right",
                        partial(_heading, degrees=float(angle)), "calibrate the compass", 0.05),
         ]  # fmt: skip
     for degrees in (-180, -120, -90, -60, -40, -20, 20, 40, 60, 90, 120, 180):
-        found += [
+        conventions += [
             Convention(f"yaw drift {degrees:+d} deg", f"a yaw that drifts by {degrees:+d} deg",
                        partial(_drifting, degrees=-degrees, whole=whole), "correct the drift", 0.06)
             for whole in (False, True)
         ]  # fmt: skip
-    return found
+    return conventions
 
 
 def _offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
@@ -281,8 +281,8 @@ def _offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
     steps = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
     steps = steps[np.abs(steps).sum(axis=1) > 0]
     away = (scene.box[0] + scene.box[1]) / 2 - np.median(given[0], axis=0)
-    found = [size * step for size in (3.0, 6.0, 12.0, 25.0, 50.0) for step in steps]
-    found += [away * (1, 1, 0), away * (0, 0, 1)]
+    offsets = [size * step for size in (3.0, 6.0, 12.0, 25.0, 50.0) for step in steps]
+    offsets += [away * (1, 1, 0), away * (0, 0, 1)]
     return [
         Convention(
             "offset " + " ".join(f"{value:+.0f}" for value in offset) + " m",
@@ -291,7 +291,7 @@ def _offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
             "structure_position_m = [" + ", ".join(f"{-value:.1f}" for value in offset) + "]",
             0.06,
         )
-        for offset in found
+        for offset in offsets
     ]
 
 

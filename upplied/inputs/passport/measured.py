@@ -19,7 +19,7 @@ from upplied.inputs.passport.sight import Sight, ground_of, sight_of
 from upplied.inputs.passport.steadiness import Steadiness, steadiness
 from upplied.inputs.passport.velocity import Motion, Pace99, motion_of, pace99_of, turning_of
 from upplied.inputs.rules import Verdict
-from upplied.inputs.schemas.cameras import NO_CALIBRATION, ZOOM_UNHEARD
+from upplied.inputs.schemas.cameras import NO_CALIBRATION, UNVERIFIED, ZOOM_UNHEARD
 from upplied.inputs.sources.source import Source
 from upplied.polylines import chosen_evenly, leg_lengths
 from upplied.poses import optical_axis
@@ -39,7 +39,7 @@ class Reading:
     source: Source
     logged: Track  # clean, as logged, in its own frame
     flown: Track  # the camera's poses, structure frame, before its time was changed
-    kept: Track  # after
+    shortened: Track  # after
     pace: Pace
     camera: Camera
     to_camera: Callable[[Track], Track]
@@ -114,7 +114,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         **vars(pace99_of(flown, reading.gap_s)),
         **vars(aim_of(flown.positions, flown.quat_xyzw, scene)),
         **_best(others),
-        poses=len(reading.kept),
+        poses=len(reading.shortened),
         ground_declared=declared,
         lowest_m=float(sight.height_m.min()),
         below_ground_pct=_pct(sight.height_m < -settings.ground_slack_m) if declared else 0.0,
@@ -209,7 +209,7 @@ def _assumed(reading: Reading) -> tuple[str, ...]:
     camera, words = reading.camera, []
     if NO_CALIBRATION in reading.notes:
         words.append(f"a camera of {camera.hfov_deg:g} x {camera.vfov_deg:g} deg")
-    words += [note for note in reading.notes if note.startswith(ZOOM_UNHEARD)]
+    words += [note for note in reading.notes if note.startswith(ZOOM_UNHEARD) or note.endswith(UNVERIFIED)]
     if NO_MOUNT in reading.flown.notes:
         words.append("a camera that looks along the body's x axis")
     if not (reading.logged.parent or reading.logged.child):

@@ -30,7 +30,7 @@ class PassportSettings:
     most_below_ground_pct: float = 1.0  # of the poses, deeper than the slack
     most_inside_pct: float = 0.5  # of the poses, inside the structure
     least_clearance_m: float = 0.3  # no vehicle is smaller
-    near_m: float = 0.5  # nearer is odd
+    near_m: float = 1.5  # nearer is odd: right flights keep 2.8
     least_axis_pct: float = 30.0  # of the poses, the camera's axis meeting the structure
     least_fit_pct: float = 50.0  # of the poses, such as an inspection could hold
     odd_axis_pct: float = 70.0

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from upplied.cameras import completed, known_camera
+from upplied.cameras import completed, known_camera, unverified
 from upplied.errors import InputError
 from upplied.inputs.flight.tracks import Track, names, source_times, stamps
 from upplied.inputs.sidecar import LogOptions
@@ -26,6 +26,7 @@ FIELDS = {
 _KNOWN = 0.5  # of the poses that come after the first calibration: fewer, and the clocks are two
 ZOOM_UNHEARD = "against a calibration in the log that changes"
 NO_CALIBRATION = "no camera calibration in the log"
+UNVERIFIED = " not verified"  # how a note of figures of the list of cameras ends
 _OPTICS = ("width_px", "height_px", "exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number")
 _FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "fisheye62")
 
@@ -128,6 +129,7 @@ def camera_of(
     if facts.camera_model:
         model = known_camera(facts.camera_model, facts.camera_file_format or "jpeg")
         camera = completed(camera, model) if found else model
+        notes += filter(None, [unverified(facts.camera_model, [*declared, *(["hfov_deg"] if found else [])])])
     camera = replace(camera, **declared)
     if camera.focus_m > camera.min_range_m and facts.camera_min_range_m is None:
         camera = replace(camera, min_range_m=camera.focus_m)

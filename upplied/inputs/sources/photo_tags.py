@@ -37,8 +37,8 @@ _NED = re.compile(r"(Camera)OrientationNED", re.IGNORECASE)  # Skydio: yaw, pitc
 
 def head_of(path: Path) -> dict[str, Any]:
     """Values in the head of one photo; NaN where it has none."""
-    numbers = (*_NAMES, "exif_alt", "t_ms", "width", "height", *_LENS)
-    found: dict[str, Any] = dict.fromkeys(numbers, float("nan"))
+    names = (*_NAMES, "exif_alt", "t_ms", "width", "height", *_LENS)
+    values: dict[str, Any] = dict.fromkeys(names, float("nan"))
     try:
         with open_regular(path) as stream:
             xmp = _xmp(stream.read(_HEAD))
@@ -48,25 +48,25 @@ def head_of(path: Path) -> dict[str, Any]:
         raise
     except Exception:  # tags that are damaged say nothing
         tags, xmp = {}, {}
-    for name, names in _NAMES.items():
-        found[name] = next((xmp[local] for local in names if local in xmp), found[name])
+    for name, written in _NAMES.items():
+        values[name] = next((xmp[local] for local in written if local in xmp), values[name])
     for name, axis in (("lat", "Latitude"), ("lon", "Longitude")):
-        found[name] = found[name] if np.isfinite(found[name]) else _degrees(tags, f"GPS GPS{axis}")
-    found["camera"] = " ".join(str(tags.get(f"Image {name}", "?")).strip() for name in ("Make", "Model"))
+        values[name] = values[name] if np.isfinite(values[name]) else _degrees(tags, f"GPS GPS{axis}")
+    values["camera"] = " ".join(str(tags.get(f"Image {name}", "?")).strip() for name in ("Make", "Model"))
     below = -1.0 if str(tags.get("GPS GPSAltitudeRef", "0")) == "1" else 1.0
-    found["exif_alt"] = below * _ratio(tags.get("GPS GPSAltitude"))
-    found["absolute"] = found["absolute"] if np.isfinite(found["absolute"]) else found["exif_alt"]
-    found["width"] = _ratio(tags.get("EXIF ExifImageWidth", tags.get("Image ImageWidth")))
-    found["height"] = _ratio(tags.get("EXIF ExifImageLength", tags.get("Image ImageLength")))
+    values["exif_alt"] = below * _ratio(tags.get("GPS GPSAltitude"))
+    values["absolute"] = values["absolute"] if np.isfinite(values["absolute"]) else values["exif_alt"]
+    values["width"] = _ratio(tags.get("EXIF ExifImageWidth", tags.get("Image ImageWidth")))
+    values["height"] = _ratio(tags.get("EXIF ExifImageLength", tags.get("Image ImageLength")))
     focal_mm = _ratio(tags.get("EXIF FocalLengthIn35mmFilm"))
-    if np.isnan(found["focal_px"]) and focal_mm > 0:
-        found["focal_px"] = float(focal_of_35mm(found["width"], found["height"], focal_mm))
-    found |= {name: _ratio(tags.get(f"EXIF {tag}")) for name, tag in _LENS.items()}
+    if np.isnan(values["focal_px"]) and focal_mm > 0:
+        values["focal_px"] = float(focal_of_35mm(values["width"], values["height"], focal_mm))
+    values |= {name: _ratio(tags.get(f"EXIF {tag}")) for name, tag in _LENS.items()}
     text = str(tags.get("EXIF DateTimeOriginal", tags.get("Image DateTime", "")))
-    found["t_ms"] = dated(text.replace(":", "-", 2)) + _fraction(tags) * 1e3 - _zone_ms(tags)
-    if np.isfinite(found["utc_us"]):
-        found["t_ms"] = found["utc_us"] / 1e3
-    return found
+    values["t_ms"] = dated(text.replace(":", "-", 2)) + _fraction(tags) * 1e3 - _zone_ms(tags)
+    if np.isfinite(values["utc_us"]):
+        values["t_ms"] = values["utc_us"] / 1e3
+    return values
 
 
 def _xmp(head: bytes) -> dict[str, float]:
@@ -78,7 +78,7 @@ def _xmp(head: bytes) -> dict[str, float]:
         root = ElementTree.fromstring(head[start : stop + 12], forbid_dtd=True)
     except (ElementTree.ParseError, DefusedXmlException, ValueError):
         return {}
-    found: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for node in root.iter():
         inside = _NED.search(node.tag)
         for name, text in [(node.tag, node.text or ""), *node.attrib.items()]:
@@ -86,10 +86,10 @@ def _xmp(head: bytes) -> dict[str, float]:
             if (inside or _NED.search(name)) and (axis := re.search(r"(Yaw|Pitch|Roll)$", local)):
                 local = f"Gimbal{axis[1]}Degree"
             try:
-                found.setdefault(local, float(text))
+                numbers.setdefault(local, float(text))
             except ValueError:
                 continue
-    return found
+    return numbers
 
 
 def _degrees(tags: Any, name: str) -> float:

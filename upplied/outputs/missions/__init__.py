@@ -10,7 +10,7 @@ from upplied.errors import SettingsError
 from upplied.outputs.files import replace_file
 from upplied.outputs.missions import dji_wpml, gate, litchi, mavlink
 from upplied.outputs.missions.csv import csv_text
-from upplied.outputs.missions.fences import fence_text, fenced
+from upplied.outputs.missions.fences import fence_text, fenced, rally_text
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.geojson import geojson_text
 from upplied.outputs.missions.kml import kml_text
@@ -107,7 +107,7 @@ def export(
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
     write = _WRITERS[format][2]
-    missions = fenced(missions_for(format, plan, structure, options, camera, found), structure)
+    missions = fenced(missions_for(format, plan, structure, options, camera, found), structure, supposed)
     found_written: dict[str, gate.Breach] = {}  # of what was overruled, by its words
     for mission in missions:  # all, before the first is written
         reading = read_mission(format, encoded(write(mission, options)), mission)
@@ -122,10 +122,16 @@ def export(
     ]
     keep(missions[0].overruled)
     paths = [replace_file(_numbered(goal, mission), encoded(write(mission, options))) for mission in missions]
-    if format == "mavlink" and missions[0].fences:  # a file of its own there, for all sorties
-        paths.append(
-            replace_file(goal.with_name(f"{goal.stem}.fence{goal.suffix}"), fence_text(missions[0]).encode())
-        )
+    if format == "mavlink":  # files of their own there, for all sorties
+        beside = {
+            "fence": fence_text(missions[0]) if missions[0].fences else "",
+            "rally": rally_text(missions[0]) if len(missions[0].rally) else "",
+        }
+        paths += [
+            replace_file(goal.with_name(f"{goal.stem}.{name}{goal.suffix}"), text.encode())
+            for name, text in beside.items()
+            if text
+        ]
     return Exported(tuple(paths), tuple(missions), missions[0].notes, missions[0].overruled)
 
 

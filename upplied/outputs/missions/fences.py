@@ -1,25 +1,33 @@
-"""The fence of a manifest in what an autopilot enforces: polygons on the ground, of any height.
+"""The fence and the rally points of a manifest in what an autopilot enforces and flies to.
 
-A keep-out box has a top, a fence has none: a box that the mission passes over is left out, and said.
+A fence is polygons on the ground, of any height. A keep-out box has a top, a fence has none: a box that the
+mission passes over is left out, and said. A vehicle that lost its link may fly to a rally point, not home.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from upplied.errors import RefusedError
 from upplied.outputs.missions.geodesy import to_geodetic
 from upplied.outputs.missions.records import Fence, Mission
-from upplied.records import Floats, Structure
+from upplied.planning.airspace.rules import Airspace
+from upplied.records import Floats, Structure, SupposedSurface
+from upplied.supposed_scene import scene_for
 
 INCLUSION, EXCLUSION = 5001, 5002  # MAV_CMD_NAV_FENCE_POLYGON_VERTEX_...
+RALLY = 5100  # MAV_CMD_NAV_RALLY_POINT
+_RALLY_CLEARANCE_M = 1.0  # of a rally point: nearer to the structure nobody lands
 _STEP_M = 0.5  # of the path, at which it is looked whether it passes over a box
 
 
-def fenced(missions: Sequence[Mission], structure: Structure) -> list[Mission]:
+def fenced(
+    missions: Sequence[Mission], structure: Structure, supposed: SupposedSurface | None = None
+) -> list[Mission]:
     """The sorties of a plan with one fence: that of their structure's surroundings."""
     around = structure.surroundings
     fences, passed = [], 0
@@ -33,7 +41,34 @@ def fenced(missions: Sequence[Mission], structure: Structure) -> list[Mission]:
             fences.append(Fence(False, _corners(box, missions[0])))
     note = f"keep-out boxes that are not in the fence, which has no height: {passed} are passed over"
     notes = (note,) if passed else ()
-    return [replace(one, fences=tuple(fences), notes=(*one.notes, *notes)) for one in missions]
+    return [
+        replace(
+            one, fences=tuple(fences), rally=rally_of(one, structure, supposed), notes=(*one.notes, *notes)
+        )
+        for one in missions
+    ]
+
+
+def rally_of(mission: Mission, structure: Structure, supposed: SupposedSurface | None = None) -> Floats:
+    """The rally points (R, 3) of a structure: latitude and longitude, deg, and height above home, m.
+
+    Raises
+    ------
+    RefusedError
+        If a vehicle could not come down there: under or beside the structure (or what is supposed of a
+        scan), in the ground or a keep-out box, above the ceiling, or outside the geofence.
+    """
+    points = np.asarray(structure.surroundings.rally_m, float)
+    if not len(points):
+        return points
+    airspace = Airspace(scene_for(structure, supposed), _RALLY_CLEARANCE_M, structure.surroundings)
+    covered = np.isfinite(airspace.scene.cast(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)))[0])
+    for number, (point, under) in enumerate(zip(points, covered.tolist(), strict=True), 1):
+        if fault := airspace.why(point) or "the structure is above it" * under:
+            found = f"rally point {number} at {point.tolist()} m is no place to fly to: {fault}"
+            raise RefusedError(mission.name, found, "correct rally in the manifest")
+    heights = points[:, 2:] - mission.home_local[2]
+    return np.hstack([to_geodetic(points, mission.placement)[:, :2], heights])
 
 
 def _corners(corners: Floats, mission: Mission) -> Floats:
@@ -54,15 +89,24 @@ def _passes_over(mission: Mission, low: Floats, high: Floats) -> bool:
 
 def fence_text(mission: Mission) -> str:
     """The fence as QGC WPL 110, as Mission Planner and MAVProxy load one: a row for each corner."""
-    rows = [
-        (INCLUSION if fence.inside else EXCLUSION, len(fence.corners), lat, lon)
+    return _rows(
+        (INCLUSION if fence.inside else EXCLUSION, len(fence.corners), lat, lon, 0.0)
         for fence in mission.fences
         for lat, lon in fence.corners
-    ]
+    )
+
+
+def rally_text(mission: Mission) -> str:
+    """The rally points as QGC WPL 110: a row for each, with its height above home."""
+    return _rows((RALLY, 0, *point) for point in mission.rally.tolist())
+
+
+def _rows(items: Iterable[tuple[int, float, float, float, float]]) -> str:
+    """A file of items: command, first parameter, latitude, longitude and height above home."""
     lines = [
         "\t".join(
-            [f"{at}\t0\t3\t{command}", *(f"{value:.8f}" for value in (count, 0, 0, 0, lat, lon, 0)), "1"]
+            [f"{at}\t0\t3\t{item[0]}", *(f"{value:.8f}" for value in (item[1], 0, 0, 0, *item[2:])), "1"]
         )
-        for at, (command, count, lat, lon) in enumerate(rows)
+        for at, item in enumerate(items)
     ]
     return "\n".join(["QGC WPL 110", *lines]) + "\n"

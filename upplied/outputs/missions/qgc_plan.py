@@ -35,7 +35,7 @@ def qgc_plan_text(mission: Mission, options: MissionOptions) -> str:
             "items": simple,
         },
         "geoFence": {"version": 2, "circles": [], "polygons": [_polygon(fence) for fence in mission.fences]},
-        "rallyPoints": {"version": 2, "points": []},
+        "rallyPoints": {"version": 2, "points": mission.rally.tolist()},
     }
     return json.dumps(plan, indent=1, allow_nan=False) + "\n"
 

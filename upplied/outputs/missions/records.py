@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -54,6 +54,8 @@ class Mission(Record):
     fov_deg: Floats | None = None  # (N, 2) horizontal and vertical, where the camera zooms
     overruled: tuple[gate.Breach, ...] = ()  # rules of the gate; the notes say them too
     fences: tuple[Fence, ...] = ()  # that the autopilot is to enforce
+    #: (R, 3) where it may land instead of home: latitude and longitude, deg, height above home, m
+    rally: Floats = field(default_factory=lambda: np.empty((0, 3)))
     films: bool = False  # during the inspection, instead of photos
 
     def __len__(self) -> int:
