@@ -17,7 +17,7 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.gate import written
 from upplied.outputs.missions.options import MissionOptions
-from upplied.outputs.missions.records import Mission
+from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 from upplied.polylines import leg_lengths
 
 MAX_WAYPOINTS = 200  # what importers are known to take; the format itself counts to 65535
@@ -48,7 +48,6 @@ DRONES: dict[str, tuple[int, int, int | None]] = {
     "m4td": (100, 1, 99),
     "m400": (103, 0, None),
 }
-_SHORT_S = 0.05
 _SAFE_HEIGHT_M = (2.0, 1500.0)
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2" xmlns:wpml="http://www.dji.com/wpmz/1.0.2">
@@ -189,7 +188,7 @@ def _actions(mission: Mission, number: int, zooms: dict[int, float]) -> str:
             actions.append(("gimbalRotate", _gimbal(mission.pitch_deg[at])))
         if at in zooms:
             actions.append(("zoom", _zoom(zooms[at])))
-        if mission.hold_s[at] > _SHORT_S:
+        if mission.hold_s[at] > SHORTEST_HOLD_S:
             actions.append(("hover", {"hoverTime": f"{np.ceil(10 * mission.hold_s[at]) / 10:.1f}"}))
         if mission.photo[at]:
             actions.append(("takePhoto", _photo(at)))

@@ -12,6 +12,7 @@ from upplied.polylines import cumulated, leg_lengths
 from upplied.records import Bools, Floats, Placement, Record
 
 _SAME_PLACE_M = 0.05
+SHORTEST_HOLD_S = 0.05  # no file says a hover that is not longer
 SAME_ZOOM = 0.02  # of the field of view, within which no camera is told to zoom
 
 
