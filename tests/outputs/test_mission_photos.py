@@ -18,8 +18,8 @@ from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.read_back import read_mission
 from upplied.overlap import Frames
 from upplied.photographed import photographed
-from upplied.poses import look_at
-from upplied.records import Camera, Cloud, Trajectory
+from upplied.poses import look_at, matrices
+from upplied.records import Camera, Cloud, Measures, SurfaceStates, Trajectory
 from upplied.scene import scene_of
 
 FLOWN = [name for name in sorted(FORMATS) if name != "mcap"]
@@ -99,6 +99,49 @@ def test_a_camera_that_takes_longer_gets_fewer_photos_and_the_flight_waits_only_
     assert any("longer than planned, so that the camera is ready" in note for note in waiting.notes)
 
 
+def seen_of_box(poses, camera, points, normals):
+    """Which points (N,) of the box some pose (P,) sees, in closed form: it is convex."""
+    seen = np.zeros(len(points), bool)
+    slopes = np.tan(np.radians([camera.hfov_deg, camera.vfov_deg]) / 2)
+    for position, turn in zip(poses.positions, matrices(poses.quat_xyzw), strict=True):
+        local = (points - position) @ turn
+        inside = (np.abs(local[:, 1:]) <= local[:, :1] * slopes).all(axis=1) & (local[:, 0] > 0)
+        seen |= inside & (((position - points) * normals).sum(axis=1) > 0)
+    return seen
+
+
+@pytest.mark.parametrize("trigger_s", [2.0, 9.0])
+def test_thinned_photos_show_all_that_the_plan_shows_and_say_so(trigger_s):
+    rng = np.random.default_rng(2)
+    side, sign = rng.integers(0, 2, 2500), rng.choice([-1.0, 1.0], 2500)
+    normals = np.zeros((2500, 3))
+    normals[np.arange(2500), side] = sign
+    points = rng.uniform(-1, 1, (2500, 3)) * [6, 4, 4.5] + [0, 0, 5]
+    points[np.arange(2500), side] = sign * np.array([6.0, 4.0])[side]
+    camera, path = Camera(38.0, 24.0, 1.0, 40.0), rounds(count=400)
+    surface = SurfaceStates(points, np.ones(2500, np.int64), normals)
+    plan = made_plan(path, surface=surface, measures=Measures(coverage_inspected_pct=90.0))
+    options = MissionOptions(trigger_s=trigger_s, home_m=HOME)
+    (mission,) = missions_of(plan, placed_box(), options, camera=camera)
+    taken = Trajectory(
+        np.arange(mission.photo.sum(), dtype=float),
+        mission.local[mission.photo],
+        mission.quat_xyzw[mission.photo],
+    )
+    planned = seen_of_box(path, camera, points, normals)
+    photographed_too = seen_of_box(taken, camera, points, normals)
+    assert planned.sum() > 2000 and len(taken) < 0.5 * len(path)
+    assert (planned & ~photographed_too).sum() <= 2  # on the rim of a picture
+    assert mission.shown_pct == pytest.approx(90.0)
+    by_distance = replace(options, photos="distance", photo_distance_m=40.0, least_seen_pct=0.0)
+    (few,) = missions_of(plan, placed_box(), by_distance, camera=camera)
+    assert few.shown_pct < 80 and any(
+        f"which show {few.shown_pct / 0.9:.1f} % of what the plan shows" in note for note in few.notes
+    )
+    with pytest.raises(RefusedError, match="coverage"):
+        missions_of(plan, placed_box(), replace(by_distance, least_seen_pct=95.0), camera=camera)
+
+
 @pytest.mark.parametrize("along", [60, 80, 90])
 def test_overlap_asked_is_overlap_measured(along):
     """By other rays than those that chose the places."""
@@ -148,7 +191,7 @@ def test_photos_by_distance_slow_the_legs_or_are_refused_with_the_figure(tmp_pat
         for reading, _ in read(tmp_path, name, options, made_plan(rounds(speed=4.0))):
             assert 2.0 <= reading.every_s < 2.2, name
     with pytest.raises(
-        RefusedError, match=r"a photo every 3 m asks for 0\.15 m/s: the camera takes 20 s, as asked"
+        RefusedError, match=r"a photo every 3 m asks for 0\.15 m/s: the camera takes 20 s for a photo"
     ):
         missions_of(made_plan(), placed_box(), replace(options, trigger_s=20.0))
     mission = missions_of(made_plan(), placed_box(), replace(options, trigger_s=10.0))[0]
@@ -169,7 +212,8 @@ def test_the_interval_is_that_of_who_flies():
     known = known_camera("dji-phantom-4-rtk")
     (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(home_m=HOME), camera=known)
     assert any(
-        "the camera takes 2.5 s for one, of the camera dji-phantom-4-rtk" in note for note in mission.notes
+        "the camera takes 2.5 s for a photo, of the camera dji-phantom-4-rtk" in note
+        for note in mission.notes
     )
 
 
@@ -178,7 +222,7 @@ def test_a_film_begins_with_the_inspection_and_ends_with_it(tmp_path):
     for name in ("qgc-plan", "dji-wpml", "litchi"):
         done = export(made_plan(), placed_box(), name, tmp_path / f"f{FORMATS[name]}", options)
         (mission,), path = done.missions, done.paths[0]
-        assert not mission.photo.any() and any("filmed" in note for note in mission.notes)
+        assert not mission.photo.any() and any("films" in note for note in mission.notes)
         if name == "qgc-plan":
             commands = [item["command"] for item in json.loads(path.read_text())["mission"]["items"]]
             first, last = commands.index(2500), commands.index(2501)

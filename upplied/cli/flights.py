@@ -38,7 +38,7 @@ SHOWN = {
     "plan_frechet_m": "Frechet distance from the part of the plan that was flown, m",
     "duration_s": "duration, s",
     "photos": "photos",
-    "photos_missing": "viewpoints passed without a photo",
+    "photos_missing": "viewpoints whose photo is missing",
     "clock_s": "the plan begins at this time of the log, s",
     "clock_error_s": "error of that, one sigma, s",
     "shift_m": "the log was moved by, m",

@@ -75,7 +75,7 @@ def brief_html(
         '<div class="columns"><div>',
         _heights(missions, structure, options),
         "</div><div>",
-        _measures(row),
+        _measures(row, missions[0].shown_pct),
         "</div></div>",
         _sorties(missions),
         _listed("Required zones", zones),
@@ -133,7 +133,7 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
     return _table("Heights", rows)
 
 
-def _measures(row: Mapping[str, Any]) -> str:
+def _measures(row: Mapping[str, Any], by_photos_pct: float) -> str:
     size = ", relative to size" if row.get("standoff_mode") == "scaled" else ""
     shown = (
         ("coverage_inspected_pct", f"inspected surface shown as well{size}", "{:.1f} %"),
@@ -149,6 +149,8 @@ def _measures(row: Mapping[str, Any]) -> str:
         value = row.get(name)
         if value is not None and value == value:
             rows.append((text, form.format(float(value))))
+    if by_photos_pct == by_photos_pct:
+        rows.insert(1, ("inspected surface shown by the photos", f"{by_photos_pct:.1f} %"))
     return _table("Plan", rows)
 
 

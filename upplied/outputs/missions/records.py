@@ -55,6 +55,7 @@ class Mission(Record):
     fov_deg: Floats | None = None  # (N, 2) horizontal and vertical, where the camera zooms
     overruled: tuple[gate.Breach, ...] = ()  # rules of the gate; the notes say them too
     fences: tuple[Fence, ...] = ()  # that the autopilot is to enforce
+    shown_pct: float = float("nan")  # of the inspected surface, that its photos or film show
     films: bool = False  # during the inspection, instead of photos
 
     def __len__(self) -> int:

@@ -35,6 +35,7 @@
       tile(format(measures.min_clearance_m, 1, " m"), "minimum clearance" + (plan.safety_m ? " (limit " + plan.safety_m + " m)" : "")),
       flown ? [
         tile(String(mission.photos), "photos"),
+        tile(format(mission.shown_pct, 1, " %"), "inspected surface shown by the photos", "No coarser than 1.25 times the finest look of the path"),
         tile(Number.isFinite(mission.interval_s) ? mission.interval_s.toFixed(1) + " s" : "–", "shortest photo interval"),
         tile(upplied.megabytes(mission.storage_mb), "storage" + (mission.assumed_camera ? ", at 20 megapixels" : ""), "0.4 MB per megapixel of a JPEG"),
         tile(format(mission.return_m, 0, " m"), "return-to-home height, at least", "Above take-off: an automatic return at this height passes over everything"),
