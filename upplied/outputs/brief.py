@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from upplied.outputs.draw.sketch import Line, map_png, side_png
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import DRAFT
-from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.ways import ground_z_m
 from upplied.outputs.verdicts import headline

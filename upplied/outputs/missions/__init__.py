@@ -10,6 +10,7 @@ import numpy as np
 
 from upplied.errors import SettingsError
 from upplied.outputs.files import replace_file
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import dji_wpml, gate, litchi, mavlink
 from upplied.outputs.missions.csv import csv_text
 from upplied.outputs.missions.fences import fence_text, fenced
@@ -18,7 +19,6 @@ from upplied.outputs.missions.geojson import geojson_text
 from upplied.outputs.missions.kml import kml_text
 from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.missions.mission import ANYTHING, missions_of
-from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.qgc_plan import qgc_plan_text
 from upplied.outputs.missions.read_back import read_mcap, read_mission

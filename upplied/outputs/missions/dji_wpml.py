@@ -14,9 +14,9 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.gate import written
-from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 from upplied.polylines import leg_lengths
 

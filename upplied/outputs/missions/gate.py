@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
-from upplied.outputs.missions.options import DRAFTS, MissionOptions
+from upplied.outputs.mission_options import DRAFTS, MissionOptions
 from upplied.outputs.missions.reading import Reading, planned
 from upplied.outputs.missions.ways import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance

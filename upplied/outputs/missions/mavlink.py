@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 from upplied.errors import RefusedError
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.flying import Flying
-from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
 WAYPOINT, RETURN, TAKEOFF = 16, 20, 22

@@ -8,10 +8,10 @@ import numpy as np
 
 from upplied.checks import pair_name
 from upplied.errors import RefusedError
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate, geodesy
 from upplied.outputs.missions.corners import passing_m
 from upplied.outputs.missions.flying import Flying
-from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.photos import shots_of
 from upplied.outputs.missions.reading import planned
 from upplied.outputs.missions.records import Mission

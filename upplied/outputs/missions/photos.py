@@ -8,7 +8,7 @@ import numpy as np
 
 from upplied.cameras import known_camera, least_interval, named_by_drone
 from upplied.errors import RefusedError
-from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.sorties import SLOWEST_MPS
 from upplied.photographed import MARGIN, photographed, share_shown
 from upplied.polylines import arc_length, cumulated, leg_lengths
