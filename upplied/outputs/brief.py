@@ -15,6 +15,7 @@ from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.ways import ground_z_m
+from upplied.outputs.pairs import number
 from upplied.outputs.verdicts import headline
 from upplied.polylines import leg_lengths
 from upplied.records import Floats, Structure
@@ -146,9 +147,9 @@ def _measures(row: Mapping[str, Any], by_photos_pct: float) -> str:
     )
     rows = []
     for name, text, form in shown:
-        value = row.get(name)
-        if value is not None and value == value:
-            rows.append((text, form.format(float(value))))
+        value = number(row, name)
+        if value is not None:
+            rows.append((text, form.format(value)))
     if by_photos_pct == by_photos_pct:
         rows.insert(1, ("inspected surface shown by the photos", f"{by_photos_pct:.1f} %"))
     return _table("Plan", rows)

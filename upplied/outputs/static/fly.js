@@ -195,7 +195,9 @@
     for (let k = 0; k <= 4; k++) {
       const z = low + (k * (high - low)) / 4;
       pen.fillText((z - zero).toFixed(0) + " m", 8, at([0, z])[1] + 4);
-      if (k % (pen.wide < 420 ? 2 : 1) === 0) pen.fillText(((k * total) / 4).toFixed(0) + " m", at([(k * total) / 4, low])[0] - 18, pen.high - 14);
+      if (k % (pen.wide < 420 ? 2 : 1) !== 0) continue;
+      const label = ((k * total) / 4).toFixed(0) + " m", half = pen.measureText(label).width / 2;
+      pen.fillText(label, Math.min(at([(k * total) / 4, low])[0] - half, pen.wide - 4 - 2 * half), pen.high - 14);
     }
   }
 })();
