@@ -122,8 +122,7 @@ def _template(mission: Mission) -> str:
         "payloadParam",
         _tags({"payloadPositionIndex": 0, "imageFormat": "wide" if mission.fov_deg is None else "zoom"}),
     )
-    zooms = mission.zooms_at
-    marks = "".join(_placemark(mission, at, zooms, template=True) for at in range(len(mission.stops)))
+    marks = _placemarks(mission, template=True)
     said = "".join(f"<!-- {note.replace('--', '- -')} -->\n" for note in written(mission.notes))
     return f"{said}<Folder>\n{head}{marks}{payload}</Folder>\n"
 
@@ -139,13 +138,18 @@ def _waylines(mission: Mission) -> str:
             "autoFlightSpeed": f"{_cruise(mission):.2f}",
         }
     )
-    zooms = mission.zooms_at
-    marks = "".join(_placemark(mission, at, zooms, template=False) for at in range(len(mission.stops)))
+    marks = _placemarks(mission, template=False)
     return f"<Folder>\n{head}{marks}</Folder>\n"
 
 
-def _placemark(mission: Mission, number: int, zooms: dict[int, float], template: bool) -> str:
-    stop = mission.stops[number]
+def _placemarks(mission: Mission, template: bool) -> str:
+    zooms = mission.zooms_at
+    return "".join(
+        _placemark(mission, number, stop, zooms, template) for number, stop in enumerate(mission.stops)
+    )
+
+
+def _placemark(mission: Mission, number: int, stop: range, zooms: dict[int, float], template: bool) -> str:
     at = stop[0]
     lat, lon, alt = mission.geodetic[at]
     height = f"{mission.height_m[at]:.3f}"
@@ -169,14 +173,13 @@ def _placemark(mission: Mission, number: int, zooms: dict[int, float], template:
     mode = _PASSES if passing > 0 else _STOPS
     turn = _tags({"waypointTurnMode": mode, "waypointTurnDampingDist": f"{passing:.2f}"})
     body += _group("waypointTurnParam", turn) + _tags({"useStraightLine": 1})
-    return f"<Placemark>\n{body}{_actions(mission, number, zooms)}</Placemark>\n"
+    return f"<Placemark>\n{body}{_actions(mission, number, stop, zooms)}</Placemark>\n"
 
 
-def _actions(mission: Mission, number: int, zooms: dict[int, float]) -> str:
+def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]) -> str:
     """Photos at the waypoint, and turns on the spot; on the leg behind it the gimbal turns evenly to what the
     next one wants, and photos by distance are taken.
     """
-    stop = mission.stops[number]
     actions: list[tuple[str, dict[str, object]]] = []
     for at in stop:
         if at > stop[0]:
