@@ -4,7 +4,8 @@
 
 Each plan of `recommended` is written in every format and read again from its bytes. `before` is what an
 export would ask for that takes a photo at each viewpoint: how many, and the shortest time between two.
-`least` is the shortest time between photos of any format, `s` how much longer the flight takes for them.
+`least` is the shortest time between photos of any format, `+ s` how much longer the flight takes for them;
+`photos %` of the inspected surface they show, of the `plan %` that the plan shows.
 Beside them the resolution in millimetres a pixel, demonstrated and planned.
 """
 
@@ -40,7 +41,8 @@ def main() -> None:
         "least",
         "photos",
         "least",
-        "shown %",
+        "plan %",
+        "photos %",
         "plan s",
         "+ s",
         "mm 50",
@@ -71,12 +73,12 @@ def main() -> None:
                     count = sum(int(mission.photo.sum()) for mission in done.missions)
                     inside = [mission.arrival_s[mission.inspect] for mission in done.missions]
                     flown = sum(float(np.ptp(times)) for times in inside)
-                    note = next(note for note in done.notes if "they show" in note)
-                    shown = note.split("they show ")[1].split(" %")[0]
+                    shown = f"{done.missions[0].shown_pct:.1f}"
         found = plan.measures
         planned = float(plan.trajectory.t_s[-1])
         cells = [f"{len(before):8d}", f"{np.diff(before).min():8.2f}", f"{count:8d}", f"{min(apart):8.2f}",
-                 f"{shown:>8}", f"{planned:8.0f}", f"{flown - planned:8.0f}"]  # fmt: skip
+                 f"{found.coverage_inspected_pct:8.1f}", f"{shown:>8}", f"{planned:8.0f}",
+                 f"{flown - planned:8.0f}"]  # fmt: skip
         cells += [f"{getattr(found, name):8.1f}" for name in _FINE]
         print(f"{row.published.title:32}{''.join(cells)}{found.blur_px_p99:8.2f}", flush=True)
         worst.append(float(np.mean(np.diff(before) < options.trigger)))

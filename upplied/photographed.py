@@ -20,6 +20,7 @@ _USUAL = 0.6  # overlap along, where none is asked for and the camera is ready i
 _ENOUGH = 0.995  # of what the path shows, that its photos are to show
 _CANDIDATES = 1200  # places of a path, at most
 _OFTEN = 0.25  # of the least interval, between places of a path
+_LONG_S = 2.0  # an interval, between whose photos a path shows more than at a few places
 _POINTS = 1500  # of the surface, that are to stay in view
 _AS_FINE = 1.25  # times the finest that the path shows a sample, by distance and incidence
 _EDGE_ON = 0.1  # cosine of the incidence, below which it counts as that
@@ -47,6 +48,7 @@ def photographed(
     surface: Cloud,
     interval_s: float,
     overlap: tuple[float, float] | None = None,
+    complete: bool = False,
 ) -> Photographed:
     """The photo points of a path.
 
@@ -64,9 +66,13 @@ def photographed(
     overlap : (along, across), optional
         0 to 1, that is asked for. Along is held by slowing the flight where need be; across is what the
         passes of the path give, and is measured.
+    complete : bool
+        Whether the photos are to show every sample, instead of 99.5 % of some of them; photos that show
+        nothing of their own are left out where the flight would wait for them.
     """
     length = float(path.t_s[-1] - path.t_s[0])
-    count = int(np.clip(np.ceil(length / (_OFTEN * interval_s)), 1, _CANDIDATES)) + 1
+    apart_s = _OFTEN * (min(interval_s, _LONG_S) if complete else interval_s)
+    count = int(np.clip(np.ceil(length / apart_s), 1, _CANDIDATES)) + 1
     frames = Frames(interpolate(path, np.linspace(path.t_s[0], path.t_s[-1], count)), camera, scene)
     useful = [at for at in range(count) if len(frames.hits(at))]
     if not useful:
@@ -74,8 +80,11 @@ def photographed(
         return Photographed(path, nothing, float("nan"), np.empty(0), float("nan"), 0.0, path.t_s)
     times = frames.poses.t_s
     chosen = _along(frames, useful, path, None if overlap is None else overlap[0], interval_s)
-    surface = surface.at(np.arange(0, len(surface), max(1, len(surface) // _POINTS)))
-    chosen, shown = _covering(frames, useful, path, chosen, surface, interval_s)
+    if not complete:
+        surface = surface.at(np.arange(0, len(surface), max(1, len(surface) // _POINTS)))
+    spare = complete and overlap is None
+    enough = 1.0 if complete else _ENOUGH
+    chosen, shown = _covering(frames, useful, path, chosen, surface, interval_s, enough, spare)
     photo_s = np.array(sorted(chosen))
     timed, flags, planned_s = _with_photos(path, photo_s, interval_s * MARGIN)
     taken = Frames(timed.take(flags), camera, scene)
@@ -132,6 +141,28 @@ def _exactly(
     return low if low > ends[0] else high
 
 
+def share_shown(path: Trajectory, photo: Bools, camera: Camera, scene: Scene, surface: Cloud) -> float:
+    """Share, 0 to 1, of the samples that photos at some poses show as finely as the whole path; NaN for none.
+
+    A photo does where it shows a sample no coarser than 1.25 times the finest look of the path.
+
+    Parameters
+    ----------
+    path : Trajectory
+        N poses.
+    photo : array of bool, shape (N,)
+    camera : Camera
+    scene : Scene
+    surface : Cloud
+        M samples.
+    """
+    frames = Frames(path, camera, scene)
+    reach = np.array([_reach(frames, at, surface) for at in range(len(path))])
+    finest, wanted = reach[photo].min(axis=0, initial=np.inf), _AS_FINE * reach.min(axis=0)
+    known = np.isfinite(wanted)
+    return float((finest <= wanted)[known].mean()) if known.any() else float("nan")
+
+
 def _covering(
     frames: Frames,
     useful: list[int],
@@ -139,28 +170,46 @@ def _covering(
     chosen: list[float],
     surface: Cloud,
     interval_s: float,
+    enough: float,
+    spare: bool,
 ) -> tuple[list[float], float]:
     """The photos, and more of them where they leave out what the path shows, or show it less finely."""
     if not len(surface):
         return chosen, float("nan")
     reach = np.array([_reach(frames, at, surface) for at in useful])
     wanted = _AS_FINE * reach.min(axis=0)
-    left = np.isfinite(wanted)
-    whole = int(left.sum())
+    known = np.isfinite(wanted)
+    whole = int(known.sum())
     if not whole:
         return chosen, float("nan")
     taken = Frames(interpolate(path, np.array(chosen)), frames.camera, frames.scene)
-    for at in range(len(chosen)):
-        left &= _reach(taken, at, surface) > wanted
+    shown = [known & (_reach(taken, at, surface) <= wanted) for at in range(len(chosen))]
+    left = known & ~np.any(shown, axis=0)
     shows, times = reach <= wanted, frames.poses.t_s[useful]
-    while left.sum() > (1 - _ENOUGH) * whole:
+    while left.sum() > (1 - enough) * whole:
         gain = (shows & left).sum(axis=1)
         ready = np.abs(times[:, None] - np.array(chosen)).min(axis=1) >= interval_s
         # Where the camera is ready anyway a photo costs nothing; elsewhere the flight waits for it.
         best = int(np.argmax(np.where(ready, gain, gain / 2)))
         chosen.append(float(times[best]))
+        shown.append(known & shows[best])
         left &= ~shows[best]
+    if spare:
+        chosen = _without_spare(np.array(chosen), np.array(shown), interval_s)
     return chosen, 1 - float(left.sum()) / whole
+
+
+def _without_spare(photo_s: Floats, shown: Bools, interval_s: float) -> list[float]:
+    """The times (K,) of photos, without those that cost time and show (K, M) nothing of their own."""
+    kept, times = np.ones(len(photo_s), bool), shown.sum(axis=0)
+    for at in np.argsort(shown.sum(axis=1), kind="stable"):
+        kept[at] = False
+        waits = np.abs(photo_s[kept] - photo_s[at]).min(initial=np.inf) < interval_s
+        if waits and (times[shown[at]] > 1).all():
+            times = times - shown[at]
+        else:
+            kept[at] = True
+    return photo_s[kept].tolist()
 
 
 def _reach(frames: Frames, at: int, surface: Cloud) -> Floats:

@@ -48,7 +48,7 @@ MODULES = {
     "Fleet": ["upplied.fleet.decide", "upplied.fleet.ingest", "upplied.fleet.run"],
     "Outputs": [
         "upplied.outputs.missions",
-        "upplied.outputs.missions.options",
+        "upplied.outputs.mission_options",
         "upplied.outputs.render",
         "upplied.outputs.figures",
         "upplied.outputs.publish",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
@@ -14,7 +13,6 @@ from upplied.catalog import open_catalog
 from upplied.catalog.schema.plan_rows import settings_text
 from upplied.cli import main
 from upplied.cli.choices import Choices
-from upplied.cli.export import Flags
 from upplied.config import settings_for
 from upplied.config.stages import Drone
 from upplied.outputs.missions import MissionOptions
@@ -94,10 +92,6 @@ def test_choices_become_settings():
     assert (made.route.clearance_m, made.route.enforce) == (3.0, False)
     assert made.inspection.about == "box 0 0 0 1 1 1"
     assert settings_for("recommended", **Choices().onto({})) == settings_for("recommended")
-
-
-def test_flags_of_missions_are_the_options_of_missions():
-    assert asdict(Flags()) == asdict(MissionOptions())
 
 
 def test_missions_are_written_for_the_vehicle_and_clearance_that_the_plan_was_made_for():

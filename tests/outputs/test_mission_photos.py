@@ -18,8 +18,8 @@ from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.read_back import read_mission
 from upplied.overlap import Frames
 from upplied.photographed import photographed
-from upplied.poses import look_at
-from upplied.records import Camera, Cloud, Trajectory
+from upplied.poses import look_at, matrices
+from upplied.records import Camera, Cloud, Measures, SurfaceStates, Trajectory
 from upplied.scene import scene_of
 
 FLOWN = [name for name in sorted(FORMATS) if name != "mcap"]
@@ -42,16 +42,34 @@ def read(tmp_path, name, options, plan=None, camera=None):
     ]
 
 
+def creeping(pace_mps: float) -> Trajectory:
+    """Past the box, slower than a file says, with a waypoint at every 6.5 cm."""
+    x = 0.065 * np.arange(80) - 2.6
+    positions = np.stack([x, 0 * x - 12.0, 4.0 + 0.3 * np.sin(x)], axis=1)
+    legs = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    t_s = np.concatenate([[0.0], np.cumsum(legs / pace_mps)])
+    return Trajectory(t_s, positions, look_at(positions, positions + np.array([0.0, 1.0, 0.0])))
+
+
 @pytest.mark.parametrize("name", FLOWN)
-@pytest.mark.parametrize("trigger_s", [1.0, 4.0])
-def test_no_two_photos_of_any_format_are_nearer_in_time_than_the_camera_takes(tmp_path, name, trigger_s):
-    options = MissionOptions(trigger_s=trigger_s, drone="m30t", home_m=HOME, max_waypoints=60)
-    for reading, mission in read(tmp_path, name, options):
-        assert len(reading.photo_s) == mission.photo.sum() > 3
+@pytest.mark.parametrize(
+    ("path", "trigger_s", "more"),
+    [
+        (rounds(count=80), 1.0, {"max_waypoints": 60}),
+        (rounds(count=80), 4.0, {"max_waypoints": 60}),
+        (creeping(0.178), 3.2, {"tolerance_m": 0.0, "overlap": "95/0"}),
+    ],
+)
+def test_no_two_photos_of_any_format_are_nearer_in_time_than_the_camera_takes(
+    tmp_path, name, path, trigger_s, more
+):
+    options = MissionOptions(trigger_s=trigger_s, drone="m30t", home_m=HOME, **more)
+    for reading, mission in read(tmp_path, name, options, made_plan(path)):
+        assert len(reading.photo_s) == mission.photo.sum() > 1
         assert np.diff(reading.photo_s).min() >= trigger_s - 1e-3
-        assert np.abs(reading.photo_m - mission.local[mission.photo]).max() < 0.02  # the same places
+        assert np.abs(reading.photo_m - mission.local[mission.photo]).max() < 0.06  # the same places
         assert not breaches(reading, placed_box(), Limits(trigger_s=trigger_s), None)
-        found = breaches(reading, placed_box(), Limits(trigger_s=2.5 * trigger_s + 8), None)
+        found = breaches(reading, placed_box(), Limits(trigger_s=2.5 * trigger_s + 100), None)
         assert [one.rule for one in found] == ["photos"] and "after the one before" in found[0].found
 
 
@@ -79,6 +97,49 @@ def test_a_camera_that_takes_longer_gets_fewer_photos_and_the_flight_waits_only_
     waiting = missions_of(plan, placed_box(), asked)[0]
     assert waiting.duration_s > slow.duration_s + 10
     assert any("longer than planned, so that the camera is ready" in note for note in waiting.notes)
+
+
+def seen_of_box(poses, camera, points, normals):
+    """Which points (N,) of the box some pose (P,) sees, in closed form: it is convex."""
+    seen = np.zeros(len(points), bool)
+    slopes = np.tan(np.radians([camera.hfov_deg, camera.vfov_deg]) / 2)
+    for position, turn in zip(poses.positions, matrices(poses.quat_xyzw), strict=True):
+        local = (points - position) @ turn
+        inside = (np.abs(local[:, 1:]) <= local[:, :1] * slopes).all(axis=1) & (local[:, 0] > 0)
+        seen |= inside & (((position - points) * normals).sum(axis=1) > 0)
+    return seen
+
+
+@pytest.mark.parametrize("trigger_s", [2.0, 9.0])
+def test_thinned_photos_show_all_that_the_plan_shows_and_say_so(trigger_s):
+    rng = np.random.default_rng(2)
+    side, sign = rng.integers(0, 2, 2500), rng.choice([-1.0, 1.0], 2500)
+    normals = np.zeros((2500, 3))
+    normals[np.arange(2500), side] = sign
+    points = rng.uniform(-1, 1, (2500, 3)) * [6, 4, 4.5] + [0, 0, 5]
+    points[np.arange(2500), side] = sign * np.array([6.0, 4.0])[side]
+    camera, path = Camera(38.0, 24.0, 1.0, 40.0), rounds(count=400)
+    surface = SurfaceStates(points, np.ones(2500, np.int64), normals)
+    plan = made_plan(path, surface=surface, measures=Measures(coverage_inspected_pct=90.0))
+    options = MissionOptions(trigger_s=trigger_s, home_m=HOME)
+    (mission,) = missions_of(plan, placed_box(), options, camera=camera)
+    taken = Trajectory(
+        np.arange(mission.photo.sum(), dtype=float),
+        mission.local[mission.photo],
+        mission.quat_xyzw[mission.photo],
+    )
+    planned = seen_of_box(path, camera, points, normals)
+    photographed_too = seen_of_box(taken, camera, points, normals)
+    assert planned.sum() > 2000 and len(taken) < 0.5 * len(path)
+    assert (planned & ~photographed_too).sum() <= 2  # on the rim of a picture
+    assert mission.shown_pct == pytest.approx(90.0)
+    by_distance = replace(options, photos="distance", photo_distance_m=40.0, least_seen_pct=0.0)
+    (few,) = missions_of(plan, placed_box(), by_distance, camera=camera)
+    assert few.shown_pct < 80 and any(
+        f"which show {few.shown_pct / 0.9:.1f} % of what the plan shows" in note for note in few.notes
+    )
+    with pytest.raises(RefusedError, match="coverage"):
+        missions_of(plan, placed_box(), replace(by_distance, least_seen_pct=95.0), camera=camera)
 
 
 @pytest.mark.parametrize("along", [60, 80, 90])
@@ -130,7 +191,7 @@ def test_photos_by_distance_slow_the_legs_or_are_refused_with_the_figure(tmp_pat
         for reading, _ in read(tmp_path, name, options, made_plan(rounds(speed=4.0))):
             assert 2.0 <= reading.every_s < 2.2, name
     with pytest.raises(
-        RefusedError, match=r"a photo every 3 m asks for 0\.15 m/s: the camera takes 20 s, as asked"
+        RefusedError, match=r"a photo every 3 m asks for 0\.15 m/s: the camera takes 20 s for a photo"
     ):
         missions_of(made_plan(), placed_box(), replace(options, trigger_s=20.0))
     mission = missions_of(made_plan(), placed_box(), replace(options, trigger_s=10.0))[0]
@@ -151,7 +212,8 @@ def test_the_interval_is_that_of_who_flies():
     known = known_camera("dji-phantom-4-rtk")
     (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(home_m=HOME), camera=known)
     assert any(
-        "the camera takes 2.5 s for one, of the camera dji-phantom-4-rtk" in note for note in mission.notes
+        "the camera takes 2.5 s for a photo, of the camera dji-phantom-4-rtk" in note
+        for note in mission.notes
     )
 
 
@@ -160,7 +222,7 @@ def test_a_film_begins_with_the_inspection_and_ends_with_it(tmp_path):
     for name in ("qgc-plan", "dji-wpml", "litchi"):
         done = export(made_plan(), placed_box(), name, tmp_path / f"f{FORMATS[name]}", options)
         (mission,), path = done.missions, done.paths[0]
-        assert not mission.photo.any() and any("filmed" in note for note in mission.notes)
+        assert not mission.photo.any() and any("films" in note for note in mission.notes)
         if name == "qgc-plan":
             commands = [item["command"] for item in json.loads(path.read_text())["mission"]["items"]]
             first, last = commands.index(2500), commands.index(2501)

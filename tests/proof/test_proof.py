@@ -248,6 +248,8 @@ def test_photos_decide_what_was_seen_and_missing_ones_are_counted(plan, flown):
     some = every[(every < 30) | (every > 60)]
     with_all, with_some = judged(plan, flown, every), judged(plan, flown, some)
     assert with_all.photos_missing == 0 and 8 <= with_some.photos_missing <= 20
+    fewer = judged(plan, flown, every[::5])  # three of five viewpoints without one, as a mission thins them
+    assert 0 < with_all.looks.seen.sum() - fewer.looks.seen.sum() < 20 and 0 < fewer.photos_missing < 10
     assert with_some.looks.seen.sum() < with_all.looks.seen.sum() <= judged(plan, flown).looks.seen.sum()
     none = judged(plan, flown, np.array([5.0]))
     assert none.looks.seen.sum() < 0.5 * with_all.looks.seen.sum()

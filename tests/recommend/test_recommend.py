@@ -20,7 +20,7 @@ from upplied.outputs.logs import write_log
 from upplied.planning.correspondence.registration import fitted, register
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.observations import TRULY, views
-from upplied.recommend.features import ShapeLibrary, joined, library_of, shape_features, unlikeness
+from upplied.recommend.features import ShapeLibrary, library_of, shape_features, unlikeness
 from upplied.recommend.foresee import agreement, foresee, inspected
 from upplied.recommend.ranking import recommend
 from upplied.recommend.shapes import Shapes
@@ -89,10 +89,10 @@ def test_library_is_the_same_however_it_is_joined(clouds):
     features = [shape_features(cloud) for cloud in clouds.values()]
     whole, pieces = (
         library_of(features),
-        joined([library_of(features[:2]), library_of([]), library_of(features[2:])]),
+        ShapeLibrary.stacked([library_of(features[:2]), library_of([]), library_of(features[2:])]),
     )
     np.testing.assert_array_equal(unlikeness(features[0], whole), unlikeness(features[0], pieces))
-    assert len(joined([])) == 0
+    assert len(library_of([])) == 0
 
 
 def test_ten_thousand_structures_are_compared_in_as_many_calls_as_ten(clouds):

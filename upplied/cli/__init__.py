@@ -16,7 +16,6 @@ from rich.markup import escape
 
 import upplied
 from upplied.cli import (
-    brief,
     demonstrations,
     doctor,
     edit,
@@ -68,7 +67,7 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
         review.rejecting,
         edit.app,
     ),
-    "Fly": (fly.app, export.app, brief.app, flights.app),
+    "Fly": (fly.app, export.app, export.briefing, flights.app),
     "Fleet": (review.in_force, fleet.app, keys.app),
     "Service": (quickstart.app, serve.serving, serve.deploying, serve.watching, doctor.app),
 }

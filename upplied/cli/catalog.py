@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, opened, say, show
+from upplied.cli.options import CatalogOption, JsonOption
+from upplied.cli.terminal import console, errors, opened, rows_of, say, show
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 app = App(name="catalog", help="Inspect, check, export and maintain the catalog.")
 
@@ -88,17 +89,6 @@ def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption
         said = {name: _short(value) for name, value in row.items() if value is not None}
         show(f"{row['what']} {id}", [{"column": name, "value": text} for name, text in said.items() if text])
     return 0
-
-
-def _unpacked(row: dict[str, Any]) -> dict[str, Any]:
-    """A row whose JSON texts are values, and whose warnings are a list."""
-    from json import loads
-
-    texts = {name for name in row if name.endswith("_json") or name == "warnings"}
-    return {
-        name: loads(value) if name in texts and isinstance(value, str) and value else value
-        for name, value in row.items()
-    }
 
 
 def _short(value: Any) -> str:
@@ -202,15 +192,6 @@ def verify(
             f"{len(found)} finding(s): take the damaged files from a backup" if found else "all is well"
         )
     return int(bool(found))
-
-
-def rows_of(frame: pd.DataFrame, names: dict[str, str] | None = None) -> list[dict[str, Any]]:
-    """The rows of a frame, its columns chosen and named anew; None where a value is missing."""
-    chosen = frame if names is None else frame[list(names)].rename(columns=names)
-    for name in chosen.select_dtypes("datetimetz"):
-        chosen = chosen.assign(**{name: chosen[name].dt.strftime("%Y-%m-%d %H:%M:%SZ")})
-    rows: list[dict[str, Any]] = chosen.astype(object).where(chosen.notna(), None).to_dict("records")
-    return [_unpacked(row) for row in rows] if names is None else rows
 
 
 def _when(text: str) -> str | int:

@@ -8,18 +8,15 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import (
+from upplied.cli.options import (
+    AllowOption,
     CatalogOption,
     JsonOption,
+    RuleOption,
+    StrictOption,
     WorkersOption,
-    console,
-    ingested_report,
-    next_step,
-    opened,
-    progress,
-    say,
-    show,
 )
+from upplied.cli.terminal import console, ingested_report, next_step, opened, progress, rows_of, say, show
 
 app = App(name="demonstrations", help="The demonstrations of the catalog.")
 
@@ -34,17 +31,6 @@ LISTED = {
     "overruled": "overruled",
     "findings": "findings",
 }
-AllowOption = Annotated[
-    tuple[str, ...],
-    Parameter(
-        name="--allow", negative="", help="Name of a rule to overrule; repeatable.", show_default=False
-    ),
-]
-SetOption = Annotated[
-    tuple[str, ...],
-    Parameter(name="--set", negative="", help="Limit of a rule, as NAME=VALUE.", show_default=False),
-]
-StrictOption = Annotated[bool, Parameter(negative="", help="Treat warnings as refusals.", show_default=False)]
 StructureOption = Annotated[
     str, Parameter(help="Structure that was flown, if no side-car file names it.", show_default=False)
 ]
@@ -62,7 +48,7 @@ def add(
     *logs: Path,
     allow: AllowOption = (),
     strict: StrictOption = False,
-    set_: SetOption = (),
+    set_: RuleOption = (),
     publisher: PublisherOption = "",
     structure: StructureOption = "",
     register: RegisterOption = (),
@@ -135,8 +121,7 @@ def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], .
 @app.command(name="list")
 def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
     """List the demonstrations of the catalog with their findings."""
-    table = opened(catalog).demonstrations()[list(LISTED)]
-    rows: list[dict[str, Any]] = table.astype(object).where(table.notna(), None).to_dict("records")
+    rows = rows_of(opened(catalog).demonstrations()[list(LISTED)])
     if not json:
         from upplied.outputs.passport_page import short
 

@@ -13,7 +13,8 @@ from importlib.util import find_spec
 
 from cyclopts import App
 
-from upplied.cli.terminal import CatalogOption, JsonOption, opened, show
+from upplied.cli.options import CatalogOption, JsonOption
+from upplied.cli.terminal import opened, show
 
 app = App(name="doctor", help="Check that this machine can do the work.")
 

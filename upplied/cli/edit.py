@@ -7,15 +7,15 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.review import ByOption
-from upplied.cli.terminal import CatalogOption, beside, console, errors, next_step, opened_at, say
+from upplied.cli.options import ByOption, CatalogOption, PlanArgument
+from upplied.cli.terminal import beside, console, errors, next_step, opened_at, say
 
 app = App(name="edit", help="Edit a plan as a file: move, turn or remove viewpoints, add keep-out boxes.")
 
 
 @app.default
 def edit(
-    transfer: str,
+    transfer: PlanArgument,
     /,
     *,
     out: Annotated[Path | None, Parameter(help="Write the viewpoints to this file for editing.")] = None,
@@ -23,13 +23,7 @@ def edit(
     by: ByOption = "",
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Write a plan's viewpoints as JSON, or import the edited file as a new draft.
-
-    Parameters
-    ----------
-    transfer : str
-        ID of the plan, or its beginning.
-    """
+    """Write a plan's viewpoints as JSON, or import the edited file as a new draft."""
     from upplied.errors import SettingsError
     from upplied.fleet.edits import edit_plan, write_edit
 

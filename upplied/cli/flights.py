@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.review import ByOption
-from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, say, show
+from upplied.cli.options import ByOption, CatalogOption, FlightArgument, JsonOption
+from upplied.cli.terminal import console, errors, next_step, opened, plain, rows_of, say, show
 
 app = App(name="flights", help="Import flights of plans, compare them, and plan what they missed.")
 
@@ -38,7 +38,7 @@ SHOWN = {
     "plan_frechet_m": "Frechet distance from the part of the plan that was flown, m",
     "duration_s": "duration, s",
     "photos": "photos",
-    "photos_missing": "viewpoints passed without a photo",
+    "photos_missing": "viewpoints whose photo is missing",
     "clock_s": "the plan begins at this time of the log, s",
     "clock_error_s": "error of that, one sigma, s",
     "shift_m": "the log was moved by, m",
@@ -95,8 +95,6 @@ def list_flights(
     json: JsonOption = False,
 ) -> int:
     """List the flights in the order of their import."""
-    from upplied.cli.catalog import rows_of
-
     found = opened(catalog).flights(structure=structure, kind=kind)
     rows = rows_of(found, None if json else LISTED)
     if not json:
@@ -106,14 +104,10 @@ def list_flights(
 
 
 @app.command(name="show")
-def show_one(flight: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Show all details of one flight.
-
-    Parameters
-    ----------
-    flight : str
-        ID of the flight, or its beginning.
-    """
+def show_one(
+    flight: FlightArgument, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False
+) -> int:
+    """Show all details of one flight."""
     from upplied.fleet.gaps import flight_row
 
     _tell(flight_row(opened(catalog), flight), json)
@@ -121,24 +115,17 @@ def show_one(flight: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
 
 
 @app.command
-def gap(flight: str, /, *, catalog: CatalogOption = "catalog") -> int:
-    """Plan the shortest safe flight over the surface that a flight missed; the result is a draft.
-
-    Parameters
-    ----------
-    flight : str
-        ID of the flight, or its beginning.
-    """
+def gap(flight: FlightArgument, /, *, catalog: CatalogOption = "catalog") -> int:
+    """Plan the shortest safe flight over the surface that a flight missed; the result is a draft."""
     from upplied.fleet.gaps import plan_gap
 
     store = opened(catalog)
     with errors.status("planning"):
         plan = plan_gap(store, flight)
     row = store.transfer(plan)
-    said, *more = store.plan(plan).warnings
-    say(f"{plan}: {said}")
-    for words in more:
-        say(words)
+    first, *more = store.plan(plan).warnings
+    for line in (f"{plan}: {first}", *more):
+        say(line)
     console.print(f"{row['duration_s']:.0f} s, clearance {row['min_clearance_m']:.2f} m")
     next_step(f"release {plan} --by NAME", "put it in force", catalog)
     return 0
@@ -164,28 +151,19 @@ def history(
     x, y, z : float
         Point in the frame of the structure, m.
     """
-    from upplied.cli.catalog import rows_of
-
     found = opened(catalog).looks_at(structure, (x, y, z), kind)
     show(f"looks at ({x:g}, {y:g}, {z:g}) m of {structure}", rows_of(found), json, ("patch", "patch_off_m"))
     seen = found[found["seen"]]
     if not json:
         last = None if seen.empty else seen.iloc[-1]
-        said = (
-            "never seen"
-            if last is None
-            else (
-                f"last seen {last['flown_at']:%Y-%m-%d} from {last['distance_m']:.1f} m at "
-                f"{last['incidence_deg']:.0f} degrees"
-            )
-        )
-        console.print(said)
+        where = "" if last is None else f"{last['distance_m']:.1f} m at {last['incidence_deg']:.0f} degrees"
+        console.print("never seen" if last is None else f"last seen {last['flown_at']:%Y-%m-%d} from {where}")
     return 0
 
 
 @app.command
 def promote(
-    flight: str,
+    flight: FlightArgument,
     /,
     *,
     by: ByOption,
@@ -196,13 +174,7 @@ def promote(
     ] = (),
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Store a flight as a demonstration, to be transferred to other structures.
-
-    Parameters
-    ----------
-    flight : str
-        ID of the flight, or its beginning.
-    """
+    """Store a flight as a demonstration, to be transferred to other structures."""
     from upplied.fleet.promoting import promote_flight
 
     made = promote_flight(opened(catalog), flight, by, name, force)
@@ -214,10 +186,10 @@ def promote(
 def _tell(row: dict[str, Any], json: bool) -> None:
     from upplied.outputs.flown import wind_words
 
-    plain = {name: None if value != value else value for name, value in row.items()}
+    known = plain(row)
     if json:
-        show("", [plain], json)
+        show("", [known], json)
         return
-    plain["wind"] = wind_words(row)
-    told = [{"what": title, "value": plain.get(name)} for name, title in SHOWN.items()]
-    show(f"flight {row['flight_id'][:_DIGITS]}", [each for each in told if each["value"] not in (None, "")])
+    known["wind"] = wind_words(row)
+    facts = [{"what": title, "value": known.get(name)} for name, title in SHOWN.items()]
+    show(f"flight {row['flight_id'][:_DIGITS]}", [each for each in facts if each["value"] not in (None, "")])

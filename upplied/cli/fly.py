@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened_at, show
+from upplied.cli.options import CatalogOption, JsonOption, PlanArgument
+from upplied.cli.terminal import console, errors, next_step, number, opened_at, show
 
 if TYPE_CHECKING:
     from upplied.outputs.flown import Flown
@@ -25,7 +26,7 @@ MEASURED = {
 
 @app.default
 def fly(
-    transfer: str,
+    transfer: PlanArgument,
     /,
     *,
     wind: Annotated[float, Parameter(help="Mean wind speed, in m/s.")] = 5.0,
@@ -47,8 +48,6 @@ def fly(
 
     Parameters
     ----------
-    transfer : str
-        ID of the plan, as `upplied transfer` prints it.
     gusts : bool
         Add gusts.
     """
@@ -77,11 +76,7 @@ def fly(
 def _compared(flown: Flown, row: dict[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for name, title in MEASURED.items():
-        planned, measured = _number(row[name]), _number(getattr(flown.measures, name))
+        planned, measured = number(row[name]), number(getattr(flown.measures, name))
         change = None if planned is None or measured is None else measured - planned
         rows.append({"measure": title, "planned": planned, "flown": measured, "change": change})
     return rows
-
-
-def _number(value: Any) -> float | None:
-    return None if value is None or value != value else float(value)

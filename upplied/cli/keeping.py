@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from upplied.cli.catalog import app
-from upplied.cli.terminal import CatalogOption, console, errors, opened, say
+from upplied.cli.options import CatalogOption
+from upplied.cli.terminal import console, errors, opened, say
 
 NO_LICENCE = "All rights reserved"  # whoever gives data away chooses another
 

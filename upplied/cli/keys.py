@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 from cyclopts import App
 
-from upplied.cli.terminal import CatalogOption, JsonOption, next_step, opened, say, show
+from upplied.cli.options import CatalogOption, JsonOption
+from upplied.cli.terminal import next_step, opened, say, show
 
 if TYPE_CHECKING:
     from upplied.catalog.verbs.roster import Roster

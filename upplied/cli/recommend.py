@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, complain, errors, next_step, opened, say, show
+from upplied.cli.options import CatalogOption, JsonOption
+from upplied.cli.terminal import complain, errors, next_step, opened, plain, say, show
 
 app = App(name="recommend", help="Rank demonstrations by how well they fit a structure.")
 
@@ -31,7 +31,7 @@ def recommend(
     with errors.status("comparing shapes"):
         found = [asdict(one) for one in rank(opened(catalog), structure, most)]
     if json:
-        show("", [_finite(row) for row in found], json)
+        show("", [plain(row) for row in found], json)
     else:
         show(f"demonstrations for {structure}", [_row(row) for row in found], spare=("inspected %", "lost %"))
         for row in found:
@@ -81,12 +81,4 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
         "seen %": row["predicted_seen_pct"],
         "lost %": row["without_pct"],
         "inspected %": row["inspected_pct"],
-    }
-
-
-def _finite(row: dict[str, Any]) -> dict[str, Any]:
-    """JSON knows no NaN."""
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in row.items()
     }

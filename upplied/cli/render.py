@@ -7,7 +7,8 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, beside, errors, opened, say
+from upplied.cli.options import CatalogOption, PlanArgument, StructureArgument
+from upplied.cli.terminal import beside, errors, opened, say
 
 app = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
 
@@ -19,14 +20,8 @@ ViewOption = Annotated[
 
 
 @app.command
-def structure(id: str, /, *, output: OutputOption, catalog: CatalogOption = "catalog") -> int:
-    """Draw a structure from three sides, with its demonstrations.
-
-    Parameters
-    ----------
-    id : str
-        ID of the structure.
-    """
+def structure(id: StructureArgument, /, *, output: OutputOption, catalog: CatalogOption = "catalog") -> int:
+    """Draw a structure from three sides, with its demonstrations."""
     from upplied.outputs.render import render_structure
 
     with errors.status("drawing"):
@@ -35,15 +30,9 @@ def structure(id: str, /, *, output: OutputOption, catalog: CatalogOption = "cat
 
 @app.command
 def transfer(
-    id: str, /, *, output: OutputOption, view: ViewOption = None, catalog: CatalogOption = "catalog"
+    id: PlanArgument, /, *, output: OutputOption, view: ViewOption = None, catalog: CatalogOption = "catalog"
 ) -> int:
-    """Draw a demonstration on its structure, and its plan on the target.
-
-    Parameters
-    ----------
-    id : str
-        ID of the plan, as `upplied transfer` prints it.
-    """
+    """Draw a demonstration on its structure, and its plan on the target."""
     from upplied.outputs.render import render_transfer
 
     store = opened(catalog)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, complain, next_step, opened, progress, say
+from upplied.cli.options import CatalogOption
+from upplied.cli.terminal import complain, next_step, opened, progress, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog

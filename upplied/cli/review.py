@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, complain, next_step, opened, opened_at, say, show
+from upplied.cli.options import ByOption, CatalogOption, JsonOption, NoteOption, PlanArgument
+from upplied.cli.terminal import complain, next_step, number, opened, opened_at, rows_of, say, show
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -15,9 +16,6 @@ reviewing = App(name="review", help="Compare a plan with the one in force, and r
 releasing = App(name="release", help="Release a plan: it is in force until another is released.")
 rejecting = App(name="reject", help="Reject a plan: it must not be flown.")
 in_force = App(name="in-force", help="List the released plans and the drafts that wait.")
-
-ByOption = Annotated[str, Parameter(name="--by", help="Your name, stored with the decision.")]
-NoteOption = Annotated[str, Parameter(name="--note", help="Reason, shown on the page of the plan.")]
 
 COMPARED = {
     "coverage_inspected_pct": "inspected surface shown, %",
@@ -42,7 +40,7 @@ LISTED = {
 
 @reviewing.default
 def review(
-    transfer: str,
+    transfer: PlanArgument,
     /,
     *,
     by: ByOption = "",
@@ -50,13 +48,7 @@ def review(
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Compare a plan with the one in force; with --by, record the review.
-
-    Parameters
-    ----------
-    transfer : str
-        ID of the plan, or its beginning.
-    """
+    """Compare a plan with the one in force; with --by, record the review."""
     store, plan = opened_at(catalog, transfer)
     if by:
         store.review(plan, by, note)
@@ -77,23 +69,19 @@ def review(
 def _compared(row: pd.Series, other: pd.Series | None) -> list[dict[str, Any]]:
     rows = []
     for name, title in COMPARED.items():
-        this = _number(row[name])
+        this = number(row[name])
         made: dict[str, Any] = {"measure": title, "this plan": this}
         if other is not None:
-            that = _number(other[name])
+            that = number(other[name])
             made["in force"] = that
             made["difference"] = None if this is None or that is None else this - that
         rows.append(made)
     return rows
 
 
-def _number(value: Any) -> float | None:
-    return None if value is None or value != value else float(value)
-
-
 @releasing.default
 def release(
-    transfer: str,
+    transfer: PlanArgument,
     /,
     *,
     by: ByOption,
@@ -104,13 +92,7 @@ def release(
     ] = (),
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Put a plan in force for its demonstration and target.
-
-    Parameters
-    ----------
-    transfer : str
-        ID of the plan, or its beginning.
-    """
+    """Put a plan in force for its demonstration and target."""
     store, plan = opened_at(catalog, transfer)
     store.release(plan, by, note, force)
     say(f"{plan} is in force, released by {by}")
@@ -120,15 +102,9 @@ def release(
 
 @rejecting.default
 def reject(
-    transfer: str, /, *, by: ByOption, note: NoteOption = "", catalog: CatalogOption = "catalog"
+    transfer: PlanArgument, /, *, by: ByOption, note: NoteOption = "", catalog: CatalogOption = "catalog"
 ) -> int:
-    """Reject a plan. If it was in force, no plan is in force afterwards.
-
-    Parameters
-    ----------
-    transfer : str
-        ID of the plan, or its beginning.
-    """
+    """Reject a plan. If it was in force, no plan is in force afterwards."""
     store, plan = opened_at(catalog, transfer)
     store.reject(plan, by, note)
     say(f"{plan} is rejected")
@@ -147,8 +123,6 @@ def list_in_force(
 
     Exit code 1 if a plan was recalled and not replaced, or if a stored plan differs from what was released.
     """
-    from upplied.cli.catalog import rows_of
-
     store = opened(catalog)
     found = store.in_force(structure=structure, kind=kind)
     recalled = store.recalled(structure=structure)

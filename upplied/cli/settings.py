@@ -6,8 +6,8 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.review import ByOption, NoteOption
-from upplied.cli.terminal import CatalogOption, JsonOption, console, next_step, opened, show
+from upplied.cli.options import ByOption, CatalogOption, JsonOption, NoteOption, StructureArgument
+from upplied.cli.terminal import console, next_step, opened, show
 
 setting = App(name="set", help="Set planning parameters for a structure or for a whole kind.")
 showing = App(name="settings", help="Show the planning parameters of a structure and their origin.")
@@ -56,7 +56,7 @@ def say(
 
 @showing.default
 def settings(
-    structure: str,
+    structure: StructureArgument,
     /,
     *,
     every: Annotated[
@@ -65,13 +65,7 @@ def settings(
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Show the planning parameters of a structure: by default those set for it or for its kind.
-
-    Parameters
-    ----------
-    structure : str
-        ID of the structure.
-    """
+    """Show the planning parameters of a structure: by default those set for it or for its kind."""
     found = opened(catalog).settings_of(structure)
     if not (every or json):
         found = found[~found["from"].str.startswith("preset")]

@@ -7,34 +7,22 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import (
+from upplied.cli.options import (
+    AllowOption,
     CatalogOption,
     JsonOption,
+    RuleOption,
+    StrictOption,
+    StructureArgument,
     WorkersOption,
-    ingested_report,
-    next_step,
-    opened,
-    progress,
-    say,
-    show,
 )
+from upplied.cli.terminal import ingested_report, next_step, opened, progress, say, show
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
     from upplied.fleet import RuleOptions
 
 _SIZES = {"size_x_m": "length m", "size_y_m": "width m", "size_z_m": "height m"}
-AllowOption = Annotated[
-    tuple[str, ...],
-    Parameter(
-        name="--allow", negative="", help="Name of a rule to overrule; repeatable.", show_default=False
-    ),
-]
-StrictOption = Annotated[bool, Parameter(negative="", help="Treat warnings as refusals.", show_default=False)]
-SetOption = Annotated[
-    tuple[str, ...],
-    Parameter(name="--set", negative="", help="Limit of a rule, as NAME=VALUE.", show_default=False),
-]
 
 app = App(name="structures", help="The structures of the catalog.")
 
@@ -49,7 +37,7 @@ def add(
     ] = False,
     allow: AllowOption = (),
     strict: StrictOption = False,
-    set_: SetOption = (),
+    set_: RuleOption = (),
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
 ) -> int:
@@ -84,14 +72,10 @@ def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> in
 
 
 @app.command(name="show")
-def show_(structure: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Show a structure: its size, repairs, and the rules it breaks or overrules.
-
-    Parameters
-    ----------
-    structure : str
-        ID of the structure.
-    """
+def show_(
+    structure: StructureArgument, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False
+) -> int:
+    """Show a structure: its size, repairs, and the rules it breaks or overrules."""
     from dataclasses import asdict
 
     from upplied.inputs.rules import from_json
@@ -130,7 +114,7 @@ def check(
     ] = False,
     allow: AllowOption = (),
     strict: StrictOption = False,
-    set_: SetOption = (),
+    set_: RuleOption = (),
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
     workers: WorkersOption = 0,

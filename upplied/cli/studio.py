@@ -7,7 +7,8 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, complain, console, opened
+from upplied.cli.options import CatalogOption
+from upplied.cli.terminal import complain, console, opened
 from upplied.extras import extra
 
 app = App(name="studio", help="Open the fleet, or one plan, in the browser: look, edit, release or reject.")

@@ -3,34 +3,25 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from cyclopts import Parameter
 from rich.console import Console
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from upplied.catalog import Catalog
     from upplied.fleet import Ingested
 
 console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)  # pipes have no edge
 errors = Console(highlight=False, stderr=True)
-
-CatalogOption = Annotated[
-    str,
-    Parameter(
-        name="--catalog",
-        env_var="UPPLIED_CATALOG",
-        help="Folder or object-store URI of the catalog.",
-    ),
-]
-JsonOption = Annotated[bool, Parameter(name="--json", negative="", help="Print JSON instead of a table.")]
-WorkersOption = Annotated[int, Parameter(name="--workers", help="Number of processes; 0 uses one per core.")]
 
 Advance = Callable[[], None]
 
@@ -99,6 +90,34 @@ def show(
     console.print(table)
     if left_out:
         hint(f"hidden columns (terminal too narrow): {', '.join(left_out)}")
+
+
+def rows_of(frame: pd.DataFrame, names: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
+    """The rows of a frame, its columns chosen and named anew; None where a value is missing.
+
+    Without names JSON texts are values, and warnings are a list.
+    """
+    chosen = frame if names is None else frame[list(names)].rename(columns=names)
+    for name in chosen.select_dtypes("datetimetz"):
+        chosen = chosen.assign(**{name: chosen[name].dt.strftime("%Y-%m-%d %H:%M:%SZ")})
+    rows: list[dict[str, Any]] = chosen.astype(object).where(chosen.notna(), None).to_dict("records")
+    texts = {name for name in chosen if name.endswith("_json") or name == "warnings"} if names is None else ()
+    for row in rows:
+        row |= {name: json.loads(row[name]) for name in texts if isinstance(row[name], str) and row[name]}
+    return rows
+
+
+def plain(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row with None for what is no finite number: JSON knows no other."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in row.items()
+    }
+
+
+def number(value: Any) -> float | None:
+    """A value as a number; None where it is missing."""
+    return None if value is None or value != value else float(value)
 
 
 def _left_out(cells: Mapping[str, Sequence[str]], spare: Sequence[str]) -> list[str]:

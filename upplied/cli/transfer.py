@@ -7,19 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from upplied.cli.choices import Choices
+from upplied.cli.options import CatalogOption, JsonOption, WorkersOption
 from upplied.cli.recommend import best as best_for
 from upplied.cli.shown_plans import current, show_decision, show_plans
-from upplied.cli.terminal import (
-    CatalogOption,
-    JsonOption,
-    WorkersOption,
-    complain,
-    console,
-    next_step,
-    opened,
-    progress,
-    say,
-)
+from upplied.cli.terminal import complain, console, next_step, opened, progress, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.review import ByOption, NoteOption
-from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, show
+from upplied.cli.options import ByOption, CatalogOption, JsonOption, NoteOption, StructureArgument
+from upplied.cli.terminal import console, errors, next_step, opened, plain, show
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
@@ -102,7 +102,7 @@ def _with_labels(
 
 @showing.default
 def zones(
-    structure: str,
+    structure: StructureArgument,
     /,
     *,
     mesh: Path | None = None,
@@ -113,8 +113,6 @@ def zones(
 
     Parameters
     ----------
-    structure : str
-        ID of the structure.
     mesh : Path
         Save the structure's mesh as PLY, for labelling faces.
     """
@@ -124,8 +122,12 @@ def zones(
 
     with errors.status("judging"):
         rows = judged(opened(catalog), structure)
-    plain = [{name: None if value != value else value for name, value in row.items()} for row in rows]
-    show(f"zones of {structure}", plain, json, ("asked_by", "version", "set", "probability", "on"))
+    show(
+        f"zones of {structure}",
+        [plain(row) for row in rows],
+        json,
+        ("asked_by", "version", "set", "probability", "on"),
+    )
     return int(any(row["planned"] != "met" for row in rows))
 
 

@@ -16,8 +16,8 @@ from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.flight_logs import flight_columns, required_of, viewpoint_index
 from upplied.outputs.flown import Flown, flight_row, flown_of
+from upplied.outputs.mission_options import DRAFTS
 from upplied.outputs.missions import gate
-from upplied.outputs.missions.options import DRAFTS
 from upplied.outputs.render import keep_overruled, undecided
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import METHOD_VERSION

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from upplied.outputs.draw.sketch import Line, map_png, side_png
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import DRAFT
-from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.ways import ground_z_m
+from upplied.outputs.pairs import number
 from upplied.outputs.verdicts import headline
 from upplied.polylines import leg_lengths
 from upplied.records import Floats, Structure
@@ -75,7 +76,7 @@ def brief_html(
         '<div class="columns"><div>',
         _heights(missions, structure, options),
         "</div><div>",
-        _measures(row),
+        _measures(row, missions[0].shown_pct),
         "</div></div>",
         _sorties(missions),
         _listed("Required zones", zones),
@@ -133,7 +134,7 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
     return _table("Heights", rows)
 
 
-def _measures(row: Mapping[str, Any]) -> str:
+def _measures(row: Mapping[str, Any], by_photos_pct: float) -> str:
     size = ", relative to size" if row.get("standoff_mode") == "scaled" else ""
     shown = (
         ("coverage_inspected_pct", f"inspected surface shown as well{size}", "{:.1f} %"),
@@ -146,9 +147,11 @@ def _measures(row: Mapping[str, Any]) -> str:
     )
     rows = []
     for name, text, form in shown:
-        value = row.get(name)
-        if value is not None and value == value:
-            rows.append((text, form.format(float(value))))
+        value = number(row, name)
+        if value is not None:
+            rows.append((text, form.format(value)))
+    if by_photos_pct == by_photos_pct:
+        rows.insert(1, ("inspected surface shown by the photos", f"{by_photos_pct:.1f} %"))
     return _table("Plan", rows)
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from upplied.errors import RefusedError
-from upplied.outputs.render import Source, export_transfer
+from upplied.outputs.render import export_transfer
+from upplied.outputs.source import Source
 
 #: Suffix and name of what lies beside a transfer's page; other formats and options by `upplied export`.
 FORMATS = {"qgc-plan": (".plan", "QGroundControl"), "kml": (".kml", "KML"), "mcap": (".mcap", "MCAP")}

@@ -80,6 +80,7 @@ def mission_data(
         "endurance_s": options.endurance_s,
         "usable_s": usable_s,
         "photos": sum(photos),
+        "shown_pct": None if np.isnan(first.shown_pct) else first.shown_pct,
         "interval_s": _interval_s(missions),
         "storage_mb": sum(photos) * _megabytes(camera),
         "assumed_camera": not camera.width_px,

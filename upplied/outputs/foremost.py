@@ -12,7 +12,7 @@ from upplied.checks import pair_name
 from upplied.outputs.pairs import ATTENTION, COVERAGES, PRESETS, RECALLED, Pair, pairs_of, shown_status
 
 if TYPE_CHECKING:
-    from upplied.outputs.reports import Source
+    from upplied.outputs.source import Source
 
 _PAIR = ["demonstration_id", "target_id"]
 _TOLD = (  # by `attention`, and of each plan

@@ -98,7 +98,7 @@ def write_log(
     messages.sort(key=lambda message: message[0])
     buffer = io.BytesIO()
     writer = Writer(buffer)
-    schemas = {name: writer.register_msgdef(name, text) for name, text in _SCHEMAS.items()}
+    schemas = ros2_schemas.registered(writer, _SCHEMAS)
     writer.add_metadata("inspection", _facts(demonstration, structure, frame, encoding, mount, simulated))
     for number, (stamp, topic, schema, message) in enumerate(messages):
         writer.write_message(
@@ -113,13 +113,10 @@ def write_log(
     return replace_file(path, buffer.getvalue())
 
 
-_SCHEMAS = {
-    "geometry_msgs/msg/PoseStamped": ros2_schemas.POSE_STAMPED,
-    "nav_msgs/msg/Odometry": ros2_schemas.ODOMETRY,
-    "tf2_msgs/msg/TFMessage": ros2_schemas.TF,
-    "sensor_msgs/msg/CameraInfo": ros2_schemas.CAMERA_INFO,
-    "sensor_msgs/msg/CompressedImage": ros2_schemas.COMPRESSED_IMAGE,
-}
+_SCHEMAS = (
+    "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage",
+    ros2_schemas.CAMERA_INFO, "sensor_msgs/msg/CompressedImage",
+)  # fmt: skip
 _Message = tuple[int, str, str, dict[str, Any]]  # stamp in ns, topic, schema, fields
 
 

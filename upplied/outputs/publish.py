@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -18,9 +18,19 @@ from upplied.config import digest
 from upplied.errors import CatalogError, SettingsError, UppliedError
 from upplied.outputs import downloads, pages
 from upplied.outputs.files import replace_file
+from upplied.outputs.fleet_page import fleet_data
 from upplied.outputs.foremost import first_pairs
-from upplied.outputs.pairs import Pair, fleet_data
-from upplied.outputs.reports import Reader, Source
+from upplied.outputs.page_html import (
+    fleet_html,
+    inspected_plans,
+    pair_html,
+    passport_html,
+    structure_html,
+    structure_script,
+)
+from upplied.outputs.pairs import Pair
+from upplied.outputs.reports import Reader
+from upplied.outputs.source import Source
 from upplied.outputs.structure_page import places
 
 TITLE = "Inspection fleet"
@@ -220,7 +230,7 @@ def _put_passports(
     place: _Folder, reader: Reader, pairs: Sequence[Pair], code: str, problems: dict[str, str]
 ) -> None:
     """A page for each demonstration: its passport, what it inspected, and the findings."""
-    inspected = _inspected(pairs)
+    inspected = inspected_plans(pairs)
     for row in reader.source.demonstrations().to_dict("records"):
         name = check_id(str(row["demonstration_id"]), "demonstration_id")
         words = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
@@ -250,82 +260,6 @@ def _put_structures(
             place.put(f"structures/{name}.html", key, partial(structure_html, reader, name, plans, place.now))
         except UppliedError as error:
             problems[name] = f"{name}: {error}"
-
-
-def fleet_html(
-    reader: Reader,
-    pairs: Sequence[Pair],
-    title: str,
-    known: int,
-    problems: Collection[str] = (),
-    live: bool = False,
-) -> str:
-    """The page of the fleet."""
-    data = {"fleet": fleet_data(list(pairs), title, problems, known, places(reader.source))}
-    tables = "" if live else " The tables are in transfers.parquet."
-    return pages.page(
-        "fleet", title, data, f"{title}: {known} plans.{tables} This page needs scripts.", live=live
-    )
-
-
-def pair_html(
-    reader: Reader,
-    pair: Pair,
-    missions: Mapping[str, str] | None = None,
-    picture: bool = True,
-    live: bool = False,
-    known: str = "",
-) -> str:
-    """The page of one demonstration on one structure.
-
-    `missions` are addresses of files by label; `known` is the last decision, where a person may decide.
-    """
-    title = f"{pair.demonstration_id} → {pair.target_id}"
-    fallback = f"{title}: {pair.main['status']}. {pair.main.get('reason') or ''} This page needs scripts."
-    shown = f"../pictures/{pair.name}.png" if picture else ""
-    content = reader.pair_data(pair, shown, picture) | {"missions": dict(missions or {})}
-    content["plans"][0]["known"] = known
-    data = {"transfer": content}
-    scripts = [f"data/{name}.js" for name in dict.fromkeys((pair.source_id, pair.target_id))]
-    return pages.page("transfer", title, data, fallback, "../", scripts, live)
-
-
-def structure_html(
-    reader: Reader,
-    structure_id: str,
-    pairs: Sequence[Pair],
-    published: Collection[str] | None = None,
-    live: bool = False,
-) -> str:
-    """The page of a structure; `published` names the files that a report folder holds."""
-    pictures = [f"pictures/{pair.name}.png" for pair in pairs if pair.target_id == structure_id]
-    shown = next((name for name in pictures if published is None or name in published), "")
-    data = {"structure": reader.structure_page(structure_id, pairs, f"../{shown}" if shown else "")}
-    return pages.page(
-        "structure", structure_id, data, f"{structure_id}: this page needs scripts.", "../", live=live
-    )
-
-
-def passport_html(reader: Reader, demonstration_id: str, pairs: Sequence[Pair], live: bool = False) -> str:
-    """The page of a demonstration."""
-    planned = _inspected(pairs).get(demonstration_id, ("", ""))[0]
-    data = {"about": reader.passport(demonstration_id, planned)}
-    fallback = f"{demonstration_id}: this page needs scripts."
-    return pages.page("about", demonstration_id, data, fallback, "../", live=live)
-
-
-def structure_script(reader: Reader, structure_id: str) -> str:
-    """The script that hands a structure to pages."""
-    return pages.structure_script(reader.structure_data(structure_id))
-
-
-def _inspected(pairs: Sequence[Pair]) -> dict[str, tuple[str, str]]:
-    """By demonstration a plan that knows the inspected surface, and the hash of that."""
-    found: dict[str, tuple[str, str]] = {}
-    for pair in pairs:
-        if known := pair.main.get("inspected_sha256"):
-            found.setdefault(pair.demonstration_id, (str(pair.main["transfer_id"]), str(known)))
-    return found
 
 
 def _plain(rows: Any) -> dict[str, dict[str, str]]:

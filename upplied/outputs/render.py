@@ -22,7 +22,8 @@ from upplied.outputs.fly import as_settled
 from upplied.outputs.mission_zones import MissionZones
 from upplied.outputs.missions import Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
-from upplied.outputs.reports import Source, plan_of
+from upplied.outputs.reports import plan_of
+from upplied.outputs.source import Source
 
 
 def render_structure(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -37,56 +37,15 @@ from upplied.outputs.pair_page import (
 )
 from upplied.outputs.pairs import Pair, number, shown_status
 from upplied.outputs.passport_page import passport_data
+from upplied.outputs.source import Source
 from upplied.outputs.structure_page import structure_facts
 from upplied.outputs.zones import zones
-from upplied.records import Demonstration, Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
+from upplied.records import Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
 from upplied.records.plans import SupposedSurface
 from upplied.scene import scene_of
 from upplied.supposed_scene import scene_for
 
 _POSE = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
-
-
-class Source(Protocol):
-    """What reports read: the catalog, or anything that answers like it."""
-
-    def transfers(
-        self,
-        *,
-        every: bool = False,
-        demonstration: str | None = None,
-        structure: str | None = None,
-        ids: Sequence[str] | None = None,
-        columns: Sequence[str] | None = None,
-    ) -> pd.DataFrame:
-        """One row per plan, refused and failed ones too; with `every`, the older ones as well.
-
-        Of a demonstration, a target, or plans by their ids; some columns, or all.
-        """
-
-    def structures(self) -> pd.DataFrame:
-        """One row per structure, with its `sha256`."""
-
-    def demonstrations(self) -> pd.DataFrame:
-        """One row per demonstration, with its `sha256`."""
-
-    def waypoints(self, transfer_id: str) -> pd.DataFrame:
-        """The steps of one plan, in order."""
-
-    def surface(self, transfer_id: str) -> SurfaceStates | None:
-        """What one plan sees of its target, where that is still known."""
-
-    def inspected(self, transfer_id: str) -> SurfaceStates | None:
-        """What of its source the demonstration of one plan was about, where that is still known."""
-
-    def supposed(self, transfer_id: str) -> SupposedSurface | None:
-        """What of the target of one plan was never scanned; None where nothing is missing."""
-
-    def structure(self, structure_id: str) -> Structure:
-        """One structure with its mesh."""
-
-    def demonstration(self, demonstration_id: str) -> Demonstration:
-        """One demonstrated flight."""
 
 
 class Reader:

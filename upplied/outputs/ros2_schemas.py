@@ -2,85 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from mcap.records import Schema
+from mcap_ros2.writer import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from upplied.records import Camera
 
-_TIME = "int32 sec\nuint32 nanosec\n"
-_HEADER = "builtin_interfaces/Time stamp\nstring frame_id\n"
-_POINT = "float64 x\nfloat64 y\nfloat64 z\n"
-_QUATERNION = "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
-_POSE = "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"
-
-_PARTS = {
-    "builtin_interfaces/Time": _TIME,
-    "std_msgs/Header": _HEADER,
-    "geometry_msgs/Point": _POINT,
-    "geometry_msgs/Vector3": _POINT,
-    "geometry_msgs/Quaternion": _QUATERNION,
-    "geometry_msgs/Pose": _POSE,
-    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
-    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n",
-    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
-    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
-    "geometry_msgs/TransformStamped": (
-        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n"
-    ),
-    "sensor_msgs/RegionOfInterest": (
-        "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify\n"
-    ),
-}
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 
-def _definition(fields: str, *parts: str) -> str:
-    """A message's own fields, followed by those of every message it is made of."""
-    rule = "=" * 80
-    return fields + "".join(f"{rule}\nMSG: {name}\n{_PARTS[name]}" for name in parts)
-
-
-POSE_STAMPED = _definition(
-    "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
-    "std_msgs/Header",
-    "builtin_interfaces/Time",
-    "geometry_msgs/Pose",
-    "geometry_msgs/Point",
-    "geometry_msgs/Quaternion",
-)
-ODOMETRY = _definition(
-    "std_msgs/Header header\nstring child_frame_id\n"
-    "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist\n",
-    "std_msgs/Header",
-    "builtin_interfaces/Time",
-    "geometry_msgs/PoseWithCovariance",
-    "geometry_msgs/Pose",
-    "geometry_msgs/Point",
-    "geometry_msgs/Quaternion",
-    "geometry_msgs/TwistWithCovariance",
-    "geometry_msgs/Twist",
-    "geometry_msgs/Vector3",
-)
-TF = _definition(
-    "geometry_msgs/TransformStamped[] transforms\n",
-    "geometry_msgs/TransformStamped",
-    "std_msgs/Header",
-    "builtin_interfaces/Time",
-    "geometry_msgs/Transform",
-    "geometry_msgs/Vector3",
-    "geometry_msgs/Quaternion",
-)
-CAMERA_INFO = _definition(
-    "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\n"
-    "float64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\n"
-    "uint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi\n",
-    "std_msgs/Header",
-    "builtin_interfaces/Time",
-    "sensor_msgs/RegionOfInterest",
-)
-COMPRESSED_IMAGE = _definition(
-    "std_msgs/Header header\nstring format\nuint8[] data\n", "std_msgs/Header", "builtin_interfaces/Time"
-)
+def registered(writer: Writer, names: Iterable[str]) -> dict[str, Schema]:
+    """The schema of each message, by its name, with the definitions of ROS 2 Humble."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    return {
+        name: writer.register_msgdef(name, store.generate_msgdef(name, ros_version=2)[0]) for name in names
+    }
 
 
 def camera_info(camera: Camera, header: dict[str, Any]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from upplied.planning.visibility.observations import TRULY, stations
 from upplied.polylines import arc_length, chosen_evenly, interpolated
 from upplied.poses import in_a_row, interpolate
 from upplied.proof.align import Alignment, silence_s, silences
-from upplied.proof.findings import PASSED_S, findings, photos_missing
+from upplied.proof.findings import PASSED_S, findings, without_photo
 from upplied.proof.matching import projected
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 from upplied.scene import Scene
@@ -65,7 +65,7 @@ class AsFlown(Record):
     silent_s: float  # how long nothing is known of it
     cross_track_p95_m: float  # from the planned path, of the poses that belong to it
     frechet_m: float  # between the flown path and the part of the plan that was flown
-    photos_missing: int  # viewpoints without a photo; 0 where no photos are known
+    photos_missing: int  # viewpoints that show what no photo shows; 0 where no photos are known
     findings: tuple[str, ...]
 
 
@@ -108,7 +108,13 @@ def as_flown(
         paths.append(flown.positions)
     covered = np.sort(found.planned_s[near])
     share = _flown_share(plan, covered, silence_s(flown))
-    missing, photos = photos_missing(viewpoint_s, found, photo_s)
+    unphotographed, photos = 0, "no photo times are known: the camera is taken to see all the time"
+    if photo_s is not None:
+        bare_s, count = without_photo(viewpoint_s, found, photo_s)
+        lost = _seen(interpolate(plan, bare_s), surface.at(~looks.seen), camera, scene)
+        unphotographed = int(lost.any(axis=1).sum())
+        text = f"{unphotographed} of {count} viewpoints show surface that no photo shows"
+        photos = text if unphotographed else ""
     return AsFlown(
         looks=looks,
         flown_pct=share,
@@ -116,8 +122,8 @@ def as_flown(
         silent_s=float(sum(length for _, length in silences(flown))),
         cross_track_p95_m=_cross_track(plan, logged, found),
         frechet_m=_frechet(plan, flown, near, covered),
-        photos_missing=missing,
-        findings=(*findings(plan, found, share), *photos),
+        photos_missing=unphotographed,
+        findings=(*findings(plan, found, share), *filter(None, [photos])),
     )
 
 

@@ -27,27 +27,21 @@ def findings(plan: Trajectory, found: Alignment, flown_pct: float) -> tuple[str,
     return (*_corrected(found), *_missing(plan, found, flown_pct), *_aside(plan, found), *_stuck(plan, found))
 
 
-def photos_missing(
-    viewpoint_s: Floats, found: Alignment, photo_s: Floats | None
-) -> tuple[int, tuple[str, ...]]:
-    """How many of the viewpoints that were passed have no photo, and that in words.
+def without_photo(viewpoint_s: Floats, found: Alignment, photo_s: Floats) -> tuple[Floats, int]:
+    """The moments (K,) of the plan's viewpoints that were passed without a photo, and how many were passed.
 
     Parameters
     ----------
-    viewpoint_s : array, shape (K,), s
+    viewpoint_s : array, shape (V,), s
         Moments of the plan's viewpoints.
     found : Alignment
-    photo_s : array, shape (F,), s, or None
-        Times of the photos by the log's clock, from its first pose; None: not known.
+    photo_s : array, shape (F,), s
+        Times of the photos by the log's clock, from its first pose.
     """
-    if photo_s is None:
-        return 0, ("no photo times are known: the camera is taken to see all the time",)
     flown, planned = found.flown.t_s[found.on_plan], found.planned_s[found.on_plan]
-    wanted = viewpoint_s[_near(viewpoint_s, planned)]
+    passed = viewpoint_s[_near(viewpoint_s, planned)]
     taken = np.interp(photo_s, flown, planned, left=np.nan, right=np.nan)
-    missing = int((~_near(wanted, taken[np.isfinite(taken)])).sum())
-    said = f"{missing} of {len(wanted)} viewpoints that were passed have no photo"
-    return missing, ((said,) if missing else ())
+    return passed[~_near(passed, taken[np.isfinite(taken)])], len(passed)
 
 
 def _corrected(found: Alignment) -> Iterator[str]:

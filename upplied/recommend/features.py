@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from upplied.records import Bools, Cloud, Floats, Ints, Record
+from upplied.records import Bools, Cloud, Floats, Ints, Record, Rows
 
 FEATURES_VERSION = 1  # raised with every change that alters a feature
 
@@ -35,16 +35,13 @@ class ShapeFeatures(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ShapeLibrary(Record):
+class ShapeLibrary(Rows):
     """The features of S structures, row by row."""
 
     extent_m: Floats  # (S, 3)
     occupied: Ints  # (S, W)
     near: Ints  # (S, W)
     facing: Floats  # (S, F)
-
-    def __len__(self) -> int:
-        return len(self.extent_m)
 
 
 def shape_features(cloud: Cloud) -> ShapeFeatures:
@@ -78,18 +75,6 @@ def library_of(features: list[ShapeFeatures]) -> ShapeLibrary:
         np.array([one.occupied for one in features], np.int64).reshape(-1, _WORDS),
         np.array([one.near for one in features], np.int64).reshape(-1, _WORDS),
         np.array([one.facing for one in features], float).reshape(-1, 3 * _FACES),
-    )
-
-
-def joined(libraries: list[ShapeLibrary]) -> ShapeLibrary:
-    """Several libraries, one after another."""
-    if not libraries:
-        return library_of([])
-    return ShapeLibrary(
-        np.concatenate([one.extent_m for one in libraries]),
-        np.concatenate([one.occupied for one in libraries]),
-        np.concatenate([one.near for one in libraries]),
-        np.concatenate([one.facing for one in libraries]),
     )
 
 

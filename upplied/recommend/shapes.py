@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 
+import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
@@ -19,7 +20,6 @@ from upplied.recommend.features import (
     FEATURES_VERSION,
     ShapeFeatures,
     ShapeLibrary,
-    joined,
     library_of,
     shape_features,
 )
@@ -85,12 +85,10 @@ class Shapes:
     def library(self, sha256: Mapping[str, str]) -> ShapeLibrary:
         """Features of many structures, in the order of the mapping from id to hash."""
         blocks = _blocks(sha256)
-        found = joined([self._block({name: sha256[name] for name in block}) for block in blocks])
+        known = [self._block({name: sha256[name] for name in block}) for block in blocks]
         place = {name: row for row, name in enumerate(name for block in blocks for name in block)}
-        order = [place[name] for name in sha256]
-        return ShapeLibrary(
-            found.extent_m[order], found.occupied[order], found.near[order], found.facing[order]
-        )
+        order = np.array([place[name] for name in sha256], np.int64)
+        return ShapeLibrary.stacked(known).rows(order) if known else library_of([])
 
     def gather(self, sha256: Mapping[str, str]) -> None:
         """Make the files that `library` reads, those for which all features are known."""

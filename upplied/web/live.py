@@ -13,15 +13,8 @@ from upplied.catalog import Catalog
 from upplied.errors import CatalogError
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
-from upplied.outputs.publish import (
-    PAGES,
-    TITLE,
-    fleet_html,
-    pair_html,
-    passport_html,
-    structure_html,
-    structure_script,
-)
+from upplied.outputs.page_html import fleet_html, pair_html, passport_html, structure_html, structure_script
+from upplied.outputs.publish import PAGES, TITLE
 from upplied.outputs.render import brief_transfer, export_transfer
 from upplied.outputs.reports import Reader
 from upplied.web.decisions import Decisions

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections import OrderedDict
@@ -13,8 +12,6 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
-from upplied.catalog.verbs import required
-from upplied.checks import check_id
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.editing import Base, Editing, JudgedEdit, flown_path
 from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
@@ -26,12 +23,12 @@ from upplied.outputs.pairs import decision_words, number
 from upplied.outputs.reports import Reader, trajectory_of
 from upplied.outputs.verdicts import headline
 from upplied.poses import from_yaw_pitch, optical_axis
-from upplied.proof.asking import Asking
 from upplied.proof.carried_edit import kept_edit
 from upplied.proof.edit import Asked, Edit
 from upplied.records import Ints, Trajectory
 from upplied.web.decisions import Decisions
-from upplied.web.requests import signed, text_of, viewpoint_of
+from upplied.web.requests import signed, viewpoint_of
+from upplied.web.zone_requests import ZoneRequests
 
 _MOST_BASES = 50  # that were planned again and are held: a page goes back to them
 _MOST_OPEN = 8  # plans; of more, the one that was not asked for longest is closed
@@ -104,6 +101,7 @@ class Session:
         self._mesh = self._reader.display_mesh(self.editing.target)
         self._origin = np.array(self._structure["origin"])
         self._near: Ints | None = None
+        self.zones = ZoneRequests(catalog, self.editing, self._origin)
         self._known = self.decisions.last(transfer_id)  # the last decision that the page shows
         self._draft = transfer_id  # what a decision is about: the plan, or the last draft that was stored
         stage("Checking clearance along the path")
@@ -112,8 +110,8 @@ class Session:
         """The answer to a request of the page; ``refused`` says in words why there is none."""
         answers: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
             "plan": self._plan, "judge": self._judge, "replan": self._replan, "keep": self._keep,
-            "decide": self._decide, "aim": self._aim, "zone": self._zone, "require": self._require,
-            "zones": self._zones,
+            "decide": self._decide, "aim": self._aim, "zone": self.zones.drawn, "require": self.zones.require,
+            "zones": lambda _: {"zones": self.zones.judged(self.editing.kept.plan)},
         }  # fmt: skip
         if what not in answers:
             return {"refused": f"{what[:40]}: there is no such request"}
@@ -212,35 +210,6 @@ class Session:
         place = (origin + reach * axis)[0].round(3).tolist() if np.isfinite(reach) else None
         return {"place": place}
 
-    def _zone(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The samples of a zone that is described, to be drawn."""
-        patches = self._asking.patches(text_of(request, "where"))
-        points = (self.editing.surface.points[patches] - self._origin).astype(np.float32)
-        return {"points": packed(points), "share_pct": 100 * float(patches.mean())}
-
-    def _require(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Ask for a zone of the structure: the next version of a set, with the zones that it had."""
-        by, note = signed(request)
-        name, target = check_id(text_of(request, "set"), "name of requirements"), self.editing.target
-        zone = request.get("zone")
-        if not isinstance(zone, Mapping):
-            raise InputError("the zone", "is not described", "a name, a place and the required quality")
-        self._asking.patches(str(zone.get("where", "")))  # one that names no surface is refused
-        table = self.catalog.requirements()
-        own = (table["scope"] == "structure") & (table["owner"] == target.structure_id)
-        before = table[own & (table["name"] == name)]
-        zones = [] if before.empty else json.loads(before.iloc[-1]["zones_json"])
-        zones = [each for each in zones if each["zone"] != zone.get("zone")] + [dict(zone)]
-        self.catalog.require("structure", target.structure_id, name, zones, by, note)
-        for name in ("_asking", "_required"):
-            self.__dict__.pop(name, None)
-        count = f"{len(zones)} zone{'s' if len(zones) > 1 else ''}"
-        return {"message": f"Set {name} of {target.structure_id} now requires {count}."}
-
-    def _zones(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """What becomes of each required zone by the plan as it is stored."""
-        return {"zones": self._judged_zones(self.editing.kept.plan)}
-
     # --- what the answers are made of ----------------------------------------------------------
 
     def _read(self, request: Mapping[str, Any]) -> tuple[Base, Edit, Asked]:
@@ -252,14 +221,9 @@ class Session:
     def _judged(self, base: Base, edit: Edit, asked: Asked) -> dict[str, Any]:
         began, cpu = time.perf_counter(), time.process_time()
         judged = self.editing.judged(base, edit, asked)
-        answer = self._shown(judged, edit, asked, base) | {"zones": self._judged_zones(judged.plan)}
+        answer = self._shown(judged, edit, asked, base) | {"zones": self.zones.judged(judged.plan)}
         took = {"judged_s": time.perf_counter() - began, "cpu_s": time.process_time() - cpu}
         return answer | {name: round(value, 3) for name, value in took.items()}
-
-    def _judged_zones(self, plan: Any) -> list[dict[str, Any]]:
-        if not self._required:
-            return []
-        return list(self._asking.judged(self._asking.planned(plan, self._asking.camera)))
 
     def _shown(self, judged: JudgedEdit, edit: Edit, asked: Asked, base: Base) -> dict[str, Any]:
         """A judged plan as the page draws it, with its verdict in words."""
@@ -324,16 +288,3 @@ class Session:
             return None
         path: Trajectory = trajectory_of(self.catalog.waypoints(row["transfer_id"]))
         return {"id": row["transfer_id"], "path": path_data(profile(path, self.editing.scene), self._origin)}
-
-    @cached_property
-    def _required(self) -> list[dict[str, Any]]:
-        """The zones that are required of the structure."""
-        target = self.editing.target
-        return list(required.zones_of(self.catalog, target.kind, target.structure_id))
-
-    @cached_property
-    def _asking(self) -> Asking:
-        camera = self.editing.recipe.demonstration.camera
-        target, supposed = self.editing.target, self.editing.kept.plan.supposed
-        known = supposed, camera, self._required, self.catalog.faces_labelled
-        return Asking(self.catalog.structure, self.catalog.cache, target, *known)

@@ -6,8 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from upplied.errors import SettingsError
 from upplied.outputs.files import replace_file
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import dji_wpml, gate, litchi, mavlink
 from upplied.outputs.missions.csv import csv_text
 from upplied.outputs.missions.fences import fence_text, fenced, rally_text
@@ -16,11 +19,10 @@ from upplied.outputs.missions.geojson import geojson_text
 from upplied.outputs.missions.kml import kml_text
 from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.missions.mission import ANYTHING, missions_of
-from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.qgc_plan import qgc_plan_text
 from upplied.outputs.missions.read_back import read_mcap, read_mission
-from upplied.outputs.missions.records import Mission
+from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 from upplied.records import Camera, Plan, Structure, Trajectory
 
 __all__ = ["FORMATS", "Exported", "Mission", "MissionOptions", "export", "missions_of"]
@@ -147,7 +149,25 @@ def missions_for(
     flying = ANYTHING if format == "mcap" else _WRITERS[format][1]
     if format in ("qgc-plan", "mavlink"):
         flying = replace(flying, note=mavlink.NOTES[options.firmware])
-    return missions_of(plan, structure, options, flying, camera, (*gate.plan_breaches(plan), *found))
+    missions = missions_of(plan, structure, options, flying, camera, (*gate.plan_breaches(plan), *found))
+    if format == "mcap":
+        return missions
+    interval_s = interval_of(options, camera)[0]
+    return [_waiting(format, mission, options, interval_s) for mission in missions]
+
+
+def _waiting(format: str, mission: Mission, options: MissionOptions, interval_s: float) -> Mission:
+    """The mission, hovering before each photo that its file, with rounded speeds, holds and places, asks for
+    before the camera is ready.
+    """
+    if mission.photo.sum() < 2:
+        return mission
+    reading = read_mission(format, encoded(_WRITERS[format][2](mission, options)), mission)
+    missing_s = interval_s - np.diff(reading.photo_s)
+    extra_s = np.where(missing_s > 0, missing_s + SHORTEST_HOLD_S, 0.0)
+    hold_s = mission.hold_s.copy()
+    hold_s[np.flatnonzero(mission.photo)[1:]] += extra_s
+    return replace(mission, hold_s=hold_s, duration_s=mission.duration_s + float(extra_s.sum()))
 
 
 def encoded(content: bytes | str) -> bytes:

@@ -14,10 +14,10 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.gate import written
-from upplied.outputs.missions.options import MissionOptions
-from upplied.outputs.missions.records import Mission
+from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 from upplied.polylines import leg_lengths
 
 MAX_WAYPOINTS = 200  # what importers are known to take; the format itself counts to 65535
@@ -48,7 +48,6 @@ DRONES: dict[str, tuple[int, int, int | None]] = {
     "m4td": (100, 1, 99),
     "m400": (103, 0, None),
 }
-_SHORT_S = 0.05
 _SAFE_HEIGHT_M = (2.0, 1500.0)
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2" xmlns:wpml="http://www.dji.com/wpmz/1.0.2">
@@ -123,8 +122,7 @@ def _template(mission: Mission) -> str:
         "payloadParam",
         _tags({"payloadPositionIndex": 0, "imageFormat": "wide" if mission.fov_deg is None else "zoom"}),
     )
-    zooms = mission.zooms_at
-    marks = "".join(_placemark(mission, at, zooms, template=True) for at in range(len(mission.stops)))
+    marks = _placemarks(mission, template=True)
     said = "".join(f"<!-- {note.replace('--', '- -')} -->\n" for note in written(mission.notes))
     return f"{said}<Folder>\n{head}{marks}{payload}</Folder>\n"
 
@@ -140,13 +138,18 @@ def _waylines(mission: Mission) -> str:
             "autoFlightSpeed": f"{_cruise(mission):.2f}",
         }
     )
-    zooms = mission.zooms_at
-    marks = "".join(_placemark(mission, at, zooms, template=False) for at in range(len(mission.stops)))
+    marks = _placemarks(mission, template=False)
     return f"<Folder>\n{head}{marks}</Folder>\n"
 
 
-def _placemark(mission: Mission, number: int, zooms: dict[int, float], template: bool) -> str:
-    stop = mission.stops[number]
+def _placemarks(mission: Mission, template: bool) -> str:
+    zooms = mission.zooms_at
+    return "".join(
+        _placemark(mission, number, stop, zooms, template) for number, stop in enumerate(mission.stops)
+    )
+
+
+def _placemark(mission: Mission, number: int, stop: range, zooms: dict[int, float], template: bool) -> str:
     at = stop[0]
     lat, lon, alt = mission.geodetic[at]
     height = f"{mission.height_m[at]:.3f}"
@@ -170,14 +173,13 @@ def _placemark(mission: Mission, number: int, zooms: dict[int, float], template:
     mode = _PASSES if passing > 0 else _STOPS
     turn = _tags({"waypointTurnMode": mode, "waypointTurnDampingDist": f"{passing:.2f}"})
     body += _group("waypointTurnParam", turn) + _tags({"useStraightLine": 1})
-    return f"<Placemark>\n{body}{_actions(mission, number, zooms)}</Placemark>\n"
+    return f"<Placemark>\n{body}{_actions(mission, number, stop, zooms)}</Placemark>\n"
 
 
-def _actions(mission: Mission, number: int, zooms: dict[int, float]) -> str:
+def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]) -> str:
     """Photos at the waypoint, and turns on the spot; on the leg behind it the gimbal turns evenly to what the
     next one wants, and photos by distance are taken.
     """
-    stop = mission.stops[number]
     actions: list[tuple[str, dict[str, object]]] = []
     for at in stop:
         if at > stop[0]:
@@ -189,7 +191,7 @@ def _actions(mission: Mission, number: int, zooms: dict[int, float]) -> str:
             actions.append(("gimbalRotate", _gimbal(mission.pitch_deg[at])))
         if at in zooms:
             actions.append(("zoom", _zoom(zooms[at])))
-        if mission.hold_s[at] > _SHORT_S:
+        if mission.hold_s[at] > SHORTEST_HOLD_S:
             actions.append(("hover", {"hoverTime": f"{np.ceil(10 * mission.hold_s[at]) / 10:.1f}"}))
         if mission.photo[at]:
             actions.append(("takePhoto", _photo(at)))

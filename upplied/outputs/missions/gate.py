@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
-from upplied.outputs.missions.options import DRAFTS, MissionOptions
+from upplied.outputs.mission_options import DRAFTS, MissionOptions
 from upplied.outputs.missions.reading import Reading, planned
+from upplied.outputs.missions.rules import RULES
 from upplied.outputs.missions.ways import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
@@ -29,47 +30,6 @@ _EXACT_M = 0.02  # within which a clearance is known, and a file states a place
 _ROUNDING = 1.02  # of speeds: files round them
 _SOON_S = 1e-3
 _OVERLAP = 0.02  # within which an overlap is known
-
-
-@dataclass(frozen=True)
-class Rule:
-    """Something that every mission keeps."""
-
-    name: str
-    why: str
-    remedy: str
-
-
-RULES = {
-    rule.name: rule
-    for rule in (
-        Rule("preset", "only `recommended` is made to be flown; others are for comparison", "plan with it"),
-        Rule("verdict", "the plan reaches what it must to be flown", "plan it again, or another one"),
-        Rule("released", "nothing is flown that nobody signed", "release it: upplied release ID --by NAME"),
-        Rule("foreign", "what is flown was judged here", "plan it here, or import it again with --verify"),
-        Rule("altered", "what is flown is what was released", "take the catalog from a backup; see: "
-             "upplied catalog verify"),
-        Rule("rejected", "nothing is flown that somebody rejected", "export the plan in force"),
-        Rule("recalled", "the plan is safe at the structure as it now is", "release a newer plan"),
-        Rule("superseded", "another plan of this pair takes its place", "export that one"),
-        Rule("finite", "every waypoint is a finite place at a rising time", "plan again"),
-        Rule("clearance", "every leg keeps its distance from the structure", "plan with more --clearance"),
-        Rule("keep-out", "no leg enters a keep-out box", "plan again with these surroundings"),
-        Rule("geofence", "no leg leaves the fence", "plan again with these surroundings"),
-        Rule("ceiling", "no leg rises above the ceiling", "plan again with these surroundings"),
-        Rule("ground", "no leg but take-off and landing goes below the ground", "plan again"),
-        Rule("height", "no leg is higher above ground than allowed", "raise --max-height-m where you may"),
-        Rule("speed", "no leg is faster than the vehicle flies", "plan with the limits of the vehicle"),
-        Rule("acceleration", "no turn asks for more than the vehicle can do", "plan with its limits"),
-        Rule("zoom", "what flies the mission can zoom as the plan does", "export in a format that can: csv, "
-             "geojson, dji-wpml, or qgc-plan and mavlink for PX4"),
-        Rule("photos", "no photo is asked for before the camera can take it", "export with fewer photos, "
-             "or say what the camera takes: --trigger-s, --camera"),
-        Rule("overlap", "photos of neighbouring passes overlap as asked", "plan with passes nearer to each "
-             "other, or ask for less: --overlap"),
-        Rule("coverage", "as it is flown, the mission sees what the plan sees", "export with less tolerance"),
-    )
-}  # fmt: skip
 
 
 @dataclass(frozen=True)

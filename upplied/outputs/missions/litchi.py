@@ -14,7 +14,7 @@ import math
 
 from upplied.errors import RefusedError
 from upplied.outputs.missions.flying import Flying
-from upplied.outputs.missions.records import Mission
+from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
 MAX_WAYPOINTS = 99
 #: Without curves it stops at each waypoint.
@@ -35,7 +35,6 @@ COLUMNS = (
 _INTERPOLATE, _NOTHING, _ABOVE_TAKEOFF = 2, -1, 0
 _STAY, _PHOTO, _RECORD, _RECORDED, _ROTATE, _TILT = 0, 1, 2, 3, 4, 5
 _TURNS = _ACTIONS // 4  # on the spot, of one row
-_SHORT_S = 0.05
 
 
 def litchi_text(mission: Mission) -> str:
@@ -69,7 +68,7 @@ def litchi_text(mission: Mission) -> str:
 def _actions(mission: Mission, at: int, on_the_spot: bool) -> list[int]:
     """Types and parameters of what is done at a waypoint; a turn on the spot is no row of its own."""
     turn = [_ROTATE, round(mission.heading_deg[at]) % 360, _TILT, round(mission.pitch_deg[at])]
-    stay = [_STAY, math.ceil(1e3 * mission.hold_s[at])] if mission.hold_s[at] > _SHORT_S else []
+    stay = [_STAY, math.ceil(1e3 * mission.hold_s[at])] if mission.hold_s[at] > SHORTEST_HOLD_S else []
     photo = [_PHOTO, 0] if mission.photo[at] else []
     if mission.films:
         photo = [_RECORD, 0] * (at == mission.starts_at) + [_RECORDED, 0] * (at == mission.stops_at)

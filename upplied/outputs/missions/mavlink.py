@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 from upplied.errors import RefusedError
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.flying import Flying
-from upplied.outputs.missions.options import MissionOptions
-from upplied.outputs.missions.records import Mission
+from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
 WAYPOINT, RETURN, TAKEOFF = 16, 20, 22
 YAW = 115
@@ -21,8 +21,7 @@ _GIMBAL_LEVEL_WITH_VEHICLE = 4 + 8 + 32  # roll and pitch held to the horizon, y
 _MOUNT_BY_ANGLES = 2
 _ZOOM_BY_FIELD_OF_VIEW = 4.0
 _NAN = float("nan")
-_SHORT_S = 0.3  # shorter than this nobody hovers,
-_INSTANT_S = 0.05  # but for a camera that takes its time
+_SHORT_S = 0.3  # shorter than this nobody hovers, unless photos are taken
 _SLOWER = 0.03  # that a leg may be flown more slowly before the speed is told again
 #: Commands for the gimbal and the heading come into force when the leg to their waypoint begins.
 FLYING = Flying(
@@ -90,7 +89,7 @@ def items(mission: Mission, options: MissionOptions) -> list[Item]:
         if options.firmware == "ardupilot":
             out.append(_command(YAW, mission.heading_deg[at]))
         lat, lon = mission.geodetic[at, :2]
-        short = _INSTANT_S if mission.photo.any() else _SHORT_S
+        short = SHORTEST_HOLD_S if mission.photo.any() else _SHORT_S
         hold = math.ceil(mission.hold_s[at]) if mission.hold_s[at] > short else 0.0
         out.append(Item(WAYPOINT, frame, (hold, 0.0, 0.0, mission.heading_deg[at], lat, lon, alt[at])))
         if mission.photo_distance_m and mission.inspects_behind(at) != inspecting:

@@ -9,94 +9,16 @@ import numpy as np
 from mcap_ros2.writer import Writer
 
 from upplied.errors import RefusedError
-from upplied.outputs import ros2_schemas
 from upplied.outputs.colours import PRESETS, STATES, SURFACE, rgb
 from upplied.outputs.display import display_mesh, display_states
 from upplied.outputs.draw.tubes import frustum_corners
-from upplied.outputs.ros2_schemas import camera_info
+from upplied.outputs.ros2_schemas import CAMERA_INFO, camera_info, registered
 from upplied.records import Camera, Floats, Plan, Structure, Trajectory
 
 FRAME, CAMERA_FRAME = "structure", "planned_camera"
-_RULE = "=" * 80
 _LINE_LIST, _POINTS, _TRIANGLE_LIST = 5, 8, 11
-_PATH = (
-    f"std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n{_RULE}\nMSG: geometry_msgs/PoseStamped\n"
-)
-_PATH += ros2_schemas.POSE_STAMPED
-_MARKERS = f"""visualization_msgs/Marker[] markers
-{_RULE}
-MSG: visualization_msgs/Marker
-std_msgs/Header header
-string ns
-int32 id
-int32 type
-int32 action
-geometry_msgs/Pose pose
-geometry_msgs/Vector3 scale
-std_msgs/ColorRGBA color
-builtin_interfaces/Duration lifetime
-bool frame_locked
-geometry_msgs/Point[] points
-std_msgs/ColorRGBA[] colors
-string texture_resource
-sensor_msgs/CompressedImage texture
-visualization_msgs/UVCoordinate[] uv_coordinates
-string text
-string mesh_resource
-visualization_msgs/MeshFile mesh_file
-bool mesh_use_embedded_materials
-{_RULE}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{_RULE}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-{_RULE}
-MSG: builtin_interfaces/Duration
-int32 sec
-uint32 nanosec
-{_RULE}
-MSG: geometry_msgs/Pose
-geometry_msgs/Point position
-geometry_msgs/Quaternion orientation
-{_RULE}
-MSG: geometry_msgs/Point
-float64 x
-float64 y
-float64 z
-{_RULE}
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-{_RULE}
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-{_RULE}
-MSG: std_msgs/ColorRGBA
-float32 r
-float32 g
-float32 b
-float32 a
-{_RULE}
-MSG: sensor_msgs/CompressedImage
-std_msgs/Header header
-string format
-uint8[] data
-{_RULE}
-MSG: visualization_msgs/UVCoordinate
-float32 u
-float32 v
-{_RULE}
-MSG: visualization_msgs/MeshFile
-string filename
-uint8[] data
-"""
+_POSE, _LINKS, _LINE = "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage", "nav_msgs/msg/Path"
+_MARKERS = "visualization_msgs/msg/MarkerArray"
 
 
 def mcap_bytes(
@@ -117,10 +39,7 @@ def mcap_bytes(
         )
     buffer = io.BytesIO()
     writer = Writer(buffer)
-    poses = writer.register_msgdef("geometry_msgs/msg/PoseStamped", ros2_schemas.POSE_STAMPED)
-    frames = writer.register_msgdef("tf2_msgs/msg/TFMessage", ros2_schemas.TF)
-    line = writer.register_msgdef("nav_msgs/msg/Path", _PATH)
-    markers = writer.register_msgdef("visualization_msgs/msg/MarkerArray", _MARKERS)
+    schemas = registered(writer, (_POSE, _LINKS, _LINE, _MARKERS))
     facts = {"structure_id": structure.structure_id, "frame": "structure: metres, Z up, +X forward"}
     if isinstance(plan, Plan):
         facts |= {"demonstration_id": plan.demonstration_id, "preset": plan.preset}
@@ -128,26 +47,31 @@ def mcap_bytes(
         facts["notes"] = "; ".join(notes)
     writer.add_metadata("plan", facts)
 
-    def write(topic: str, schema: Any, message: dict[str, Any], at_ns: int = 0) -> None:
-        writer.write_message(topic, schema, message, log_time=at_ns, publish_time=at_ns)
+    def write(topic: str, schema: str, message: dict[str, Any], at_ns: int = 0) -> None:
+        writer.write_message(topic, schemas[schema], message, log_time=at_ns, publish_time=at_ns)
 
     stamps = np.round(path.t_s * 1e9).astype(np.int64).tolist()
     stamped = [
         {"header": _header(at), "pose": _pose(position, quat)}
         for at, position, quat in zip(stamps, path.positions, path.quat_xyzw, strict=True)
     ]
-    write("/structure", markers, {"markers": [_surface(plan, structure)]})
-    write("/plan/frusta", markers, {"markers": [_frusta(plan, path, camera or Camera())]})
-    write("/plan/path", line, {"header": _header(0), "poses": stamped})
+    write("/structure", _MARKERS, {"markers": [_surface(plan, structure)]})
+    write("/plan/frusta", _MARKERS, {"markers": [_frusta(plan, path, camera or Camera())]})
+    write("/plan/path", _LINE, {"header": _header(0), "poses": stamped})
     for at, pose in zip(stamps, stamped, strict=True):
         transform = {"translation": pose["pose"]["position"], "rotation": pose["pose"]["orientation"]}
         link = {"header": _header(at), "child_frame_id": CAMERA_FRAME, "transform": transform}
-        write("/tf", frames, {"transforms": [link]}, at)
-        write("/plan/camera", poses, pose, at)
+        write("/tf", _LINKS, {"transforms": [link]}, at)
+        write("/plan/camera", _POSE, pose, at)
     if path.fov_deg is not None:
-        info = writer.register_msgdef("sensor_msgs/msg/CameraInfo", ros2_schemas.CAMERA_INFO)
+        schemas |= registered(writer, (CAMERA_INFO,))
         for at, each in zip(stamps, (camera or Camera()).zoomed(path.fov_deg), strict=True):
-            write("/plan/camera_info", info, camera_info(each, _header(at) | {"frame_id": CAMERA_FRAME}), at)
+            write(
+                "/plan/camera_info",
+                CAMERA_INFO,
+                camera_info(each, _header(at) | {"frame_id": CAMERA_FRAME}),
+                at,
+            )
     writer.finish()
     return buffer.getvalue()
 

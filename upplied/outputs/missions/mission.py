@@ -8,10 +8,10 @@ import numpy as np
 
 from upplied.checks import pair_name
 from upplied.errors import RefusedError
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate, geodesy
 from upplied.outputs.missions.corners import passing_m
 from upplied.outputs.missions.flying import Flying
-from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.photos import shots_of
 from upplied.outputs.missions.reading import planned
 from upplied.outputs.missions.records import Mission
@@ -86,7 +86,9 @@ def missions_of(
         shots.path, shots.fixed, tolerances, airspace, (surface, camera), flying.turning, zooms
     )
     path = shots.path
-    share = float(np.nanmin([share, shots.shown])) if np.isfinite([share, shots.shown]).any() else share
+    shown = share if options.photos == "video" else shots.shown
+    share = float(np.fmin(share, shots.shown))
+    inspected_pct = plan.measures.coverage_inspected_pct if isinstance(plan, Plan) else float("nan")
     lacking = [*gate.coverage_breaches(share, limits), *gate.overlap_breaches(shots.across, options.overlaps)]
     unseen = gate.pass_or_refuse(name, lacking, options.overruled)
     notes += [note, *shots.notes, *gate.told(unseen)]
@@ -129,6 +131,7 @@ def missions_of(
                 photo=body.photo,
                 inspect=body.inspect,
                 photo_distance_m=shots.every_m,
+                shown_pct=shown * inspected_pct,
                 films=options.photos == "video",
                 duration_s=sortie.duration_s,
                 notes=tuple(notes),

@@ -8,10 +8,11 @@ import numpy as np
 
 from upplied.cameras import known_camera, least_interval, named_by_drone
 from upplied.errors import RefusedError
-from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.sorties import SLOWEST_MPS
-from upplied.photographed import MARGIN, photographed
-from upplied.polylines import cumulated, leg_lengths
+from upplied.photographed import MARGIN, photographed, share_shown
+from upplied.polylines import arc_length, cumulated, leg_lengths
+from upplied.poses import interpolate
 from upplied.records import Bools, Camera, Cloud, Record, SurfaceStates, Trajectory
 from upplied.scene import Scene
 
@@ -78,55 +79,72 @@ def shots_of(
     none, nan = np.zeros(len(path), bool), float("nan")
     fixed = none if viewpoints is None else viewpoints
     if options.photos == "video":
-        return Shots(path, fixed, none, 0.0, nan, nan, ("filmed from the first to the last place",))
+        return Shots(path, fixed, none, 0.0, nan, nan, ("the camera films the whole inspection",))
     if options.photos == "none":
         return Shots(path, fixed, none, 0.0, nan, nan, ())
     interval, why = interval_of(options, camera)
+    ready = f"the camera takes {interval:g} s for a photo, {why}"
+    surface, camera = Cloud(np.empty((0, 3))), camera or Camera()
+    if states is not None:
+        surface = Cloud(states.points, states.normals).at(states.state == 1)
     if own and viewpoints is not None and not options.overlap and options.photos == "viewpoints":
         between = np.diff(path.t_s[viewpoints])
         if not len(between) or between.min() >= interval * MARGIN - 1e-6:
-            count = int(viewpoints.sum())
-            note = f"{count} photos, those of the plan: the camera takes {interval:g} s for one, {why}"
-            return Shots(path, viewpoints, viewpoints, 0.0, nan, nan, (note,))
+            shown = share_shown(path, viewpoints, camera, scene, surface)
+            note = f"{int(viewpoints.sum())} photos, those of the plan{_share(shown)}: {ready}"
+            return Shots(path, viewpoints, viewpoints, 0.0, shown, nan, (note,))
     if options.photos == "distance" or viewpoints is None:
-        return _by_distance(name, path, fixed, options.photo_distance_m, interval, why)
-    surface = Cloud(np.empty((0, 3)))
-    if states is not None:
-        surface = Cloud(states.points, states.normals).at(states.state == 1)
-    found = photographed(path, camera or Camera(), scene, surface, interval, options.overlaps)
-    count = int(found.photo.sum())
-    took = np.diff(found.path.t_s[found.photo])
+        shots = _by_distance(name, path, fixed, options.photo_distance_m, interval, ready)
+        every, photo = _at_distances(path, options.photo_distance_m)
+        shown = share_shown(every, photo, camera, scene, surface)
+        return replace(shots, shown=shown, notes=(shots.notes[0] + _share(shown), *shots.notes[1:]))
+    result = photographed(path, camera, scene, surface, interval, options.overlaps, complete=True)
+    count = int(result.photo.sum())
+    took = np.diff(result.path.t_s[result.photo])
     apart = f", at least {took.min():.1f} s apart" if count > 1 else ""
-    said = [f"{count} photos{apart}: the camera takes {interval:g} s for one, {why}"]
-    if np.isfinite(found.shown):
-        said[0] += f"; they show {100 * found.shown:.1f} % of what the plan shows"
+    note = f"{count} photos{apart}{_share(result.shown)}: {ready}"
     if count > 1:
-        said[0] += f"; overlap along {100 * np.median(found.along):.0f} %"
-    if np.isfinite(found.across):
-        said[0] += f", across {100 * found.across:.0f} %"
-    if found.slower_s > _SLOWER_S:
-        said.append(f"flown {found.slower_s:.0f} s longer than planned, so that the camera is ready in time")
-    return Shots(found.path, found.photo, found.photo, 0.0, found.shown, found.across, tuple(said))
+        note += f"; overlap along {100 * np.median(result.along):.0f} %"
+    if np.isfinite(result.across):
+        note += f", across {100 * result.across:.0f} %"
+    notes = (note, *_longer(result.slower_s))
+    return Shots(result.path, result.photo, result.photo, 0.0, result.shown, result.across, notes)
+
+
+def _share(shown: float) -> str:
+    """What the photos show of what the plan shows, in words; nothing where that is not known."""
+    return f", which show {100 * shown:.1f} % of what the plan shows" if np.isfinite(shown) else ""
+
+
+def _longer(slower_s: float) -> tuple[str, ...]:
+    if slower_s <= _SLOWER_S:
+        return ()
+    return (f"the flight takes {slower_s:.0f} s longer than planned, so that the camera is ready in time",)
+
+
+def _at_distances(path: Trajectory, every_m: float) -> tuple[Trajectory, Bools]:
+    """The path with a pose wherever a photo by distance is taken, and which poses these are."""
+    along = arc_length(path.positions)
+    photo_s = np.interp(np.arange(0.0, along[-1], every_m), along, path.t_s)
+    times = np.union1d(path.t_s, photo_s)
+    return interpolate(path, times), np.isin(times, photo_s)
 
 
 def _by_distance(
-    name: str, path: Trajectory, fixed: Bools, every_m: float, interval: float, why: str
+    name: str, path: Trajectory, fixed: Bools, every_m: float, interval: float, ready: str
 ) -> Shots:
     """The path flown no faster than a photo every so many metres allows."""
     fastest = every_m / (interval * MARGIN)
     if fastest < SLOWEST_MPS:
         raise RefusedError(
             name,
-            f"a photo every {every_m:g} m asks for {fastest:.2f} m/s: the camera takes {interval:g} s, {why}",
+            f"a photo every {every_m:g} m asks for {fastest:.2f} m/s: {ready}",
             f"{SLOWEST_MPS:g} m/s at least",
             "ask for fewer: --photo-distance-m, or say what the camera takes: --trigger-s",
         )
     planned = np.diff(path.t_s)
     took = np.maximum(planned, leg_lengths(path.positions) / fastest)
-    slower = float((took - planned).sum())
-    said = [f"a photo every {every_m:g} m, at least {interval * MARGIN:.1f} s apart: the camera takes "
-            f"{interval:g} s for one, {why}"]  # fmt: skip
-    if slower > _SLOWER_S:
-        said.append(f"flown {slower:.0f} s longer than planned, so that the camera is ready in time")
+    note = f"a photo every {every_m:g} m, at least {interval * MARGIN:.1f} s apart: {ready}"
     slowed = replace(path, t_s=path.t_s[0] + cumulated(took))
-    return Shots(slowed, fixed, np.zeros(len(path), bool), every_m, float("nan"), float("nan"), tuple(said))
+    notes = (note, *_longer(float((took - planned).sum())))
+    return Shots(slowed, fixed, np.zeros(len(path), bool), every_m, float("nan"), float("nan"), notes)

@@ -6,9 +6,9 @@ import json
 import math
 from typing import Any
 
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import written
 from upplied.outputs.missions.mavlink import TAKEOFF, WAYPOINT, Item, items
-from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import Fence, Mission
 
 _FIRMWARE = {"px4": 12, "ardupilot": 3}

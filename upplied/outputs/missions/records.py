@@ -12,6 +12,7 @@ from upplied.polylines import cumulated, leg_lengths
 from upplied.records import Bools, Floats, Placement, Record
 
 _SAME_PLACE_M = 0.05
+SHORTEST_HOLD_S = 0.05  # no file says a hover that is not longer
 SAME_ZOOM = 0.02  # of the field of view, within which no camera is told to zoom
 
 
@@ -56,6 +57,7 @@ class Mission(Record):
     fences: tuple[Fence, ...] = ()  # that the autopilot is to enforce
     #: (R, 3) where it may land instead of home: latitude and longitude, deg, height above home, m
     rally: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    shown_pct: float = float("nan")  # of the inspected surface, that its photos or film show
     films: bool = False  # during the inspection, instead of photos
 
     def __len__(self) -> int:

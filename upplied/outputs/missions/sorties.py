@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from upplied.errors import RefusedError
-from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.ways import Transits, length
 from upplied.polylines import cumulated, leg_lengths
 from upplied.records import Floats, Trajectory

@@ -35,6 +35,7 @@
       tile(format(measures.min_clearance_m, 1, " m"), "minimum clearance" + (plan.safety_m ? " (limit " + plan.safety_m + " m)" : "")),
       flown ? [
         tile(String(mission.photos), "photos"),
+        tile(format(mission.shown_pct, 1, " %"), "inspected surface shown by the photos", "No coarser than 1.25 times the finest look of the path"),
         tile(Number.isFinite(mission.interval_s) ? mission.interval_s.toFixed(1) + " s" : "–", "shortest photo interval"),
         tile(upplied.megabytes(mission.storage_mb), "storage" + (mission.assumed_camera ? ", at 20 megapixels" : ""), "0.4 MB per megapixel of a JPEG"),
         tile(format(mission.return_m, 0, " m"), "return-to-home height, at least", "Above take-off: an automatic return at this height passes over everything"),
@@ -194,7 +195,9 @@
     for (let k = 0; k <= 4; k++) {
       const z = low + (k * (high - low)) / 4;
       pen.fillText((z - zero).toFixed(0) + " m", 8, at([0, z])[1] + 4);
-      if (k % (pen.wide < 420 ? 2 : 1) === 0) pen.fillText(((k * total) / 4).toFixed(0) + " m", at([(k * total) / 4, low])[0] - 18, pen.high - 14);
+      if (k % (pen.wide < 420 ? 2 : 1) !== 0) continue;
+      const label = ((k * total) / 4).toFixed(0) + " m", half = pen.measureText(label).width / 2;
+      pen.fillText(label, Math.min(at([(k * total) / 4, low])[0] - half, pen.wide - 4 - 2 * half), pen.high - 14);
     }
   }
 })();

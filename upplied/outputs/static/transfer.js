@@ -18,10 +18,10 @@
     ["fidelity_order", "Order of views kept", 2, "", "Kendall's tau of the times at which patches are seen"],
     ["fidelity_incidence_deg_p95", "More oblique than demonstrated, 95th percentile", 0, "°", "Against the demonstration's most frontal view"],
     ["gsd_within_pct", "As fine as demonstrated", 1, " %", "Share with a ground sample distance, in millimetres, of at most 1.1 times the demonstrated one, of the inspected surface that a safe camera can show so"],
-    ["gsd_mm_p50", "Ground sample distance, median", 1, " mm", "Longer side of a pixel on the surface, in the finest sharp view of each patch"],
-    ["gsd_mm_p95", "Ground sample distance, 95th percentile", 1, " mm", ""],
-    ["gsd_demonstrated_mm_p50", "Demonstrated ground sample distance, median", 1, " mm", ""],
-    ["gsd_demonstrated_mm_p95", "Demonstrated ground sample distance, 95th percentile", 1, " mm", ""],
+    ["gsd_mm_p50", "Ground sample distance, median", 1, " mm/px", "Longer side of a pixel on the surface, in the finest sharp view of each patch"],
+    ["gsd_mm_p95", "Ground sample distance, 95th percentile", 1, " mm/px", ""],
+    ["gsd_demonstrated_mm_p50", "Demonstrated ground sample distance, median", 1, " mm/px", ""],
+    ["gsd_demonstrated_mm_p95", "Demonstrated ground sample distance, 95th percentile", 1, " mm/px", ""],
     ["blur_px_p50", "Motion blur, median", 2, " px", "In that view, during the exposure"],
     ["blur_px_p99", "Motion blur, 99th percentile", 2, " px", ""],
     ["defocus_px_p95", "Defocus, 95th percentile", 2, " px", "With the camera focused on the middle depth of its picture"],
@@ -46,15 +46,15 @@
   ];
   // The few that say whether the pictures will do, each with what it means.
   const QUALITY = [
-    ["coverage_inspected_pct", "Inspected surface shown", 1, " %", "Share of the surface the expert inspected that this plan shows at least as near, as frontally and as sharply."],
-    ["inspected_unattainable_pct", "Cannot be shown", 1, " %", "No safe viewpoint shows this share as well as the expert did."],
-    ["inspected_without_counterpart_pct", "No counterpart", 1, " %", "This share of the inspected surface does not exist on this structure."],
-    ["gsd_mm_p50", "Resolution, median", 1, " mm/px", "Size of a pixel on the surface in the best picture of each patch; half of the patches are better."],
-    ["gsd_mm_p95", "Resolution, worst 5 %", 1, " mm/px", "Only 5 % of the patches are coarser than this."],
-    ["pan_fast_pct", "Time with motion blur", 0, " %", "Share of the flight in which the picture moves too fast to be sharp."],
-    ["incidence_p95_deg", "Most oblique views", 0, "°", "95 % of the views are more frontal than this; 0° is straight on."],
-    ["min_clearance_m", "Minimum clearance", 2, " m", "Smallest distance of the path from the structure."],
-  ];
+    ["coverage_inspected_pct", "Inspected surface shown", "Share of the surface the expert inspected that this plan shows at least as near, as frontally and as sharply."],
+    ["inspected_unattainable_pct", "Cannot be shown", "No safe viewpoint shows this share as well as the expert did."],
+    ["inspected_without_counterpart_pct", "No counterpart", "This share of the inspected surface does not exist on this structure."],
+    ["gsd_mm_p50", "Resolution, median", "Size of a pixel on the surface in the best picture of each patch; half of the patches are better."],
+    ["gsd_mm_p95", "Resolution, worst 5 %", "Only 5 % of the patches are coarser than this."],
+    ["pan_fast_pct", "Time with motion blur", "Share of the flight in which the picture moves too fast to be sharp."],
+    ["incidence_p95_deg", "Most oblique views", "95 % of the views are more frontal than this; 0° is straight on."],
+    ["min_clearance_m", "Minimum clearance", "Smallest distance of the path from the structure."],
+  ].map(([key, label, meaning]) => [key, label, ...RESEARCH.find(([name]) => name === key).slice(2, 4), meaning]);
   const CHARTS = [["speed", "Speed, m/s"], ["clearance", "Clearance, m"], ["standoff", "Distance to the surface in the picture, m"]];
   const AXIS = { zeroline: false, automargin: true };
 

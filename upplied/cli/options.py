@@ -1,0 +1,35 @@
+"""Options and arguments that several commands have, with their help."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+CatalogOption = Annotated[
+    str,
+    Parameter(
+        name="--catalog",
+        env_var="UPPLIED_CATALOG",
+        help="Folder or object-store URI of the catalog.",
+    ),
+]
+JsonOption = Annotated[bool, Parameter(name="--json", negative="", help="Print JSON instead of a table.")]
+WorkersOption = Annotated[int, Parameter(name="--workers", help="Number of processes; 0 uses one per core.")]
+ByOption = Annotated[str, Parameter(name="--by", help="Your name, stored with the decision.")]
+NoteOption = Annotated[str, Parameter(name="--note", help="Reason, shown on the page of the plan.")]
+AllowOption = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--allow", negative="", help="Name of a rule to overrule; repeatable.", show_default=False
+    ),
+]
+RuleOption = Annotated[
+    tuple[str, ...],
+    Parameter(name="--set", negative="", help="Limit of a rule, as NAME=VALUE.", show_default=False),
+]
+StrictOption = Annotated[bool, Parameter(negative="", help="Treat warnings as refusals.", show_default=False)]
+
+PlanArgument = Annotated[str, Parameter(help="ID of the plan, or its beginning.")]
+FlightArgument = Annotated[str, Parameter(help="ID of the flight, or its beginning.")]
+StructureArgument = Annotated[str, Parameter(help="ID of the structure.")]
