@@ -64,16 +64,15 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     flown = catalog.plan(str(row["transfer_id"]))
     camera = made_from.demonstration.camera
     surface, required = required_of(catalog, made_from.row, flown, target, camera)
-    looks = catalog.looks.get(str(row["looks_sha256"])).certain
-    seen = np.zeros(len(surface), bool)
-    seen[looks.patch] = True
+    inspected = np.zeros(len(surface), bool)
+    inspected[catalog.looks.get(str(row["looks_sha256"])).as_asked] = True
     route = made_from.settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
     airspace = Airspace(
         scene_for(target, flown.supposed), clearance, target.surroundings, route.ground_clearance_m
     )
     zones, untold = missed_zones(catalog, row, target, camera)
-    missing = np.asarray(required & ~seen, bool)
+    missing = np.asarray(required & ~inspected, bool)
     asked = [zone.gap for zone in zones]
 
     def found_at(clearance_m: float) -> GapFlight:

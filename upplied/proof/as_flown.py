@@ -1,4 +1,4 @@
-"""What was truly seen as it was flown, sample by sample, and how far the flight kept to its plan."""
+"""What a flight inspected as asked and what it saw, sample by sample, and how far it kept to its plan."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
+from upplied.config import InspectionSettings
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.geometry.frechet import frechet
-from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.observations import TRULY, stations
+from upplied.planning.visibility.moments import moments
+from upplied.planning.visibility.observations import stations
 from upplied.polylines import arc_length, chosen_evenly, interpolated
 from upplied.poses import in_a_row, interpolate
 from upplied.proof.align import Alignment, silence_s, silences
 from upplied.proof.findings import PASSED_S, findings, photos_missing
+from upplied.proof.inspected import PlannedLooks, looks_at, planned_looks, views_from
 from upplied.proof.matching import projected
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 from upplied.scene import Scene
@@ -42,6 +44,7 @@ class Looks(Record):
     # Distance and incidence (N,) of the most frontal look: of all, then within each distance asked for.
     frontal: tuple[tuple[Floats, Floats], ...] = ()
     assumed: Bools | None = None  # (N,) seen if the correction of the log is right, and only then
+    inspected: Bools | None = None  # (N,) for certain as the plan asks; None: nothing was asked
 
     def __len__(self) -> int:
         return len(self.seen)
@@ -78,8 +81,10 @@ def as_flown(
     camera: Camera,
     scene: Scene,
     photo_s: Floats | None = None,
+    planned_with: Camera | None = None,
+    rule: InspectionSettings | None = None,
 ) -> AsFlown:
-    """What a flight saw of a surface, and how it differs from its plan.
+    """What a flight inspected and saw of a surface, and how it differs from its plan.
 
     Parameters
     ----------
@@ -97,14 +102,22 @@ def as_flown(
     photo_s : array, shape (F,), s, optional
         Times of the photos, by the log's clock from its first pose; without them the camera is taken to
         see all the time.
+    planned_with : Camera, optional
+        That the plan was made for; else the flight's own.
+    rule : InspectionSettings, optional
+        When a look is sharp and frontal, as the plan's settings have it.
     """
     flown = found.flown
     near = found.on_plan
     passed = _passed(viewpoint_s, found)
-    looks = looks_of(flown, surface, camera, scene, photo_s, passed)
+    planned_photos = None if photo_s is None else viewpoint_s
+    wanted = planned_looks(
+        plan, surface, planned_with or camera, scene, rule or InspectionSettings(), planned_photos
+    )
+    looks = looks_of(flown, surface, camera, scene, photo_s, passed, wanted=wanted)
     paths = [logged.positions]
     if found.corrected:
-        looks = _certain(looks, looks_of(logged, surface, camera, scene, photo_s, passed))
+        looks = _certain(looks, looks_of(logged, surface, camera, scene, photo_s, passed, wanted=wanted))
         paths.append(flown.positions)
     covered = np.sort(found.planned_s[near])
     share = _flown_share(plan, covered, silence_s(flown))
@@ -147,29 +160,37 @@ def looks_of(
     photo_s: Floats | None = None,
     picture_s: Floats | None = None,
     within_m: Sequence[float] = (),
+    wanted: PlannedLooks | None = None,
 ) -> Looks:
     """How a flight sees each sample of a surface: in view and range, nothing in between, not too obliquely.
 
     Nothing is seen while the log is silent: a path is not made up there. Where no photos are known, a sample
     counts as shown in a picture at each moment of `picture_s`, and in one picture at least where it is seen.
     The nearest look is not always the most frontal: that one is told too, of all looks and of those within
-    each distance of `within_m`.
+    each distance of `within_m`. Which of them match the looks of a plan is told where those are `wanted`.
     """
-    poses = _asked(flown, photo_s)
-    seen = _seen(poses, surface, camera, scene)
+    shown = views_from(_looking(flown, photo_s), surface, camera, scene)
+    poses, seen = shown.stations, shown.seen
     pictures = np.asarray(seen.sum(axis=0) if photo_s is not None else seen.any(axis=0), np.int64)
     if photo_s is None and picture_s is not None and len(picture_s):
-        shown = _seen(interpolate(flown, picture_s), surface, camera, scene)
-        pictures = np.asarray(np.maximum(pictures, shown.sum(axis=0)), np.int64)
+        passed = views_from(interpolate(flown, picture_s), surface, camera, scene).seen
+        pictures = np.asarray(np.maximum(pictures, passed.sum(axis=0)), np.int64)
     where = [np.ascontiguousarray(each) for each in (poses.positions, surface.points, surface.outward)]
     nearest = _best(*where, seen, np.inf, False)
     frontal = [_look(poses, surface, _best(*where, seen, far, True)) for far in (np.inf, *within_m)]
-    there, at = nearest >= 0, np.maximum(nearest, 0)
+    there: Bools = np.asarray(nearest >= 0, bool)
     near, level = _look(poses, surface, nearest)
-    speed = _speeds(flown)
-    values = (np.interp(poses.t_s[at], flown.t_s, speed), poses.t_s[at])
-    pace, when = (np.where(there, value, np.nan) for value in values)
-    return Looks(there, near, level, pace, when, pictures, tuple(frontal))
+    when = np.full(len(there), np.nan)
+    when[there] = poses.t_s[nearest[there]]
+    pace = np.interp(when, flown.t_s, _speeds(flown))
+    inspected = None
+    if wanted is not None:
+        breaks = np.array([part[0] for part in _pieces(flown)], np.int64)
+        steps = moments(flown, breaks) if photo_s is None else looks_at(flown, poses.t_s, breaks)
+        inspected = (
+            wanted.matched(shown, steps, surface, camera) if len(poses) else np.zeros(len(seen.T), bool)
+        )
+    return Looks(there, near, level, pace, when, pictures, tuple(frontal), None, inspected)
 
 
 def _certain(corrected: Looks, logged: Looks) -> Looks:
@@ -184,6 +205,9 @@ def _certain(corrected: Looks, logged: Looks) -> Looks:
         corrected,
         seen=both,
         assumed=corrected.seen & ~logged.seen,
+        inspected=None
+        if corrected.inspected is None or logged.inspected is None
+        else corrected.inspected & logged.inspected,
         distance_m=lesser(corrected.distance_m, logged.distance_m),
         incidence_deg=lesser(corrected.incidence_deg, logged.incidence_deg),
         pictures=np.where(both, np.minimum(corrected.pictures, logged.pictures), corrected.pictures),
@@ -210,13 +234,7 @@ def _passed(viewpoint_s: Floats, found: Alignment) -> Floats:
     return _recorded(found.flown, np.sort(found.flown.t_s[on[at[gap <= PASSED_S]]]))
 
 
-def _seen(poses: Trajectory, surface: Cloud, camera: Camera, scene: Scene) -> Bools:
-    """What each pose truly sees of the samples, (P, N), through the field of view that it had."""
-    asked = poses.positions, poses.quat_xyzw
-    return visible(*asked, surface, camera, TRULY, scene, fov_deg=poses.fov_deg).seen
-
-
-def _asked(flown: Trajectory, photo_s: Floats | None) -> Trajectory:
+def _looking(flown: Trajectory, photo_s: Floats | None) -> Trajectory:
     """The poses at which the camera sees: of the photos, or closely spaced along all that was recorded."""
     if photo_s is not None:
         inside = photo_s[(photo_s >= flown.t_s[0]) & (photo_s <= flown.t_s[-1])]
