@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -87,11 +88,15 @@ def add_flight_log(
     if accuracy_m is not None and not 0 <= accuracy_m < np.inf:
         raise InputError("accuracy", f"is {accuracy_m:g} m", "0 m or more")
     with Workers(1, limits=limits or Limits()) as workers:
-        try:
-            place = catalog.location
-            judged: Judged = workers.run(judge_log, place, str(log), transfer_id, photos, options, accuracy_m)
-        except JobKilled as death:
-            raise InputError(str(log), str(death)) from None
+        return _added(workers, catalog, log, transfer_id, photos, options, accuracy_m)
+
+
+def _added(workers: Workers, catalog: Catalog, log: str | Path, *given: Any) -> Row:
+    """Judge a log in a worker and keep what came of it."""
+    try:
+        judged: Judged = workers.run(judge_log, catalog.location, str(log), *given)
+    except JobKilled as death:
+        raise InputError(str(log), str(death)) from None
     return keep(catalog, judged)
 
 
@@ -109,9 +114,9 @@ def keep(catalog: Catalog, judged: Judged) -> Row:
 def judge_log(
     location: str,
     log: str,
-    transfer_id: str,
-    photos: str | Path | None,
-    options: LogOptions | None,
+    transfer_id: str = "",
+    photos: str | Path | None = None,
+    options: LogOptions | None = None,
     accuracy_m: float | None = None,
 ) -> Judged:
     """In a worker: a log read, laid on its plan and judged."""
@@ -255,23 +260,18 @@ def add_flight_logs(
     """
     known = set(catalog.flights(kind="flown")["flight_id"])
     rows = []
-    for log in find_logs(logs):
-        file = {
-            "name": log.name,
-            "status": "failed",
-            "reason": "",
-            "findings": "",
-            "flight": "",
-            "left_out": "",
-        }
-        try:
-            row = add_flight_log(catalog, log, limits=limits)
-        except UppliedError as error:
-            rows.append({**file, "reason": str(error)})
-            continue
-        status = "unchanged" if row["flight_id"] in known else "added"
-        file |= {"status": status, "flight": row["flight_id"], "findings": row["findings"]}
-        rows.append({**file, "left_out": left_out(catalog, row, zones=status == "added")})
+    with Workers(1, limits=limits or Limits()) as workers:
+        for log in find_logs(logs):
+            file = dict.fromkeys(("reason", "findings", "flight", "left_out"), "")
+            file |= {"name": log.name, "status": "failed"}
+            try:
+                row = _added(workers, catalog, log)
+                file["status"] = "unchanged" if row["flight_id"] in known else "added"
+                file |= {"flight": row["flight_id"], "findings": row["findings"]}
+                file["left_out"] = left_out(catalog, row, zones=file["status"] == "added")
+            except UppliedError as error:
+                file |= {"reason": str(error)}
+            rows.append(file)
     return rows
 
 

@@ -75,7 +75,7 @@ class AsFlown(Record):
 def as_flown(
     plan: Trajectory,
     viewpoint_s: Floats,
-    found: Alignment,
+    aligned: Alignment,
     logged: Trajectory,
     surface: Cloud,
     camera: Camera,
@@ -107,30 +107,30 @@ def as_flown(
     rule : InspectionSettings, optional
         When a look is sharp and frontal, as the plan's settings have it.
     """
-    flown = found.flown
-    near = found.on_plan
-    passed = _passed(viewpoint_s, found)
+    flown = aligned.flown
+    near = aligned.on_plan
+    passed = _passed(viewpoint_s, aligned)
     planned_photos = None if photo_s is None else viewpoint_s
     wanted = planned_looks(
         plan, surface, planned_with or camera, scene, rule or InspectionSettings(), planned_photos
     )
     looks = looks_of(flown, surface, camera, scene, photo_s, passed, wanted=wanted)
     paths = [logged.positions]
-    if found.corrected:
+    if aligned.corrected:
         looks = _certain(looks, looks_of(logged, surface, camera, scene, photo_s, passed, wanted=wanted))
         paths.append(flown.positions)
-    covered = np.sort(found.planned_s[near])
+    covered = np.sort(aligned.planned_s[near])
     share = _flown_share(plan, covered, silence_s(flown))
-    missing, photos = photos_missing(viewpoint_s, found, photo_s)
+    missing, photos = photos_missing(viewpoint_s, aligned, photo_s)
     return AsFlown(
         looks=looks,
         flown_pct=share,
         clearance_m=min(clearance_kept(scene, replace(flown, positions=path)) for path in paths),
         silent_s=float(sum(length for _, length in silences(flown))),
-        cross_track_p95_m=_cross_track(plan, logged, found),
+        cross_track_p95_m=_cross_track(plan, logged, aligned),
         frechet_m=_frechet(plan, flown, near, covered),
         photos_missing=missing,
-        findings=(*findings(plan, found, share), *photos),
+        findings=(*findings(plan, aligned, share), *photos),
     )
 
 
@@ -225,13 +225,13 @@ def _look(poses: Trajectory, surface: Cloud, pose: Ints) -> tuple[Floats, Floats
     return np.where(there, distance, np.nan), np.where(there, incidence, np.nan)
 
 
-def _passed(viewpoint_s: Floats, found: Alignment) -> Floats:
+def _passed(viewpoint_s: Floats, aligned: Alignment) -> Floats:
     """The times of the log at which viewpoints of the plan were passed."""
-    on = np.flatnonzero(found.on_plan)
+    on = np.flatnonzero(aligned.on_plan)
     if not len(on) or not len(viewpoint_s):
         return np.empty(0)
-    gap, at = cKDTree(found.planned_s[on, None]).query(viewpoint_s[:, None])
-    return _recorded(found.flown, np.sort(found.flown.t_s[on[at[gap <= PASSED_S]]]))
+    gap, at = cKDTree(aligned.planned_s[on, None]).query(viewpoint_s[:, None])
+    return _recorded(aligned.flown, np.sort(aligned.flown.t_s[on[at[gap <= PASSED_S]]]))
 
 
 def _looking(flown: Trajectory, photo_s: Floats | None) -> Trajectory:
@@ -294,10 +294,10 @@ def _flown_share(plan: Trajectory, covered: Floats, silence: float) -> float:
     return 100 * float(gaps[np.diff(covered) <= silence].sum() / along[-1])
 
 
-def _cross_track(plan: Trajectory, logged: Trajectory, found: Alignment) -> float:
+def _cross_track(plan: Trajectory, logged: Trajectory, aligned: Alignment) -> float:
     """95th percentile of the distance of the log as it came from the planned path, m."""
-    on = found.on_plan
-    place = projected(plan, logged.positions[on], found.planned_s[on]).place
+    on = aligned.on_plan
+    place = projected(plan, logged.positions[on], aligned.planned_s[on]).place
     return float(np.percentile(np.linalg.norm(logged.positions[on] - place, axis=1), 95))
 
 
