@@ -19,7 +19,7 @@ from typing import IO
 from .environment import environment, home, sign_in
 
 PRIVATE = 0o077  # what a server writes is read by its user alone
-START_UP_S = 180.0  # a fresh database takes 12 s on a quiet machine
+START_UP_S = 600.0  # a fresh database takes 12 s on a quiet machine, minutes on a busy one
 
 
 class ServerError(Exception):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from pathlib import Path
@@ -23,13 +26,14 @@ from upplied.samples.pilot import fly
 KEPT = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
 
 RUN = """
-import sys
+import json, sys
 from upplied.flows.transfer_fleet import transfer_fleet
 if __name__ == "__main__":
-    resources = {"engine": sys.argv[2], "workers": 2, "address": sys.argv[3], "most_lost": 1.0}
-    presets = ["baseline", "paper"]
-    print(transfer_fleet(sys.argv[1], "", presets=presets, resources=resources, return_state=True).message)
+    presets, resources = json.loads(sys.argv[2]), json.loads(sys.argv[3])
+    state = transfer_fleet(sys.argv[1], "", presets=presets, resources=resources, return_state=True)
+    print(state.type.value, state.message)
 """
+LONGEST_S = 1800.0  # that anything may take on a machine that is busy with other work
 
 
 def boxes(location: Path) -> Catalog:
@@ -47,11 +51,18 @@ def kept(catalog: Catalog) -> list[dict]:
 
 
 def start_run(
-    catalog: Catalog, engine: str, address: str, environment: dict[str, str]
+    catalog: Catalog,
+    engine: str,
+    address: str,
+    environment: dict[str, str],
+    resources: Mapping[str, float] | None = None,
+    presets: Sequence[str] = ("baseline", "paper"),
 ) -> subprocess.Popen[str]:
     """A run over the fleet in a process of its own."""
+    given = {"engine": engine, "workers": 2, "address": address, "most_lost": 1.0, **(resources or {})}
+    words = [str(catalog.location), json.dumps(list(presets)), json.dumps(given)]
     return subprocess.Popen(
-        [sys.executable, "-c", RUN, str(catalog.location), engine, address],
+        [sys.executable, "-c", RUN, *words],
         env=environment | {"PREFECT_LOGGING_LEVEL": "WARNING"},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -60,28 +71,24 @@ def start_run(
 
 
 def message(run: subprocess.Popen[str]) -> str:
-    """What a run says at its end."""
-    text, _ = run.communicate(timeout=600)
+    """What a run prints: the type of its state and its message, and the warnings of its engine."""
+    text, _ = run.communicate(timeout=LONGEST_S)
     assert run.returncode == 0, text
     return text
 
 
-def first_attempt(catalog: Catalog, run: subprocess.Popen[str]) -> manifest.Attempt:
-    """The first work that a worker has begun and not ended."""
+def stopped_at_work(catalog: Catalog, run: subprocess.Popen[str]) -> manifest.Attempt:
+    """A worker's work that has begun and not ended; its process stands still, so that it cannot end."""
     folder = Path(catalog.location, manifest.FOLDER)
-
-    def begun() -> list[manifest.Attempt]:
-        runs = [place.name for place in folder.iterdir()] if folder.is_dir() else []
-        return [one for name in runs for one in manifest.attempts(catalog, name) if not one.ended]
-
-    until(begun, run)
-    return begun()[0]
-
-
-def until(reached: Callable[[], object], run: subprocess.Popen[str]) -> None:
-    """Wait for something that happens while a run is at work."""
-    deadline = time.monotonic() + 180
-    while not reached():
+    deadline = time.monotonic() + LONGEST_S
+    while True:
+        names = [place.name for place in folder.iterdir()] if folder.is_dir() else []
+        for one in (one for name in names for one in manifest.attempts(catalog, name) if not one.ended):
+            pid = int(one.worker.split("/")[1])
+            os.kill(pid, signal.SIGSTOP)
+            if one in manifest.attempts(catalog, one.shard.split("/")[0]):
+                return one
+            os.kill(pid, signal.SIGCONT)  # it ended just now
         assert run.poll() is None and time.monotonic() < deadline, run.communicate()[0]
         time.sleep(0.05)
 
@@ -90,7 +97,6 @@ def until(reached: Callable[[], object], run: subprocess.Popen[str]) -> None:
 def dask_cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """A running Dask cluster; its address, and its processes: the scheduler, and two workers."""
     address = f"tcp://127.0.0.1:{(port := free_port())}"
-    command = [sys.executable, "-m", "distributed.cli"]
     alone = ["--no-dashboard", "--host", "127.0.0.1"]
     worker = ["dask_worker", address, *alone, "--nthreads", "1", "--no-nanny"]
     programs = [["dask_scheduler", *alone, "--port", str(port)], worker, worker]
@@ -98,7 +104,7 @@ def dask_cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[byte
         processes = []
         for number, (program, *options) in enumerate(programs):
             log = stack.enter_context((folder / f"dask-{number}.log").open("wb"))
-            begin = [sys.executable, "-m", f"{command[-1]}.{program}", *options]
+            begin = [sys.executable, "-m", f"distributed.cli.{program}", *options]
             processes.append(subprocess.Popen(begin, stdout=log, stderr=log, cwd=folder))
         try:
             yield address, processes
@@ -132,7 +138,7 @@ def ray_cluster(environment: dict[str, str]) -> Iterator[str]:
             start_new_session=True,
         )
     try:
-        deadline = time.monotonic() + 180
+        deadline = time.monotonic() + LONGEST_S
         while "Ray runtime started" not in (told := (Path(folder) / "ray.log").read_text()):
             assert head.poll() is None and time.monotonic() < deadline, told
             time.sleep(0.5)

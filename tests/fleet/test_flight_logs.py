@@ -81,7 +81,8 @@ def judged(catalog: Catalog, log, plan: str = ID, photos=None) -> Judged:
 def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path, capsys):
     row = keep(catalog, judged(catalog, log))
     assert (row["kind"], row["operator"], f"{row['flown_at']:%Y-%m-%d}") == ("flown", "Ada", "2026-02-02")
-    assert 50 < row["flown_pct"] < 70 and 30 < row["required_pct"] < 95 and "broken off" in row["findings"]
+    assert 50 < row["flown_pct"] < 70 and "broken off" in row["findings"]
+    assert 30 < row["inspected_pct"] < row["required_pct"] < 95
     keep(catalog, judged(catalog, log))
     (stored,) = catalog.flights(kind="flown").to_dict("records")
     assert stored["flight_id"] == row["flight_id"] and verify(catalog) == []
@@ -99,6 +100,8 @@ def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path
     (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
     assert "Flown 2026-02-02" in page.read_text() and "broken off" in page.read_text()
     assert "wind not logged" in page.read_text() and stored["wind_mps"] != stored["wind_mps"]
+    headline = f"{row['inspected_pct']:.1f} % of the planned surface was inspected as asked"
+    assert f"{headline}, {row['required_pct']:.1f} % of it was certainly in view" in page.read_text()
     # the gap becomes a plan like any other, a draft beside the one that was flown
     gap = plan_gap(catalog, row["flight_id"][:10])
     plan, gap_row = catalog.plan(gap), catalog.transfer(gap)
@@ -110,7 +113,8 @@ def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path
     assert list(catalog.transfers()["transfer_id"]) == [ID]  # nothing takes the place of the plan
     scene = scene_of(CUBE)
     surface, shown = catalog.surface(ID), catalog.surface(gap)
-    missing = (surface.state == 1) & ~np.isin(np.arange(len(points)), looks.patch)
+    missing = (surface.state == 1) & ~np.isin(np.arange(len(points)), looks.as_asked)
+    assert len(looks.as_asked) < len(looks.patch)
     assert ((shown.state == 1) | (shown.state == 3))[missing].mean() > 0.995
     assert plan_gap(catalog, row["flight_id"]) == gap and verify(catalog) == []
     catalog.release(ID, "Grace")
@@ -120,7 +124,8 @@ def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path
     # by the command
     where = ["--catalog", catalog.location]
     assert main(["flights", "show", row["flight_id"][:8], *where]) == 0
-    assert "broken off" in capsys.readouterr().out
+    shown_row = capsys.readouterr().out
+    assert "broken off" in shown_row and "inspected as asked, %" in shown_row
     assert main(["flights", "list", "--json", *where]) == 0
     assert json.loads(capsys.readouterr().out)[0]["kind"] == "flown"
     assert main(["flights", "history", "cube-v1", *map(str, points[looks.patch[0]]), *where]) == 0
@@ -325,9 +330,9 @@ def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, mad
     publish_pages(catalog, tmp_path / "reports", pictures=0)
     (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
     said = f"{row['assumed_pct']:.1f} % more if the correction of the log is right"
-    assert said in page.read_text() and "was certainly seen" in page.read_text()
-    states = seen_as_flown(surface, looks.certain.patch, np.setdiff1d(looks.patch, looks.certain.patch)).state
-    assert {SURFACE_STATES[state] for state in np.unique(states)} >= {"shown", "seen if corrected"}
+    assert said in page.read_text() and "was certainly in view" in page.read_text()
+    states = {SURFACE_STATES[state] for state in np.unique(seen_as_flown(surface, looks).state)}
+    assert states >= {"shown", "in view only", "seen if corrected"}
     # With a stated accuracy no more than that is corrected.
     fixed = judge_log(catalog.location, str(log), ID, None, None, 0.1).row
     assert fixed["shift_m"] == 0 and fixed["assumed_pct"] == 0 and "left as logged" in fixed["findings"]

@@ -24,6 +24,7 @@ from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.observations import stations
 from upplied.poses import matrices, yaw_pitch
+from upplied.proof import asking
 from upplied.proof.as_flown import looks_of
 from upplied.records import Camera, Plan, Surroundings, Trajectory
 from upplied.samples.fleet import member
@@ -35,7 +36,8 @@ CUBE = replace(member("cube-v1").structure, surroundings=Surroundings(ground_z_m
 LOW, HIGH = CUBE.vertices.min(axis=0), CUBE.vertices.max(axis=0)
 CAMERA = Camera(70.0, 55.0, 1.0, 25.0, 4000, 3000)  # 2 mm a pixel from 5.7 m
 FLOWN = replace(fly(CUBE, "sides", seed=1), camera=CAMERA)
-SURFACE = surface_samples(CUBE, scene_of(CUBE), CloudSettings())
+COARSE = CloudSettings(surface_samples=1500)
+SURFACE = surface_samples(CUBE, scene_of(CUBE), COARSE)
 STRIP = SURFACE.points[:, 0] <= LOW[0] + 3.0
 TOP, UNDER = STRIP & (SURFACE.normals[:, 2] > 0.9), STRIP & (SURFACE.normals[:, 2] < -0.9)
 ROOF_M2, FLOOR_M2 = (float(SURFACE.area_m2[side].sum()) for side in (TOP, UNDER))
@@ -56,7 +58,8 @@ def made() -> Plan:
 
 
 @pytest.fixture
-def catalog(tmp_path, made) -> Catalog:
+def catalog(tmp_path, made, monkeypatch) -> Catalog:
+    monkeypatch.setattr(asking, "CloudSettings", lambda: COARSE)  # as fine as a gap needs to be told by
     kept = open_catalog(tmp_path / "catalog")
     kept.add_structures([CUBE])
     kept.add_demonstrations([FLOWN])

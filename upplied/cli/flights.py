@@ -19,7 +19,8 @@ LISTED = {
     "transfer_id": "plan",
     "flown_at": "flown",
     "flown_pct": "of plan %",
-    "required_pct": "seen %",
+    "inspected_pct": "inspected %",
+    "required_pct": "in view %",
     "min_clearance_m": "clear m",
     "findings": "findings",
 }
@@ -30,7 +31,8 @@ SHOWN = {
     "transfer_id": "plan",
     "target_id": "target",
     "flown_pct": "of the plan's length, flown, %",
-    "required_pct": "of what the plan shows, certainly seen, %",
+    "inspected_pct": "of what the plan shows, inspected as asked, %",
+    "required_pct": "of what the plan shows, certainly in view, %",
     "assumed_pct": "and besides, if the log was rightly moved onto its plan, %",
     "min_clearance_m": "minimum clearance, m",
     "silent_s": "clearance not known for, s",
@@ -73,14 +75,13 @@ def add(
     log : Path
         Any log that demonstrations are read from; with its side-car.
     """
-    from upplied.fleet.flight_logs import add_flight_log
-    from upplied.fleet.zone_gaps import zones_left_out
+    from upplied.fleet.flight_logs import add_flight_log, left_out
 
     store = opened(catalog)
     with errors.status("reading the log"):
         row = add_flight_log(store, log, plan, photos, accuracy_m=accuracy)
     _tell(row, json)
-    if not json and ((row["required_pct"] or 0.0) < 100.0 or zones_left_out(store, row)):
+    if not json and left_out(store, row):
         name = row["flight_id"][:_DIGITS]
         next_step(f"flights gap {name}", "the flight that shows what is missing", catalog)
     return 0

@@ -5,18 +5,19 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.looks import put_looks
+from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import CloudSettings, digest
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.ingest import find_logs
-from upplied.fleet.plan_of_flight import Laid, plan_of_flight
+from upplied.fleet.plan_of_flight import Laid, moment_of, plan_of_flight
 from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.fleet.zone_gaps import zones_left_out
 from upplied.inputs.flight.clock import STEPPED
@@ -25,9 +26,9 @@ from upplied.inputs.sidecar import LogOptions
 from upplied.planning.surface.samples import surface_samples
 from upplied.polylines import leg_lengths
 from upplied.proof.align import Alignment
-from upplied.proof.as_flown import AsFlown, as_flown, looks_of
-from upplied.records import Bools, Camera, Cloud, Demonstration, Ints, Plan, Structure, Trajectory
-from upplied.scene import scene_of
+from upplied.proof.as_flown import AsFlown, Looks, as_flown, looks_of
+from upplied.records import Bools, Camera, Cloud, Floats, Ints, Plan, Structure, Trajectory
+from upplied.scene import Scene, scene_of
 from upplied.supposed_scene import scene_for
 
 _SHOWN = 1  # of SURFACE_STATES
@@ -87,30 +88,25 @@ def add_flight_log(
     if accuracy_m is not None and not 0 <= accuracy_m < np.inf:
         raise InputError("accuracy", f"is {accuracy_m:g} m", "0 m or more")
     with Workers(1, limits=limits or Limits()) as workers:
-        try:
-            place = catalog.location
-            judged: Judged = workers.run(judge_log, place, str(log), transfer_id, photos, options, accuracy_m)
-        except JobKilled as death:
-            raise InputError(str(log), str(death)) from None
+        return _added(workers, catalog, log, transfer_id, photos, options, accuracy_m)
+
+
+def _added(workers: Workers, catalog: Catalog, log: str | Path, *given: Any) -> Row:
+    """Judge a log in a worker and keep what came of it."""
+    try:
+        judged: Judged = workers.run(judge_log, catalog.location, str(log), *given)
+    except JobKilled as death:
+        raise InputError(str(log), str(death)) from None
     return keep(catalog, judged)
 
 
 def keep(catalog: Catalog, judged: Judged) -> Row:
     """Add a judged flight to the catalog, unless it is there; its row."""
-    row, looks = judged.row, judged.flown.looks
+    row = judged.row
     same = catalog.flights(row["transfer_id"])
     if row["flight_id"] in set(same["flight_id"]):
         return {str(k): v for k, v in same[same["flight_id"] == row["flight_id"]].iloc[-1].items()}
-    stored = put_looks(
-        catalog,
-        judged.surface.points,
-        judged.surface.normals,
-        looks.seen,
-        looks.values,
-        looks.pictures,
-        looks.assumed,
-    )
-    row = {**row, "looks_sha256": stored}
+    row = {**row, "looks_sha256": keep_looks(catalog, judged.surface, judged.flown.looks)}
     catalog.add_flight(row, judged.path)
     return row
 
@@ -118,9 +114,9 @@ def keep(catalog: Catalog, judged: Judged) -> Row:
 def judge_log(
     location: str,
     log: str,
-    transfer_id: str,
-    photos: str | Path | None,
-    options: LogOptions | None,
+    transfer_id: str = "",
+    photos: str | Path | None = None,
+    options: LogOptions | None = None,
     accuracy_m: float | None = None,
 ) -> Judged:
     """In a worker: a log read, laid on its plan and judged."""
@@ -134,70 +130,106 @@ def judge_log(
 
 
 def _judged(catalog: Catalog, laid: Laid, photo_ns: Ints | None, accuracy_m: float | None) -> Judged:
-    row, flown, found = laid.row, laid.flown, laid.on
-    target = catalog.structure(row["target_id"])
-    plan = catalog.plan(row["transfer_id"])
-    camera = flown.camera
-    if vars(camera) == vars(Camera()):  # the log does not say: the demonstration's
-        camera = catalog.demonstration(row["demonstration_id"]).camera
+    row, flown = laid.row, laid.flown
     photo_s = None if photo_ns is None else np.asarray((photo_ns - flown.t_ns[0]) * 1e-9, np.float64)
-    surface, required = required_of(catalog, row, plan, target, camera)
-    assert plan.trajectory is not None
-    moments = plan.trajectory.t_s[viewpoint_index(plan)]
     # Where it flew, and what it saw, nothing stood that is only supposed: what was scanned counts.
-    said = as_flown(
-        plan.trajectory, moments, found, flown.trajectory, surface, camera, scene_of(target), photo_s
+    scene = scene_of(catalog.structure(row["target_id"]))
+    columns, surface, judged = judged_on_plan(
+        catalog, row, laid.on, flown.trajectory, scene, flown.camera, photo_s
     )
     parts = ["flown", row["transfer_id"], row["waypoints_sha256"], flown.sha256]
     parts.append("" if photo_ns is None else hashlib.sha256(photo_ns.tobytes()).hexdigest())
     parts += [] if accuracy_m is None else [accuracy_m]
-    made = {
+    wind = flown.wind
+    own = {
         "flight_id": digest(parts),
         "kind": "flown",
-        "flown_at": _moment(int(flown.t_ns[0])),
+        "flown_at": moment_of(int(flown.t_ns[0])),
         "log_sha256": flown.sha256,
         "operator": flown.operator,
         "photos": None if photo_s is None else len(photo_s),
-        **_wind(flown),
-        **flight_columns(row, found, said, required),
+        "wind_mps": wind and wind.mean_mps,
+        "wind_most_mps": wind and wind.most_mps,
+        "towards_deg": wind and wind.towards_deg,
     }
-    return Judged(made, found.flown, surface, said)
+    return Judged(own | columns, laid.on.flown, surface, judged)
 
 
-def _wind(flown: Demonstration) -> Row:
-    """What the log says of the wind; nothing where it says nothing."""
-    if flown.wind is None:
-        return {}
-    said = flown.wind
-    return {"wind_mps": said.mean_mps, "wind_most_mps": said.most_mps, "towards_deg": said.towards_deg}
+def judged_on_plan(
+    catalog: Catalog,
+    row: Row,
+    on: Alignment,
+    logged: Trajectory,
+    scene: Scene,
+    camera: Camera | None = None,
+    photo_s: Floats | None = None,
+) -> tuple[Row, Cloud, AsFlown]:
+    """What every flight says of itself, by the columns of `flights`, the surface it was judged on, and how.
 
-
-def flight_columns(row: Row, found: Alignment, said: AsFlown, required: Bools) -> Row:
-    """What every flight says of itself, by the columns of `flights`."""
-    seen, assumed = said.looks.seen[required], said.looks.assumed
-    steps = leg_lengths(found.flown.positions)
-    return {
-        **{name: row[name] for name in ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")},
-        "photos_missing": said.photos_missing,
-        "clock_s": found.clock_s,
-        "clock_error_s": found.clock_error_s if np.isfinite(found.clock_error_s) else None,
-        "shift_m": float(np.linalg.norm(found.shift_m)),
-        "place_error_m": found.place_error_m if np.isfinite(found.place_error_m) else None,
-        "turn_deg": found.heading_deg,
-        "camera_yaw_deg": found.camera_yaw_deg,
-        "camera_pitch_deg": found.camera_pitch_deg,
-        "residual_p95_m": found.residual_p95_m,
-        "cross_track_p95_m": said.cross_track_p95_m,
-        "plan_frechet_m": said.frechet_m,
-        "flown_pct": said.flown_pct,
-        "required_pct": 100 * float(seen.mean()) if len(seen) else None,
-        "assumed_pct": 0.0 if assumed is None or not len(seen) else 100 * float(assumed[required].mean()),
-        "silent_s": said.silent_s,
-        "findings": "; ".join(said.findings),
-        "min_clearance_m": said.clearance_m,
-        "path_length_m": float(steps.sum()),
-        "duration_s": float(found.flown.t_s[-1] - found.flown.t_s[0]),
+    Parameters
+    ----------
+    catalog : Catalog
+    row : dict
+        Of the plan.
+    on : Alignment
+        The flight on its plan.
+    logged : Trajectory
+        As it was logged.
+    scene : Scene
+        That stood there.
+    camera : Camera, optional
+        Of the flight, where its log says; else the demonstration's.
+    photo_s : array, shape (F,), s, optional
+        Times of the photos from the first pose.
+    """
+    target, plan = catalog.structure(row["target_id"]), catalog.plan(row["transfer_id"])
+    planned_with = catalog.demonstration(row["demonstration_id"]).camera
+    if camera is None or vars(camera) == vars(Camera()):
+        camera = planned_with
+    surface, required = required_of(catalog, row, plan, target, camera)
+    assert plan.trajectory is not None
+    viewpoint_s = plan.trajectory.t_s[np.flatnonzero([] if plan.is_viewpoint is None else plan.is_viewpoint)]
+    rule = settings_of(row["settings_json"]).inspection
+    judged = as_flown(
+        plan.trajectory, viewpoint_s, on, logged, surface, camera, scene, photo_s, planned_with, rule
+    )
+    looks = judged.looks
+    of_plan = ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")
+    columns = {
+        **{name: row[name] for name in of_plan},
+        "photos_missing": judged.photos_missing,
+        "clock_s": on.clock_s,
+        "clock_error_s": on.clock_error_s if np.isfinite(on.clock_error_s) else None,
+        "shift_m": float(np.linalg.norm(on.shift_m)),
+        "place_error_m": on.place_error_m if np.isfinite(on.place_error_m) else None,
+        "turn_deg": on.heading_deg,
+        "camera_yaw_deg": on.camera_yaw_deg,
+        "camera_pitch_deg": on.camera_pitch_deg,
+        "residual_p95_m": on.residual_p95_m,
+        "cross_track_p95_m": judged.cross_track_p95_m,
+        "plan_frechet_m": judged.frechet_m,
+        "flown_pct": judged.flown_pct,
+        "inspected_pct": _share_pct(looks.inspected, required),
+        "required_pct": _share_pct(looks.seen, required),
+        "assumed_pct": _share_pct(looks.assumed, required) or 0.0,
+        "silent_s": judged.silent_s,
+        "findings": "; ".join(judged.findings),
+        "min_clearance_m": judged.clearance_m,
+        "path_length_m": float(leg_lengths(on.flown.positions).sum()),
+        "duration_s": float(on.flown.t_s[-1] - on.flown.t_s[0]),
     }
+    return columns, surface, judged
+
+
+def _share_pct(flags: Bools | None, required: Bools) -> float | None:
+    """Share of the required samples that are flagged, %; None where not known, or nothing is required."""
+    return None if flags is None or not required.any() else 100 * float(flags[required].mean())
+
+
+def keep_looks(catalog: Catalog, surface: Cloud, looks: Looks) -> str:
+    """Store how a flight saw the samples of a surface; the hash of it."""
+    where = catalog, surface.points, surface.normals, looks.seen, looks.values, looks.pictures
+    return put_looks(*where, looks.assumed, looks.inspected)
 
 
 def required_of(
@@ -214,15 +246,6 @@ def required_of(
     return surface, looks_of(plan.trajectory, surface, camera, scene_for(target, plan.supposed)).seen
 
 
-def viewpoint_index(plan: Plan) -> Ints:
-    """Which poses of a plan are viewpoints."""
-    return np.flatnonzero(plan.is_viewpoint) if plan.is_viewpoint is not None else np.empty(0, int)
-
-
-def _moment(t_ns: int) -> datetime:
-    return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=t_ns // 1000)
-
-
 def add_flight_logs(
     catalog: Catalog, logs: Sequence[str | Path], limits: Limits | None = None
 ) -> list[dict[str, str]]:
@@ -233,28 +256,29 @@ def add_flight_logs(
     list of dict
         Of each log its name, status (added, unchanged, failed), reason and findings; `flight` is its id,
         `left_out` says in words how much of what its plan shows it did not, and which zones no flight showed
-        as they ask; it is empty where it showed all.
+        as they ask; it is empty where it inspected all as asked.
     """
     known = set(catalog.flights(kind="flown")["flight_id"])
-    done = []
-    for log in find_logs(logs):
-        said = {
-            "name": log.name,
-            "status": "failed",
-            "reason": "",
-            "findings": "",
-            "flight": "",
-            "left_out": "",
-        }
-        try:
-            row = add_flight_log(catalog, log, limits=limits)
-        except UppliedError as error:
-            done.append({**said, "reason": str(error)})
-            continue
-        status = "unchanged" if row["flight_id"] in known else "added"
-        left = 100 - (row["required_pct"] or 0.0)
-        parts = [f"{left:.1f} % of what its plan shows" if left > 0 else ""]
-        parts.append(zones_left_out(catalog, row) if status == "added" else "")
-        said |= {"status": status, "flight": row["flight_id"], "findings": row["findings"]}
-        done.append({**said, "left_out": ", ".join(filter(None, parts))})
-    return done
+    rows = []
+    with Workers(1, limits=limits or Limits()) as workers:
+        for log in find_logs(logs):
+            file = dict.fromkeys(("reason", "findings", "flight", "left_out"), "")
+            file |= {"name": log.name, "status": "failed"}
+            try:
+                row = _added(workers, catalog, log)
+                file["status"] = "unchanged" if row["flight_id"] in known else "added"
+                file |= {"flight": row["flight_id"], "findings": row["findings"]}
+                file["left_out"] = left_out(catalog, row, zones=file["status"] == "added")
+            except UppliedError as error:
+                file |= {"reason": str(error)}
+            rows.append(file)
+    return rows
+
+
+def left_out(catalog: Catalog, row: Row, zones: bool = True) -> str:
+    """What a flight left out of what its plan shows, and of zones, in words; empty where it left nothing."""
+    inspected = row.get("inspected_pct")
+    if inspected is None or inspected != inspected:  # judged before there was such a figure
+        inspected = row["required_pct"] or 0.0
+    share = f"{100 - inspected:.1f} % of what its plan shows" if inspected < 100 else ""
+    return ", ".join(filter(None, (share, zones_left_out(catalog, row) if zones else "")))

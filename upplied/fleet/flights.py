@@ -10,11 +10,10 @@ from upplied.catalog import Catalog, Recipe, recipe
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.belonging import FLOWN
-from upplied.catalog.verbs.looks import put_looks
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
-from upplied.fleet.flight_logs import flight_columns, required_of, viewpoint_index
+from upplied.fleet.flight_logs import judged_on_plan, keep_looks
 from upplied.outputs.flown import Flown, flight_row, flown_of
 from upplied.outputs.mission_options import DRAFTS
 from upplied.outputs.missions import gate
@@ -22,7 +21,6 @@ from upplied.outputs.render import keep_overruled, undecided
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import METHOD_VERSION
 from upplied.proof.align import as_simulated
-from upplied.proof.as_flown import as_flown
 from upplied.provenance import method
 from upplied.records import Measures, Plan, Structure
 from upplied.simulate import Vehicle, Wind, fly_trajectory, measure_flown
@@ -88,22 +86,17 @@ def fly_drafts(catalog: Catalog, keys: Iterable[str]) -> list[str]:
 def _row(catalog: Catalog, flight_id: str, row: Row, flown: Flown) -> Row:
     """The row of a simulated flight: as of one that was flown, and its log lies on its plan as it is."""
     plan, target = catalog.plan(row["transfer_id"]), catalog.structure(row["target_id"])
-    camera = catalog.demonstration(row["demonstration_id"]).camera
-    surface, required = required_of(catalog, row, plan, target, camera)
     assert plan.trajectory is not None
-    path, moments = flown.trajectory, plan.trajectory.t_s[viewpoint_index(plan)]
-    found = as_simulated(plan.trajectory, path)
-    said = as_flown(plan.trajectory, moments, found, path, surface, camera, scene_for(target, plan.supposed))
-    looks = said.looks
+    path = flown.trajectory
+    scene = scene_for(target, plan.supposed)
+    columns, surface, judged = judged_on_plan(catalog, row, as_simulated(plan.trajectory, path), path, scene)
     return {
-        **flight_columns(row, found, said, required),
+        **columns,
         "findings": "",
         **flight_row(flight_id, flown),
         "kind": "simulated",
         "flown_at": catalog.clock.now(),
-        "looks_sha256": put_looks(
-            catalog, surface.points, surface.normals, looks.seen, looks.values, looks.pictures
-        ),
+        "looks_sha256": keep_looks(catalog, surface, judged.looks),
     }
 
 

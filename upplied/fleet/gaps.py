@@ -39,12 +39,12 @@ def flight_row(catalog: Catalog, start: str) -> Row:
         If there is none, or more than one.
     """
     every = catalog.flights()
-    found = every[every["flight_id"].str.startswith(start)].drop_duplicates("flight_id", keep="last")
-    if len(found) != 1:
+    rows = every[every["flight_id"].str.startswith(start)].drop_duplicates("flight_id", keep="last")
+    if len(rows) != 1:
         known = ", ".join(sorted(every["flight_id"].str[:12].unique())[-5:]) or "none"
-        what = "is not in the catalog" if found.empty else f"may be {len(found)}"
+        what = "is not in the catalog" if rows.empty else f"may be {len(rows)}"
         raise CatalogError(f"flight {start}", what, f"the last ones: {known}", "see: upplied flights list")
-    return {str(name): value for name, value in found.iloc[0].items()}
+    return {str(name): value for name, value in rows.iloc[0].items()}
 
 
 def plan_gap(catalog: Catalog, start: str) -> str:
@@ -64,34 +64,34 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     flown = catalog.plan(str(row["transfer_id"]))
     camera = made_from.demonstration.camera
     surface, required = required_of(catalog, made_from.row, flown, target, camera)
-    looks = catalog.looks.get(str(row["looks_sha256"])).certain
-    seen = np.zeros(len(surface), bool)
-    seen[looks.patch] = True
+    inspected = np.zeros(len(surface), bool)
+    inspected[catalog.looks.get(str(row["looks_sha256"])).as_asked] = True
     route = made_from.settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
     airspace = Airspace(
         scene_for(target, flown.supposed), clearance, target.surroundings, route.ground_clearance_m
     )
     zones, untold = missed_zones(catalog, row, target, camera)
-    missing = np.asarray(required & ~seen, bool)
-    asked = [zone.gap for zone in zones]
+    key = digest(["gap", flight_id, method(), target.sha256, made_from.settings.sha256, *key_of(zones)])
+    if len(catalog.transfers(every=True, ids=[id_of(key)], columns=["transfer_id"])):
+        return id_of(key)
+    missing = np.asarray(required & ~inspected, bool)
+    zone_gaps = [zone.gap for zone in zones]
 
-    def found_at(clearance_m: float) -> GapFlight:
+    def flight_at(clearance_m: float) -> GapFlight:
         path = flown.trajectory
         assert path is not None
         around = replace(airspace, clearance_m=clearance_m)
         every = max(1, len(path) // _PLACES)
         graph = roadmap(around, obstacle(surface, flown.supposed), path.positions[::every])
-        return gap_flight(path, surface, missing, camera, graph, made_from.settings.retime, asked)
+        return gap_flight(path, surface, missing, camera, graph, made_from.settings.retime, zone_gaps)
 
-    found, kept = _as_far(flown, airspace, found_at)
-    broken = place_breaches(found.trajectory, target, flown.supposed, clearance)
+    flight, clearance_words = _as_far(flown, airspace, flight_at)
+    broken = place_breaches(flight.trajectory, target, flown.supposed, clearance)
     if broken:
         raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it anew")
-    nearest_m = path_clearance(airspace.scene, found.trajectory.positions).distance_m
-    plan = _plan(flown, found, surface, missing, nearest_m, zones, (kept, *untold))
-    named = ["gap", flight_id, method(), target.sha256, made_from.settings.sha256]
-    key = digest([*named, *key_of(zones)])
+    nearest_m = path_clearance(airspace.scene, flight.trajectory.positions).distance_m
+    plan = _plan(flown, flight, surface, missing, nearest_m, zones, (clearance_words, *untold))
     hashes = {name: made_from.row[name] for name in ("demonstration_sha256", "source_sha256")}
     provenance = {
         **hashes,
@@ -105,23 +105,25 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     return id_of(key)
 
 
-def _as_far(flown: Plan, airspace: Airspace, found_at: Callable[[float], GapFlight]) -> tuple[GapFlight, str]:
+def _as_far(
+    flown: Plan, airspace: Airspace, flight_at: Callable[[float], GapFlight]
+) -> tuple[GapFlight, str]:
     """The flight at the clearance of its plan, else at the safety distance, and which it is, in words."""
     assert flown.trajectory is not None
     limit = airspace.clearance_m
     wish = path_clearance(airspace.scene, flown.trajectory.positions).certain_m - _WITHIN_M
     if wish <= limit:
-        return found_at(limit), f"keeps the safety distance of {limit:g} m, as its plan does"
+        return flight_at(limit), f"keeps the safety distance of {limit:g} m, as its plan does"
     first: GapFlight | None = None
     why = ""
     try:
-        first = found_at(wish)
+        first = flight_at(wish)
         if not _lacking(first):
             return first, f"keeps {wish:.1f} m from the structure, as its plan does"
     except RefusedError as refusal:
         why = refusal.found
     try:
-        second = found_at(limit)
+        second = flight_at(limit)
     except RefusedError:
         if first is None:
             raise
@@ -132,9 +134,9 @@ def _as_far(flown: Plan, airspace: Airspace, found_at: Callable[[float], GapFlig
     return second, f"keeps the safety distance of {limit:g} m, not the {wish:.1f} m of its plan: {more}"
 
 
-def _lacking(found: GapFlight) -> int:
+def _lacking(flight: GapFlight) -> int:
     """How many samples no pose shows."""
-    return int(found.unattainable.sum()) + sum(int(none.sum()) for _, none in found.zones)
+    return int(flight.unattainable.sum()) + sum(int(none.sum()) for _, none in flight.zones)
 
 
 def plan_gaps(catalog: Catalog, flights: Sequence[str]) -> list[str]:
@@ -150,7 +152,7 @@ def plan_gaps(catalog: Catalog, flights: Sequence[str]) -> list[str]:
 
 def _plan(
     flown: Plan,
-    found: GapFlight,
+    flight: GapFlight,
     surface: Cloud,
     missing: Bools,
     clearance_m: float,
@@ -160,19 +162,20 @@ def _plan(
     """The record of a gap flight: measures of the path, and what of the gap it shows."""
     state = np.full(len(surface), _OTHER, np.int64)
     state[missing] = _MISSED
-    state[found.unattainable] = _UNATTAINABLE
-    state[found.shows] = _SHOWN
-    for zone, (done, none) in zip(zones, found.zones, strict=True):
+    state[flight.unattainable] = _UNATTAINABLE
+    state[flight.shows] = _SHOWN
+    for zone, (done, none) in zip(zones, flight.zones, strict=True):
         patch = nearest(surface, zone.gap.cloud)
         state[patch[~done]] = np.where(none[~done], _UNATTAINABLE, _MISSED)
         state[patch[done & (state[patch] == _OTHER)]] = _SHOWN
-    path = found.trajectory
-    shown, all_of_it = int(found.shows.sum()), int(missing.sum())
-    said = "shows what zones miss"
+    path = flight.trajectory
+    shown, all_of_it = int(flight.shows.sum()), int(missing.sum())
+    headline = "shows what zones miss"
     if all_of_it:
-        said = f"shows {100 * shown / all_of_it:.1f} % of the gap as near and as frontally as planned"
-    said += f"; by known safe legs {found.bound_m:.0f} m are needed at least, it flies {found.length_m:.0f} m"
-    told = [zone.told(*both) for zone, both in zip(zones, found.zones, strict=True)]
+        headline = f"shows {100 * shown / all_of_it:.1f} % of the gap as near and as frontally as planned"
+    headline += f"; by known safe legs {flight.bound_m:.0f} m are needed at least"
+    headline += f", it flies {flight.length_m:.0f} m"
+    of_zones = [zone.told(*both) for zone, both in zip(zones, flight.zones, strict=True)]
     return Plan(
         demonstration_id=flown.demonstration_id,
         source_id=flown.source_id,
@@ -181,15 +184,15 @@ def _plan(
         preset="recommended",
         status="ok",
         trajectory=path,
-        is_viewpoint=found.is_viewpoint,
+        is_viewpoint=flight.is_viewpoint,
         registration=flown.registration,
         measures=Measures(
             min_clearance_m=clearance_m,
-            path_length_m=found.length_m,
+            path_length_m=flight.length_m,
             duration_s=float(path.t_s[-1]),
             peak_speed_mps=_peak_speed(path),
         ),
-        warnings=(said, *told, *untold),
+        warnings=(headline, *of_zones, *untold),
         surface=SurfaceStates(surface.points, state, surface.normals),
         supposed=flown.supposed,
         flyable=True,

@@ -166,7 +166,7 @@ def _plans(catalog: Catalog, flown: Demonstration) -> list[Row]:
     Those in force now or when it was flown, else the newest; none that was made after it, unless no other
     was, which is a clock that is wrong.
     """
-    moment = _moment(int(flown.t_ns[0]))
+    moment = moment_of(int(flown.t_ns[0]))
     structure = flown.structure_id
     force = catalog.in_force(structure=structure)
     try:
@@ -184,7 +184,7 @@ def _plans(catalog: Catalog, flown: Demonstration) -> list[Row]:
 
 def _read(catalog: Catalog, log: str, options: LogOptions) -> Demonstration:
     flown = read_demonstration(Path(log), options, _placements(catalog, options.structure_id), flight=True)
-    begins, latest = _moment(int(flown.t_ns[0])), catalog.clock.now() + timedelta(seconds=_CLOCK_S)
+    begins, latest = moment_of(int(flown.t_ns[0])), catalog.clock.now() + timedelta(seconds=_CLOCK_S)
     if not _EARLIEST <= begins <= latest:
         raise InputError(
             log,
@@ -195,7 +195,8 @@ def _read(catalog: Catalog, log: str, options: LogOptions) -> Demonstration:
     return flown
 
 
-def _moment(t_ns: int) -> datetime:
+def moment_of(t_ns: int) -> datetime:
+    """A time of a log, ns since 1970, to the microsecond."""
     return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=t_ns // 1000)
 
 

@@ -22,6 +22,7 @@ STATES = {
     "partly inspected": "#8fcbb5",
     "inspected": "#2e9e7c",
     "seen if corrected": "#c9a0dc",
+    "in view only": "#b5651d",
 }
 
 #: Colour of what is, and is not, the structure in a scan: it, the ground, clutter, a neighbour.

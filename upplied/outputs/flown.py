@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from upplied.catalog.store.looks import StoredLooks
 from upplied.outputs.pairs import number, stamp
-from upplied.records import SURFACE_STATES, Ints, Measures, Record, SurfaceStates, Trajectory
+from upplied.records import SURFACE_STATES, Measures, Record, SurfaceStates, Trajectory
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -28,10 +29,9 @@ class Flown(Record):
     kind: str = "simulated"  # or "flown"
     told: str = ""  # of a flight that was flown: when, by whom, how much of the plan
     findings: str = ""  # what was found of it, in words
-    required_pct: float = float("nan")  # of what the plan shows, the share that was certainly seen
-    assumed_pct: float = float(
-        "nan"
-    )  # of it, the share that was seen besides if the log's correction is right
+    inspected_pct: float = float("nan")  # of what the plan shows, the share inspected as asked
+    required_pct: float = float("nan")  # of it, the share that was certainly in view
+    assumed_pct: float = float("nan")  # of it, the share in view besides if the log's correction is right
     silent_s: float = 0.0  # how long the log says nothing: what it kept from the structure then is not known
     looks_sha256: str = ""  # of what it saw of each patch; empty where that was not kept
     wind: str = ""  # of a flight that was flown: what its log says of it, in words
@@ -63,6 +63,7 @@ def flown_of(row: Mapping[str, Any], path: Trajectory) -> Flown:
         kind,
         _told(row),
         str(row.get("findings") or ""),
+        _known(number(row, "inspected_pct")),
         _known(number(row, "required_pct")),
         _known(number(row, "assumed_pct")),
         number(row, "silent_s") or 0.0,
@@ -133,8 +134,10 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
     if np.isfinite(clearance):
         unknown = f", unknown for {flown.silent_s:.0f} s without log" if flown.silent_s else ""
         parts.append(f"minimum clearance {clearance:.2f} m{_of(row, 'min_clearance_m', 2, ' m')}{unknown}")
+    if np.isfinite(flown.inspected_pct):
+        parts.append(f"{flown.inspected_pct:.1f} % of the planned surface was inspected as asked")
     if np.isfinite(flown.required_pct):
-        parts.append(f"{flown.required_pct:.1f} % of the planned surface was certainly seen")
+        parts.append(f"{flown.required_pct:.1f} % of it was certainly in view")
     if flown.assumed_pct > 0:
         parts.append(f"{flown.assumed_pct:.1f} % more if the correction of the log is right")
     if np.isfinite(coverage):
@@ -145,15 +148,13 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
     return f"{measured} Findings: {flown.findings}." if flown.findings else measured
 
 
-def seen_as_flown(planned: SurfaceStates, patches: Ints, assumed: Ints) -> SurfaceStates:
-    """What a plan shows of a surface, less what its flight did not see.
-
-    `patches` are those it saw, and `assumed` those it saw if the correction of its log is right.
-    """
+def seen_as_flown(planned: SurfaceStates, looks: StoredLooks) -> SurfaceStates:
+    """What a plan shows of a surface, less what its flight did not look at as asked, or did not see."""
     state, shown = planned.state.copy(), planned.state == SURFACE_STATES.index("shown")
     become = np.full(len(state), SURFACE_STATES.index("missed"))
-    become[assumed] = SURFACE_STATES.index("seen if corrected")
-    become[patches] = SURFACE_STATES.index("shown")
+    become[looks.patch] = SURFACE_STATES.index("seen if corrected")
+    become[looks.certain.patch] = SURFACE_STATES.index("in view only")
+    become[looks.as_asked] = SURFACE_STATES.index("shown")
     state[shown] = become[shown]
     return replace(planned, state=state)
 

@@ -195,8 +195,7 @@ class Reader:
         samples = self.source.surfaces.points(looks.samples_sha256)  # type: ignore[attr-defined]
         if not np.array_equal(samples, surface.points):
             return None
-        assumed = np.setdiff1d(looks.patch, looks.certain.patch)
-        return self._display(seen_as_flown(surface, looks.certain.patch, assumed), target_id)
+        return self._display(seen_as_flown(surface, looks), target_id)
 
     def _states(self, row: Any, target_id: str) -> np.ndarray | None:
         surface = self.source.surface(str(row["transfer_id"]))

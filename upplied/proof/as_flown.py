@@ -1,4 +1,4 @@
-"""What was truly seen as it was flown, sample by sample, and how far the flight kept to its plan."""
+"""What a flight inspected as asked and what it saw, sample by sample, and how far it kept to its plan."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
+from upplied.config import InspectionSettings
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.geometry.frechet import frechet
-from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.observations import TRULY, stations
+from upplied.planning.visibility.moments import moments
+from upplied.planning.visibility.observations import stations
 from upplied.polylines import arc_length, chosen_evenly, interpolated
 from upplied.poses import in_a_row, interpolate
 from upplied.proof.align import Alignment, silence_s, silences
 from upplied.proof.findings import PASSED_S, findings, without_photo
+from upplied.proof.inspected import PlannedLooks, looks_at, planned_looks, views_from
 from upplied.proof.matching import projected
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 from upplied.scene import Scene
@@ -42,6 +44,7 @@ class Looks(Record):
     # Distance and incidence (N,) of the most frontal look: of all, then within each distance asked for.
     frontal: tuple[tuple[Floats, Floats], ...] = ()
     assumed: Bools | None = None  # (N,) seen if the correction of the log is right, and only then
+    inspected: Bools | None = None  # (N,) for certain as the plan asks; None: nothing was asked
 
     def __len__(self) -> int:
         return len(self.seen)
@@ -72,14 +75,16 @@ class AsFlown(Record):
 def as_flown(
     plan: Trajectory,
     viewpoint_s: Floats,
-    found: Alignment,
+    aligned: Alignment,
     logged: Trajectory,
     surface: Cloud,
     camera: Camera,
     scene: Scene,
     photo_s: Floats | None = None,
+    planned_with: Camera | None = None,
+    rule: InspectionSettings | None = None,
 ) -> AsFlown:
-    """What a flight saw of a surface, and how it differs from its plan.
+    """What a flight inspected and saw of a surface, and how it differs from its plan.
 
     Parameters
     ----------
@@ -97,21 +102,29 @@ def as_flown(
     photo_s : array, shape (F,), s, optional
         Times of the photos, by the log's clock from its first pose; without them the camera is taken to
         see all the time.
+    planned_with : Camera, optional
+        That the plan was made for; else the flight's own.
+    rule : InspectionSettings, optional
+        When a look is sharp and frontal, as the plan's settings have it.
     """
-    flown = found.flown
-    near = found.on_plan
-    passed = _passed(viewpoint_s, found)
-    looks = looks_of(flown, surface, camera, scene, photo_s, passed)
+    flown = aligned.flown
+    near = aligned.on_plan
+    passed = _passed(viewpoint_s, aligned)
+    planned_photos = None if photo_s is None else viewpoint_s
+    wanted = planned_looks(
+        plan, surface, planned_with or camera, scene, rule or InspectionSettings(), planned_photos
+    )
+    looks = looks_of(flown, surface, camera, scene, photo_s, passed, wanted=wanted)
     paths = [logged.positions]
-    if found.corrected:
-        looks = _certain(looks, looks_of(logged, surface, camera, scene, photo_s, passed))
+    if aligned.corrected:
+        looks = _certain(looks, looks_of(logged, surface, camera, scene, photo_s, passed, wanted=wanted))
         paths.append(flown.positions)
-    covered = np.sort(found.planned_s[near])
+    covered = np.sort(aligned.planned_s[near])
     share = _flown_share(plan, covered, silence_s(flown))
     unphotographed, photos = 0, "no photo times are known: the camera is taken to see all the time"
     if photo_s is not None:
-        bare_s, count = without_photo(viewpoint_s, found, photo_s)
-        lost = _seen(interpolate(plan, bare_s), surface.at(~looks.seen), camera, scene)
+        bare_s, count = without_photo(viewpoint_s, aligned, photo_s)
+        lost = views_from(interpolate(plan, bare_s), surface.at(~looks.seen), camera, scene).seen
         unphotographed = int(lost.any(axis=1).sum())
         text = f"{unphotographed} of {count} viewpoints show surface that no photo shows"
         photos = text if unphotographed else ""
@@ -120,10 +133,10 @@ def as_flown(
         flown_pct=share,
         clearance_m=min(clearance_kept(scene, replace(flown, positions=path)) for path in paths),
         silent_s=float(sum(length for _, length in silences(flown))),
-        cross_track_p95_m=_cross_track(plan, logged, found),
+        cross_track_p95_m=_cross_track(plan, logged, aligned),
         frechet_m=_frechet(plan, flown, near, covered),
         photos_missing=unphotographed,
-        findings=(*findings(plan, found, share), *filter(None, [photos])),
+        findings=(*findings(plan, aligned, share), *filter(None, [photos])),
     )
 
 
@@ -153,29 +166,37 @@ def looks_of(
     photo_s: Floats | None = None,
     picture_s: Floats | None = None,
     within_m: Sequence[float] = (),
+    wanted: PlannedLooks | None = None,
 ) -> Looks:
     """How a flight sees each sample of a surface: in view and range, nothing in between, not too obliquely.
 
     Nothing is seen while the log is silent: a path is not made up there. Where no photos are known, a sample
     counts as shown in a picture at each moment of `picture_s`, and in one picture at least where it is seen.
     The nearest look is not always the most frontal: that one is told too, of all looks and of those within
-    each distance of `within_m`.
+    each distance of `within_m`. Which of them match the looks of a plan is told where those are `wanted`.
     """
-    poses = _asked(flown, photo_s)
-    seen = _seen(poses, surface, camera, scene)
+    shown = views_from(_looking(flown, photo_s), surface, camera, scene)
+    poses, seen = shown.stations, shown.seen
     pictures = np.asarray(seen.sum(axis=0) if photo_s is not None else seen.any(axis=0), np.int64)
     if photo_s is None and picture_s is not None and len(picture_s):
-        shown = _seen(interpolate(flown, picture_s), surface, camera, scene)
-        pictures = np.asarray(np.maximum(pictures, shown.sum(axis=0)), np.int64)
+        passed = views_from(interpolate(flown, picture_s), surface, camera, scene).seen
+        pictures = np.asarray(np.maximum(pictures, passed.sum(axis=0)), np.int64)
     where = [np.ascontiguousarray(each) for each in (poses.positions, surface.points, surface.outward)]
     nearest = _best(*where, seen, np.inf, False)
     frontal = [_look(poses, surface, _best(*where, seen, far, True)) for far in (np.inf, *within_m)]
-    there, at = nearest >= 0, np.maximum(nearest, 0)
+    there: Bools = np.asarray(nearest >= 0, bool)
     near, level = _look(poses, surface, nearest)
-    speed = _speeds(flown)
-    values = (np.interp(poses.t_s[at], flown.t_s, speed), poses.t_s[at])
-    pace, when = (np.where(there, value, np.nan) for value in values)
-    return Looks(there, near, level, pace, when, pictures, tuple(frontal))
+    when = np.full(len(there), np.nan)
+    when[there] = poses.t_s[nearest[there]]
+    pace = np.interp(when, flown.t_s, _speeds(flown))
+    inspected = None
+    if wanted is not None:
+        breaks = np.array([part[0] for part in _pieces(flown)], np.int64)
+        steps = moments(flown, breaks) if photo_s is None else looks_at(flown, poses.t_s, breaks)
+        inspected = (
+            wanted.matched(shown, steps, surface, camera) if len(poses) else np.zeros(len(seen.T), bool)
+        )
+    return Looks(there, near, level, pace, when, pictures, tuple(frontal), None, inspected)
 
 
 def _certain(corrected: Looks, logged: Looks) -> Looks:
@@ -190,6 +211,9 @@ def _certain(corrected: Looks, logged: Looks) -> Looks:
         corrected,
         seen=both,
         assumed=corrected.seen & ~logged.seen,
+        inspected=None
+        if corrected.inspected is None or logged.inspected is None
+        else corrected.inspected & logged.inspected,
         distance_m=lesser(corrected.distance_m, logged.distance_m),
         incidence_deg=lesser(corrected.incidence_deg, logged.incidence_deg),
         pictures=np.where(both, np.minimum(corrected.pictures, logged.pictures), corrected.pictures),
@@ -207,22 +231,16 @@ def _look(poses: Trajectory, surface: Cloud, pose: Ints) -> tuple[Floats, Floats
     return np.where(there, distance, np.nan), np.where(there, incidence, np.nan)
 
 
-def _passed(viewpoint_s: Floats, found: Alignment) -> Floats:
+def _passed(viewpoint_s: Floats, aligned: Alignment) -> Floats:
     """The times of the log at which viewpoints of the plan were passed."""
-    on = np.flatnonzero(found.on_plan)
+    on = np.flatnonzero(aligned.on_plan)
     if not len(on) or not len(viewpoint_s):
         return np.empty(0)
-    gap, at = cKDTree(found.planned_s[on, None]).query(viewpoint_s[:, None])
-    return _recorded(found.flown, np.sort(found.flown.t_s[on[at[gap <= PASSED_S]]]))
+    gap, at = cKDTree(aligned.planned_s[on, None]).query(viewpoint_s[:, None])
+    return _recorded(aligned.flown, np.sort(aligned.flown.t_s[on[at[gap <= PASSED_S]]]))
 
 
-def _seen(poses: Trajectory, surface: Cloud, camera: Camera, scene: Scene) -> Bools:
-    """What each pose truly sees of the samples, (P, N), through the field of view that it had."""
-    asked = poses.positions, poses.quat_xyzw
-    return visible(*asked, surface, camera, TRULY, scene, fov_deg=poses.fov_deg).seen
-
-
-def _asked(flown: Trajectory, photo_s: Floats | None) -> Trajectory:
+def _looking(flown: Trajectory, photo_s: Floats | None) -> Trajectory:
     """The poses at which the camera sees: of the photos, or closely spaced along all that was recorded."""
     if photo_s is not None:
         inside = photo_s[(photo_s >= flown.t_s[0]) & (photo_s <= flown.t_s[-1])]
@@ -282,10 +300,10 @@ def _flown_share(plan: Trajectory, covered: Floats, silence: float) -> float:
     return 100 * float(gaps[np.diff(covered) <= silence].sum() / along[-1])
 
 
-def _cross_track(plan: Trajectory, logged: Trajectory, found: Alignment) -> float:
+def _cross_track(plan: Trajectory, logged: Trajectory, aligned: Alignment) -> float:
     """95th percentile of the distance of the log as it came from the planned path, m."""
-    on = found.on_plan
-    place = projected(plan, logged.positions[on], found.planned_s[on]).place
+    on = aligned.on_plan
+    place = projected(plan, logged.positions[on], aligned.planned_s[on]).place
     return float(np.percentile(np.linalg.norm(logged.positions[on] - place, axis=1), 95))
 
 

@@ -22,67 +22,69 @@ PASSED_S = 1.0  # of a viewpoint, within which it was passed
 _PHOTO_S = 1.0  # of a viewpoint, within which a photo is its own
 
 
-def findings(plan: Trajectory, found: Alignment, flown_pct: float) -> tuple[str, ...]:
+def findings(plan: Trajectory, aligned: Alignment, flown_pct: float) -> tuple[str, ...]:
     """What was done to a log so that it lies on its plan, and what is odd about the flight."""
-    return (*_corrected(found), *_missing(plan, found, flown_pct), *_aside(plan, found), *_stuck(plan, found))
+    of_flight = (*_missing(plan, aligned, flown_pct), *_aside(plan, aligned), *_stuck(plan, aligned))
+    return (*_corrected(aligned), *of_flight)
 
 
-def without_photo(viewpoint_s: Floats, found: Alignment, photo_s: Floats) -> tuple[Floats, int]:
+def without_photo(viewpoint_s: Floats, aligned: Alignment, photo_s: Floats) -> tuple[Floats, int]:
     """The moments (K,) of the plan's viewpoints that were passed without a photo, and how many were passed.
 
     Parameters
     ----------
     viewpoint_s : array, shape (V,), s
         Moments of the plan's viewpoints.
-    found : Alignment
+    aligned : Alignment
     photo_s : array, shape (F,), s
         Times of the photos by the log's clock, from its first pose.
     """
-    flown, planned = found.flown.t_s[found.on_plan], found.planned_s[found.on_plan]
+    flown, planned = aligned.flown.t_s[aligned.on_plan], aligned.planned_s[aligned.on_plan]
     passed = viewpoint_s[_near(viewpoint_s, planned)]
     taken = np.interp(photo_s, flown, planned, left=np.nan, right=np.nan)
     return passed[~_near(passed, taken[np.isfinite(taken)])], len(passed)
 
 
-def _corrected(found: Alignment) -> Iterator[str]:
-    for when, size in found.jumps:
+def _corrected(aligned: Alignment) -> Iterator[str]:
+    for when, size in aligned.jumps:
         yield f"the position jumps by {size:.2f} m at {when:.0f} s; taken as the log's"
-    if np.linalg.norm(found.shift_m) > 0:
-        shift = ", ".join(f"{value:+.2f}" for value in found.shift_m)
+    if np.linalg.norm(aligned.shift_m) > 0:
+        shift = ", ".join(f"{value:+.2f}" for value in aligned.shift_m)
         yield f"the log was moved by {shift} m to lie on its plan: else the vehicle flew so far beside it"
-    if found.heading_deg:
-        yield f"the log was turned by {found.heading_deg:+.2f} deg to lie on its plan"
-    if found.beside_m:
-        yield f"it flew {found.beside_m:.2f} m beside its plan, more than its stated accuracy: left as logged"
-    if found.camera_yaw_deg or found.camera_pitch_deg:
-        turn = f"{found.camera_yaw_deg:+.1f} deg of heading, {found.camera_pitch_deg:+.1f} deg of pitch"
+    if aligned.heading_deg:
+        yield f"the log was turned by {aligned.heading_deg:+.2f} deg to lie on its plan"
+    if aligned.beside_m:
+        beside = f"it flew {aligned.beside_m:.2f} m beside its plan"
+        yield f"{beside}, more than its stated accuracy: left as logged"
+    if aligned.camera_yaw_deg or aligned.camera_pitch_deg:
+        turn = f"{aligned.camera_yaw_deg:+.1f} deg of heading, {aligned.camera_pitch_deg:+.1f} deg of pitch"
         yield f"the logged camera was turned by {turn}"
-    if found.backwards > 0.02:
-        yield f"{100 * found.backwards:.0f} % of it was flown against the order of its plan"
-    elif not np.isfinite(found.clock_s):
+    if aligned.backwards > 0.02:
+        yield f"{100 * aligned.backwards:.0f} % of it was flown against the order of its plan"
+    elif not np.isfinite(aligned.clock_s):
         yield "it was not flown in the times of its plan"
 
 
-def _missing(plan: Trajectory, found: Alignment, flown_pct: float) -> Iterator[str]:
+def _missing(plan: Trajectory, aligned: Alignment, flown_pct: float) -> Iterator[str]:
     """Where the flight, or its log, lacks a part of the plan."""
-    planned = found.planned_s[found.on_plan]
+    planned = aligned.planned_s[aligned.on_plan]
     left_s, before_s = plan.t_s[-1] - planned.max(), planned.min() - plan.t_s[0]
     if flown_pct < _WHOLE_PCT and left_s > _PAUSE_S:
         yield f"broken off, or the log is cut: it ends {left_s:.0f} s before its plan"
     if flown_pct < _WHOLE_PCT and before_s > _PAUSE_S:
         yield f"begun late, or the log is cut: it begins {before_s:.0f} s after its plan"
-    for when, length in _waits(found):
+    for when, length in _waits(aligned):
         yield f"waited for {length:.0f} s at {when:.0f} s"
-    for when, length in silences(found.flown):
+    for when, length in silences(aligned.flown):
         what = "what was seen and how near it came then is not known"
         yield f"{SILENT} for {length:.0f} s at {when:.0f} s: {what}"
 
 
-def _waits(found: Alignment) -> Iterator[tuple[float, float]]:
+def _waits(aligned: Alignment) -> Iterator[tuple[float, float]]:
     """Beginning and length, s, of each time in which the flight did not go on in its plan."""
-    on, whole = found.on_plan, int(_PAUSE_S / _BEAT_S)
-    beats = np.arange(found.flown.t_s[on][0], found.flown.t_s[on][-1], _BEAT_S)
-    planned = np.interp(beats, found.flown.t_s[on], found.planned_s[on])
+    on, whole = aligned.on_plan, int(_PAUSE_S / _BEAT_S)
+    beats = np.arange(aligned.flown.t_s[on][0], aligned.flown.t_s[on][-1], _BEAT_S)
+    planned = np.interp(beats, aligned.flown.t_s[on], aligned.planned_s[on])
     if len(beats) <= whole:
         return
     waits = np.abs(planned[whole:] - planned[:-whole]) < _WAITS * _PAUSE_S
@@ -95,30 +97,31 @@ def _stretches(flags: Bools) -> Ints:
     return np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int))).reshape(-1, 2)
 
 
-def _aside(plan: Trajectory, found: Alignment) -> Iterator[str]:
+def _aside(plan: Trajectory, aligned: Alignment) -> Iterator[str]:
     """A camera that most of the time looked elsewhere than planned; it is taken as it was logged."""
-    on = found.on_plan
+    on = aligned.on_plan
     if on.sum() < 2:
         return
-    moments = np.clip(found.planned_s[on], plan.t_s[0], plan.t_s[-1])
-    axis, wanted = optical_axis(found.flown.quat_xyzw[on]), optical_axis(interpolate(plan, moments).quat_xyzw)
-    off = float(np.median(_angle_deg((axis * wanted).sum(axis=1))))
+    moments = np.clip(aligned.planned_s[on], plan.t_s[0], plan.t_s[-1])
+    axis = optical_axis(aligned.flown.quat_xyzw[on])
+    planned_axis = optical_axis(interpolate(plan, moments).quat_xyzw)
+    off = float(np.median(_angle_deg((axis * planned_axis).sum(axis=1))))
     if off > _TURNED_DEG:
         yield f"{LOOKED} {off:.0f} deg aside of its plan, in the median: taken as it was logged"
 
 
-def _stuck(plan: Trajectory, found: Alignment) -> Iterator[str]:
+def _stuck(plan: Trajectory, aligned: Alignment) -> Iterator[str]:
     """Stretches in which the camera stood though its plan turned it."""
-    on, flown = np.flatnonzero(found.on_plan), found.flown
+    on, flown = np.flatnonzero(aligned.on_plan), aligned.flown
     if len(on) < 2:
         return
     beats = np.arange(flown.t_s[on[0]], flown.t_s[on[-1]], _BEAT_S)
     axis = optical_axis(interpolate(flown, beats).quat_xyzw)
-    moments = np.interp(beats, flown.t_s[on], found.planned_s[on])
-    wanted = optical_axis(interpolate(plan, np.clip(moments, plan.t_s[0], plan.t_s[-1])).quat_xyzw)
+    moments = np.interp(beats, flown.t_s[on], aligned.planned_s[on])
+    planned_axis = optical_axis(interpolate(plan, np.clip(moments, plan.t_s[0], plan.t_s[-1])).quat_xyzw)
     stands = _angle_deg((axis[:-1] * axis[1:]).sum(axis=1)) < _STUCK_DEG
     for start, end in _stretches(stands):
-        turned = float(_angle_deg(wanted[start : end + 1] @ wanted[start]).max())
+        turned = float(_angle_deg(planned_axis[start : end + 1] @ planned_axis[start]).max())
         length = float(beats[end] - beats[start]) if end < len(beats) else float(beats[-1] - beats[start])
         if length >= _STUCK_S and turned > _TURNED_DEG:
             when = beats[start]

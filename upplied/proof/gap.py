@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -43,8 +44,14 @@ class GapFlight(Record):
     shows: Bools  # (S,) of the samples, those that are missing and that it shows
     unattainable: Bools  # (S,) of the samples, those that are missing and that no pose of the plan shows
     length_m: float
-    bound_m: float  # no way by those poses and the known safe legs that shows the same is shorter
-    zones: tuple[tuple[Bools, Bools], ...] = ()  # (M,) of each zone's samples: shown, and unattainable
+    zones: tuple[tuple[Bools, Bools], ...]  # (M,) of each zone's samples: shown, and unattainable
+    legs_m: Floats  # (P, P) between the poses that it may choose
+    seen: Bools  # (P, L) which of those poses show what it must look at
+
+    @cached_property
+    def bound_m(self) -> float:
+        """A length that no way by those poses and the known safe legs that shows the same is below, m."""
+        return min(bound_m(self.legs_m, self.seen), self.length_m)
 
 
 def gap_flight(
@@ -126,8 +133,7 @@ def gap_flight(
     both = [(done, none & ~done) for done, none in zip(flown, cannot, strict=True)]
     shows[part], unattainable[part] = both[0]
     length = float(leg_lengths(trajectory.positions).sum())
-    shortest = min(bound_m(apart, seen), length)
-    return GapFlight(trajectory, is_viewpoint, shows, unattainable, length, shortest, tuple(both[1:]))
+    return GapFlight(trajectory, is_viewpoint, shows, unattainable, length, tuple(both[1:]), apart, seen)
 
 
 def safe_lengths(graph: Roadmap, places: Floats) -> Floats:

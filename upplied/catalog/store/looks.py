@@ -26,6 +26,14 @@ class StoredLooks(Record):
     frontal_incidence_deg: Floats | None = field(default=None, metadata={"later": True})  # (K,)
     # 1 where it was seen only if the correction of the log is right; None: nothing was corrected.
     assumed: Ints | None = field(default=None, metadata={"later": True})  # (K,)
+    # 1 where it was looked at as its plan asks; None: not asked then.
+    inspected: Ints | None = field(default=None, metadata={"later": True})  # (K,)
+
+    @property
+    def as_asked(self) -> Ints:
+        """The patches that were certainly looked at as the plan asks; where that is not known, all seen."""
+        certain = self.certain
+        return certain.patch if certain.inspected is None else certain.patch[certain.inspected > 0]
 
     @property
     def certain(self) -> StoredLooks:

@@ -1,0 +1,169 @@
+"""Inspected as asked is what an independent ray caster finds as near, as frontal and as sharp as planned."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from upplied.config import CloudSettings, InspectionSettings
+from upplied.planning.surface.samples import surface_samples
+from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
+from upplied.proof.align import align
+from upplied.proof.as_flown import AsFlown, as_flown
+from upplied.records import Bools, Camera, Floats, Trajectory
+from upplied.samples.fleet import member
+from upplied.samples.pilot import fly
+from upplied.scene import scene_of
+from upplied.simulate import Wind, fly_trajectory
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
+from proof_truth import truly_seen
+
+CUBE = member("cube-v1").structure
+CAMERA = Camera(70.0, 55.0, 1.0, 25.0, 4000, 3000)
+SCENE = scene_of(CUBE)
+SURFACE = surface_samples(CUBE, SCENE, CloudSettings(surface_samples=400))
+BEAT_S = 0.5
+
+
+@pytest.fixture(scope="module")
+def plan() -> Trajectory:
+    flown = fly(CUBE, "sides", seed=1).trajectory
+    return interpolate(flown, np.arange(0.0, min(flown.t_s[-1], 120.0), 0.5))
+
+
+@pytest.fixture(scope="module")
+def flown(plan) -> Trajectory:
+    return fly_trajectory(plan, wind=Wind(2.0), seed=3)
+
+
+def at_beats(path: Trajectory) -> Trajectory:
+    return interpolate(path, np.arange(path.t_s[0], path.t_s[-1], BEAT_S))
+
+
+def finest_mm(path: Trajectory) -> Floats:
+    """What a pixel covers at best (N,), mm: its corners cast onto the plane of a patch, pose by pose."""
+    finest = np.full(len(SURFACE), np.inf)
+    poses = at_beats(path)
+    normal, pixel = SURFACE.outward, np.tan(np.radians(CAMERA.hfov_deg / 2)) / (CAMERA.width_px / 2)
+    for index in range(len(poses)):
+        one = poses.take(slice(index, index + 1))
+        seen = truly_seen(CUBE, one, SURFACE, CAMERA)
+        turn = Rotation.from_quat(one.quat_xyzw[0])
+        ray = SURFACE.points - one.positions[0]
+        ahead, left, up = turn.inv().apply(ray).T
+        reach = (ray * normal).sum(axis=1)
+        sides = []
+        for across, above in ((pixel, 0.0), (0.0, pixel)):
+            seen_at = np.column_stack([np.ones(len(ray)), left / ahead + across, up / ahead + above])
+            other = turn.apply(seen_at)
+            sides.append(other * (reach / (other * normal).sum(axis=1))[:, None] - ray)
+        covered = 1e3 * np.linalg.svd(np.stack(sides, axis=2), compute_uv=False)[:, 0]
+        finest = np.where(seen, np.minimum(finest, covered), finest)
+    return finest
+
+
+@pytest.fixture(scope="module")
+def planned_mm(plan) -> Floats:
+    return finest_mm(plan)
+
+
+def judged(plan: Trajectory, log: Trajectory, **more) -> AsFlown:
+    return as_flown(plan, plan.t_s[::4], align(plan, log), log, SURFACE, CAMERA, SCENE, **more)
+
+
+def shares(said: AsFlown, truth_mm: Floats, planned_mm: Floats) -> tuple[float, float, Bools]:
+    """Of what the plan shows, %: inspected as asked, as it claims; truly; and what it claims wrongly (N,)."""
+    asked = np.isfinite(planned_mm)
+    claimed, true = said.looks.inspected[asked], (truth_mm <= 1.1 * planned_mm)[asked]
+    wrong = claimed & ~(truth_mm <= 1.2 * planned_mm)[asked]  # looks lie half a beat apart
+    return 100 * claimed.mean(), 100 * true.mean(), wrong
+
+
+def test_a_flight_of_its_plan_is_inspected_as_asked(plan, flown, planned_mm):
+    said = judged(plan, flown)
+    claimed, true, wrong = shares(said, finest_mm(flown), planned_mm)
+    assert claimed > 90 and claimed == pytest.approx(true, abs=5) and wrong.mean() < 0.01
+    assert (said.looks.inspected <= said.looks.seen).all()
+
+
+def test_a_flight_farther_than_planned_does_not_claim_what_it_saw_from_afar(plan, planned_mm):
+    """In view it is all; as near and frontal as planned, hardly anything."""
+    middle = CUBE.vertices.mean(axis=0)
+    off = (plan.positions - middle) * [1, 1, 0]
+    wide = plan.positions + 2.8 * off / np.linalg.norm(off, axis=1, keepdims=True)
+    log = at_log_rate(replace(plan, positions=wide))
+    said = judged(plan, log)
+    claimed, true, wrong = shares(said, finest_mm(log), planned_mm)
+    in_view = 100 * said.looks.seen[np.isfinite(planned_mm)].mean()
+    assert in_view > 95 and true < 70 and claimed <= true + 5 and wrong.mean() < 0.01
+
+
+def test_a_stuck_camera_claims_only_what_it_truly_looked_at(plan, flown, planned_mm):
+    stuck = flown.t_s >= 40
+    quats = flown.quat_xyzw.copy()
+    quats[stuck] = quats[stuck.argmax()]
+    log = replace(flown, quat_xyzw=quats)
+    said = judged(plan, log)
+    claimed, true, wrong = shares(said, finest_mm(log), planned_mm)
+    assert claimed <= true + 3 and wrong.mean() < 0.01 and claimed < 80
+
+
+def test_a_camera_that_shakes_beyond_the_rule_inspects_nothing(plan, flown):
+    yaw, pitch = yaw_pitch(flown.quat_xyzw)
+    turning = from_yaw_pitch(yaw + np.radians(8) * np.sin(2 * np.pi * flown.t_s / 4), pitch)
+    shaken = replace(flown, quat_xyzw=turning)
+    slow, fast = (
+        judged(plan, shaken, rule=replace(InspectionSettings(), exposure_s=seconds)).looks
+        for seconds in (1 / 500, 1 / 30)
+    )
+    assert fast.seen.sum() == slow.seen.sum()
+    assert fast.inspected.sum() < 0.8 * slow.inspected.sum()
+
+
+def test_only_photos_inspect_where_their_times_are_known(plan, flown):
+    every, few = np.arange(0.0, flown.t_s[-1], 1.0), np.arange(0.0, 30.0, 1.0)
+    all_of_it, part = (judged(plan, flown, photo_s=photos).looks for photos in (every, few))
+    assert (part.inspected <= part.seen).all() and (part.inspected <= all_of_it.inspected).all()
+    assert part.inspected.sum() < 0.6 * all_of_it.inspected.sum()
+    none = judged(plan, flown, photo_s=np.array([-5.0])).looks
+    assert not none.inspected.any()
+
+
+def test_a_coarser_camera_asks_for_a_nearer_flight(plan, flown):
+    """Half the pixels: from the same place a pixel covers twice as much."""
+    found = align(plan, flown)
+    coarse = replace(CAMERA, width_px=2000, height_px=1500)
+    given = plan, plan.t_s[::4], found, flown, SURFACE, coarse, SCENE
+    assert as_flown(*given, planned_with=CAMERA).looks.inspected.mean() < 0.1
+    unknown = replace(CAMERA, width_px=0, height_px=0)
+    same = as_flown(plan, plan.t_s[::4], found, flown, SURFACE, unknown, SCENE, planned_with=CAMERA)
+    assert same.looks.inspected.sum() == judged(plan, flown).looks.inspected.sum()
+
+
+def test_of_a_corrected_log_only_what_both_paths_match_is_certain(plan, flown):
+    beside = replace(flown, positions=flown.positions + np.array([1.6, -1.2, 0.0]))
+    found = align(plan, beside)
+    assert found.corrected
+    said = as_flown(plan, plan.t_s[::4], found, beside, SURFACE, CAMERA, SCENE)
+    as_logged = replace(
+        found, shift_m=np.zeros(3), heading_deg=0.0, camera_yaw_deg=0.0, camera_pitch_deg=0.0, jumps=()
+    )
+    alone = [
+        as_flown(
+            plan, plan.t_s[::4], replace(as_logged, flown=path), path, SURFACE, CAMERA, SCENE
+        ).looks.inspected
+        for path in (found.flown, beside)
+    ]
+    assert np.array_equal(said.looks.inspected, alone[0] & alone[1]) and (alone[0] != alone[1]).any()
+
+
+def at_log_rate(path: Trajectory) -> Trajectory:
+    fine = interpolate(path, np.arange(0.0, path.t_s[-1], 0.1))
+    noise = np.random.default_rng(0).normal(0, 0.02, fine.positions.shape)
+    return replace(fine, positions=fine.positions + noise)

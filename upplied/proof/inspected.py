@@ -1,0 +1,117 @@
+"""Which samples a flight inspected as its plan asks: as finely, and by a look that is sharp and frontal.
+
+The terms are those by which plans are measured (`planning.measures.resolution`, `visibility.pictures`): the
+ground sample distance of the finest sharp look, with the obliquity of the patch in it. What a plan asks of a
+patch is its own finest look at it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.config import InspectionSettings, focal_px
+from upplied.planning.measures.resolution import AS_FINE
+from upplied.planning.visibility.frustum import coarseness
+from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.moments import Moments, moments
+from upplied.planning.visibility.observations import TRULY, Views, views
+from upplied.planning.visibility.pictures import Pictures, pictures
+from upplied.poses import interpolate
+from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
+from upplied.scene import Scene
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlannedLooks(Record):
+    """The finest look of a plan at each of N samples, which a flight of it is to match."""
+
+    sampled_m: Floats  # (N,) what a pixel covers, times the pixels of a focal length; inf: any look will do
+    by_rule: Bools  # (N,) that look is sharp and frontal by the rule; where it is not, none needs to be
+    camera: Camera
+    rule: InspectionSettings
+
+    def matched(self, shown: Views, steps: Moments, surface: Cloud, camera: Camera) -> Bools:
+        """Which samples (N,) a flight looks at as finely, and where the rule holds as sharply and frontally.
+
+        Parameters
+        ----------
+        shown : Views
+            What the flight truly sees of the samples.
+        steps : Moments
+            Of its looks, in the same time.
+        surface : Cloud
+        camera : Camera
+            Of the flight. Pixels that are known of one camera alone are taken for those of both.
+        """
+        mine, planned = (
+            focal_px(one.width_px or other.width_px or self.rule.width_px, one.hfov_deg)
+            for one, other in ((camera, self.camera), (self.camera, camera))
+        )
+        coarsest_m = AS_FINE * self.sampled_m * mine / planned
+        strict, any_look = (_finest(steps, shown, surface, camera, rule) for rule in (self.rule, None))
+        finest_m = np.where(self.by_rule, strict.sampled_m, any_look.sampled_m)
+        return np.asarray(np.isfinite(finest_m) & (finest_m <= coarsest_m), bool)
+
+
+def planned_looks(
+    plan: Trajectory,
+    surface: Cloud,
+    camera: Camera,
+    scene: Scene,
+    rule: InspectionSettings,
+    photo_s: Floats | None = None,
+) -> PlannedLooks:
+    """What a plan asks of a look at each sample of a surface.
+
+    Parameters
+    ----------
+    plan : Trajectory
+    surface : Cloud
+        N samples with normals.
+    camera : Camera
+    scene : Scene
+    rule : InspectionSettings
+        When a look is sharp and frontal.
+    photo_s : array, shape (K,), s, optional
+        Moments of the plan at which it takes photos, where only photos count; what those do not show is
+        asked for as finely as the plan sees it on its way.
+    """
+    steps = moments(plan)
+    shown = views(plan, surface, camera, TRULY, scene)
+    strict, any_look = (_finest(steps, shown, surface, camera, one) for one in (rule, None))
+    by_rule = np.isfinite(strict.sampled_m)
+    sampled = np.where(by_rule, strict.sampled_m, any_look.sampled_m)
+    if photo_s is not None and len(photo_s):
+        taken = looks_at(plan, photo_s)
+        shots = views_from(taken.poses, surface, camera, scene)
+        shot = _finest(taken, shots, surface, camera, rule).sampled_m
+        sampled = np.where(by_rule & np.isfinite(shot), shot, sampled)
+    return PlannedLooks(sampled, by_rule, camera, rule)
+
+
+def looks_at(path: Trajectory, moments_s: Floats, breaks: Ints | None = None) -> Moments:
+    """A path at moments (K,), s, each with its mean motion over half a second; `breaks` begin after gaps."""
+    steps = moments(path, breaks)
+    poses = interpolate(path, moments_s)
+    at = np.abs(steps.poses.t_s[None] - moments_s[:, None]).argmin(axis=1)
+    return Moments(poses, np.zeros(len(moments_s)), steps.velocity[at], steps.turn[at])
+
+
+def views_from(poses: Trajectory, surface: Cloud, camera: Camera, scene: Scene) -> Views:
+    """What poses truly see of some samples, through the field of view that each had."""
+    where = poses.positions, poses.quat_xyzw
+    seen = visible(*where, surface, camera, TRULY, scene, fov_deg=poses.fov_deg).seen
+    return Views(poses, seen, coarseness(camera, poses.fov_deg))
+
+
+def _finest(
+    steps: Moments, shown: Views, surface: Cloud, camera: Camera, rule: InspectionSettings | None
+) -> Pictures:
+    """The finest look at each sample that is sharp and frontal by a rule; by none, the finest of all."""
+    if rule is None:
+        return pictures(steps, shown, surface, camera, np.inf, 0.0)
+    sharp_radps = rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
+    least_cosine = float(np.cos(np.radians(rule.max_incidence_deg)))
+    return pictures(steps, shown, surface, camera, sharp_radps, least_cosine)
