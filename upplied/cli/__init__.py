@@ -21,6 +21,7 @@ from upplied.cli import (
     doctor,
     edit,
     export,
+    findings,
     fleet,
     flights,
     fly,
@@ -69,6 +70,7 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
         edit.app,
     ),
     "Fly": (fly.app, export.app, brief.app, flights.app),
+    "Findings": (findings.app, findings.looking, findings.reshooting),
     "Fleet": (review.in_force, fleet.app, keys.app),
     "Service": (quickstart.app, serve.serving, serve.deploying, serve.watching, doctor.app),
 }
