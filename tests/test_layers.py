@@ -46,6 +46,7 @@ ALLOWED = {
     "recommend": FOUNDATION | {"planning", "catalog", "recommend"},
     "fleet": FOUNDATION
     | {"planning", "simulate", "proof", "recommend", "inputs", "catalog", "outputs", "fleet"},
+    "findings": FOUNDATION | {"planning", "proof", "inputs", "catalog", "outputs", "fleet", "findings"},
     "web": FOUNDATION | {"planning", "simulate", "proof", "catalog", "outputs", "fleet", "web"},
     "__main__": {"cli"},
     "cli": FOUNDATION
@@ -59,6 +60,7 @@ ALLOWED = {
         "catalog",
         "outputs",
         "fleet",
+        "findings",
         "web",
         "cli",
     },

@@ -279,7 +279,8 @@ def test_published_files_hold_the_current_rows(catalog, tmp_path):
     catalog.add_plans([(key_of("no"), plan("t3", status="refused", preset="paper"), {})])
     counts = export_tables(catalog, tmp_path / "reports")
     held = {"transfers": 5, "structures": 5, "demonstrations": 1, "waypoints": 240, "poses": 50, "flights": 0,
-            "decisions": 0, "overruled": 0, "settings": 0, "requirements": 0, "edits": 0}  # fmt: skip
+            "decisions": 0, "overruled": 0, "settings": 0, "requirements": 0, "edits": 0,
+            "flight_photos": 0, "findings": 0}  # fmt: skip
     assert counts == held
     read = {name: pd.read_parquet(tmp_path / "reports" / f"{name}.parquet") for name in TABLES}
     for name, frame in read.items():

@@ -33,6 +33,8 @@ ESSENTIAL = {
     "settings": {"scope", "owner", "setting", "by"},
     "requirements": {"scope", "owner", "name", "by"},
     "edits": {"base_id", "demonstration_id", "target_id", "by"},
+    "flight_photos": {"flight_id", "target_id", "name", "path", "sha256", "t_s"},
+    "findings": {"finding_id", "target_id", "state", "by", "x_m", "y_m", "z_m", "structure_sha256"},
 }  # fmt: skip
 
 

@@ -22,6 +22,9 @@ def reproduce(catalog: str, transfer_id: str) -> int:
     if purpose.startswith("gap "):
         remedy = f"plan it again: upplied flights gap {purpose.removeprefix('gap ')}"
         raise RefusedError(f"plan {transfer_id}", "was made from a flight", "", remedy)
+    if purpose.startswith("reshoot "):
+        remedy = f"plan it again: upplied reshoot --on {made_from.row['target_id']}"
+        raise RefusedError(f"plan {transfer_id}", "was made from findings", "", remedy)
     with errors.status("planning again"):
         settings = made_from.settings
         zones, untold = required_surface(store, store.cache, made_from.target, settings.required.zones)

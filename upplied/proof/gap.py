@@ -121,8 +121,8 @@ def gap_flight(
     can[can] = seen.any(axis=0)
     seen = seen[:, seen.any(axis=0)]
     chosen = short_tour(apart, seen)
-    line, at = _way(poses, chosen, graph)
-    trajectory, is_viewpoint = _timed(poses, chosen, line, at, plan, limits)
+    line, at = way_by(poses, chosen, graph)
+    trajectory, is_viewpoint = timed(poses, chosen, line, at, plan, limits)
     shows, unattainable = np.zeros(len(missing), bool), np.zeros(len(missing), bool)
     along = stations(trajectory)
     again = _as_planned(parts[0], along, parts[0].seen(along, graph), looks)
@@ -207,7 +207,7 @@ def square_metres(cloud: Cloud, part: Bools) -> float:
     return float(cloud.areas[part].sum())
 
 
-def _way(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, Ints]:
+def way_by(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, Ints]:
     """The safe way (K, 3) by the chosen poses, and at which of its corners each of them is."""
     line, at = [poses.positions[chosen[0]][None]], [0]
     for start, goal in pairwise(chosen):
@@ -220,7 +220,7 @@ def _way(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, Ints]
     return np.concatenate(line), np.array(at, np.int64)
 
 
-def _timed(
+def timed(
     poses: Trajectory, chosen: Ints, line: Floats, at: Ints, plan: Trajectory, limits: RetimeSettings
 ) -> tuple[Trajectory, Bools]:
     """Times under the vehicle's limits, no faster than the plan usually was; cameras turn on the way."""

@@ -30,8 +30,11 @@ if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
 
-#: Flights are flown again in a moment; decisions, edits, and what was overruled, are of one place.
-_OF_ONE_PLACE = ("flights", "decisions", "overruled", "settings", "requirements", "edits")
+#: Flights are flown again in a moment; what people decide, change, overrule and find is of one place.
+_OF_ONE_PLACE = (
+    *("flights", "decisions", "overruled", "settings", "requirements", "edits"),
+    *("flight_photos", "findings"),
+)
 EXCHANGED = [name for name in TABLES if name not in _OF_ONE_PLACE]
 
 _DATASET = "dataset.json"

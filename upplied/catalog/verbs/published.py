@@ -125,6 +125,8 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
         "settings": catalog.declared_settings,
         "requirements": catalog.requirements,
         "edits": catalog.edits,
+        "flight_photos": catalog.flight_photos,
+        "findings": catalog.findings,
     }
     now = Generation(catalog.identity.required(), versions, columns=_COLUMNS)
     if before is not None and not force:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from upplied.catalog.schema.rows import Row, json_text
 from upplied.catalog.store.labels import labelled
-from upplied.catalog.verbs.adding import Adding
+from upplied.catalog.verbs.findings import Finding
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import CatalogError, SettingsError
@@ -24,7 +24,7 @@ _MOST_LOOKS = 1000
 _MOST_ZONES = 1000
 
 
-class Requiring(Adding):
+class Requiring(Finding):
     """A catalog that holds what must be seen of structures; see `upplied.catalog.Catalog`."""
 
     def require(

@@ -58,6 +58,8 @@ _HELD = {
     "settings": [TABLES["settings"].names[0]],
     "requirements": [TABLES["requirements"].names[0]],
     "edits": ["edit_id", "base_id", "transfer_id"],
+    "flight_photos": ["photo_id", "target_id"],
+    "findings": ["entry_id", "target_id"],
 }
 
 
@@ -231,6 +233,7 @@ def _references(held: dict[str, pa.Table]) -> Iterator[Finding]:
         ("transfers", "source_id", "structures"),
         ("transfers", "target_id", "structures"),
         *((table, "transfer_id", "transfers") for table in ("flights", "decisions", "overruled")),
+        *((table, "target_id", "structures") for table in ("flight_photos", "findings")),
     ):
         known, named = _texts(held[to].column(0)), _texts(held[table][column])
         missing = sorted(named.filter(pc.invert(pc.is_in(named, known))).to_pylist())

@@ -1,0 +1,139 @@
+"""Findings and the history of their states, and the photos of flights that they are seen in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import pyarrow.compute as pc
+
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.verbs.adding import Adding
+from upplied.catalog.verbs.frames import When, moment
+from upplied.catalog.verbs.roster import check_name
+from upplied.errors import CatalogError, SettingsError
+from upplied.provenance import code_version
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+STATES = ("open", "watched", "repaired", "dismissed")
+_LONGEST = 2000  # letters of a class, a severity or a note
+
+
+class Finding(Adding):
+    """A catalog that holds what was found on structures; see `upplied.catalog.Catalog`."""
+
+    def findings(
+        self,
+        *,
+        structure: str | None = None,
+        kind: str | None = None,
+        state: str | None = None,
+        class_name: str | None = None,
+        since: When | None = None,
+        history: bool = False,
+    ) -> pd.DataFrame:
+        """Findings as they stand, in the order of their first commits; with `history`, every row of them.
+
+        Parameters
+        ----------
+        structure, kind : str, optional
+            That they are on.
+        state : {"open", "watched", "repaired", "dismissed"}, optional
+        class_name : str, optional
+            What they are, as `class` has it.
+        since : datetime or str, optional
+            First added at this moment or later.
+        history : bool
+            Every change of state as well, in the order of commits.
+        """
+        where = None
+        for column, value in (("target_id", structure), ("kind", kind)):
+            if value is not None:
+                mine = pc.field(column) == value
+                where = mine if where is None else where & mine
+        rows = self.by_commit("findings", where)
+        first = rows.drop_duplicates("finding_id")
+        newest = rows.drop_duplicates("finding_id", keep="last").set_index("finding_id", drop=False)
+        newest = newest.loc[list(first["finding_id"])]
+        if state is not None:
+            newest = newest[newest["state"] == state]
+        if class_name is not None:
+            newest = newest[newest["class"] == class_name]
+        if since is not None:
+            late = first["finding_id"][first["added_at"] >= moment(since)]
+            newest = newest[newest.index.isin(set(late))]
+        found = rows[rows["finding_id"].isin(set(newest.index))] if history else newest
+        return found.reset_index(drop=True)
+
+    def finding(self, start: str) -> Row:
+        """The newest row of the one finding whose id begins so.
+
+        Raises
+        ------
+        CatalogError
+            If there is none, or more than one.
+        """
+        rows = self.findings()
+        found = rows[rows["finding_id"].str.startswith(start)]
+        if len(found) != 1:
+            what = "is not in the catalog" if found.empty else f"may be {len(found)}"
+            known = ", ".join(rows["finding_id"].tail(5)) or "none"
+            raise CatalogError(
+                f"finding {start}", what, f"the last ones: {known}", "see: upplied findings list"
+            )
+        return {str(name): value for name, value in found.iloc[0].items()}
+
+    def add_findings(self, found: Sequence[Mapping[str, Any]], by: str) -> list[str]:
+        """Add findings in one commit; the ids of those that are new.
+
+        Parameters
+        ----------
+        found : sequence of mapping
+            Rows of `findings` without their entry, author and commit; one whose id is known adds nothing.
+        by : str
+            Who found them.
+        """
+        author = _author(by)
+        known = set(self.findings()["finding_id"])
+        new = {str(row["finding_id"]): row for row in found if row["finding_id"] not in known}
+        self.add_rows("findings", [self._entry(row, author) for row in new.values()])
+        return list(new)
+
+    def set_finding(self, start: str, state: str, by: str, note: str = "") -> Row:
+        """Change the state of a finding: one more row, which counts from then on; that row."""
+        if state not in STATES:
+            raise SettingsError(f"state {state!r}", "is unknown", f"one of {', '.join(STATES)}")
+        row = self._entry({**self.finding(start), "state": state, "note": note}, _author(by))
+        self.add_rows("findings", [row])
+        return row
+
+    def flight_photos(self, flight_id: str | None = None, *, structure: str | None = None) -> pd.DataFrame:
+        """Photos of flights that were registered, of one flight, of one structure, or all."""
+        where = None if flight_id is None else pc.field("flight_id") == flight_id
+        if structure is not None:
+            mine = pc.field("target_id") == structure
+            where = mine if where is None else where & mine
+        return self.by_commit("flight_photos", where)
+
+    def add_flight_photos(self, photos: Sequence[Mapping[str, Any]], by: str = "") -> int:
+        """Register photos of flights in one commit; how many were new."""
+        known = set(self.flight_photos()["photo_id"])
+        new = {str(row["photo_id"]): {**row, "by": by} for row in photos if row["photo_id"] not in known}
+        return self.add_rows("flight_photos", list(new.values()))
+
+    def _entry(self, row: Mapping[str, Any], by: str) -> Row:
+        for name in ("class", "severity", "note"):
+            if len(str(row.get(name) or "")) > _LONGEST:
+                rule = f"at most {_LONGEST} letters"
+                raise SettingsError(f"finding {row['finding_id']}", f"its {name} is longer", rule)
+        drop = ("commit_id", "added_at", "commit_version", "row_sha256", "before_sha256")
+        kept = {name: value for name, value in row.items() if name not in drop and value == value}
+        return kept | {"entry_id": self.new_commit_id(), "by": by, "code_version": code_version()}
+
+
+def _author(by: str) -> str:
+    if not by.strip():
+        raise SettingsError("a finding", "has nobody who found it", "a name", "say --by NAME")
+    return check_name(by.strip())

@@ -1,0 +1,383 @@
+"""`upplied findings`, `looks` and `reshoot`: what was found, its photos, and the same place elsewhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
+
+from upplied.cli.review import ByOption, NoteOption
+from upplied.cli.terminal import CatalogOption, JsonOption, complain, errors, next_step, opened, say, show
+
+app = App(
+    name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
+)
+looking = App(name="looks", help="List every photo that shows a place of a structure.")
+reshooting = App(name="reshoot", help="Plan a mission that shows findings from where their photos did.")
+
+LISTED = {
+    "finding_id": "finding", "target_id": "structure", "class": "class", "severity": "severity",
+    "state": "state", "by": "by", "x_m": "x m", "y_m": "y m", "z_m": "z m", "place_error_m": "may be off m",
+    "length_mm": "length mm", "area_mm2": "area mm2", "photo": "photo", "note": "note",
+}  # fmt: skip
+LOOKS = {
+    "flight_id": "flight", "kind": "kind", "taken_at": "taken", "photo": "photo", "t_s": "s",
+    "distance_m": "m", "mm_px": "mm/px", "incidence_deg": "incidence deg", "blur_px": "blur px",
+    "in_picture_pct": "in picture %", "box": "box px",
+}  # fmt: skip
+OutOption = Annotated[
+    Path | None, Parameter(name="--out", help="Folder for crops side by side, with a page.")
+]
+PhotosOption = Annotated[Path | None, Parameter(name="--photos", help="Folder of photos that were moved.")]
+FinenessOption = Annotated[
+    float, Parameter(name="--mm-px", help="Largest ground sample distance, mm per pixel.")
+]
+ToOption = Annotated[
+    str, Parameter(name="--to", help="`kind` for every structure of it, or IDs with commas.")
+]
+
+
+@app.command
+def add(
+    file: Path | None = None,
+    /,
+    *,
+    by: ByOption,
+    photo: Annotated[str, Parameter(help="Name or path of a registered photo.")] = "",
+    flight: Annotated[str, Parameter(help="ID of the flight or demonstration.")] = "",
+    time: Annotated[float | None, Parameter(help="Seconds from its first pose, in place of a photo.")] = None,
+    pixel: Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")] = None,
+    box: Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT, px.")] = None,
+    outline: Annotated[str, Parameter(help='Corners in order, px: "X Y X Y X Y".')] = "",
+    structure: Annotated[str, Parameter(help="Structure of a place that is stated by --at.")] = "",
+    at: Annotated[
+        tuple[float, float, float] | None, Parameter(help="X Y Z, m, frame of the structure.")
+    ] = None,
+    class_name: Annotated[str, Parameter(name="--class", help="What it is, such as corrosion.")] = "",
+    severity: Annotated[str, Parameter(help="How grave it is.")] = "",
+    note: NoteOption = "",
+    pose_error: Annotated[float, Parameter(help="Of positions, m, where the flight states none.")] = 0.5,
+    attitude_error: Annotated[float, Parameter(help="Of the camera, one sigma, degrees.")] = 0.4,
+    pixel_error: Annotated[float, Parameter(help="Of the mark, one sigma, px.")] = 1.0,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """Place one mark, or those of a file, on their structures.
+
+    Parameters
+    ----------
+    file : Path, optional
+        Detections: COCO JSON, CSV or GeoJSON. Without it the options state one mark.
+    """
+    from upplied.errors import SettingsError
+    from upplied.findings.adding import add_marks
+    from upplied.findings.marks import Mark, box_corners, corners_of, read_marks
+    from upplied.findings.place import Errors
+
+    stated = [value is not None and value != "" for value in (pixel, box, outline, at)]
+    if (file is None) != (sum(stated) == 1):
+        raise SettingsError(
+            "a finding", "is stated in no way, or in several", "FILE, --pixel, --box, --outline or --at"
+        )
+    if file is not None:
+        marks = read_marks(file)
+    else:
+        pixels = (
+            (pixel,)
+            if pixel
+            else box_corners(*box)
+            if box
+            else corners_of(outline.split())
+            if outline
+            else ()
+        )
+        about = {"class_name": class_name, "severity": severity, "note": note, "t_s": time, "flight": flight}
+        marks = [Mark("the finding", photo, pixels, at, structure, **about)]  # type: ignore[arg-type]
+    if min(pose_error, attitude_error, pixel_error) < 0:
+        raise SettingsError("an error", "is below 0", "0 or more")
+    with errors.status("casting rays"):
+        done = add_marks(opened(catalog), marks, by, Errors(pose_error, attitude_error, pixel_error))
+    for reason in done.refused:
+        complain(f"refused: {reason}")
+    rows = opened(catalog).findings()
+    _listed("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, json)
+    if not json:
+        say(f"{done.new} added, {len(done.ids) - done.new} known already, {len(done.refused)} refused")
+    if done.ids and not json:
+        next_step(f"findings looks {done.ids[-1]}", "every photo that shows it", catalog)
+    return int(bool(done.refused))
+
+
+@app.command
+def photos(
+    flight: str,
+    folder: Path,
+    /,
+    *,
+    times: Annotated[
+        Path | None, Parameter(help="CSV with name and t_ns, or t_s from the first pose.")
+    ] = None,
+    clock: Annotated[float, Parameter(help="Seconds that the camera's clock is behind the log's.")] = 0.0,
+    by: ByOption = "",
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Register the photos of a flight by name, hash and time; they stay where they are.
+
+    Parameters
+    ----------
+    flight : str
+        ID of the flight, or its beginning, or of a demonstration.
+    folder : Path
+    """
+    from upplied.findings.photos import flight_of, register_photos
+
+    store = opened(catalog)
+    new, refused = register_photos(store, flight_of(store, flight), folder, times, clock, by)
+    for reason in refused:
+        complain(f"refused: {reason}")
+    say(f"{new} photos registered, {len(refused)} refused")
+    return int(bool(refused))
+
+
+@app.command(name="list")
+def list_findings(
+    *,
+    structure: Annotated[str | None, Parameter(help="Only findings of this structure.")] = None,
+    kind: Annotated[str | None, Parameter(help="Only findings of this kind of structure.")] = None,
+    state: Annotated[str | None, Parameter(help="open, watched, repaired or dismissed.")] = None,
+    class_name: Annotated[str | None, Parameter(name="--class", help="Only findings of this class.")] = None,
+    reference: Annotated[
+        str, Parameter(help="Structure on which all places are shown: one map for a kind.")
+    ] = "",
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """List the findings as they stand."""
+    store = opened(catalog)
+    if reference:
+        from upplied.findings.queries import by_reference
+
+        found = by_reference(store, reference, class_name=class_name, state=state)
+        mapped = {f"reference_{name}": name for name in ("x_m", "y_m", "z_m", "probability", "doubtful")}
+        keys = ("finding_id", "target_id", "class", "state")
+        _listed(f"findings on {reference}", found, {key: LISTED[key] for key in keys} | mapped, json)
+        return 0
+    _listed(
+        "findings",
+        store.findings(structure=structure, kind=kind, state=state, class_name=class_name),
+        LISTED,
+        json,
+    )
+    return 0
+
+
+@app.command(name="set")
+def set_state(
+    finding: str,
+    state: str,
+    /,
+    *,
+    by: ByOption,
+    note: NoteOption = "",
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Change the state of a finding to open, watched, repaired or dismissed; its history stays.
+
+    Parameters
+    ----------
+    finding : str
+        ID of the finding, or its beginning.
+    state : str
+    """
+    row = opened(catalog).set_finding(finding, state, by, note)
+    say(f"finding {row['finding_id']} is {state}")
+    return 0
+
+
+@app.command
+def history(finding: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+    """Show the states of a finding, who changed them and why.
+
+    Parameters
+    ----------
+    finding : str
+        ID of the finding, or its beginning.
+    """
+    store = opened(catalog)
+    name = store.finding(finding)["finding_id"]
+    rows = store.findings(history=True)
+    columns = {"added_at": "when", "state": "state", "by": "by", "note": "note"}
+    _listed(f"finding {name}", rows[rows["finding_id"] == name], columns, json)
+    return 0
+
+
+@app.command
+def looks(
+    finding: str,
+    /,
+    *,
+    out: OutOption = None,
+    photos: PhotosOption = None,
+    simulated: Annotated[bool, Parameter(negative="", help="Simulated flights as well.")] = False,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """List every photo of every flight that shows a finding.
+
+    Parameters
+    ----------
+    finding : str
+        ID of the finding, or its beginning.
+    """
+    from upplied.findings.looks import spot_of
+
+    store = opened(catalog)
+    row = store.finding(finding)
+    return _looks(store, f"finding {row['finding_id']}", spot_of(row), out, photos, simulated, json)
+
+
+@looking.default
+def looks_at(
+    structure: str,
+    x: float,
+    y: float,
+    z: float,
+    /,
+    *,
+    size: Annotated[float, Parameter(help="Width of what is to be seen, m.")] = 0.5,
+    out: OutOption = None,
+    photos: PhotosOption = None,
+    simulated: Annotated[bool, Parameter(negative="", help="Simulated flights as well.")] = False,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """List every photo of every flight that shows the place of the surface nearest to a point.
+
+    Parameters
+    ----------
+    structure : str
+    x, y, z : float
+        Point in the frame of the structure, m.
+    """
+    from upplied.findings.looks import spot_at
+
+    store = opened(catalog)
+    title = f"({x:g}, {y:g}, {z:g}) m of {structure}"
+    return _looks(store, title, spot_at(store, structure, (x, y, z), size / 2), out, photos, simulated, json)
+
+
+@app.command
+def carry(
+    finding: str,
+    /,
+    *,
+    to: ToOption = "kind",
+    every: Annotated[
+        bool, Parameter(negative="", help="Every part that is like its own: each blade.")
+    ] = False,
+    mm_px: FinenessOption = float("inf"),
+    since: Annotated[str | None, Parameter(help="Earlier looks do not count, such as 2026-03-01.")] = None,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """Show the same place on other structures, and when it was last looked at there.
+
+    Parameters
+    ----------
+    finding : str
+        ID of the finding, or its beginning.
+    """
+    from upplied.findings.queries import photographed
+
+    store = opened(catalog)
+    row = store.finding(finding)
+    with errors.status("carrying"):
+        found = photographed(store, row, to, mm_px, since, every=every)
+    columns = {
+        "structure_id": "structure", "part": "part", "x_m": "x m", "y_m": "y m", "z_m": "z m",
+        "probability": "probability", "error_m": "may be off m", "looked_at": "last seen", "mm_px": "mm/px",
+        "looks": "flights", "doubt": "doubt",
+    }  # fmt: skip
+    _listed(f"finding {row['finding_id']} elsewhere", found, columns, json)
+    return 0
+
+
+@reshooting.default
+def reshoot(
+    *,
+    findings: Annotated[str, Parameter(help="A state such as open, or IDs with commas.")],
+    on: Annotated[str, Parameter(help="Structure that is flown to.")],
+    mm_px: FinenessOption,
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Plan a mission that shows findings from where their photos did; the result is a draft."""
+    from upplied.findings.campaign import asked_findings
+    from upplied.findings.reshoot import plan_reshoot
+
+    store = opened(catalog)
+    with errors.status("planning"):
+        made = plan_reshoot(store, asked_findings(store, findings, on), on, mm_px)
+    for words in made.words:
+        say(words)
+    say(f"{made.transfer_id}: a draft for {on}")
+    next_step(f"release {made.transfer_id} --by NAME", "put it in force", catalog)
+    return int(bool(made.refused))
+
+
+@app.command
+def campaign(
+    finding: str,
+    /,
+    *,
+    mm_px: FinenessOption,
+    to: ToOption = "kind",
+    since: Annotated[str | None, Parameter(help="Earlier looks do not count, such as 2026-03-01.")] = None,
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Plan a draft for each structure on which the place of a finding was not looked at.
+
+    Parameters
+    ----------
+    finding : str
+        ID of the finding, or its beginning.
+    """
+    from upplied.findings.campaign import plan_campaign
+
+    store = opened(catalog)
+    with errors.status("planning"):
+        made = plan_campaign(store, store.finding(finding), mm_px, to, since)
+    for one in made:
+        say(f"{one['structure_id']}: {one['status']}{': ' if one['words'] else ''}{one['words']}")
+    return int(any(one["status"] == "refused" for one in made))
+
+
+def _looks(store: Any, title: str, spot: Any, out: Any, photos: Any, simulated: bool, json: bool) -> int:
+    from upplied.findings.looks import looks_at_spot, looks_frame
+
+    with errors.status("casting rays"):
+        found = looks_at_spot(store, spot, simulated)
+    frame = looks_frame(found)
+    sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
+    frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]
+    _listed(f"looks at {title}", frame, LOOKS, json)
+    if out is None:
+        return 0
+    from upplied.findings.crops import write_crops
+    from upplied.scene import scene_of
+
+    page, missing = write_crops(out, title, found, spot, scene_of(store.structure(spot.structure_id)), photos)
+    for reason in missing:
+        complain(f"missing: {reason}")
+    if not json:
+        say(page)
+    return int(bool(missing))
+
+
+def _listed(title: str, frame: Any, columns: dict[str, str], json: bool) -> None:
+    from upplied.cli.catalog import rows_of
+
+    rows = rows_of(frame, None if json else columns)
+    if not json:
+        rows = [{**row, "flight": row["flight"][:12]} if "flight" in row else row for row in rows]
+    show(title, rows, json, ("note", "severity", "by", "doubt"))

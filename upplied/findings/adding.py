@@ -1,0 +1,227 @@
+"""Marks become findings: each cast on the structure as it is known, with its place, size and error."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from upplied.catalog import Catalog
+from upplied.checks import check_id
+from upplied.config import digest
+from upplied.errors import RefusedError, UppliedError
+from upplied.findings.marks import Mark
+from upplied.findings.photos import Flown, flight_of, registered, with_size
+from upplied.findings.place import Errors, located
+from upplied.findings.rays import size_px
+from upplied.records import Floats, Structure
+from upplied.scene import Scene, scene_of, surface_error_m
+
+_DIGITS = 12  # of a finding's id
+_MOST_OUTLINE = 64
+_OFF_SURFACE = 0.02  # of the diagonal, that a stated place may be off the surface
+
+
+@dataclass(frozen=True)
+class Added:
+    """What came of marks."""
+
+    ids: tuple[str, ...]  # of each mark that is a finding now, or was one already
+    new: int
+    refused: tuple[str, ...]  # in words
+
+
+class Placing:
+    """Marks placed on structures of a catalog; flights and structures are read once.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    errors : Errors
+        Of the camera and, where a flight does not state its own, of its positions.
+    """
+
+    def __init__(self, catalog: Catalog, errors: Errors | None = None) -> None:
+        self.catalog, self.errors = catalog, errors or Errors()
+        self._flights: dict[str, Flown] = {}
+        self._structures: dict[str, tuple[Structure, Scene]] = {}
+
+    def row(self, mark: Mark) -> dict[str, Any]:
+        """A mark as a row of `findings`, without author and commit.
+
+        Raises
+        ------
+        RefusedError
+            If its photo is of no known flight, it misses the structure or looks at it too obliquely.
+        """
+        said = {"class": mark.class_name, "severity": mark.severity, "note": mark.note, "state": "open"}
+        said |= {"file": mark.file, "file_sha256": mark.file_sha256}
+        return said | (self._stated(mark) if mark.place is not None else self._seen(mark))
+
+    def structure(self, structure_id: str) -> tuple[Structure, Scene]:
+        """A structure and its scene."""
+        if structure_id not in self._structures:
+            found = self.catalog.structure(check_id(structure_id, "structure"))
+            self._structures[structure_id] = found, scene_of(found)
+        return self._structures[structure_id]
+
+    def _flight(self, name: str) -> Flown:
+        if name not in self._flights:
+            self._flights[name] = flight_of(self.catalog, name)
+        return self._flights[name]
+
+    def _stated(self, mark: Mark) -> dict[str, Any]:
+        assert mark.place is not None
+        structure, scene = self.structure(mark.structure)
+        stated = np.array(mark.place, float)[None]
+        if not np.isfinite(stated).all():
+            raise RefusedError(
+                mark.what, f"is at {mark.place}", "three coordinates, m, frame of the structure"
+            )
+        (place,), (normal,) = on_surface(scene, stated)
+        off = float(np.linalg.norm(place - stated[0]))
+        if off > _OFF_SURFACE * structure.diagonal_m:
+            found = f"is {off:.2f} m off the surface of {structure.structure_id}"
+            rule = f"at most {_OFF_SURFACE * structure.diagonal_m:.2f} m"
+            raise RefusedError(mark.what, found, rule, "state the place in the frame of the structure")
+        return self._about(mark, structure, place, normal, "place")
+
+    def _seen(self, mark: Mark) -> dict[str, Any]:
+        photo: dict[str, Any] = {}
+        whole = self._flight(mark.flight).flight_id if mark.flight else ""
+        if mark.t_s is None or (mark.photo and not mark.flight):
+            if not mark.photo:
+                remedy = "name a photo, or state --flight ID --time SECONDS"
+                raise RefusedError(
+                    mark.what, "names neither photo nor time", "a photo of a known flight", remedy
+                )
+            photo = registered(self.catalog, mark.photo, whole)
+        flight = self._flight(photo["flight_id"] if photo else mark.flight)
+        t_s = float(photo["t_s"]) if photo else float(mark.t_s or 0.0)
+        if not 0 <= t_s <= float(flight.path.t_s[-1]):
+            when = f"is of {t_s:g} s, the flight took {float(flight.path.t_s[-1]):.1f} s"
+            raise RefusedError(mark.what, when, "a time of the flight", "count from its first pose")
+        width, height = (int(photo.get(name) or 0) for name in ("width_px", "height_px"))
+        size = (width, height) if width and height else mark.size_px
+        camera = with_size(flight.seen_by(t_s), *size, f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}")
+        corners = mark.corners
+        limits = np.array(size_px(camera))
+        if not len(corners) or (corners < 0).any() or (corners > limits).any():
+            rule = f"0 to {limits[0]} and 0 to {limits[1]} px"
+            raise RefusedError(mark.what, "lies outside of its photo", rule, "check the pixels and the photo")
+        structure, scene = self.structure(flight.target_id)
+        pose = flight.at(np.array([t_s]))
+        stated = flight.pose_error_m
+        errors = replace(
+            self.errors,
+            pose_m=self.errors.pose_m if math.isnan(stated) else stated,
+            mesh_m=self.errors.mesh_m or surface_error_m(structure),
+        )
+        seen = pose.positions[0], pose.quat_xyzw[0]
+        found = located(mark.what, scene, camera, *seen, corners, errors)
+        outline = found.outline[
+            np.linspace(0, len(found.outline) - 1, min(_MOST_OUTLINE, len(found.outline))).astype(int)
+        ]
+        names = ("length", "length_error")
+        return self._about(mark, structure, found.place, found.normal, flight.flight_id) | {
+            "place_error_m": found.error_m,
+            "pose_error_m": found.pose_error_m,
+            "pixel_error_m": found.pixel_error_m,
+            "mesh_error_m": found.mesh_error_m,
+            **{f"{name}_mm": 1e3 * getattr(found, f"{name}_m") for name in names},
+            "area_mm2": 1e6 * found.area_m2,
+            "area_error_mm2": 1e6 * found.area_error_m2,
+            "outline_json": _json(outline) if len(corners) > 1 else "",
+            "flight_id": flight.flight_id,
+            "photo": photo.get("name", ""),
+            "photo_path": photo.get("path", ""),
+            "photo_sha256": photo.get("sha256", ""),
+            "photo_s": t_s,
+            "photo_at": flight.moment(t_s),
+            "pixels_json": json.dumps(corners[:1000].round(2).tolist()),
+            "width_px": camera.width_px,
+            "height_px": camera.height_px,
+            "hfov_deg": camera.hfov_deg,
+            "vfov_deg": camera.vfov_deg,
+            "camera_json": _json(np.concatenate(seen), 7),
+            "distance_m": found.distance_m,
+            "incidence_deg": found.incidence_deg,
+            "mm_px": found.mm_px,
+        }
+
+    def _about(
+        self, mark: Mark, structure: Structure, place: Any, normal: Any, seen_by: str
+    ) -> dict[str, Any]:
+        key: list[Any] = [structure.structure_id, seen_by, mark.photo, mark.t_s, mark.pixels, mark.class_name]
+        key += [] if mark.place is None else [list(mark.place)]
+        return {
+            "finding_id": digest(key)[:_DIGITS],
+            "target_id": structure.structure_id,
+            "kind": structure.kind,
+            "x_m": float(place[0]),
+            "y_m": float(place[1]),
+            "z_m": float(place[2]),
+            "normal_json": _json(normal, 6),
+            "structure_sha256": structure.sha256,
+        }
+
+
+def add_marks(catalog: Catalog, marks: Sequence[Mark], by: str, errors: Errors | None = None) -> Added:
+    """Place marks and add those that can be placed, in one commit.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    marks : sequence of Mark
+    by : str
+        Who found them.
+    errors : Errors, optional
+
+    Returns
+    -------
+    Added
+        What is refused is told with its reason; nothing of it is stored.
+    """
+    placing, rows, refused = Placing(catalog, errors), [], []
+    for mark in marks:
+        try:
+            rows.append(placing.row(mark))
+        except UppliedError as error:
+            refused.append(str(error))
+    new = catalog.add_findings(rows, by)
+    return Added(tuple(row["finding_id"] for row in rows), len(new), tuple(refused))
+
+
+def on_surface(scene: Scene, places: Floats) -> tuple[Floats, Floats]:
+    """The points of the surface that are nearest to places (N, 3), m, and its normals (N, 3), outward.
+
+    The side of a place that lies on the surface is the one from which the nearest ray meets it.
+    """
+    found, _ = scene.closest(places)
+    low, high = scene.box
+    step = 1e-3 * float(np.linalg.norm(high - low))
+    ways = np.concatenate([np.eye(3), -np.eye(3), np.array(list(product((-1, 1), repeat=3))) / np.sqrt(3)])
+    origins = (found[:, None] + step * ways).reshape(-1, 3)
+    reach, _, normals = scene.cast(origins, np.tile(-ways, (len(found), 1)))
+    reach, normals = reach.reshape(len(found), -1), normals.reshape(len(found), -1, 3)
+    facing = np.einsum("nwi,wi->nw", normals, ways)
+    # What is met where the place is, as frontally as can be.
+    cost = np.where(np.abs(reach - step) < 0.2 * step, 1 - np.abs(facing), 2 + np.abs(reach - step))
+    best, rows = cost.argmin(axis=1), np.arange(len(found))
+    return found, normals[rows, best] * np.sign(facing[rows, best])[:, None]
+
+
+def outline_of(row: Any) -> Floats:
+    """The outline (K, 3), m, of a finding's row; its place alone where it has none."""
+    text = row["outline_json"]
+    place = np.array([[row["x_m"], row["y_m"], row["z_m"]]], float)
+    return np.array(json.loads(text), float).reshape(-1, 3) if text else place
+
+
+def _json(values: Any, digits: int = 4) -> str:
+    return json.dumps(np.round(np.asarray(values, float), digits).tolist())

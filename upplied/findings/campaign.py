@@ -1,0 +1,75 @@
+"""One draft for each structure on which the place of a finding was not looked at yet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from upplied.catalog import Catalog
+from upplied.catalog.verbs.findings import STATES
+from upplied.catalog.verbs.frames import When
+from upplied.errors import RefusedError, UppliedError
+from upplied.findings.carried import Carrying
+from upplied.findings.queries import photographed
+from upplied.findings.reshoot import plan_reshoot
+
+
+def asked_findings(catalog: Catalog, asked: str, structure_id: str) -> list[dict[str, Any]]:
+    """The findings of ids that are listed with commas, or those of a state on a structure.
+
+    Raises
+    ------
+    RefusedError
+        If there are none.
+    CatalogError
+        If an id is not known.
+    """
+    if asked.lower() not in STATES:
+        return [catalog.finding(name.strip()) for name in asked.split(",") if name.strip()]
+    rows = catalog.findings(structure=structure_id, state=asked.lower()).to_dict("records")
+    if not rows:
+        raise RefusedError(f"structure {structure_id}", f"has no {asked.lower()} finding", "one at least")
+    return [{str(key): value for key, value in row.items()} for row in rows]
+
+
+def plan_campaign(
+    catalog: Catalog, row: dict[str, Any], mm_px: float, to: str = "kind", since: When | None = None
+) -> list[dict[str, str]]:
+    """Plan a mission to the place of a finding on each structure where no flight showed it.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    row : dict
+        Of `findings`.
+    mm_px : float
+        The largest ground sample distance of a look that counts, and of those that are planned, mm.
+    to : str
+        ``kind``, or ids with commas.
+    since : datetime or str, optional
+        Looks before that moment do not count.
+
+    Returns
+    -------
+    list of dict
+        Of each structure its id, status (seen, draft, refused) and, in words, the look, the draft or why not.
+    """
+    carrying, done = Carrying(catalog), []
+    names = ",".join(carrying.targets(str(row["target_id"]), to))
+    if not names:
+        raise RefusedError(f"finding {row['finding_id']}", "is on the only structure of its kind", "others")
+    for there in photographed(catalog, row, names, mm_px, since, carrying=carrying).to_dict("records"):
+        name = str(there["structure_id"])
+        if not pd.isna(there["looked_at"]):
+            words = f"{there['looked_at']:%Y-%m-%d} at {there['mm_px']:.2f} mm/px"
+            done.append({"structure_id": name, "status": "seen", "words": words})
+            continue
+        try:
+            made = plan_reshoot(catalog, [row], name, mm_px, carrying)
+            done.append(
+                {"structure_id": name, "status": "draft", "words": f"{made.transfer_id}; {made.words[1]}"}
+            )
+        except UppliedError as error:
+            done.append({"structure_id": name, "status": "refused", "words": str(error)})
+    return done

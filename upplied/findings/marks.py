@@ -1,0 +1,183 @@
+"""Marks in photos, as people and detectors write them: COCO JSON, CSV and GeoJSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from upplied.errors import InputError
+from upplied.inputs.files import read_regular
+from upplied.records import Floats
+
+_MOST_BYTES = 256 << 20
+_MOST_MARKS = 200_000
+_MOST_CORNERS = 10_000
+_RULE = "COCO JSON, GeoJSON with photo names and pixels, or a CSV with the columns photo, x_px and y_px"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A mark in a photo, or a place that is stated."""
+
+    what: str  # what messages call it
+    photo: str = ""  # name or path; empty: by flight and time
+    pixels: tuple[tuple[float, float], ...] = ()  # a point, or corners in order
+    place: tuple[float, float, float] | None = None  # m, frame of the structure
+    structure: str = ""
+    flight: str = ""
+    t_s: float | None = None  # from the first pose
+    class_name: str = ""
+    severity: str = ""
+    note: str = ""
+    size_px: tuple[int, int] = (0, 0)  # of the photo, as the file says
+    file: str = ""
+    file_sha256: str = ""
+
+    @property
+    def corners(self) -> Floats:
+        """(K, 2) px."""
+        return np.array(self.pixels, float).reshape(-1, 2)
+
+
+def box_corners(x: float, y: float, width: float, height: float) -> tuple[tuple[float, float], ...]:
+    """The corners of a box, px, from its upper left corner."""
+    return (x, y), (x + width, y), (x + width, y + height), (x, y + height)
+
+
+def read_marks(path: Path) -> list[Mark]:
+    """The marks of a file.
+
+    Raises
+    ------
+    InputError
+        If it is of no known form, or too large. What is wrong with a single mark is told when it is placed.
+    """
+    import hashlib
+
+    data = read_regular(path, _MOST_BYTES)
+    about = {"file": str(path), "file_sha256": hashlib.sha256(data).hexdigest()}
+    try:
+        text = data.decode("utf-8-sig")
+        if path.suffix.lower() in (".json", ".geojson"):
+            content = json.loads(text)
+            geo = isinstance(content, dict) and "features" in content
+            marks = list(_geojson(path, content, about) if geo else _coco(path, content, about))
+        else:
+            marks = list(_csv(path, text, about))
+    except (UnicodeDecodeError, ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError,
+            csv.Error) as error:  # fmt: skip
+        raise InputError(str(path), f"cannot be read: {type(error).__name__}: {error}"[:300], _RULE) from None
+    if not 0 < len(marks) <= _MOST_MARKS:
+        raise InputError(str(path), f"holds {len(marks)} marks", f"1 to {_MOST_MARKS}")
+    return marks
+
+
+def _coco(path: Path, content: Mapping[str, Any], about: Mapping[str, str]) -> Iterator[Mark]:
+    images = {image["id"]: image for image in content["images"]}
+    names = {each["id"]: str(each["name"]) for each in content.get("categories", [])}
+    for one in content["annotations"]:
+        image, parts = images[one["image_id"]], one.get("segmentation")
+        flat = max(parts, key=len) if isinstance(parts, list) and parts else None
+        yield Mark(
+            what=f"{path.name}, annotation {one.get('id', '?')}",
+            photo=str(image["file_name"]),
+            pixels=corners_of(flat) if flat is not None else _finite(box_corners(*map(float, one["bbox"]))),
+            class_name=names.get(one.get("category_id"), ""),
+            severity=_text(one.get("severity")),
+            note=_text(one.get("note")),
+            size_px=(int(image.get("width") or 0), int(image.get("height") or 0)),
+            file=about["file"],
+            file_sha256=about["file_sha256"],
+        )
+
+
+def _geojson(path: Path, content: Mapping[str, Any], about: Mapping[str, str]) -> Iterator[Mark]:
+    for number, feature in enumerate(content["features"], 1):
+        said, shape = feature.get("properties") or {}, feature["geometry"]
+        places = shape["coordinates"]
+        if shape["type"] == "Polygon":
+            places = places[0][:-1] if places[0][0] == places[0][-1] else places[0]
+        elif shape["type"] == "Point":
+            places = [places]
+        elif shape["type"] not in ("LineString", "MultiPoint"):
+            raise ValueError(f"geometry {str(shape['type'])[:40]}")
+        photo = next((said[name] for name in ("photo", "file_name", "image") if said.get(name)), "")
+        yield Mark(
+            what=f"{path.name}, feature {number}",
+            photo=str(photo),
+            pixels=corners_of([value for place in places for value in place[:2]]),
+            flight=_text(said.get("flight")),
+            t_s=_number(said.get("t_s")),
+            class_name=_text(said.get("class")),
+            severity=_text(said.get("severity")),
+            note=_text(said.get("note")),
+            file=about["file"],
+            file_sha256=about["file_sha256"],
+        )
+
+
+def _csv(path: Path, text: str, about: Mapping[str, str]) -> Iterator[Mark]:
+    lines = csv.DictReader(io.StringIO(text))
+    known = set(lines.fieldnames or ())
+    if not (
+        {"x_px", "y_px"} <= known or "outline_px" in known or {"structure", "x_m", "y_m", "z_m"} <= known
+    ):
+        raise ValueError(f"columns {', '.join(sorted(map(str, known)))[:200]}")
+    for number, line in enumerate(lines, 2):
+        place: tuple[float, float, float] | None = None
+        pixels: tuple[tuple[float, float], ...] = ()
+        if line.get("x_m"):
+            place = float(line["x_m"]), float(line["y_m"]), float(line["z_m"])
+        elif line.get("outline_px"):
+            pixels = corners_of(line["outline_px"].split())
+        else:
+            x, y = float(line["x_px"]), float(line["y_px"])
+            wide = line.get("width_px") and line.get("height_px")
+            pixels = _finite(
+                box_corners(x, y, float(line["width_px"]), float(line["height_px"])) if wide else ((x, y),)
+            )
+        yield Mark(
+            what=f"{path.name}, line {number}",
+            photo=_text(line.get("photo")),
+            pixels=pixels,
+            place=place,
+            structure=_text(line.get("structure")),
+            flight=_text(line.get("flight")),
+            t_s=_number(line.get("t_s")),
+            class_name=_text(line.get("class")),
+            severity=_text(line.get("severity")),
+            note=_text(line.get("note")),
+            file=about["file"],
+            file_sha256=about["file_sha256"],
+        )
+
+
+def corners_of(flat: Any) -> tuple[tuple[float, float], ...]:
+    values = [float(value) for value in flat]
+    if not 2 <= len(values) <= 2 * _MOST_CORNERS or len(values) % 2:
+        raise ValueError(
+            f"an outline of {len(values)} numbers, x and y of 1 to {_MOST_CORNERS} corners are due"
+        )
+    return _finite(tuple(zip(values[::2], values[1::2], strict=True)))
+
+
+def _finite(pixels: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    if not all(math.isfinite(value) for pair in pixels for value in pair):
+        raise ValueError("a pixel that is no number")
+    return pixels
+
+
+def _text(value: Any) -> str:
+    return "" if value is None else str(value).strip()
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if value not in (None, "") else None

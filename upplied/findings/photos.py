@@ -1,0 +1,280 @@
+"""Flights as their photos show a structure: path, camera, and which photo was taken when."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from upplied.catalog import Catalog
+from upplied.config import digest
+from upplied.errors import CatalogError, InputError, RefusedError, UppliedError
+from upplied.inputs.files import read_regular
+from upplied.poses import interpolate
+from upplied.records import Camera, Floats, Record, Trajectory
+
+SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".dng"}
+MOST_BYTES = 200 << 20  # of a photo
+_MOST_PHOTOS = 100_000
+_OUTSIDE_S = 1.0  # that a photo may be taken before or after its flight
+_SAME_SHAPE = 0.05  # of the photo's proportions, that those of the camera may differ by
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Flown(Record):
+    """A flight, or a demonstration, round a structure."""
+
+    flight_id: str
+    target_id: str
+    kind: str  # flown, simulated or demonstration
+    path: Trajectory  # from 0
+    camera: Camera
+    began: pd.Timestamp | None  # the first pose, by the log's clock
+    pose_error_m: float  # as stated; NaN: not stated
+    stills: bool = False
+
+    def moment(self, t_s: float) -> pd.Timestamp | None:
+        """When that was, by the log's clock."""
+        return None if self.began is None else self.began + pd.Timedelta(seconds=t_s)
+
+    def at(self, t_s: Floats) -> Trajectory:
+        """The poses at some times."""
+        return interpolate(self.path, np.asarray(t_s, float))
+
+    def seen_by(self, t_s: float) -> Camera:
+        """The camera at a time, where it zooms."""
+        zoom = self.at(np.array([t_s])).fov_deg
+        return self.camera if zoom is None else self.camera.zoomed(zoom)[0]
+
+
+def flights_round(catalog: Catalog, structure_id: str, simulated: bool = False) -> Iterator[Flown]:
+    """Demonstrations and flights round a structure; simulated ones where they are asked for."""
+    for row in catalog.demonstrations(structure=structure_id).to_dict("records"):
+        yield _demonstrated(catalog, str(row["demonstration_id"]))
+    rows = catalog.flights(structure=structure_id).drop_duplicates("flight_id", keep="last")
+    cameras: dict[str, Camera] = {}
+    for row in rows.to_dict("records"):
+        if simulated or row["kind"] == "flown":
+            yield _of_row(catalog, row, cameras)
+
+
+def flight_of(catalog: Catalog, start: str) -> Flown:
+    """The flight whose id begins so, or the demonstration of that id.
+
+    Raises
+    ------
+    CatalogError
+        If there is none, or more than one.
+    """
+    if start in set(catalog.demonstrations()["demonstration_id"]):
+        return _demonstrated(catalog, start)
+    rows = catalog.flights()
+    found = rows[rows["flight_id"].str.startswith(start)].drop_duplicates("flight_id", keep="last")
+    if len(found) != 1 or not start:
+        what = "is not in the catalog" if found.empty else f"may be {len(found)}"
+        rule = "a flight or a demonstration of the catalog"
+        raise CatalogError(f"flight {start or '(none)'}", what, rule, "see: upplied flights list")
+    return _of_row(catalog, found.iloc[0].to_dict(), {})
+
+
+def _demonstrated(catalog: Catalog, name: str) -> Flown:
+    flown = catalog.demonstration(name)
+    began = pd.Timestamp(int(flown.t_ns[0]), unit="ns", tz="UTC")
+    about = flown.trajectory, flown.camera, began, float("nan"), flown.stills
+    return Flown(name, flown.structure_id, "demonstration", *about)
+
+
+def _of_row(catalog: Catalog, row: dict[Any, Any], cameras: dict[str, Camera]) -> Flown:
+    name = str(row["demonstration_id"] or catalog.transfer(str(row["transfer_id"]))["demonstration_id"])
+    if name not in cameras:
+        known = catalog.newest("demonstrations", name)
+        values = {item.name: known[item.name] for item in fields(Camera) if known[item.name] is not None}
+        cameras[name] = Camera(**values)
+    began = None if pd.isna(row["flown_at"]) else row["flown_at"]
+    error = row["place_error_m"]
+    path = catalog.flown(str(row["flight_sha256"]))
+    stated = float("nan") if error is None else float(error)
+    about = str(row["flight_id"]), str(row["target_id"]), str(row["kind"]), path, cameras[name], began, stated
+    return Flown(*about)
+
+
+def register_photos(
+    catalog: Catalog,
+    flight: Flown,
+    folder: Path,
+    times: Path | None = None,
+    clock_s: float = 0.0,
+    by: str = "",
+) -> tuple[int, list[str]]:
+    """Register the photos of a flight by name, hash and time; they stay where they are.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    flight : Flown
+    folder : path
+        Of the photos.
+    times : path, optional
+        A CSV with the columns ``name`` and ``t_ns`` (the log's clock) or ``t_s`` (from the first pose).
+        Without it the time of each photo is that in its head, and where there is none, the photos of a
+        demonstration of photos are its poses in the order of their names.
+    clock_s : float
+        Added to the times in the photos' heads: what the camera's clock was behind the log's.
+    by : str
+
+    Returns
+    -------
+    tuple
+        How many were new, and which were refused, in words.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no photo, or the times cannot be read.
+    """
+    if not folder.is_dir():
+        raise InputError(str(folder), "is no folder", "the folder of the photos", "check the path")
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)[: _MOST_PHOTOS + 1]
+    if not 0 < len(files) <= _MOST_PHOTOS:
+        raise InputError(str(folder), f"holds {len(files)} photos", f"1 to {_MOST_PHOTOS}")
+    stated = {} if times is None else _stated(times, flight)
+    rows, refused = [], []
+    for number, path in enumerate(files):
+        try:
+            data = read_regular(path, MOST_BYTES)
+            row = _photo_row(
+                flight, path, data, stated, clock_s, number if len(files) == len(flight.path) else -1
+            )
+            rows.append(row)
+        except UppliedError as error:
+            refused.append(str(error))
+    return catalog.add_flight_photos(rows, by), refused
+
+
+def _photo_row(
+    flight: Flown, path: Path, data: bytes, stated: dict[str, float] | Any, clock_s: float, number: int
+) -> dict[str, Any]:
+    from upplied.inputs.sources.photo_tags import head_of
+
+    head = head_of(path)
+    if path.name in stated:
+        t_s = stated[path.name]
+    elif stated:
+        raise InputError(str(path), "is not in the file of times", "a line for each photo")
+    elif math.isfinite(head["t_ms"]) and flight.began is not None:
+        t_s = (pd.Timestamp(head["t_ms"], unit="ms", tz="UTC") - flight.began).total_seconds() + clock_s
+    elif flight.stills and number >= 0:
+        t_s = float(flight.path.t_s[number])
+    else:
+        raise InputError(
+            str(path), "tells no time", "EXIF with a time, or --times", "list name and t_ns in a CSV"
+        )
+    end = float(flight.path.t_s[-1])
+    if not -_OUTSIDE_S <= t_s <= end + _OUTSIDE_S:
+        found = f"was taken {t_s:.1f} s after the first pose, the flight took {end:.1f} s"
+        raise InputError(
+            str(path), found, "within the flight", "state what its clock was behind: --clock SECONDS"
+        )
+    sha256, t_s = hashlib.sha256(data).hexdigest(), min(max(t_s, 0.0), end)
+    size = {name: int(head[name]) if math.isfinite(head[name]) else 0 for name in ("width", "height")}
+    if not all(size.values()):
+        size = dict(zip(("width", "height"), pixels_in(data), strict=True))
+    return {
+        "photo_id": digest([flight.flight_id, sha256, round(t_s, 3)]),
+        "flight_id": flight.flight_id,
+        "target_id": flight.target_id,
+        "name": path.name,
+        "path": str(path.resolve()),
+        "sha256": sha256,
+        "t_s": t_s,
+        "width_px": size["width"],
+        "height_px": size["height"],
+    }
+
+
+def pixels_in(data: bytes) -> tuple[int, int]:
+    """Width and height of a picture, px; 0 where it is none that can be read."""
+    from upplied.extras import extra
+
+    with extra("export"):
+        from PIL import Image
+    try:
+        with Image.open(io.BytesIO(data)) as picture:
+            return picture.size
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return 0, 0
+
+
+def _stated(path: Path, flight: Flown) -> dict[str, float]:
+    rule = "a CSV with the columns name and t_ns (log's clock) or t_s (from the first pose)"
+    try:
+        text = read_regular(path, 64 << 20).decode("utf-8-sig")
+        lines = list(csv.DictReader(io.StringIO(text)))[: _MOST_PHOTOS + 1]
+        began = 0 if flight.began is None else flight.began.value
+        found = {
+            line["name"]: (int(line["t_ns"]) - began) * 1e-9 if line.get("t_ns") else float(line["t_s"])
+            for line in lines
+        }
+    except (UnicodeDecodeError, csv.Error, KeyError, TypeError, ValueError) as error:
+        raise InputError(str(path), f"cannot be read: {error}", rule) from None
+    if not found:
+        raise InputError(str(path), "lists no photo", rule)
+    return found
+
+
+def registered(catalog: Catalog, photo: str, flight_id: str = "") -> dict[str, Any]:
+    """The row of the one registered photo of a name, or of a path's name and bytes.
+
+    Raises
+    ------
+    RefusedError
+        If it is of no known flight, or of several.
+    """
+    name = Path(photo).name
+    rows = catalog.flight_photos()
+    rows = rows[rows["name"] == name]
+    if flight_id:
+        rows = rows[rows["flight_id"] == flight_id]
+    if len(rows) > 1 and Path(photo).is_file():
+        rows = rows[rows["sha256"] == hashlib.sha256(read_regular(photo, MOST_BYTES)).hexdigest()]
+    rows = rows.drop_duplicates(["flight_id", "sha256"], keep="last")
+    if len(rows) != 1:
+        several = ", ".join(each[:12] for each in rows["flight_id"])
+        raise RefusedError(
+            f"photo {name}",
+            "belongs to no known flight" if rows.empty else f"is of several flights: {several}",
+            "a photo of one flight, registered",
+            "register it: upplied findings photos FLIGHT FOLDER"
+            if rows.empty
+            else "name the flight: --flight ID",
+        )
+    return {str(key): value for key, value in rows.iloc[0].items()}
+
+
+def with_size(camera: Camera, width_px: int, height_px: int, what: str) -> Camera:
+    """The camera with the pixels of a photo; its own where the photo's are not known.
+
+    Raises
+    ------
+    RefusedError
+        If neither is known, or the photo has other proportions than the camera.
+    """
+    width, height = width_px or camera.width_px, height_px or camera.height_px
+    if not (width and height):
+        remedy = "state the camera in the side-car of the log"
+        raise RefusedError(what, "the pixels of its camera are not known", "width and height, px", remedy)
+    if camera.hfov_deg <= 120:
+        across, down = (math.tan(math.radians(angle) / 2) for angle in (camera.hfov_deg, camera.vfov_deg))
+        if abs(across / down / (width / height) - 1) > _SAME_SHAPE:
+            fov = f"the camera of the flight sees {camera.hfov_deg:.1f} x {camera.vfov_deg:.1f} deg"
+            found, rule = f"has {width} x {height} px, {fov}", "the same proportions"
+            raise RefusedError(what, found, rule, "state the camera in the side-car of the log")
+    return replace(camera, width_px=width, height_px=height)

@@ -1,0 +1,174 @@
+"""Questions over the whole fleet: where a place was photographed, and findings by place on one structure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from upplied.catalog import Catalog
+from upplied.catalog.verbs.frames import When, moment
+from upplied.errors import CatalogError
+from upplied.findings.carried import Carrying
+from upplied.findings.looks import Spot, spot_of
+from upplied.findings.rays import focal_of
+from upplied.records import Bools, Camera, Floats, Ints, Rows
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mapped(Rows):
+    """Findings on a reference structure."""
+
+    place: Floats  # (N, 3) m
+    probability: Floats  # (N,)
+    error_m: Floats  # (N,)
+    doubtful: Bools  # (N,)
+    row: Ints  # (N,) of the findings that were asked
+
+
+def photographed(
+    catalog: Catalog,
+    of: Spot | dict[str, Any],
+    to: str = "kind",
+    mm_px: float = np.inf,
+    since: When | None = None,
+    every: bool = False,
+    carrying: Carrying | None = None,
+) -> pd.DataFrame:
+    """How a place was last seen on each structure of a kind by flights that were really flown.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    of : Spot or dict
+        The place on one of them, or a row of `findings`.
+    to : str
+        ``kind``, or ids with commas; the spot's own structure is listed first with ``kind``.
+    mm_px : float
+        The largest ground sample distance of a look that counts.
+    since : datetime or str, optional
+        Looks before that moment do not count.
+    every : bool
+        Each part of a structure that is like the place's own as well: a row each.
+    carrying : Carrying, optional
+
+    Returns
+    -------
+    DataFrame
+        One row a structure: `structure_id`, `part`, the place (`x_m`, `y_m`, `z_m`), `probability`,
+        `error_m`, `doubt`, `looked_at` (the last look that counts, NaT for none), its `flight_id`, `mm_px`
+        and `incidence_deg`, and `looks`, how many flights have one.
+    """
+    carrying = carrying or Carrying(catalog)
+    spot = of if isinstance(of, Spot) else spot_of(of)
+    own_error = 0.0 if isinstance(of, Spot) else float(of["place_error_m"] or 0.0)
+    names = carrying.targets(spot.structure_id, to)
+    names = [spot.structure_id, *names] if to == "kind" else names
+    flights = catalog.flights(kind="flown").drop_duplicates("flight_id", keep="last")
+    flights = flights[(flights["looks_sha256"] != "") & flights["target_id"].isin(set(names))]
+    if since is not None:
+        flights = flights[flights["flown_at"] >= moment(since)]
+    focal = _focals(catalog)
+    own = {name: rows.to_dict("records") for name, rows in flights.groupby("target_id")}
+    found = []
+    for name in names:
+        for there in carrying.instances(spot, name) if every else [carrying.to([spot], name)]:
+            place = there.place[0]
+            row = {"structure_id": name, "part": int(there.part[0])}
+            row |= dict(zip(("x_m", "y_m", "z_m"), place, strict=True))
+            error = float(np.hypot(there.error_m[0], own_error))
+            row |= {"probability": there.probability[0], "error_m": error, "doubt": there.doubt(0)}
+            looks = (
+                []
+                if np.isnan(place[0])
+                else [_seen(catalog, each, place, focal) for each in own.get(name, ())]
+            )
+            count = [look for look in looks if look is not None and look["mm_px"] <= mm_px]
+            last: dict[str, Any] = max(count, key=lambda one: one["looked_at"], default={})
+            none = {"looked_at": pd.NaT, "flight_id": "", "mm_px": np.nan, "incidence_deg": np.nan}
+            found.append(row | none | last | {"looks": len(count)})
+    frame = pd.DataFrame(found)
+    frame["looked_at"] = pd.to_datetime(frame["looked_at"], utc=True)
+    return frame
+
+
+def by_reference(
+    catalog: Catalog, reference_id: str, *, class_name: str | None = None, state: str | None = None
+) -> pd.DataFrame:
+    """The findings of a kind with their places on one structure of it, the map for all.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    reference_id : str
+    class_name, state : str, optional
+
+    Returns
+    -------
+    DataFrame
+        As `Catalog.findings`, with `reference_x_m`, `reference_y_m`, `reference_z_m` (NaN where there is no
+        counterpart), `reference_probability`, `reference_error_m` and `reference_doubtful`.
+    """
+    carrying = Carrying(catalog)
+    if reference_id not in carrying.kinds:
+        raise CatalogError(f"structure {reference_id}", "is not in the catalog")
+    rows = catalog.findings(kind=carrying.kinds[reference_id], class_name=class_name, state=state)
+    key = [reference_id, class_name, state, carrying.named(reference_id), rows["entry_id"].tolist()]
+
+    def found() -> Mapped:
+        parts = [_mapped(group, carrying, reference_id) for _, group in rows.groupby("target_id", sort=True)]
+        return Mapped(
+            **{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Mapped)}
+        )
+
+    if rows.empty:
+        mapped = Mapped(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0, bool), np.empty(0, np.int64))
+    else:
+        mapped = carrying.remembered("findings-by-reference", Mapped, key, found)
+    rows = rows.iloc[mapped.row].copy()
+    rows[["reference_x_m", "reference_y_m", "reference_z_m"]] = mapped.place
+    rows["reference_probability"], rows["reference_error_m"] = mapped.probability, mapped.error_m
+    rows["reference_doubtful"] = mapped.doubtful
+    return rows.sort_index().reset_index(drop=True)
+
+
+def _mapped(rows: pd.DataFrame, carrying: Carrying, reference_id: str) -> Mapped:
+    spots = [spot_of({str(key): value for key, value in row.items()}) for row in rows.to_dict("records")]
+    there = carrying.to(spots, reference_id)
+    index = rows.index.to_numpy(np.int64)
+    return Mapped(there.place, there.probability, there.error_m, there.doubtful, index)
+
+
+def _seen(
+    catalog: Catalog, flight: dict[Any, Any], place: Any, focal: dict[str, float]
+) -> dict[str, Any] | None:
+    """The look of a flight at the patch nearest to a place; None where it did not see it for certain."""
+    looks = catalog.looks.get(flight["looks_sha256"]).certain
+    away = np.linalg.norm(catalog.surfaces.points(looks.samples_sha256) - place, axis=1)
+    at = int(np.searchsorted(looks.patch, int(away.argmin())))
+    if at == len(looks.patch) or looks.patch[at] != away.argmin():
+        return None
+    ways = [(looks.distance_m[at], looks.incidence_deg[at])]
+    if looks.frontal_distance_m is not None and looks.frontal_incidence_deg is not None:
+        ways.append((looks.frontal_distance_m[at], looks.frontal_incidence_deg[at]))
+    pixels = focal.get(str(flight["demonstration_id"]), np.nan)
+    fine = [(1e3 * far / max(np.cos(np.radians(aslant)), 1e-6) / pixels, aslant) for far, aslant in ways]
+    finest, aslant = min(fine)
+    about = {"looked_at": flight["flown_at"], "flight_id": flight["flight_id"]}
+    return about | {"mm_px": float(finest), "incidence_deg": float(aslant)}
+
+
+def _focals(catalog: Catalog) -> dict[str, float]:
+    """Pixels per radian of the camera of each demonstration."""
+    names = [item.name for item in fields(Camera)]
+    found = {}
+    for row in catalog.demonstrations(every=True).to_dict("records"):
+        values = {
+            name: row[name]
+            for name in names
+            if name in row and row[name] == row[name] and row[name] is not None
+        }
+        found[str(row["demonstration_id"])] = focal_of(Camera(**values))[0]
+    return found

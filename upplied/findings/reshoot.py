@@ -1,0 +1,283 @@
+"""A mission that shows findings from where their photos did, and near enough: a draft like any plan."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from upplied.catalog import Catalog, recipe
+from upplied.catalog.schema.plan_rows import transfer_id as id_of
+from upplied.config import CloudSettings, Settings, digest
+from upplied.errors import RefusedError
+from upplied.findings.carried import Carrying
+from upplied.findings.looks import Spot, spot_of
+from upplied.findings.rays import footprint_m
+from upplied.findings.viewing import Wanted, best_look, shows
+from upplied.fleet.decisions import PlanRequest, SettingsOf
+from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.roadmap import Roadmap, roadmap
+from upplied.planning.airspace.rules import Airspace
+from upplied.planning.plan import METHOD_VERSION
+from upplied.planning.surface.samples import surface_samples
+from upplied.polylines import leg_lengths
+from upplied.proof.bound import bound_m
+from upplied.proof.gap import safe_lengths, timed, way_by
+from upplied.proof.tour import short_tour
+from upplied.provenance import method, recorded
+from upplied.records import (
+    Bools,
+    Camera,
+    Cloud,
+    Ints,
+    Measures,
+    Plan,
+    Registration,
+    Structure,
+    SurfaceStates,
+    Trajectory,
+)
+from upplied.scene import scene_of
+from upplied.supposed_scene import obstacle, scene_for
+
+_SHOWN = 1  # of SURFACE_STATES
+_ALIKE_DEG = 5.0  # between looks at a place: one pose may then show several findings
+_AS_WANTED_DEG, _AS_NEAR = 1.0, 1.02  # off the reference view, that is not worth a word
+
+
+@dataclass(frozen=True)
+class Base:
+    """What a mission round a structure is planned by."""
+
+    target: Structure
+    camera: Camera
+    settings: Settings
+    pace: Trajectory  # flown or planned there before: no faster
+    about: dict[str, Any]  # of `Plan`, and
+    provenance: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Reshot:
+    """What came of planning a mission."""
+
+    transfer_id: str
+    shown: tuple[str, ...]  # findings
+    refused: tuple[str, ...]  # in words
+    words: tuple[str, ...]  # what a pilot should know
+
+
+def plan_reshoot(
+    catalog: Catalog,
+    rows: Sequence[dict[str, Any]],
+    structure_id: str,
+    mm_px: float,
+    carrying: Carrying | None = None,
+) -> Reshot:
+    """Plan a mission that shows the places of findings on a structure, and keep it as a draft.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    rows : sequence of dict
+        Of `findings`, of structures of one kind.
+    structure_id : str
+        That is flown to.
+    mm_px : float
+        The largest ground sample distance of each look, mm.
+    carrying : Carrying, optional
+
+    Raises
+    ------
+    RefusedError
+        If no finding can be shown so by a safe flight; nothing is stored then.
+    """
+    if not (rows and 0 < mm_px < np.inf):
+        found = f"{len(rows)} findings at {mm_px:g} mm a pixel"
+        raise RefusedError("a mission", f"was asked for {found}", "findings, and more than 0 mm a pixel")
+    base = base_of(catalog, structure_id)
+    wanted, refused = wanted_looks(carrying or Carrying(catalog), rows, structure_id)
+    supposed = base.about["supposed"]
+    route = base.settings.route
+    clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
+    scene = scene_for(base.target, supposed)
+    airspace = Airspace(scene, clearance, base.target.surroundings, route.ground_clearance_m)
+    surface = surface_samples(base.target, scene_of(base.target), CloudSettings())
+    graph = roadmap(airspace, obstacle(surface, supposed))
+    looks: list[Trajectory] = []
+    kept: list[Wanted] = []
+    for one in wanted:
+        look = best_look(one, base.camera, graph, base.settings.retime, mm_px)
+        if look is None:
+            near = f"no safe look at {mm_px:g} mm a pixel, {clearance:g} m away, sees the place"
+            refused.append(f"finding {one.finding_id}: {near}")
+        else:
+            looks.append(look)
+            kept.append(one)
+    if not kept:
+        raise RefusedError(
+            f"a mission to {structure_id}", "; ".join(refused)[:2000], "one safe look at least"
+        )
+    path, is_viewpoint, seen, bound = toured(looks, kept, base, graph, mm_px)
+    for one in [one for one, there in zip(kept, seen, strict=True) if not there]:
+        refused.append(f"finding {one.finding_id}: no safe way leads to where it is seen from")
+    kept = [each for each, there in zip(kept, seen, strict=True) if there]
+    looks = [each for each, there in zip(looks, seen, strict=True) if there]
+    broken = place_breaches(path, base.target, supposed, clearance)
+    if broken:
+        raise RefusedError(
+            f"a mission to {structure_id}", "; ".join(broken), "a safe flight", "ask for fewer"
+        )
+    shown = [_words(one, look, base.camera) for one, look in zip(kept, looks, strict=True)]
+    length = float(leg_lengths(path.positions).sum())
+    tour = (
+        f"shows {len(kept)} of {len(rows)} findings; by known safe legs {bound:.0f} m are needed at least, "
+    )
+    words = (f"{tour}it flies {length:.0f} m", *shown, *refused)
+    ids = sorted(one.finding_id for one in kept)
+    state = np.zeros(len(surface), np.int64)
+    state[_nearest(surface, kept)] = _SHOWN
+    plan = Plan(
+        **base.about,
+        kind=base.target.kind,
+        preset="recommended",
+        status="ok",
+        trajectory=path,
+        is_viewpoint=is_viewpoint,
+        measures=Measures(
+            min_clearance_m=path_clearance(scene, path.positions).distance_m,
+            path_length_m=length,
+            duration_s=float(path.t_s[-1]),
+            peak_speed_mps=float((leg_lengths(path.positions) / np.diff(path.t_s)).max()),
+        ),
+        warnings=words,
+        surface=SurfaceStates(surface.points, state, surface.normals),
+        flyable=True,
+    )
+    named = [[one.finding_id, one.spot.place.round(4).tolist()] for one in kept]
+    key = digest(["reshoot", named, structure_id, mm_px, method(), base.target.sha256, base.settings.sha256])
+    purpose = f"reshoot {digest([ids, mm_px])[:20]}"
+    provenance = {
+        **base.provenance, **recorded(), "target_sha256": base.target.sha256,
+        "method_version": METHOD_VERSION, "settings": base.settings, "purpose": purpose,
+    }  # fmt: skip
+    catalog.add_plans([(key, plan, provenance)])
+    return Reshot(id_of(key), tuple(ids), tuple(refused), words)
+
+
+def base_of(catalog: Catalog, structure_id: str) -> Base:
+    """Camera, settings and pace of the newest plan for a structure, or of a demonstration there.
+
+    Raises
+    ------
+    RefusedError
+        If there is neither.
+    """
+    target = catalog.structure(structure_id)
+    plans = catalog.transfers(structure=structure_id, preset="recommended", status="ok")
+    flown = catalog.demonstrations(structure=structure_id)
+    if len(plans):
+        name = str(plans.iloc[-1]["transfer_id"])
+        made, plan = recipe(catalog, name), catalog.plan(name)
+        assert plan.trajectory is not None
+        ends = {"source_id": plan.source_id, "supposed": plan.supposed, "registration": plan.registration}
+        demonstration, pace = made.demonstration, plan.trajectory
+        hashes = {key: made.row[key] for key in ("demonstration_sha256", "source_sha256")}
+        settings = made.settings
+    elif len(flown):
+        demonstration = catalog.demonstration(str(flown.iloc[-1]["demonstration_id"]))
+        itself = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
+        ends = {"source_id": structure_id, "supposed": None, "registration": itself}
+        pace, hashes = demonstration.trajectory, {}
+        settings = SettingsOf(catalog, PlanRequest())("recommended", target.kind, structure_id)
+    else:
+        found, rule = "has neither plan nor demonstration", "one of them tells camera, vehicle and clearance"
+        raise RefusedError(
+            f"structure {structure_id}", found, rule, f"plan for it: upplied transfer --to {structure_id}"
+        )
+    about = {"demonstration_id": demonstration.demonstration_id, "target_id": structure_id, **ends}
+    return Base(target, demonstration.camera, settings, pace, about, hashes)
+
+
+def wanted_looks(
+    carrying: Carrying, rows: Sequence[dict[str, Any]], structure_id: str
+) -> tuple[list[Wanted], list[str]]:
+    """How findings are to be looked at on a structure, as their photos did; and what has no place there."""
+    wanted, refused = [], []
+    for source in sorted({str(row["target_id"]) for row in rows}):
+        own = [row for row in rows if row["target_id"] == source]
+        carrying.targets(source, structure_id)
+        spots = [spot_of(row) for row in own]
+        there = carrying.to(spots, structure_id)
+        for at, (row, spot) in enumerate(zip(own, spots, strict=True)):
+            place, normal = there.place[at], there.normal[at]
+            if not np.isfinite(place).all():
+                refused.append(f"finding {row['finding_id']}: {there.doubt(at)}")
+                continue
+            away = spot.normal
+            distance = float("nan")
+            if row["camera_json"]:
+                away = np.array(json.loads(row["camera_json"])[:3]) - spot.place
+                distance = float(np.linalg.norm(away))
+            direction = there.turn[at] @ (away / np.linalg.norm(away))
+            corners = place + (spot.corners - spot.place) @ there.turn[at].T
+            moved = Spot(structure_id, place, normal, corners)
+            photo = str(row["photo"] or (f"the photo at {row['photo_s']:.1f} s" if row["flight_id"] else ""))
+            wanted.append(Wanted(str(row["finding_id"]), moved, direction, distance, photo, there.doubt(at)))
+    return wanted, refused
+
+
+def toured(
+    looks: Sequence[Trajectory], wanted: Sequence[Wanted], base: Base, graph: Roadmap, mm_px: float
+) -> tuple[Trajectory, Bools, Bools, float]:
+    """A short safe way by poses that show every spot: path, viewpoints, which spots it shows, and a bound."""
+    count = len(looks)
+    poses = Trajectory(
+        np.arange(count, dtype=float),
+        np.concatenate([look.positions for look in looks]),
+        np.concatenate([look.quat_xyzw for look in looks]),
+    )
+    seen = np.eye(count, dtype=bool)
+    for number, one in enumerate(wanted):
+        ways = poses.positions - one.spot.place
+        ways = ways / np.linalg.norm(ways, axis=1, keepdims=True)
+        alike = np.flatnonzero(ways @ ways[number] >= np.cos(np.radians(_ALIKE_DEG)))
+        seen[alike, number] |= shows(poses.take(alike), one.spot, base.camera, graph, mm_px)
+    apart = safe_lengths(graph, poses.positions)
+    together = np.isfinite(apart[np.isfinite(apart).sum(axis=1).argmax()])
+    seen &= together[:, None]
+    there = np.asarray(seen.any(axis=0), bool)
+    chosen = short_tour(apart, seen[:, there])
+    line, at = way_by(poses, chosen, graph)
+    path, is_viewpoint = timed(poses, chosen, line, at, base.pace, base.settings.retime)
+    length = float(leg_lengths(path.positions).sum())
+    return path, is_viewpoint, there, min(bound_m(apart, seen[:, there]), length)
+
+
+def _words(wanted: Wanted, look: Trajectory, camera: Camera) -> str:
+    spot, position = wanted.spot, look.positions[0]
+    ray = position - spot.place
+    distance = float(np.linalg.norm(ray))
+    off = float(np.degrees(np.arccos(np.clip(ray @ wanted.direction / distance, -1, 1))))
+    pixel = 1e3 * footprint_m(camera, position, look.quat_xyzw[0], spot.place, spot.normal)
+    text = f"finding {wanted.finding_id}: from {distance:.1f} m at {pixel:.2f} mm/px"
+    if wanted.reference:
+        text += f", as {wanted.reference} showed it"
+        if off > _AS_WANTED_DEG:
+            text += f", but {off:.0f} degrees aside: nothing nearer is safe and sees it"
+        if distance > _AS_NEAR * wanted.distance_m:
+            text += f", from {distance - wanted.distance_m:.1f} m farther"
+        elif distance * _AS_NEAR < wanted.distance_m:
+            text += f", from {wanted.distance_m - distance:.1f} m nearer"
+    return f"{text}; {wanted.said}" if wanted.said else text
+
+
+def _nearest(surface: Cloud, wanted: Sequence[Wanted]) -> Ints:
+    places = np.array([one.spot.place for one in wanted])
+    away = np.linalg.norm(surface.points[None] - places[:, None], axis=2)
+    facing = np.array([one.spot.normal for one in wanted]) @ surface.outward.T
+    return np.asarray(np.where(facing > 0, away, np.inf).argmin(axis=1), np.int64)
