@@ -31,7 +31,7 @@ from upplied.planning.correspondence.certainty import (
     evidence_of_counterpart,
     evidence_of_same_kind,
 )
-from upplied.planning.correspondence.landmarks import choices_for
+from upplied.planning.correspondence.naming import choices_for
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.records import Bools, Floats, Ints

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
 from upplied.planning.demonstration.repetition import Take
-from upplied.planning.geometry.boxes import spacing
+from upplied.planning.geometry.clouds import spacing
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Bools, Cloud, Demonstration, Floats
 from upplied.samples.pilot import fly

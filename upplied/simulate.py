@@ -23,10 +23,9 @@ from upplied.planning.measures.evaluate import judge
 from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,
+    in_declared,
+    in_frame,
     structure_in,
-    supposed_from,
-    surface_from,
-    trajectory_in,
 )
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.records import Demonstration, Floats, Plan, Structure, Trajectory
@@ -147,14 +146,14 @@ def measure_flown(
         told = [one for one in siblings if one.structure_id == plan.parts_told_by]
         pair = study(structure_in(here, source), structure_in(there, target), settings, memo, told)
         takes = takes_of(demonstration_in(here, demonstration), pair, settings, memo)
-        found, surface, warnings = judge(trajectory_in(there, flown), None, takes, settings)
+        found, surface, warnings = judge(in_frame(there, flown), None, takes, settings)
     return replace(
         plan,
         trajectory=flown,
         is_viewpoint=None,
         measures=found,
-        surface=surface_from(there, surface),
-        supposed=supposed_from(there, pair.supposed),
+        surface=in_declared(there, surface),
+        supposed=in_declared(there, pair.supposed),
         warnings=warnings,
     )
 

@@ -32,7 +32,7 @@ MODULES = {
         "upplied.planning.correspondence.pair",
         "upplied.planning.correspondence.siblings",
         "upplied.planning.correspondence.registration",
-        "upplied.planning.correspondence.nearest",
+        "upplied.planning.correspondence.correspondences",
         "upplied.planning.visibility.line_of_sight",
         "upplied.planning.demonstration.viewpoints",
         "upplied.planning.carry.affine",

@@ -18,7 +18,8 @@ from upplied.outputs.missions.reading import planned
 from upplied.outputs.missions.ways import default_home
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.correspondence.never_scanned import never_scanned, supposed_surface
+from upplied.planning.correspondence.fit import Fit
+from upplied.planning.correspondence.never_scanned import never_scanned
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import from_yaw_pitch
 from upplied.records import Plan, Registration, Structure, SupposedSurface, Surroundings, Trajectory
@@ -39,10 +40,8 @@ def lost_end(standing: bool = False) -> tuple[Structure, Structure, SupposedSurf
     whole, scan = (upright(each) if standing else each for each in (body(), cut(body())))
     whole, scan = (replace(each, placement=PLACE) for each in (whole, scan))
     clouds = settings_for("recommended").clouds
-    (one, here), (other, there) = (
-        (scene_of(each), surface_samples(each, scene_of(each), clouds)) for each in (whole, scan)
-    )
-    supposed = supposed_surface(never_scanned(whole, one, here, scan, other, there, SAME))
+    here, there = (surface_samples(each, scene_of(each), clouds) for each in (whole, scan))
+    supposed = never_scanned(whole, scan, Fit(here, there, SAME)).supposed
     assert supposed is not None
     return whole, scan, supposed
 

@@ -92,7 +92,7 @@ def test_the_repetition_on_the_other_side_is_the_mirrored_flight(fleet, degrees)
 
 def test_mirroring_minds_where_left_is_in_another_frame(fleet):
     from upplied.planning.demonstration.repetition import mirrored
-    from upplied.planning.surface.frames import demonstration_in, structure_in, trajectory_from
+    from upplied.planning.surface.frames import demonstration_in, in_declared, structure_in
     from upplied.records import Frame
 
     plane = fleet["a320-v1"]
@@ -101,6 +101,6 @@ def test_mirroring_minds_where_left_is_in_another_frame(fleet):
     for degrees in (90.0, 180.0, -90.0):
         frame = Frame(np.radians(degrees), np.array([3.0, 1.0, 0.0]))
         there = mirrored(demonstration_in(frame, flight), structure_in(frame, plane))
-        back = trajectory_from(frame, there.trajectory)
+        back = in_declared(frame, there.trajectory)
         np.testing.assert_allclose(back.positions, straight.positions, atol=1e-5)
         np.testing.assert_allclose(np.abs(np.sum(back.quat_xyzw * straight.quat_xyzw, axis=1)), 1, atol=1e-6)

@@ -10,7 +10,7 @@ import pytest
 
 from upplied.config import CloudSettings, settings_for
 from upplied.errors import SettingsError
-from upplied.planning.correspondence import agreement
+from upplied.planning.correspondence import certainty as probabilities
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.demonstration.about import zone_of
 from upplied.planning.surface.samples import surface_samples
@@ -123,9 +123,9 @@ def test_the_least_certain_part_of_a_zone_speaks_for_it(monkeypatch):
         asked.append((part, answers, acceptance, told))
         return part
 
-    monkeypatch.setattr(agreement, "evidence_of_counterpart", evidence)
+    monkeypatch.setattr(probabilities, "evidence_of_counterpart", evidence)
     monkeypatch.setattr(
-        agreement, "probability", lambda parts, *_: {0: 0.9, 1: 0.5, 2: 0.1, 3: 0.7}[parts[0]]
+        probabilities, "probability", lambda parts, *_: {0: 0.9, 1: 0.5, 2: 0.1, 3: 0.7}[parts[0]]
     )
     here = fit(ROW, ROW, np.arange(20), LINE)
     assert _probability(here, np.arange(20) < 10) == 0.5
@@ -136,8 +136,8 @@ def test_the_least_certain_part_of_a_zone_speaks_for_it(monkeypatch):
 
 
 def test_of_a_zone_over_many_parts_the_largest_is_asked_about(monkeypatch):
-    monkeypatch.setattr(agreement, "evidence_of_counterpart", lambda source, part, *_: part)
-    monkeypatch.setattr(agreement, "probability", lambda parts, *_: 0.3 if parts == [18] else 0.0)
+    monkeypatch.setattr(probabilities, "evidence_of_counterpart", lambda source, part, *_: part)
+    monkeypatch.setattr(probabilities, "probability", lambda parts, *_: 0.3 if parts == [18] else 0.0)
     each = Cloud(LINE, None, None, np.concatenate([np.arange(18), [18, 18]]))
     there = fit(each, ROW, np.arange(20), LINE)
     match = replace(there.correspondences, source_class=np.arange(19), target_class=np.arange(19))

@@ -13,7 +13,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.required import zones_of
 from upplied.config import digest, focal_px
 from upplied.outputs.zones import flown_rows, looked
-from upplied.planning.geometry.boxes import spacing
+from upplied.planning.geometry.clouds import spacing
 from upplied.proof.asking import Asking
 from upplied.proof.gap import square_metres
 from upplied.proof.zone_gap import ZoneGap

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -31,15 +32,11 @@ from upplied.planning.measures.verdict import in_the_way, odd_shape, shortfalls
 from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,
-    photos_from,
+    in_declared,
+    in_frame,
     registration_from,
-    required_in,
     structure_in,
-    supposed_from,
-    surface_from,
-    trajectory_from,
 )
-from upplied.planning.surface.sizes import odd_size, wrong_size
 from upplied.planning.trajectory.propose import propose
 from upplied.provenance import method
 from upplied.records import Bools, Demonstration, Floats, Measures, Photos, Plan, Structure, Trajectory
@@ -96,18 +93,23 @@ def plan_transfer(
             structure_in(there, target),
             settings,
             memo,
-            None if required is None else required_in(there, required),
+            None if required is None else in_frame(there, required),
             siblings,
         )
-    return replace(
-        plan,
-        trajectory=trajectory_from(there, plan.trajectory),
-        surface=surface_from(there, plan.surface),
-        inspected=surface_from(here, plan.inspected),
-        supposed=supposed_from(there, plan.supposed),
-        photos=photos_from(there, plan.photos),
-        registration=registration_from(here, there, plan.registration),
-    )
+    of_target = ("trajectory", "surface", "supposed", "photos")
+    moved: dict[str, Any] = {name: in_declared(there, getattr(plan, name)) for name in of_target}
+    moved["inspected"] = in_declared(here, plan.inspected)
+    return replace(plan, **moved, registration=registration_from(here, there, plan.registration))
+
+
+def _sizes_beyond(source: Structure, target: Structure, most: float, setting: str) -> str:
+    """That two structures differ by more than so many times in size, in words; empty where they do not."""
+    sizes = (source.diagonal_m, target.diagonal_m)
+    ratio = float(max(sizes) / max(min(sizes), 1e-9))
+    if ratio <= most:
+        return ""
+    given = f"the target is {target.diagonal_m:.3g} m across, the source {source.diagonal_m:.3g} m"
+    return f"{given}: {ratio:.1f} times, more than {most:g} (verdict.{setting}); check their units"
 
 
 def _begun(demonstration: Demonstration, source: Structure, target: Structure, settings: Settings) -> Plan:
@@ -120,11 +122,12 @@ def _begun(demonstration: Demonstration, source: Structure, target: Structure, s
         status="ok",
     )
     # Are they of like size, or was a unit mistaken?
-    sizes = wrong_size(source, target, settings)
-    if sizes and settings.verdict.enforce:
-        return replace(plan, status="refused", reason="; ".join(sizes))
-    warnings = () if sizes else odd_size(source, target, settings)
-    return replace(plan, warnings=warnings, not_flyable="; ".join(sizes))
+    rule = settings.verdict
+    wrong = _sizes_beyond(source, target, rule.most_size_ratio, "most_size_ratio")
+    if wrong and rule.enforce:
+        return replace(plan, status="refused", reason=wrong)
+    odd = "" if wrong else _sizes_beyond(source, target, rule.odd_size_ratio, "odd_size_ratio")
+    return replace(plan, warnings=(odd,) if odd else (), not_flyable=wrong)
 
 
 def _on_pair(

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.planning.correspondence.by_parts import facing_nearest
-from upplied.planning.correspondence.describe import place_of
+from upplied.planning.correspondence.correspondences import facing_nearest
+from upplied.planning.correspondence.naming import place_of
 from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
-from upplied.planning.geometry.boxes import diagonal_of, in_source_frame
+from upplied.planning.geometry.clouds import diagonal_of, in_source_frame
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.planning.visibility.observations import Views
 from upplied.polylines import chosen_evenly

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numba import njit
 
-from upplied.planning.geometry.boxes import spacing
+from upplied.planning.geometry.clouds import spacing
 from upplied.planning.visibility.observations import TRULY
 from upplied.records import Bools, Camera, Cloud, Floats, Ints
 

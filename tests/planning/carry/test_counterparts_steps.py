@@ -27,7 +27,7 @@ from upplied.planning.carry.counterparts import (
     doubts,
 )
 from upplied.planning.carry.missing_parts import missing_of
-from upplied.planning.correspondence import agreement
+from upplied.planning.correspondence import certainty as probabilities
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.never_scanned import NOTHING_MISSING, NeverScanned
 from upplied.planning.demonstration.repetition import Attended, Take
@@ -225,12 +225,12 @@ def certain(of: dict[int, float], others: float, monkeypatch: pytest.MonkeyPatch
     """Probabilities by the target's part, and of another of its kind beside a chosen one; who is asked."""
     asked: list[Any] = []
     monkeypatch.setattr(
-        agreement,
+        probabilities,
         "evidence_of_counterpart",
         lambda *given: asked.append(given[3:6]) or ("answer", given[3]),
     )
     monkeypatch.setattr(counterparts, "evidence_of_same_kind", lambda *given: ("other", given[1:3]))
-    monkeypatch.setattr(agreement, "probability", lambda found, *_: of[found[1][0]])
+    monkeypatch.setattr(probabilities, "probability", lambda found, *_: of[found[1][0]])
     monkeypatch.setattr(counterparts, "probability", lambda found, _: others)
     return asked
 

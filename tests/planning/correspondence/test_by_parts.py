@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.planning.correspondence.by_parts import (
+from upplied.planning.correspondence.coherent_point_drift import Patch
+from upplied.planning.correspondence.correspondences import (
     _claimed,
     _continues,
     _off,
@@ -13,14 +14,12 @@ from upplied.planning.correspondence.by_parts import (
     _on_skin,
     _smooth_field,
     _without,
-    by_parts,
     carried_by,
     facing_nearest,
 )
-from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.surface.parts import Parts
-from upplied.records import Bools, Cloud, Displacement, Floats, Ints, Registration
+from upplied.records import Bools, Cloud, Displacement, Floats, Ints
 
 DIAGONAL, FACING = 20.0, 0.03 * 20.0
 
@@ -172,11 +171,3 @@ def test_a_part_moves_only_where_that_brings_it_clearly_nearer() -> None:
     assert off.mean() < 0.3 * before.mean()
     np.testing.assert_allclose(found.normals, placed.normals)
     assert np.array_equal(found.label, label)
-
-
-def test_without_normals_parts_cannot_be_told_apart() -> None:
-    some, same = Cloud(np.eye(3)), Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
-    whole = Cloud(np.eye(3), np.eye(3))
-    for pair in ((some, whole), (whole, some)):
-        with pytest.raises(ValueError, match="normals"):
-            by_parts(*pair, same)

@@ -10,9 +10,9 @@ import pytest
 
 from upplied.config import CorrespondenceSettings, settings_for
 from upplied.errors import SettingsError
-from upplied.planning.correspondence.nearest import correspond
+from upplied.planning.correspondence.correspondences import correspond
 from upplied.planning.correspondence.registration import register
-from upplied.planning.geometry.boxes import box_scale
+from upplied.planning.geometry.clouds import box_scale
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Correspondences, Registration
 from upplied.samples.correspondence import true_counterparts

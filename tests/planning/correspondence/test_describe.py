@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from upplied.planning.correspondence.describe import place_in, place_of, summary_of
+from upplied.planning.correspondence.naming import place_in, place_of, summary_of
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.surface.parts import Parts
 from upplied.records import Floats

@@ -11,7 +11,7 @@ import pytest
 from upplied.config import settings_for
 from upplied.planning.correspondence.label_transfer import fragments, has_parts, parts_like
 from upplied.planning.correspondence.registration import box_on_box
-from upplied.planning.geometry.boxes import in_source_frame
+from upplied.planning.geometry.clouds import in_source_frame
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.records import Cloud, Structure

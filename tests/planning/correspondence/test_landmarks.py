@@ -9,8 +9,8 @@ from made_clouds import boxes as sampled_boxes
 
 from upplied.config import CorrespondenceSettings
 from upplied.errors import RefusedError, SettingsError
-from upplied.planning.correspondence.landmarks import choices_for, pinned_parts, side_of
-from upplied.planning.correspondence.nearest import correspond, nearest
+from upplied.planning.correspondence.correspondences import correspond, nearest
+from upplied.planning.correspondence.naming import choices_for, pinned_parts, side_of
 from upplied.planning.surface.parts import parts_of
 from upplied.records import Cloud, Floats, Registration
 

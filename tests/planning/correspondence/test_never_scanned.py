@@ -10,17 +10,16 @@ from made_scans import END, as_cloud, body, cut
 
 from upplied.config import settings_for
 from upplied.planning.correspondence.fit import Fit
-from upplied.planning.correspondence.memo import no_memo
 from upplied.planning.correspondence.never_scanned import (
     NOTHING_MISSING,
     NeverScanned,
-    missing_from,
     never_scanned,
     supposed_surface,
     without,
 )
+from upplied.planning.correspondence.pair import surfaces_of
 from upplied.planning.surface.samples import surface_samples
-from upplied.records import Cloud, Correspondences, Registration, Structure
+from upplied.records import Cloud, Correspondences, Floats, Registration, Structure, SupposedSurface
 from upplied.scene import Scene, scene_of
 from upplied.supposed_scene import obstacle, scene_for, with_supposed
 
@@ -33,20 +32,30 @@ def samples(structure: Structure) -> Cloud:
 
 
 def missing_of(source: Structure, target: Structure) -> NeverScanned:
-    scenes = scene_of(source), scene_of(target)
-    return never_scanned(source, scenes[0], samples(source), target, scenes[1], samples(target), SAME)
+    return never_scanned(source, target, fit_of(source, target, SAME))
+
+
+def fit_of(source: Structure, target: Structure, registration: Registration) -> Fit:
+    return Fit(samples(source), samples(target), registration)
+
+
+def likely(found: NeverScanned) -> tuple[Floats, Floats]:
+    assert found.supposed is not None
+    mine = found.supposed.likely
+    return found.supposed.points[mine], found.supposed.normals[mine]
 
 
 @pytest.mark.parametrize("form", ["mesh", "cloud"])
 def test_the_end_that_was_not_scanned_is_found_and_nothing_else(form: str) -> None:
     scan = cut(body()) if form == "mesh" else as_cloud(cut(body()))
     found, here = missing_of(body(), scan), samples(body())
-    assert (found.points[:, 0] > END).all()
+    points, _ = likely(found)
+    assert (points[:, 0] > END).all()
     lacks = here.points[:, 0] > END
     assert found.area_m2 == pytest.approx(here.areas[lacks].sum(), rel=0.2)
     assert np.isin(np.flatnonzero(here.points[:, 0] > END + 1.2), found.beyond).all()
     # Nothing moved: what is missing is supposed where it is.
-    assert np.abs(found.points - here.points[found.beyond]).max() < 0.1
+    assert np.abs(points - here.points[found.beyond]).max() < 0.1
     assert found.error_m < 0.1
     opening = samples(scan).points[found.opening]
     assert opening[:, 0].max() > END - 0.5 and opening[:, 0].min() > -4  # it shows a long way in
@@ -57,16 +66,15 @@ def test_nothing_is_missing_of_what_is_closed(form: str) -> None:
     whole = body() if form == "mesh" else as_cloud(body())
     found = missing_of(body(), whole)
     assert not len(found.beyond) and not len(found.opening)
-    assert supposed_surface(found) is None and scene_for(whole, None) is scene_of(whole)
+    assert found.supposed is None and scene_for(whole, None) is scene_of(whole)
 
 
 def test_only_a_scan_is_asked_what_was_never_scanned_of_it() -> None:
-    hull, here, none = cut(body()), samples(body()), np.empty(0, np.int64)
+    hull = cut(body())
     for surface in ("scanned", "drawn", None):
         target = replace(hull, surface=surface)
-        there, scenes = samples(target), (scene_of(body()), scene_of(target))
-        fit = Fit(here, there, SAME, Correspondences(none, none * 1.0, np.empty((0, 3)), ""))
-        found = missing_from(fit, (body(), target), scenes, CLOUDS, no_memo)
+        task = surfaces_of(body(), target, settings_for("recommended"))
+        found = task.missing(Fit(*task.clouds, SAME))
         assert (len(found.beyond) > 0) == (surface == "scanned")
         assert (found is NOTHING_MISSING) == (surface != "scanned")
 
@@ -77,27 +85,29 @@ def test_what_is_open_on_both_was_meant_to_be() -> None:
     assert not len(found.beyond) and not len(found.opening)
 
 
-def likely_alone(found: NeverScanned) -> NeverScanned:
-    none = {
-        name: getattr(NOTHING_MISSING, name)
-        for name in ("other_points", "other_normals", "other_way", "reach_m")
+def likely_alone(found: NeverScanned) -> SupposedSurface | None:
+    surface = found.supposed
+    assert surface is not None
+    rows = {
+        name: getattr(surface, name)[surface.likely]
+        for name in ("points", "normals", "corner", "radius_m", "likely")
     }
-    return replace(found, **none)
+    return replace(surface, **rows)
 
 
 def test_distances_are_from_what_may_be_there_and_rays_end_on_it() -> None:
     scan = cut(body())
     every = missing_of(body(), scan)
     found = likely_alone(every)
-    scene, true, known = scene_for(scan, supposed_surface(found)), scene_of(body()), scene_of(scan)
+    scene, true, known = scene_for(scan, found), scene_of(body()), scene_of(scan)
     places = np.random.default_rng(2).uniform([-9, -7, -3], [12, 7, 7], (20_000, 3))
     inside = np.abs(places - [0, 0, 1.5]) < [7, 2, 1.5]
     places = places[~inside.all(axis=1) & (true.distance(places) > 0.3)]
     least = scene.distance(places)
-    assert (scene_for(scan, supposed_surface(every)).distance(places) <= least).all()
+    assert (scene_for(scan, every.supposed).distance(places) <= least).all()
     assert (least <= true.distance(places) + 0.02).all()
     assert (known.distance(places) > true.distance(places) + 1).any()
-    assert (least >= true.distance(places) - found.error_m - 0.5).all()  # discs stand over edges
+    assert (least >= true.distance(places) - every.error_m - 0.5).all()  # discs stand over edges
     at, triangle = scene.closest(places)
     assert np.linalg.norm(at - places, axis=1) == pytest.approx(least, abs=1e-5)
     beyond = places[:, 0] > 9
@@ -112,35 +122,27 @@ def test_where_a_scan_may_go_on_farther_than_was_found_is_kept_clear_of_and_hide
     stretched = Registration(
         np.array([14 / 11, 1, 1]), np.eye(3), np.array([-7 + 7 * 14 / 11, 0, 0]), 0.0, True
     )
-    scenes, there = (scene_of(body()), scene_of(scan)), samples(scan)
-    found = never_scanned(body(), scenes[0], samples(body()), scan, scenes[1], there, stretched)
-    assert found.points[:, 0].max(initial=4) < 5 and found.reach_m > 1
-    assert found.other_points[:, 0].max() > 6 and found.other_points[:, 0].min() > 3
-    np.testing.assert_allclose(np.linalg.norm(found.other_normals, axis=1), 1, atol=1e-9)
-    scene = with_supposed(scenes[1], supposed_surface(found))
+    there = samples(scan)
+    found = never_scanned(body(), scan, fit_of(body(), scan, stretched))
+    supposed = found.supposed
+    assert supposed is not None
+    doubtful = supposed.points[~supposed.likely]
+    assert supposed.points[supposed.likely, 0].max(initial=4) < 5 and found.reach_m > 1
+    assert doubtful[:, 0].max() > 6 and doubtful[:, 0].min() > 3
+    np.testing.assert_allclose(np.linalg.norm(supposed.normals, axis=1), 1, atol=1e-9)
+    scene = with_supposed(scene_of(scan), supposed)
     before = np.array([[9.0, 0, 1.5]])  # 2 m before where the body ends, 5 m before the scan does
-    assert scene.distance(before)[0] < 2.5 < 4.5 < scenes[1].distance(before)[0]
+    assert scene.distance(before)[0] < 2.5 < 4.5 < scene_of(scan).distance(before)[0]
     across = np.array([[5.5, -5.0, 1.5]]), np.array([[5.5, 5.0, 1.5]])
     assert not scene.occluded(*across)[0]
-    assert len(obstacle(there, supposed_surface(found))) == len(there) + len(found.points) + len(
-        found.other_points
-    )
+    assert len(obstacle(there, supposed)) == len(there) + len(supposed.points)
 
 
 def test_a_sample_that_lies_alone_stands_for_no_more_surface_than_others() -> None:
     lone = np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0], [40, 0, 0]])
     up = np.tile([0.0, 0, 1], (5, 1))
-    missing = replace(
-        NOTHING_MISSING,
-        beyond=np.arange(5),
-        points=lone,
-        normals=up,
-        area_m2=5 * 0.25,
-        error_m=0.0,
-        spacing_m=0.5,
-    )
     far = Structure("far", "tank", np.array([[0.0, 0, -90], [1, 0, -90], [0, 1, -90]]), np.array([[0, 1, 2]]))
-    scene = with_supposed(Scene(far.vertices, far.triangles), supposed_surface(missing))
+    scene = with_supposed(Scene(far.vertices, far.triangles), supposed_surface([(lone, up)], 0.5, 0.0))
     assert scene.distance(np.array([[20.0, 0, 0]]))[0] > 15
 
 
@@ -164,22 +166,20 @@ def test_what_was_never_scanned_has_no_counterpart_unless_a_part_corresponds_els
 def test_areas_and_normals_are_those_of_the_surface_once_it_was_stretched() -> None:
     size = np.array([2.0, 0.5, 3.0])
     stretched = replace(cut(body()), vertices=cut(body()).vertices * size)
-    there = samples(stretched)
     back = Registration(1 / size, np.eye(3), np.zeros(3), 0.0, True)
-    scenes = scene_of(body()), scene_of(stretched)
-    found = never_scanned(body(), scenes[0], samples(body()), stretched, scenes[1], there, back)
+    found = never_scanned(body(), stretched, fit_of(body(), stretched, back))
     whole = replace(body(), vertices=body().vertices * size)
     assert found.area_m2 == pytest.approx(_area(whole, END * 2), rel=0.2)
-    assert np.abs(np.linalg.norm(found.normals, axis=1) - 1).max() < 1e-9
-    end = found.points[:, 0] > 13.9
-    assert end.any() and found.normals[end, 0].max() > 0.999
+    points, normals = likely(found)
+    assert np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 1e-9
+    end = points[:, 0] > 13.9
+    assert end.any() and normals[end, 0].max() > 0.999
 
 
 def test_where_nothing_lies_on_what_was_scanned_nothing_fails() -> None:
     scan = cut(body())
     far = replace(SAME, translation=np.array([200.0, 0, 0]))
-    scenes = scene_of(body()), scene_of(scan)
-    found = never_scanned(body(), scenes[0], samples(body()), scan, scenes[1], samples(scan), far)
+    found = never_scanned(body(), scan, fit_of(body(), scan, far))
     assert np.isfinite(found.error_m) and found.error_m >= 0
 
 
@@ -192,16 +192,17 @@ def _area(structure: Structure, beyond: float) -> float:
 def test_ways_round_lead_round_what_was_never_scanned() -> None:
     scan = cut(body())
     found, there = missing_of(body(), scan), samples(scan)
-    both = obstacle(there, supposed_surface(found))
-    assert len(both) == len(there) + len(found.beyond) + len(found.other_way)
+    both = obstacle(there, found.supposed)
+    assert found.supposed is not None and len(both) == len(there) + len(found.supposed.points)
+    assert found.supposed.likely.sum() == len(found.beyond)
     assert both.points[:, 0].max() > 6.5 > END + 0.5 > there.points[:, 0].max()
-    assert obstacle(there, supposed_surface(NOTHING_MISSING)) is there
+    assert obstacle(there, NOTHING_MISSING.supposed) is there
 
 
 @pytest.mark.parametrize("form", ["mesh", "cloud"])
 def test_what_a_camera_looks_at_is_what_was_scanned(form: str) -> None:
     scan = cut(body()) if form == "mesh" else as_cloud(cut(body()))
-    scene, known = scene_for(scan, supposed_surface(missing_of(body(), scan))), scene_of(scan)
+    scene, known = scene_for(scan, missing_of(body(), scan).supposed), scene_of(scan)
     places = np.random.default_rng(3).uniform([-9, -7, -3], [12, 7, 7], (500, 3))
     middle = np.array([0, 0, 1.5]) - places
     for one, other in zip(scene.cast(places, middle), known.cast(places, middle), strict=True):

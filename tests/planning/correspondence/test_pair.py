@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from made_clouds import boxes
 
-from upplied.config import Settings, settings_for
+from upplied.config import settings_for
+from upplied.planning.correspondence import fit as pair_fits
 from upplied.planning.correspondence import pair, registration
 from upplied.planning.correspondence.fit import Fit, surface_settings, voxel_settings
 from upplied.planning.correspondence.memo import content_key, no_memo, remembering, surface_key
-from upplied.planning.correspondence.pair import study_pair
+from upplied.planning.correspondence.pair import Task, study_pair
 from upplied.planning.correspondence.registration import Declared
-from upplied.planning.geometry.boxes import in_source_frame
+from upplied.planning.geometry.clouds import in_source_frame
 from upplied.records import Cloud, Correspondences, Floats, Frame, Registration, Structure
 
 RECOMMENDED, PAPER = settings_for("recommended"), settings_for("paper")
@@ -41,7 +42,7 @@ def fit_of(source: Cloud, target: Cloud, here: list[int] | None, there: list[int
 def test_the_declared_turn_is_from_the_targets_axes_to_the_sources(
     source: float, target: float, turn: float
 ) -> None:
-    found = registration._declared_turn(structure("a", source), structure("b", target))
+    found = registration.declared_for(structure("a", source), structure("b", target)).turn
     angle = np.radians(turn)
     wanted = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
     np.testing.assert_allclose(found, wanted, atol=1e-8)
@@ -51,8 +52,8 @@ def test_the_declared_turn_is_from_the_targets_axes_to_the_sources(
 
 def test_rounding_of_headings_is_no_turn() -> None:
     a, b = structure("a", 30.0), structure("b", 30.0 + 1e-9)
-    assert np.array_equal(registration._declared_turn(a, b), np.eye(3))
-    assert np.array_equal(registration._declared_turn(b, a), np.eye(3))
+    assert np.array_equal(registration.declared_for(a, b).turn, np.eye(3))
+    assert np.array_equal(registration.declared_for(b, a).turn, np.eye(3))
 
 
 def test_each_ruler_has_the_settings_of_its_preset_and_the_clouds_that_were_asked_for() -> None:
@@ -107,55 +108,47 @@ def test_crumbs_are_not_counted_as_parts() -> None:
 FIT = Registration(np.array([2.0, 1, 1]), np.eye(3), np.array([1.0, 0, 0]), 0.0, True)
 
 
-def told_by(one: int, monkeypatch: pytest.MonkeyPatch, blades: bool = False) -> tuple[Fit, dict[str, Any]]:
-    """The fit where the parts of one are inferred from the other's, and what everybody was asked."""
+def task_of(source: Cloud, target: Cloud, scans: tuple[bool, bool] = (False, False), **asked: Any) -> Task:
+    both = structure("s", is_scan=scans[0]), structure("t", is_scan=scans[1])
+    settings = settings_for("recommended", correspondence=asked)
+    return Task(*both, settings, no_memo, (source, target), Declared(), ("surface",))
+
+
+def inferred_from_other(
+    one: int, monkeypatch: pytest.MonkeyPatch, blades: bool = False
+) -> tuple[Fit, dict[str, Any]]:
+    """The fit where the parts of one are inferred from the other's, and what everybody was given."""
     clouds = boxes(HULL, FIN, number=40), boxes(HULL, POD, number=50)
-    asked: dict[str, Any] = {"matched": []}
-    label = np.arange(len(clouds[one])) % 2
+    given: dict[str, Any] = {"clouds": clouds, "label": np.arange(len(clouds[one])) % 2}
 
     def parts_like(whole: Cloud, skin: Any, known: Cloud) -> Any:
-        asked.update(whole=whole, skin=skin, known=known)
-        return label
+        given.update(whole=whole, skin=skin, known=known)
+        return given["label"]
 
     def rotor_turned(known: Cloud, whole: Cloud) -> Cloud:
-        asked.update(turned=(known, whole))
+        given.update(turned=(known, whole))
         return known
 
-    def registered(both: Any, settings: Settings, declared: Declared, memo: Any, facts: Any) -> Registration:
-        asked["registered"] = both, facts
+    def register(*of: Any) -> Registration:
+        given["registered"] = of[:2]
         return replace(FIT, acceptance=0.5)
 
-    def matched(both: Any, structures: Any, found: Registration, *rest: Any) -> Correspondences:
-        asked["matched"].append((both, found, rest[3], rest[4]))
-        return Correspondences(np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
+    def correspond(source: Cloud, target: Cloud, found: Registration, *rest: Any) -> Correspondences:
+        given["matched"] = (source, target), found, rest[0].counterparts, rest[-1]
+        return pair_fits.NOTHING
 
     monkeypatch.setattr(pair, "parts_like", parts_like)
-
-    def with_carried(fit: Fit, memo: Any, facts: Any) -> Fit:
-        asked["carried"] = np.arange(len(fit.target))
-        return replace(fit, carried=asked["carried"])
-
     monkeypatch.setattr(pair, "rotor_turned", rotor_turned)
-    monkeypatch.setattr(pair, "_with_carried", with_carried)
-    monkeypatch.setattr(pair, "skin_of", lambda *of: SimpleNamespace(of=lambda cloud: (of[0].sha256, of[2])))
+    monkeypatch.setattr(pair, "carried", lambda whole, known: np.arange(len(whole)))
+    monkeypatch.setattr(pair, "scene_of", lambda each: f"scene of {each.sha256}")
+    monkeypatch.setattr(pair, "skin_of", lambda *of: SimpleNamespace(of=lambda cloud: (of[1], of[2])))
     monkeypatch.setattr(pair, "middle_of", lambda stretch: stretch)
     monkeypatch.setattr(pair, "blades_of", lambda cloud: np.full(len(cloud), blades))
-    monkeypatch.setattr(pair, "_registered", registered)
-    monkeypatch.setattr(pair, "_matched", matched)
-    structures = structure("s"), structure("t")
-    fit = Fit(*clouds, FIT, pair.NOTHING)
-    found = pair._fit_inferred(
-        fit,
-        one,
-        structures,
-        ("scene s", "scene t"),
-        RECOMMENDED,
-        Declared(),
-        no_memo,
-        ("facts",),  # type: ignore[arg-type]
-    )
-    asked.update(clouds=clouds, label=label, fit=found)
-    return found, asked
+    monkeypatch.setattr(pair, "register", register)
+    monkeypatch.setattr(pair, "correspond", correspond)
+    task = pair._with_inferred_parts(task_of(*clouds, counterparts=(("a", "b"),)), Fit(*clouds, FIT), one)
+    assert len(task.names) == 2  # nothing of these clouds is remembered as of those without parts
+    return task.fit_labelled(one, FIT), given
 
 
 def same_points(one: Cloud, other: Floats) -> bool:
@@ -163,42 +156,59 @@ def same_points(one: Cloud, other: Floats) -> bool:
 
 
 @pytest.mark.parametrize("one", [0, 1])
-def test_the_parts_of_one_are_told_in_the_frame_of_the_source(
+def test_the_parts_of_one_are_inferred_in_the_frame_of_the_source(
     one: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found, asked = told_by(one, monkeypatch)
-    clouds = asked["clouds"]
+    fit, given = inferred_from_other(one, monkeypatch)
+    clouds = given["clouds"]
     frames = clouds[0].points, in_source_frame(clouds[1], FIT).points
-    assert same_points(asked["whole"], frames[one]) and same_points(asked["known"], frames[1 - one])
-    assert same_points(asked["turned"][0], frames[1 - one]) and same_points(asked["turned"][1], frames[one])
-    assert asked["skin"] == ("st"[one], clouds[one])
-    assert found.inferred == one and found.registration is FIT
-    both = found.source, found.target
-    assert np.array_equal(both[one].part, asked["label"]) and both[1 - one] is clouds[1 - one]
+    assert same_points(given["whole"], frames[one]) and same_points(given["known"], frames[1 - one])
+    assert same_points(given["turned"][0], frames[1 - one]) and same_points(given["turned"][1], frames[one])
+    assert given["skin"] == (f"scene of {'st'[one]}", clouds[one])
+    assert fit.inferred == one and fit.registration is FIT and "registered" not in given
+    both = fit.source, fit.target
+    assert np.array_equal(both[one].part, given["label"]) and both[1 - one] is clouds[1 - one]
     assert np.array_equal(both[one].points, clouds[one].points)
-    ((given, fit, facts, named),) = asked["matched"]
-    assert given == both and fit is FIT and facts == ("parts inferred", "facts")
-    assert np.array_equal(named, asked["carried"]) and found.carried is named
+    matched, registration_of, counterparts, named = given["matched"]
+    assert matched == both and registration_of is FIT and counterparts == ()
+    assert np.array_equal(named, np.arange(len(clouds[1]))) and fit.carried is named
 
 
 def test_where_a_rotor_stopped_otherwise_the_registration_is_made_anew(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    found, asked = told_by(1, monkeypatch, blades=True)
-    assert found.registration.acceptance == 0.5
-    assert asked["registered"] == ((found.source, found.target), ("parts inferred", "facts"))
-    assert asked["matched"][0][1] is found.registration
+    fit, given = inferred_from_other(1, monkeypatch, blades=True)
+    assert fit.registration.acceptance == 0.5
+    assert given["registered"] == (fit.source, fit.target)
+    assert given["matched"][1] is fit.registration
 
 
-def test_a_fit_depends_on_its_turn_where_there_is_one() -> None:
-    both = structure("s"), structure("t")
-    plain = pair._facts("surface", both, RECOMMENDED, Declared())
-    assert plain == ("surface", "s", "t", RECOMMENDED.clouds, RECOMMENDED.registration)
+def test_what_is_remembered_of_a_fit_depends_on_all_that_went_in() -> None:
+    keys: list[str] = []
+
+    def memo(stage: str, kind: type, key: str, compute: Any) -> Any:
+        keys.append(key)
+        return compute()
+
+    cloud = boxes(HULL)
+    task = replace(task_of(cloud, cloud), memo=memo)
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    assert pair._facts("surface", both, RECOMMENDED, Declared(turn)) == (*plain, turn.tolist())
+    others = (
+        task,
+        replace(task, declared=Declared(turn)),
+        replace(task, source=task.target),
+        replace(task, settings=replace(task.settings, clouds=replace(task.settings.clouds, seed=9))),
+        task.labelled(task.clouds, "sibling"),
+    )
+    for each in others:
+        each.remembered("stage", int, lambda: 1)
+    task.remembered("stage", int, lambda: 1, "more")
+    task.remembered("other", int, lambda: 1)
+    task.remembered("stage", int, lambda: 1)
+    assert len(set(keys)) == len(keys) - 1 and keys[-1] == keys[0]
 
 
-def told_or_not(
+def fitted(
     known: tuple[bool, bool],
     explained: list[float],
     monkeypatch: pytest.MonkeyPatch,
@@ -206,42 +216,40 @@ def told_or_not(
     **asked: Any,
 ) -> tuple[Fit, list[Any]]:
     """The fit of the surfaces where parts are known of some, and so much of them is matched, one by one."""
-    clouds = tuple(boxes(HULL, FIN, POD, number=60) if has else boxes(HULL, number=60) for has in known)
+    clouds = [boxes(HULL, FIN, POD, number=60) if has else boxes(HULL, number=60) for has in known]
     calls: list[Any] = []
     shares = iter(explained)
 
-    def fit_told(fit: Fit, one: int, *rest: Any) -> Fit:
-        calls.append(("inferred", one, rest[2].correspondence.counterparts))
-        return replace(fit, inferred=one)
+    def fit_labelled(task: Task, one: int, registration: Registration) -> Fit:
+        calls.append(("inferred", one))
+        return Fit(*task.clouds, registration, inferred=one)
 
-    def matched(both: Any, structures: Any, found: Registration, settings: Settings, *rest: Any) -> Any:
-        calls.append(("matched", settings.correspondence.counterparts, rest[2][0]))
-        return pair.NOTHING
+    def matched(task: Task, fit: Fit) -> Fit:
+        calls.append(("matched", task.settings.correspondence.counterparts, len(task.names)))
+        return fit
 
-    monkeypatch.setattr(pair, "_registered", lambda *_: FIT)
-    monkeypatch.setattr(pair, "_matched", matched)
-    monkeypatch.setattr(pair, "_fit_inferred", fit_told)
+    monkeypatch.setattr(Task, "registration", lambda _: FIT)
+    monkeypatch.setattr(Task, "matched", matched)
+    monkeypatch.setattr(Task, "fit_labelled", fit_labelled)
+    monkeypatch.setattr(pair, "_with_inferred_parts", lambda task, fit, _: task.labelled(task.clouds, "it"))
     monkeypatch.setattr(pair, "pieces_tell_parts", pair.has_parts)
     monkeypatch.setattr(pair, "explained", lambda _: next(shares))
-    monkeypatch.setattr(pair, "_with_carried", lambda fit, *_: replace(fit, carried=np.zeros(1, np.int64)))
-    settings = settings_for("recommended", correspondence=asked)
-    both = structure("s", is_scan=scans[0]), structure("t", is_scan=scans[1])
-    fit = pair._surface_fit(clouds, both, (None, None), settings, Declared(), no_memo)  # type: ignore[arg-type]
-    return fit, calls
+    monkeypatch.setattr(Task, "with_carried", lambda _, fit: replace(fit, carried=np.zeros(1, np.int64)))
+    return pair.surface_fit(task_of(clouds[0], clouds[1], scans, **asked)), calls
 
 
-PLAIN = ("matched", (), "surface")
+PLAIN = ("matched", (), 1)
 
 
 def test_pieces_that_explain_most_are_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    fit, calls = told_or_not((True, True), [0.6], monkeypatch, scans=(True, True))
+    fit, calls = fitted((True, True), [0.6], monkeypatch, scans=(True, True))
     assert calls == [PLAIN] and fit.inferred == -1 and fit.carried is not None
 
 
 def test_pieces_of_what_was_drawn_are_believed_however_little_they_explain(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    fit, calls = told_or_not((True, True), [0.0], monkeypatch)
+    fit, calls = fitted((True, True), [0.0], monkeypatch)
     assert calls == [PLAIN] and fit.inferred == -1 and fit.carried is not None
 
 
@@ -250,47 +258,47 @@ def test_pieces_of_what_was_drawn_are_believed_however_little_they_explain(
 def test_parts_of_a_scan_told_by_geometry_must_explain_clearly_more(
     inferred: float, taken: bool, scans: tuple[bool, bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fit, calls = told_or_not((True, True), [0.49, inferred, 0.49], monkeypatch, scans)
-    assert calls == [PLAIN, ("inferred", 1, ())] and fit.inferred == (1 if taken else -1)
+    fit, calls = fitted((True, True), [0.49, inferred, 0.49], monkeypatch, scans)
+    assert calls == [PLAIN, ("inferred", 1)] and fit.inferred == (1 if taken else -1)
 
 
 @pytest.mark.parametrize(("known", "one"), [((True, False), 1), ((False, True), 0)])
 def test_a_surface_of_one_piece_has_its_parts_told_by_the_other(
     known: tuple[bool, bool], one: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fit, calls = told_or_not(known, [0.0], monkeypatch, counterparts=(("a", "b"),))
-    assert calls == [("inferred", one, ()), ("matched", (("a", "b"),), "parts inferred")]
+    fit, calls = fitted(known, [0.0], monkeypatch, counterparts=(("a", "b"),))
+    assert calls == [("inferred", one), ("matched", (("a", "b"),), 2)]
     assert fit.inferred == one and fit.carried is None
 
 
 def test_two_surfaces_of_one_piece_have_no_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    fit, calls = told_or_not((False, False), [], monkeypatch)
+    fit, calls = fitted((False, False), [], monkeypatch)
     assert calls == [PLAIN] and fit.inferred == -1 and fit.carried is None
 
 
 def test_what_is_published_stands_as_the_surfaces_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: dict[str, Any] = {}
+    given: dict[str, Any] = {}
     quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     half = quarter @ quarter
-    surface = replace(FIT, rotation=quarter, turn=half)
+    cloud = boxes(HULL, number=60)
+    surface = Fit(cloud, cloud, replace(FIT, rotation=quarter, turn=half))
+    supposed = SimpleNamespace(supposed="what is missing")
+
+    def registration_of(task: Task) -> Registration:
+        given[task.names] = task
+        return FIT
+
     monkeypatch.setattr(pair, "scene_of", lambda each: f"scene of {each.sha256}")
-    monkeypatch.setattr(pair, "_voxels", lambda each, *_: f"voxels of {each.sha256}")
-    monkeypatch.setattr(pair, "samples_of", lambda each, *_: f"samples of {each.sha256}")
-    monkeypatch.setattr(
-        pair, "_surface_fit", lambda *of: asked.update(surface=of) or Fit("", "", surface, "")
-    )  # type: ignore[arg-type]
-    monkeypatch.setattr(pair, "_fit", lambda *of: asked.update(voxels=of) or "published")
-    monkeypatch.setattr(pair, "missing_from", lambda *_: "missing")
+    monkeypatch.setattr(pair, "_voxels", lambda each, *_: cloud)
+    monkeypatch.setattr(pair, "samples_of", lambda each, *_: cloud)
+    monkeypatch.setattr(pair, "surface_fit", lambda _: surface)
+    monkeypatch.setattr(Task, "registration", registration_of)
+    monkeypatch.setattr(Task, "matched", lambda _, fit: fit)
+    monkeypatch.setattr(Task, "missing", lambda *_: supposed)
     monkeypatch.setattr(pair, "without", lambda match, *_: match)
-    monkeypatch.setattr(pair, "supposed_surface", lambda missing: f"what is {missing}")
     monkeypatch.setattr(pair, "with_supposed", lambda scene, supposed: f"{scene} and {supposed}")
     for settings, turn in ((RECOMMENDED, quarter @ half), (PAPER, np.eye(3))):
         found = study_pair(structure("s"), structure("t"), settings)
-        assert found.voxels == "published" and found.surface.registration is surface
-        assert found.source_scene == "scene of s"
-        assert found.target_scene == "scene of t and what is missing"
-        assert asked["surface"][0] == ("samples of s", "samples of t")
-        assert asked["surface"][2] == ("scene of s", "scene of t")
-        assert asked["voxels"][1] == ("voxels of s", "voxels of t")
-        assert np.array_equal(asked["voxels"][4].turn, turn)
-        assert np.array_equal(asked["surface"][4].turn, np.eye(3))
+        assert found.surface.registration is surface.registration and found.source_scene == "scene of s"
+        assert found.target_scene == "scene of t and what is missing" and found.supposed == "what is missing"
+        assert np.array_equal(given[("voxels",)].declared.turn, turn)

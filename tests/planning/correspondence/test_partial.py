@@ -11,7 +11,7 @@ from upplied.config import settings_for
 from upplied.planning.correspondence.misfit import misfit_of
 from upplied.planning.correspondence.partial import as_likely, is_open, registered_partly
 from upplied.planning.correspondence.registration import box_on_box, fitted, register
-from upplied.planning.geometry.boxes import diagonal_of
+from upplied.planning.geometry.clouds import diagonal_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Registration
 from upplied.samples.fleet import member

@@ -12,8 +12,7 @@ from moved_scenes import about_z
 from upplied.config import settings_for
 from upplied.planning.correspondence.misfit import misfit_of
 from upplied.planning.correspondence.registration import box_on_box, fitted, published, register
-from upplied.planning.geometry.boxes import in_source_frame
-from upplied.planning.geometry.icp import icp
+from upplied.planning.geometry.clouds import icp, in_source_frame
 from upplied.records import Cloud
 
 PAPER = settings_for("paper").registration

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from upplied.config import CloudSettings, settings_for
 from upplied.planning.correspondence.orientation import _cost, _Few
 from upplied.planning.correspondence.registration import register
-from upplied.planning.geometry.boxes import box_scale
-from upplied.planning.geometry.icp import icp, mean_squared_nn_distance, rigid_fit
+from upplied.planning.geometry.clouds import box_scale, icp, mean_squared_nn_distance, rigid_fit
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud
 from upplied.samples.fleet import member

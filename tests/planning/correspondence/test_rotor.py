@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
 from upplied.planning.correspondence.pair import study_pair
-from upplied.planning.correspondence.rotor import _about, _hub, _in_box_of, rotor_turned
+from upplied.planning.correspondence.part_alignment import _hub, _in_box_of, rotor_turned
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import member
@@ -51,14 +51,6 @@ def test_the_hub_is_amid_the_blades_and_its_axis_across_them_all() -> None:
     middle, axis = _hub(flat @ tilt.T + [5.0, 6, 7], np.repeat([4, 2, 9], [40, 40, 90]))
     assert middle == pytest.approx(np.array([5.0, 6, 7]))
     assert abs(axis @ tilt[:, 0]) == pytest.approx(1)
-
-
-def test_a_turn_about_an_axis_is_that_of_its_rotation_vector() -> None:
-    axis = np.array([2.0, -1, 3]) / np.sqrt(14)
-    for angle in (0.0, 0.7, 2.0, 4.0):
-        np.testing.assert_allclose(
-            _about(axis, angle), Rotation.from_rotvec(angle * axis).as_matrix(), atol=1e-12
-        )
 
 
 def test_a_cloud_is_laid_with_its_box_on_anothers() -> None:

@@ -16,12 +16,12 @@ from made_structures import one_piece
 from upplied import simulate
 from upplied.config import settings_for
 from upplied.planning import plan as planning
-from upplied.planning.correspondence import agreement
+from upplied.planning.correspondence import certainty as probabilities
 from upplied.planning.correspondence import siblings as telling
-from upplied.planning.correspondence.agreement import certainty, named_by
+from upplied.planning.correspondence.certainty import certainty, named_by
 from upplied.planning.correspondence.fit import Fit, Told
 from upplied.planning.correspondence.label_transfer import has_parts
-from upplied.planning.correspondence.pair import study_pair
+from upplied.planning.correspondence.pair import Task, study_pair, surfaces_of
 from upplied.planning.correspondence.siblings import nearest_in_proportions, study
 from upplied.planning.plan import decided, transfer_key
 from upplied.planning.surface.parts import labels_of
@@ -148,9 +148,9 @@ def believed(by_source: float, by_way: float, agrees: tuple[bool, bool], monkeyp
     """How certain a counterpart is that the pair says with 0.7, where others say what is given."""
     cloud = Cloud(np.arange(12.0).reshape(4, 3), None, np.ones(4), np.array([0, 0, 1, 1]))
     some = {True: np.array([True, True, False, False]), False: np.array([False, False, True, True])}
-    monkeypatch.setattr(agreement, "_by_fit", lambda *_: 0.7)
-    monkeypatch.setattr(agreement, "_by_source", lambda *_: (some[agrees[0]], by_source))
-    monkeypatch.setattr(agreement, "_by_way_of_sibling", lambda *_: (some[agrees[1]], by_way))
+    monkeypatch.setattr(probabilities, "_by_fit", lambda *_: 0.7)
+    monkeypatch.setattr(probabilities, "_by_source", lambda *_: (some[agrees[0]], by_source))
+    monkeypatch.setattr(probabilities, "_by_way_of_sibling", lambda *_: (some[agrees[1]], by_way))
     return certainty(SimpleNamespace(told=True, target=cloud, carried=1), 0, [0])  # type: ignore[arg-type]
 
 
@@ -183,12 +183,12 @@ def told_fit(route: dict[int, list[int]], back: bool = False) -> Any:
 def test_the_way_by_a_sibling_is_as_certain_as_both_steps(
     back: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(agreement, "_by_fit", lambda *_: 0.9)
-    there, sure = agreement._by_way_of_sibling(told_fit({5: [2, 3]}, back), 0)
+    monkeypatch.setattr(probabilities, "_by_fit", lambda *_: 0.9)
+    there, sure = probabilities._by_way_of_sibling(told_fit({5: [2, 3]}, back), 0)
     assert np.flatnonzero(there).tolist() == [2, 3] and sure == pytest.approx(0.81)
-    there, sure = agreement._by_way_of_sibling(told_fit({}, back), 0)  # the target has none, it says
+    there, sure = probabilities._by_way_of_sibling(told_fit({}, back), 0)  # the target has none, it says
     assert not there.any() and sure == pytest.approx(0.9)
-    there, sure = agreement._by_way_of_sibling(told_fit({5: [2]}, back), 1)  # it knows of no such part
+    there, sure = probabilities._by_way_of_sibling(told_fit({5: [2]}, back), 1)  # it knows of no such part
     assert not there.any() and sure == 0
 
 
@@ -313,20 +313,14 @@ def test_of_many_alike_those_that_come_first_by_name_are_the_nearest() -> None:
 def test_the_sibling_that_lies_best_is_taken(
     modelled: bool, found: dict[str, float], expected: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = []
+    def task(one: str) -> Any:
+        lies = SimpleNamespace(scanned=abs(found[one]), accepted=found[one] > 0)
+        return SimpleNamespace(registration=lambda: lies)
 
-    def registered(one: Any, scan: Any, *_: Any) -> Any:
-        asked.append((one.structure_id, scan.structure_id))
-        badly = found[one.structure_id]
-        return SimpleNamespace(scanned=abs(badly), accepted=badly > 0)
-
-    monkeypatch.setattr(telling, "surfaces_registered", registered)
-    s, t, one, two = (SimpleNamespace(structure_id=name) for name in ("s", "t", "one", "two"))
-    best = telling._best([one, two], s, t, modelled, SETTINGS, MEMO)  # type: ignore[list-item, arg-type]
-    assert (best and best.structure_id) == expected
-    scans = ["t"] if modelled else ["s", "t"]
-    pairs = [(name, scan) for name in ("one", "two") for scan in scans]
-    assert asked == [*([("s", "t")] if modelled else []), *pairs]
+    names, scans = ("one", "two"), 1 if modelled else 2
+    least = 0.8 * found["s"] if modelled else np.inf
+    best = telling._best([[task(one)] * scans for one in names], least)
+    assert (None if best is None else names[best]) == expected
 
 
 @pytest.mark.parametrize(("lost", "area", "told"), [(-1, 0.3, False), (-1, 0.005, True), (1, 0.3, True)])
@@ -342,11 +336,11 @@ def test_a_sibling_must_lose_no_part_that_the_source_finds(
         )
         return Fit(cloud, cloud, None, match)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(telling, "_tells", lambda structure, *_: structure is not SCAN)
-    monkeypatch.setattr(telling, "_best", lambda some, *_: some[0])
-    monkeypatch.setattr(telling, "surfaces", lambda *_: fit([0, 1]))
-    monkeypatch.setattr(telling, "told_surfaces", lambda *_: fit([0, lost]))
-    found = telling._told(A320, SCAN, SETTINGS, MEMO, [B777])
+    monkeypatch.setattr(telling, "_best", lambda *_: 0)
+    monkeypatch.setattr(telling, "surface_fit", lambda _: fit([0, 1]))
+    monkeypatch.setattr(Task, "fit_labelled", lambda *_: fit([0, lost]))
+    task = surfaces_of(A320, SCAN, SETTINGS, MEMO)
+    found = telling._labelled_by_best([B777], task, SETTINGS, MEMO)
     assert (found is not None) == told
 
 

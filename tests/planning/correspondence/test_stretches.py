@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from upplied.planning.correspondence.by_parts import by_parts, facing_nearest
 from upplied.planning.correspondence.coherent_point_drift import Patch, farthest_points, spread_over
+from upplied.planning.correspondence.correspondences import by_parts, facing_nearest
 from upplied.planning.correspondence.label_transfer import (
     carried,
     has_parts,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from upplied.planning.geometry.boxes import box_scale, diagonal_of, in_source_frame, spacing
+from upplied.planning.geometry.clouds import box_scale, diagonal_of, in_source_frame, spacing
 from upplied.records import Cloud, Floats, Registration
 
 

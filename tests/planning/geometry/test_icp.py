@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from upplied.planning.geometry.icp import icp, mean_squared_nn_distance, rigid_fit
+from upplied.planning.geometry.clouds import icp, mean_squared_nn_distance, rigid_fit
 from upplied.records import Floats
 from upplied.scene import open3d
 

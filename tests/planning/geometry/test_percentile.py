@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.planning.geometry.percentile import weighted_percentile
+from upplied.planning.geometry.clouds import weighted_percentile
 
 
 @pytest.mark.parametrize("percent", [0.1, 5, 25, 50, 73, 95, 100])

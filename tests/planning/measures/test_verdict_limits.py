@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -14,7 +15,7 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.measures import verdict
 from upplied.planning.measures.verdict import shortfalls
-from upplied.planning.surface.sizes import odd_size, size_ratio, wrong_size
+from upplied.planning.plan import _sizes_beyond
 from upplied.records import Measures, Structure, Surroundings, Trajectory
 from upplied.scene import Scene
 
@@ -115,18 +116,15 @@ def cube(size: float) -> Structure:
     )
 
 
-def test_sizes_are_compared_both_ways() -> None:
-    most, odd = SETTINGS.verdict.most_size_ratio, SETTINGS.verdict.odd_size_ratio
-    assert size_ratio(cube(2.0), cube(5.0)) == pytest.approx(2.5) == size_ratio(cube(5.0), cube(2.0))
-    for ratio, rule, limit in (
-        (most, wrong_size, "verdict.most_size_ratio"),
-        (odd, odd_size, "verdict.odd_size_ratio"),
-    ):
-        for pair in ((1.0, ratio * 0.999), (ratio * 0.999, 1.0)):
-            assert rule(cube(pair[0]), cube(pair[1]), SETTINGS) == ()
-        (said,) = rule(cube(1.0), cube(ratio * 1.001), SETTINGS)
-        assert f"more than {ratio:g} ({limit}); check their units" in said
-        assert said.startswith(
-            f"the target is {ratio * 1.001 * np.sqrt(3):.3g} m across, the source 1.73 m: {ratio:.1f} times"
-        )
-        assert rule(cube(ratio * 1.001), cube(1.0), SETTINGS)
+@pytest.mark.parametrize("setting", ["most_size_ratio", "odd_size_ratio"])
+def test_sizes_are_compared_both_ways(setting: str) -> None:
+    ratio = getattr(SETTINGS.verdict, setting)
+    beyond = partial(_sizes_beyond, most=ratio, setting=setting)
+    for pair in ((1.0, ratio * 0.999), (ratio * 0.999, 1.0)):
+        assert beyond(cube(pair[0]), cube(pair[1])) == ""
+    words = beyond(cube(1.0), cube(ratio * 1.001))
+    assert f"more than {ratio:g} (verdict.{setting}); check their units" in words
+    assert words.startswith(
+        f"the target is {ratio * 1.001 * np.sqrt(3):.3g} m across, the source 1.73 m: {ratio:.1f} times"
+    )
+    assert beyond(cube(ratio * 1.001), cube(1.0))

@@ -33,7 +33,7 @@ def test_a_part_has_enough_samples_however_small_it_is(part: int) -> None:
     structure, cloud = structure_and_cloud()
     meant = one_part(cloud, part)
     assert 0 < meant.sum() < FINE
-    fine, even = with_fine(structure, scene_of(structure), cloud, meant, seed=0)
+    fine, even = with_fine(structure, scene_of(structure), cloud, meant)
     mine = meant[even]
     assert mine.sum() > 0.9 * FINE
     assert off_surface(structure, fine.points) < 1e-3
@@ -47,7 +47,7 @@ def test_a_part_has_enough_samples_however_small_it_is(part: int) -> None:
 def test_elsewhere_the_even_samples_stay() -> None:
     structure, cloud = structure_and_cloud()
     meant = one_part(cloud, 3)
-    fine, even = with_fine(structure, scene_of(structure), cloud, meant, seed=0)
+    fine, even = with_fine(structure, scene_of(structure), cloud, meant)
     far = np.flatnonzero(~beside(cloud, meant))
     place = {tuple(point): row for row, point in enumerate(fine.points)}
     rows = [place[tuple(point)] for point in cloud.points[far]]
@@ -57,7 +57,7 @@ def test_elsewhere_the_even_samples_stay() -> None:
 def test_what_has_enough_samples_or_means_nothing_stays_as_it_is() -> None:
     structure, cloud = structure_and_cloud()
     for meant in (np.zeros(len(cloud), bool), np.ones(len(cloud), bool)):
-        fine, even = with_fine(structure, scene_of(structure), cloud, meant, seed=0)
+        fine, even = with_fine(structure, scene_of(structure), cloud, meant)
         assert fine is cloud and np.array_equal(even, np.arange(len(cloud)))
 
 
@@ -78,7 +78,7 @@ def test_of_a_cloud_its_own_points_are_taken() -> None:
     scan = Structure("scan", "airplane", many.points[order], np.empty((0, 3), np.int64), many.outward[order])
     even = surface_samples(scan, scene_of(scan), CloudSettings())
     meant = np.linalg.norm(even.points - cloud.points[one_part(cloud, 3)].mean(axis=0), axis=1) < 3.0
-    fine, index = with_fine(scan, scene_of(scan), even, meant, seed=0)
+    fine, index = with_fine(scan, scene_of(scan), even, meant)
     assert meant[index].sum() > 2 * meant.sum()
     known = {tuple(point) for point in scan.vertices}
     assert all(tuple(point) in known for point in fine.points[meant[index]])

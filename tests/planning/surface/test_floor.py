@@ -1,4 +1,4 @@
-"""The floor under a structure that is open below: where it lies, what is beneath it, which rays cross it."""
+"""The floor under a structure that is open below: where it lies, what is beneath it."""
 
 from __future__ import annotations
 
@@ -44,18 +44,6 @@ def test_the_floor_closes_what_the_walls_enclose() -> None:
     assert floor.beneath(np.array([[1.0, 1, floor.z_m]])).all()
 
 
-def test_rays_from_above_cross_it() -> None:
-    floor = floor_of(walls(L_SHAPE, 10.0))
-    up, down = 0.1 + 4.0, np.array([0.0, 0, -2.0])
-    origins = np.array(
-        [[2.0, 2, up], [6, 5, up], [6, 5, up], [2, 2, up], [2, 2, 0.05], [2, 2, 0.05], [-3, 2, up]]
-    )
-    ways = np.array([down, down, [-2.0, -2, -4], [0, 0, 1], down, [0, 0, 1], [2, 0, -2]])
-    assert floor.crossed(origins, ways).tolist() == [True, False, True, False, False, False, True]
-    level = floor.crossed(np.array([[2.0, 2, up]]), np.array([[1.0, 0, 0]]))
-    assert not level.any()
-
-
 def test_a_diagonal_wall_leaves_no_gap() -> None:
     turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
     floor = floor_of(walls(L_SHAPE @ turn.T, 2.0))
@@ -74,7 +62,7 @@ def test_what_the_plane_does_not_cut_has_no_floor() -> None:
     flat = Structure("flat", "box", np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     for floor in (floor_of(flat), Floor.none()):
         assert not floor.beneath(np.array([[0.0, 0, -1], [0.2, 0.2, 0], [0.5, 0.5, 0]])).any()
-        assert not floor.crossed(np.array([[0.2, 0.2, 5.0]]), np.array([[0.0, 0, -1]])).any()
+        assert not floor.covers(np.array([[0.2, 0.2]])).any()
 
 
 def test_the_cut_is_where_the_triangles_meet_the_plane() -> None:

@@ -14,14 +14,13 @@ from upplied.planning.surface.frames import (
     DECLARED,
     demonstration_in,
     frames_for,
+    in_declared,
+    in_frame,
     named_axes,
     own_frame,
     plans_in_own_frame,
     registration_from,
     structure_in,
-    surface_from,
-    trajectory_from,
-    trajectory_in,
 )
 from upplied.records import (
     Demonstration,
@@ -169,29 +168,29 @@ def test_a_flight_is_carried_there_and_back() -> None:
         np.zeros(6), abs=1e-8
     )
     assert there.sha256.startswith("def-turned-") and demonstration_in(DECLARED, before) is before
-    plain = trajectory_in(FRAME, before.trajectory)
+    plain = in_frame(FRAME, before.trajectory)
     assert plain.positions == pytest.approx(there.positions, abs=1e-6)
     assert np.abs((plain.quat_xyzw * there.quat_xyzw).sum(axis=1)) == pytest.approx(np.ones(6))
-    back = trajectory_from(FRAME, plain)
+    back = in_declared(FRAME, plain)
     assert back is not None
     assert back.positions == pytest.approx(before.positions)
     assert np.abs((back.quat_xyzw * before.quat_xyzw).sum(axis=1)) == pytest.approx(np.ones(6))
     path = Trajectory(before.trajectory.t_s, before.positions, before.quat_xyzw)
-    assert trajectory_in(DECLARED, path) is path and trajectory_from(DECLARED, path) is path
-    assert trajectory_from(FRAME, None) is None
+    assert in_frame(DECLARED, path) is path and in_declared(DECLARED, path) is path
+    assert in_declared(FRAME, None) is None
 
 
 def test_a_surface_is_carried_back() -> None:
     points, normals = np.ones((2, 3)), np.tile([0.0, 1, 0], (2, 1))
-    found = surface_from(FRAME, SurfaceStates(points, np.zeros(2, np.int64), normals))
+    found = in_declared(FRAME, SurfaceStates(points, np.zeros(2, np.int64), normals))
     assert found is not None
     assert found.points == pytest.approx(points @ about_z(33.0).T + FRAME.origin_m)
     assert found.normals == pytest.approx(normals @ about_z(33.0).T)
-    plain = surface_from(FRAME, SurfaceStates(points, np.zeros(2, np.int64)))
+    plain = in_declared(FRAME, SurfaceStates(points, np.zeros(2, np.int64)))
     assert plain is not None and plain.normals is None
-    assert surface_from(FRAME, None) is None
+    assert in_declared(FRAME, None) is None
     states = SurfaceStates(points, np.zeros(2, np.int64))
-    assert surface_from(DECLARED, states) is states
+    assert in_declared(DECLARED, states) is states
 
 
 @pytest.mark.parametrize("heading", [20.0, 100.0, 178.0, -95.0])

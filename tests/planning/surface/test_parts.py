@@ -7,7 +7,7 @@ import pytest
 from made_clouds import counterparts
 
 from upplied.planning.correspondence.coherent_point_drift import Patch
-from upplied.planning.correspondence.describe import place_of
+from upplied.planning.correspondence.naming import place_of
 from upplied.planning.correspondence.part_alignment import aligned_parts
 from upplied.planning.correspondence.part_assignment import match_parts
 from upplied.planning.surface.parts import labels_of, mesh_pieces, part_labels, parts_of

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upplied.planning.geometry.boxes import axis_ratios, box_scale
+from upplied.planning.geometry.clouds import axis_ratios, box_scale
 from upplied.poses import matrices, normalised
 from upplied.records import Cloud, Floats, Record, Registration
 

@@ -16,12 +16,16 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.carry.missing_parts import never_scanned_pct, odd_number, open_parts
 from upplied.planning.constants import COMPACT, MAJORITY
-from upplied.planning.correspondence.agreement import certainty, wholes_of
-from upplied.planning.correspondence.certainty import SAME_KIND, evidence_of_same_kind, probability
-from upplied.planning.correspondence.describe import place_of
-from upplied.planning.correspondence.landmarks import choices_for, side_of
+from upplied.planning.correspondence.certainty import (
+    SAME_KIND,
+    certainty,
+    evidence_of_same_kind,
+    probability,
+    wholes_of,
+)
+from upplied.planning.correspondence.naming import choices_for, place_of, side_of
 from upplied.planning.demonstration.repetition import Attended, Take, choices_in, inspected_parts
-from upplied.planning.geometry.boxes import diagonal_of
+from upplied.planning.geometry.clouds import diagonal_of
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of
 from upplied.records import Counterpart, Ints, Record

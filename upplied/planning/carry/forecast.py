@@ -17,8 +17,7 @@ from scipy.spatial import cKDTree
 
 from upplied.planning.constants import SAME_FACE
 from upplied.planning.demonstration.repetition import Take
-from upplied.planning.geometry.boxes import spacing
-from upplied.planning.geometry.percentile import weighted_percentile
+from upplied.planning.geometry.clouds import spacing, weighted_percentile
 from upplied.records import Cloud, Floats, Record, Registration
 from upplied.vectors import with_normals
 

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from upplied.planning.constants import LEAST_PART
-from upplied.planning.correspondence.agreement import named_by
+from upplied.planning.correspondence.certainty import named_by
 from upplied.planning.correspondence.label_transfer import unnamed_like
-from upplied.planning.correspondence.landmarks import choices_for, on_sides, side_of
+from upplied.planning.correspondence.naming import choices_for, on_sides, side_of
 from upplied.planning.demonstration.repetition import Attended
 from upplied.planning.surface.parts import Parts, labels_of
 from upplied.records import Bools, Counterpart, Ints

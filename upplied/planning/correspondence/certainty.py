@@ -4,6 +4,10 @@ Two questions are asked. Does this part correspond to that one? Then a smooth di
 should bring one onto the other. Is this part another one of its kind, an outer engine beside the inner
 one? Then it should have its shape and its size. Each is logistic in its evidence, and each weight is at least
 0: no evidence against a part ever raises its probability.
+
+Where a sibling labelled the parts, source and sibling, and sibling and target, tell by evidence of their own
+which part is which. What both ways lead to is more certain than either; where they lead to different parts,
+one of them is wrong, and each speaks against the other.
 """
 
 from __future__ import annotations
@@ -12,8 +16,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from upplied.planning.constants import MAJORITY
+from upplied.planning.correspondence.fit import Fit, Told
 from upplied.planning.correspondence.part_alignment import misfit_of_parts
-from upplied.planning.geometry.boxes import diagonal_of
+from upplied.planning.geometry.clouds import diagonal_of
 from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Cloud, Floats, Ints
 
@@ -33,6 +39,111 @@ SAME_KIND = (8.14, 1.53, 0.0, 0.0, 2.04, 0.55, 11.05)
 _DISAGREES, _DISPUTED = 0.6, 0.4
 
 
+# Evidence of a part that another way of asking brings elsewhere altogether: what is disputed is no more
+# certain than that.
+_ELSEWHERE = np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+
+
+def certainty(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = False) -> float:
+    """Probability that parts of the target correspond to a part of the source.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of surfaces with parts.
+    part : int
+        Of the source.
+    counterparts : sequence of int
+        Parts of the target, at least one.
+    alone : bool
+        Whether no other part of the target is like them.
+    """
+    sure = _by_fit(fit, part, counterparts, alone)
+    if fit.told is None:
+        return sure
+    mine, area, others = np.isin(labels_of(fit.target), counterparts), fit.target.areas, []
+    for theirs, other in (_by_source(fit.told, part), _by_way_of_sibling(fit.told, part)):
+        agrees = area[mine & theirs].sum() > MAJORITY * area[mine | theirs].sum()
+        others.append((bool(agrees), other))
+    (agrees, by_source), (alike, by_way) = others
+    sure = max(sure, by_source) if agrees else sure
+    sure = max(sure, _both(sure, by_way)) if alike else sure
+    for same, against in others:
+        if not same and against > 0:
+            sure = min(sure, _both(sure, 1 - against), probability(_ELSEWHERE, COUNTERPART))
+    return sure
+
+
+def wholes_of(fit: Fit) -> float:
+    """How badly the target fits the structure that labelled its parts, of what was scanned of it."""
+    return (fit if fit.told is None else fit.told.to_target).registration.scanned
+
+
+def named_by(fit: Fit) -> Bools:
+    """Which samples of the target (M,) lie on the part that their place on the source corresponds to."""
+    here, there = fit.correspondences.source_class, fit.correspondences.target_class
+    if fit.carried is None or here is None or there is None:
+        return np.zeros(len(fit.target), bool)
+    mine = np.where(fit.carried >= 0, here[fit.carried], -1)
+    return np.asarray((mine >= 0) & (mine == there[labels_of(fit.target)]), bool)
+
+
+def _by_fit(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = False) -> float:
+    if fit.carried is None:
+        return 0.0
+    known, match = (fit.registration.scanned, fit.inferred >= 0), fit.correspondences
+    parts = [part]
+    # Two wings may be one part of the target: together they are its counterpart.
+    if match.source_class is not None and set(match.target_parts(part).tolist()) == set(counterparts):
+        parts = np.flatnonzero(match.source_class == match.source_class[part]).tolist()
+    found = evidence_of_counterpart(fit.source, parts, fit.registered, counterparts, *known, fit.carried)
+    return probability(found, COUNTERPART, alone)
+
+
+def _both(one: float, other: float) -> float:
+    """Probability of an answer that two give who do not know of each other."""
+    right, wrong = one * other, (1 - one) * (1 - other)
+    return 0.0 if right <= 0 else right / (right + wrong)
+
+
+def _by_source(told: Told, part: int) -> tuple[Bools, float]:
+    """Which samples of the target (M,) correspond to a part as the source alone tells, and how certainly."""
+    fit = told.by_source
+    parts = [] if fit is None else fit.correspondences.target_parts(part).tolist()
+    if fit is None or not parts:
+        return np.zeros(len(told.to_target.target), bool), 0.0
+    return np.isin(labels_of(fit.target), parts), _by_fit(fit, part, parts)
+
+
+def _by_way_of_sibling(told: Told, part: int) -> tuple[Bools, float]:
+    """The same from the source to a sibling to the target; 0 where the sibling knows of no such part.
+
+    Where it has one and the target none, that is as certain as that it has.
+    """
+    if told.to_sibling is not None:
+        parts, sure = _forth(told.to_sibling, [part])
+    else:
+        assert told.to_source is not None
+        parts, sure = _back(told.to_source, part)
+    found, known = _forth(told.to_target, parts)
+    return np.isin(labels_of(told.to_target.target), found), sure * known if found else sure
+
+
+def _forth(fit: Fit, parts: Sequence[int]) -> tuple[list[int], float]:
+    """The target's parts that correspond to parts of the source, and how certain the least certain is."""
+    each = {part: fit.correspondences.target_parts(part).tolist() for part in parts}
+    sure = [_by_fit(fit, part, found) for part, found in each.items() if found]
+    return sorted({other for found in each.values() for other in found}), min(sure, default=0.0)
+
+
+def _back(fit: Fit, part: int) -> tuple[list[int], float]:
+    """The source's parts that correspond to a part of the target, likewise."""
+    every = range(int(labels_of(fit.source).max()) + 1)
+    each = {one: fit.correspondences.target_parts(one).tolist() for one in every}
+    found = [one for one, there in each.items() if part in there]
+    return found, min((_by_fit(fit, one, each[one]) for one in found), default=0.0)
+
+
 def evidence_of_counterpart(
     source: Cloud,
     parts: Sequence[int],
@@ -44,20 +155,9 @@ def evidence_of_counterpart(
 ) -> Floats:
     """Evidence against parts of the target corresponding to parts of the source, (6,); 0 is perfect.
 
-    Parameters
-    ----------
-    source, registered : Cloud
-        Samples with parts, in the source's frame and at its scale.
-    parts : sequence of int
-        Of the source: one, or all that were matched with these as one.
-    counterparts : sequence of int
-        Parts of the target.
-    wholes : float
-        `Registration.scanned`.
-    inferred : bool
-        Whether parts were inferred from those of the other structure.
-    carried : array of int, shape (M,)
-        The part of the source that a smooth displacement alone brings onto each sample of the target.
+    Both clouds are in the source's frame and at its scale. `parts` are one, or all that were matched with it
+    as one; `wholes` is `Registration.scanned`; `inferred` where parts follow from the other structure's.
+    `carried` (M,) is the part of the source that a smooth displacement brings onto each target sample.
     """
     mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(registered), counterparts)
     named = np.isin(carried, parts)

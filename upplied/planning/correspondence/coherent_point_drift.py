@@ -17,7 +17,7 @@ from numba import njit
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 
-from upplied.planning.geometry.boxes import diagonal_of
+from upplied.planning.geometry.clouds import diagonal_of
 from upplied.records import Cloud, Floats, Ints, Record, Rows
 
 _REACH = 0.12  # of the diagonal: how far a displacement is felt in the same part
@@ -26,6 +26,7 @@ _NORMALS = 4.0  # weight of one minus the cosine between normals
 _START, _END, _STEPS = 0.04, 0.006, 16  # width of the soft assignment over the diagonal, and iterations
 _OUTLIERS = 1e-3
 _LEAST_MODE = 0.01  # of a point's own pull: a weaker mode follows by less than a fiftieth, however loose
+CONTROLS, ANCHORS = 200, 450  # points of the source that move, points of the target that pull
 _MOST_SPREAD = 1000  # points of a cloud that are put in order
 
 
@@ -52,15 +53,9 @@ class Drift(Record):
 
 
 def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
-    """Displacement of `moving` onto `fixed`.
+    """Displacement of `moving`, a few hundred control points, onto `fixed`.
 
-    Parameters
-    ----------
-    moving : Patch
-        A few hundred control points; each iteration solves a system of three times as many unknowns.
-    fixed : Patch
-    diagonal_m : float
-        Size of the whole, by which all widths are measured.
+    Each iteration solves a system of three times as many unknowns; `diagonal_m` measures all widths.
     """
     reach = _REACH * diagonal_m
     modes = _modes(_kernel(moving.points, moving.label, moving.points, moving.label, reach))
@@ -95,13 +90,7 @@ def _strengths(metric: Floats, wanted: Floats, modes: Floats) -> Floats:
     """How much of each mode (R, 3): c with ``(1 + modes' metric modes) c = modes' wanted``.
 
     That is ``metric_m (kernel @ w)_m + w_m = wanted_m`` for every point m, with ``kernel = modes modes'``
-    and ``c = modes' w``.
-
-    Parameters
-    ----------
-    metric : array, shape (M, 3, 3), symmetric
-    wanted : array, shape (M, 3)
-    modes : array, shape (M, R)
+    and ``c = modes' w``. `metric` is (M, 3, 3) and symmetric, `wanted` (M, 3), `modes` (M, R).
     """
     number = modes.shape[1]
     system = np.eye(3 * number)
@@ -121,14 +110,7 @@ def spread_over(cloud: Cloud, number: int) -> Ints:
 
 @njit(cache=True)
 def farthest_points(points: Floats, number: int) -> np.ndarray:
-    """Indices (number,) of points that lie far from each other; the first is the one nearest the middle.
-
-    Parameters
-    ----------
-    points : array, shape (N, 3)
-    number : int
-        At most N.
-    """
+    """Indices (number,) of points (N, 3) that lie far from each other, the first nearest the middle."""
     total = len(points)
     middle = np.zeros(3)
     for row in range(total):
@@ -163,9 +145,6 @@ def _kernel(points: Floats, label: Ints, control: Floats, control_label: Ints, r
     return np.where(label[:, None] == control_label[None, :], near, 0.0)
 
 
-_CONTROLS, _ANCHORS = 200, 450  # points that move, and points that pull (`correspondence.by_parts`)
-
-
 def brought_onto(whole: Cloud, known: Cloud) -> Cloud:
     """A structure, `known`, by a smooth displacement brought onto another that it is registered with."""
     return replace(known, points=_displaced(_Two(whole, known)))
@@ -190,13 +169,9 @@ class _Two(Record):
 
 @lru_cache(maxsize=1)  # parts, what carries them, and what was never scanned follow from the same one
 def _displaced(two: _Two) -> Floats:
-    whole, known = two.whole, two.known
-    none = np.full(len(known), -1), np.full(len(whole), -1)
-    moving = Patch(known.points, known.outward, none[0])
-    fixed = Patch(whole.points, whole.outward, none[1])
-    found = drift(
-        moving.rows(spread_over(known, _CONTROLS)),
-        fixed.rows(spread_over(whole, _ANCHORS)),
-        diagonal_of(whole.points),
+    fixed, moving = (
+        Patch(cloud.points, cloud.outward, np.full(len(cloud), -1)) for cloud in (two.whole, two.known)
     )
-    return moving.points + found.at(moving.points, moving.label)
+    anchors = fixed.rows(spread_over(two.whole, ANCHORS))
+    field = drift(moving.rows(spread_over(two.known, CONTROLS)), anchors, diagonal_of(fixed.points))
+    return moving.points + field.at(moving.points, moving.label)

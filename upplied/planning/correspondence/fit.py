@@ -1,7 +1,4 @@
-"""Two clouds of one sort, how one is registered on the other, and what corresponds to what.
-
-`surface_settings` and `voxel_settings` say by which settings.
-"""
+"""Two clouds of one sort, how one is registered on the other, and what corresponds to what."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ import numpy as np
 
 from upplied.config import Settings, settings_for
 from upplied.planning.constants import LEAST_PART
-from upplied.planning.geometry.boxes import in_source_frame
+from upplied.planning.geometry.clouds import in_source_frame
 from upplied.planning.surface.parts import parts_of
 from upplied.records import Cloud, Correspondences, Ints, Record, Registration
 
@@ -25,12 +22,12 @@ class Fit(Record):
     source: Cloud
     target: Cloud
     registration: Registration
-    correspondences: Correspondences  # from source to target
+    correspondences: Correspondences = NOTHING  # from source to target
     # 0 or 1: the parts of the source or the target were inferred, from those of the other or of a sibling
     inferred: int = -1
     # (M,) the source's part that a smooth displacement alone brings onto each target sample, -1 where none
     carried: Ints | None = None
-    told: Told | None = None  # where a sibling told the parts: how it did
+    told: Told | None = None  # where a sibling labelled the parts
 
     @property
     def registered(self) -> Cloud:
@@ -40,14 +37,14 @@ class Fit(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Told(Record):
-    """How a sibling told the parts of a target, and of a source that does not tell its own."""
+    """The fits by which a sibling labelled the parts of a target, and of a source without parts."""
 
     sibling_id: str
     sha256: str  # of the sibling
     to_target: Fit  # from the sibling
-    to_sibling: Fit | None  # from the source, where that tells its own parts
-    to_source: Fit | None  # from the sibling, where it does not
-    by_source: Fit | None  # the pair by the source's parts alone, where it does
+    to_sibling: Fit | None  # from the source, where it has parts
+    to_source: Fit | None  # from the sibling, where the source has none
+    by_source: Fit | None  # the pair by the source's parts alone, where it has some
 
 
 def explained(fit: Fit) -> float:
@@ -68,22 +65,20 @@ def number_of_parts(cloud: Cloud) -> int:
 
 def voxel_settings(settings: Settings) -> Settings:
     """How the paper's clouds are fitted: as the preset says if it plans on them, else as published."""
-    return settings if not settings.visibility.occlusion else _with_clouds("paper", settings)
+    if not settings.visibility.occlusion:
+        return settings
+    return replace(settings_for("paper"), clouds=settings.clouds)
 
 
 def surface_settings(settings: Settings) -> Settings:
     """How the surfaces are fitted, the ruler of every preset: as `recommended` does."""
     if settings.visibility.occlusion:
         return settings
-    recommended = _with_clouds("recommended", settings)
+    recommended = settings_for("recommended")
     wanted = replace(recommended.correspondence, counterparts=settings.correspondence.counterparts)
-    return replace(recommended, correspondence=wanted)
+    return replace(recommended, clouds=settings.clouds, correspondence=wanted)
 
 
-def unasked(settings: Settings) -> Settings:
-    """The same settings, nothing said of what corresponds to what."""
+def without_counterparts(settings: Settings) -> Settings:
+    """The settings without counterparts that the user named."""
     return replace(settings, correspondence=replace(settings.correspondence, counterparts=()))
-
-
-def _with_clouds(preset: str, settings: Settings) -> Settings:
-    return replace(settings_for(preset), clouds=settings.clouds)

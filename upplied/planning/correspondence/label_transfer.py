@@ -26,7 +26,7 @@ from upplied.planning.constants import (
     TOUCH,
 )
 from upplied.planning.correspondence.coherent_point_drift import brought_onto
-from upplied.planning.geometry.boxes import diagonal_of, spacing
+from upplied.planning.geometry.clouds import diagonal_of, spacing
 from upplied.planning.surface.parts import by_size, joined_small, labels_of
 from upplied.records import Bools, Cloud, Floats, Ints
 from upplied.vectors import with_normals

@@ -17,9 +17,9 @@ from scipy.spatial import cKDTree
 
 from upplied.planning.constants import LEAST_PART, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
-from upplied.planning.correspondence.describe import place_in
+from upplied.planning.correspondence.naming import place_in
 from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
-from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
+from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Bools, Cloud, Floats, Record, Registration
 from upplied.vectors import with_normals
@@ -27,14 +27,8 @@ from upplied.vectors import with_normals
 _CELLS = 16  # along each axis of the common box
 _SAMPLES = 1000  # of each structure, asked for their distance
 FACING = 0.05  # of the diagonal: what turning a normal by a right angle counts beside distance
-_WEIGHTS = (
-    1 / 0.45,
-    1 / 0.09,
-    1 / 6,
-)  # of missing overlap, gap and stretch; each alone reaches the gate at 1
-
-
-UNTURNED = np.eye(3)
+# Of missing overlap, gap and stretch; each alone reaches the gate at 1.
+_WEIGHTS = 1 / 0.45, 1 / 0.09, 1 / 6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,6 +42,14 @@ class Misfit(Record):
     scanned: float  # the same of the target's surface alone: blind to what was never scanned
     common: float  # share of the source's cells that are at most one cell from the target's
     where: str  # what fits worst, in words; empty where nothing does
+
+    @property
+    def figures(self) -> str:
+        """The three measures in words."""
+        return (
+            f"{100 * self.overlap:.0f} % of the space is common, the surfaces are apart by "
+            f"{100 * self.gap:.1f} % of the diagonal, stretched unevenly {np.exp(self.stretch):.2f} : 1"
+        )
 
 
 def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: Floats = UNTURNED) -> Misfit:
@@ -68,10 +70,8 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
     gap = (_mean(here, forth) + gap_there) / 2
     logs = np.sort(np.log(registration.scale))
     stretch = float(np.abs(logs - logs[1]).max())
-    value, scanned = (
-        float(np.dot(_WEIGHTS, found))
-        for found in ((1 - overlap, gap, stretch), (1 - explained, gap_there, stretch))
-    )
+    value = float(np.dot(_WEIGHTS, (1 - overlap, gap, stretch)))
+    scanned = float(np.dot(_WEIGHTS, (1 - explained, gap_there, stretch)))
     worst = _worst(source, registered, forth, back, diagonal, words)
     return Misfit(overlap, gap, stretch, value, scanned, common, worst)
 
@@ -120,22 +120,23 @@ def _worst(
     source: Cloud, registered: Cloud, forth: Floats, back: Floats, diagonal_m: float, words: Floats
 ) -> str:
     """The region, of either structure, with most surface that is far from the other."""
-    sentences = []
+    most, worst = 0.0, ""
     for name, cloud, distance in (("source", source, forth), ("target", registered, back)):
-        asked = spread_over(cloud, _SAMPLES)
-        share = cloud.areas[asked] / cloud.areas[asked].sum()
+        some = spread_over(cloud, _SAMPLES)
+        share = cloud.areas[some] / cloud.areas[some].sum()
         far = distance > TOLERANCE
         if share[far].sum() < LEAST_PART:
             continue
         named = cloud.points @ words.T
-        centre, region = place_in(named, named[asked][far], share[far])
+        centre, region = place_in(named, named[some][far], share[far])
         area = 100 * share[far][region].sum()
-        gap = float(distance[far][region].max()) * diagonal_m
-        sentences.append(
-            (
+        apart_m = float(distance[far][region].max()) * diagonal_m
+        if area >= most:
+            most, worst = (
                 area,
-                f"{centre} of the {name}, {area:.0f} % of its area, has no counterpart: "
-                f"up to {gap:.1f} m away at the source's scale",
+                (
+                    f"{centre} of the {name}, {area:.0f} % of its area, has no counterpart: "
+                    f"up to {apart_m:.1f} m away at the source's scale"
+                ),
             )
-        )
-    return max(sentences)[1] if sentences else ""
+    return worst

@@ -18,8 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.planning.constants import CLEARLY_BETTER, FACING, SAME_TURN_DEG, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
-from upplied.planning.geometry.boxes import box_scale, diagonal_of
-from upplied.planning.geometry.icp import icp
+from upplied.planning.geometry.clouds import box_scale, diagonal_of, icp
 from upplied.records import Cloud, Floats, Ints, Record
 from upplied.vectors import scaled_normals
 
@@ -52,16 +51,9 @@ class _Few(Record):
 def find_orientation(
     source: Cloud, target: Cloud, search: Literal["heading", "orientation"], declared: Floats | None = None
 ) -> Orientation:
-    """Turn that brings the target onto the source best.
+    """Turn that brings the target onto the source best, about the vertical or about any axis.
 
-    Parameters
-    ----------
-    source, target : Cloud
-        Surface samples with normals.
-    search : {"heading", "orientation"}
-        About the vertical, or about any axis.
-    declared : array, shape (3, 3), optional
-        The turn that was declared; without it none.
+    `declared` (3, 3) is the turn that was declared, none without it. Samples need normals.
     """
     declared = np.eye(3) if declared is None else declared
     few, few_target = _few(source, _COARSE), _few(target, _COARSE)
@@ -70,15 +62,12 @@ def find_orientation(
     more, more_target = _few(source, _FINE), _few(target, _FINE)
     best = turns[np.argsort(rough, kind="stable")]
     refined = [_refined(more, more_target, turn, search) for turn in best[_distinct(best)[:_REFINED]]]
-    ranked = sorted(refined, key=lambda found: found[1])
-    candidates, costs = np.array([turn for turn, _ in ranked]), np.array([cost for _, cost in ranked])
+    refined.sort(key=lambda turn_and_cost: turn_and_cost[1])
+    candidates, costs = np.array([turn for turn, _ in refined]), np.array([cost for _, cost in refined])
     distinct = _distinct(candidates)
-    return _chosen(candidates[distinct], np.maximum(costs[distinct], _noise(source)), len(turns), declared)
-
-
-def _noise(source: Cloud) -> float:
-    """What two samplings of one surface cost: no orientation is better than another below it."""
-    return float(0.7 * np.sqrt(source.areas.sum() / _FINE) / diagonal_of(source.points))
+    # What two samplings of one surface cost: no orientation is better than another below it.
+    noise = 0.7 * np.sqrt(source.areas.sum() / _FINE) / diagonal_of(source.points)
+    return _chosen(candidates[distinct], np.maximum(costs[distinct], noise), len(turns), declared)
 
 
 def _chosen(turns: Floats, costs: Floats, tried: int, declared: Floats) -> Orientation:

@@ -2,35 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from upplied.config import CloudSettings, Settings, digest
 from upplied.planning.constants import CLEARLY_BETTER, MAJORITY
-from upplied.planning.correspondence.by_parts import by_displacement
+from upplied.planning.correspondence.correspondences import by_displacement, correspond, nearest
 from upplied.planning.correspondence.fit import (
-    NOTHING,
     Fit,
     explained,
     number_of_parts,
     surface_settings,
-    unasked,
     voxel_settings,
+    without_counterparts,
 )
 from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering, surface_key
-from upplied.planning.correspondence.nearest import correspond, nearest
 from upplied.planning.correspondence.never_scanned import (
+    NOTHING_MISSING,
     NeverScanned,
-    missing_from,
-    supposed_surface,
+    never_scanned,
     without,
 )
+from upplied.planning.correspondence.part_alignment import rotor_turned
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.correspondence.registration import Declared, declared_for, register
-from upplied.planning.correspondence.rotor import rotor_turned
 from upplied.planning.surface.fine import with_fine
 from upplied.planning.surface.parts import blades_of, pieces_tell_parts
 from upplied.planning.surface.samples import surface_samples
@@ -49,6 +48,8 @@ from upplied.records import (
 from upplied.scene import Scene, scene_of
 from upplied.supposed_scene import obstacle, with_supposed
 
+R = TypeVar("R")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Pair(Record):
@@ -64,9 +65,13 @@ class Pair(Record):
     target_scene: Scene
     voxels: Fit
     surface: Fit
-    missing: NeverScanned  # of the target
-    supposed: SupposedSurface | None  # where that is; `target_scene` holds it
+    missing: NeverScanned  # of the target; `target_scene` holds where that is
     grain: str = ""  # names the samples of the target's surface, where they are not its even ones
+
+    @property
+    def supposed(self) -> SupposedSurface | None:
+        """Surface where nothing of the target was scanned."""
+        return self.missing.supposed
 
     @property
     def obstacle(self) -> Cloud:
@@ -79,19 +84,17 @@ class Pair(Record):
 
     def with_samples(self, source: Grained, target: Grained) -> Pair:
         """The same pair by other samples of both surfaces; parts correspond as they did."""
-        fit = self.surface
-        cloud = source.cloud, target.cloud
-        carried = None if fit.carried is None else fit.carried[target.even]
-        fit = replace(fit, source=cloud[0], target=cloud[1], carried=carried)
-        known, found = self.surface.correspondences, self.surface.registration
-        if known.displacement is None or known.source_class is None or known.target_class is None:
-            match = nearest(*cloud, found)
+        match, registration = self.surface.correspondences, self.surface.registration
+        labels = None if self.surface.carried is None else self.surface.carried[target.even]
+        fit = replace(self.surface, source=source.cloud, target=target.cloud, carried=labels)
+        if match.displacement is None or match.source_class is None or match.target_class is None:
+            finer = nearest(fit.source, fit.target, registration)
         else:
-            matching = Matching(known.source_class, known.target_class)
-            match = by_displacement(cloud[0], fit.registered, found, matching, known.displacement)
+            matching = Matching(match.source_class, match.target_class)
+            finer = by_displacement(fit.source, fit.registered, registration, matching, match.displacement)
         beyond = np.flatnonzero(np.isin(source.even, self.missing.beyond))
-        match = without(match, replace(self.missing, beyond=beyond), *cloud, carried)
-        fit = replace(fit, correspondences=replace(match, summary=known.summary))
+        finer = without(finer, replace(self.missing, beyond=beyond), fit.source, fit.target, labels)
+        fit = replace(fit, correspondences=replace(finer, summary=match.summary))
         return replace(self, surface=fit, grain=target.key)
 
 
@@ -114,7 +117,7 @@ def grained(
     memo = remembering(memo, structure.sha256)
 
     def finer() -> Grained:
-        return Grained(*with_fine(structure, scene_of(structure), cloud, meant, clouds.seed), key)
+        return Grained(*with_fine(structure, scene_of(structure), cloud, meant), key)
 
     return memo("fine", Grained, key, finer)
 
@@ -124,66 +127,140 @@ def study_pair(source: Structure, target: Structure, settings: Settings, memo: M
 
     Both structures may be given in frames of their own (`surface.frames`).
     """
-    memo = remembering(memo, source.sha256, target.sha256)
-    scenes, clouds = (scene_of(source), scene_of(target)), settings.clouds
-    voxels = _voxels(source, clouds, memo), _voxels(target, clouds, memo)
-    declared = declared_for(source, target)
-    surface = surfaces(source, target, settings, memo)
-    stood = declared
+    return pair_of(surfaces_of(source, target, settings, memo), settings)
+
+
+def pair_of(surfaces: Task, settings: Settings, labelled: Fit | None = None) -> Pair:
+    """A pair by the fit of its surfaces, or by one whose parts a sibling labelled."""
+    source, target, memo = surfaces.source, surfaces.target, surfaces.memo
+    scenes, fit = (scene_of(source), scene_of(target)), surface_fit(surfaces)
+    missing, declared = surfaces.missing(fit), surfaces.declared
     if settings.visibility.occlusion:  # what is published knows no turn: it has the one of the surfaces
-        stood = replace(declared, turn=surface.registration.rotation @ surface.registration.turn)
-    missing = missing_from(surface, (source, target), scenes, settings.clouds, memo)
-    supposed = supposed_surface(missing)
-    clouds_known = surface.source, surface.target, surface.carried
-    surface = replace(surface, correspondences=without(surface.correspondences, missing, *clouds_known))
+        declared = replace(declared, turn=fit.registration.rotation @ fit.registration.turn)
+    clouds = _voxels(source, settings.clouds, memo), _voxels(target, settings.clouds, memo)
+    voxels = Task(source, target, voxel_settings(settings), memo, clouds, declared, ("voxels",))
+    fit = fit if labelled is None else labelled
+    match = without(fit.correspondences, missing, fit.source, fit.target, fit.carried)
     return Pair(
         source,
         target,
         scenes[0],
-        with_supposed(scenes[1], supposed),
+        with_supposed(scenes[1], missing.supposed),
         missing=missing,
-        supposed=supposed,
-        voxels=_fit("voxels", voxels, (source, target), voxel_settings(settings), stood, memo),
-        surface=surface,
+        voxels=voxels.matched(Fit(*clouds, voxels.registration())),
+        surface=replace(fit, correspondences=match),
     )
 
 
-def surfaces(source: Structure, target: Structure, settings: Settings, memo: Memo = no_memo) -> Fit:
-    """The fit of the surfaces of a pair, `Pair.surface`, alone."""
-    memo, scenes = remembering(memo, source.sha256, target.sha256), (scene_of(source), scene_of(target))
-    samples = samples_of(source, settings, memo), samples_of(target, settings, memo)
+@dataclass(frozen=True, eq=False, repr=False)
+class Task(Record):
+    """Two structures whose clouds of one sort are to be fitted, and all that the fit depends on."""
+
+    source: Structure
+    target: Structure
+    settings: Settings
+    memo: Memo
+    clouds: tuple[Cloud, Cloud]
+    declared: Declared
+    names: tuple[str, ...]  # of the clouds: their sort, and whose parts label them
+
+    def remembered(self, stage: str, kind: type[R], compute: Callable[[], R], *more: Any) -> R:
+        """A record of a stage, by all that it depends on."""
+        hashes, settings = (self.source.sha256, self.target.sha256), self.settings
+        facts = *hashes, settings.clouds, settings.registration, self.declared.turn.tolist()
+        return self.memo(stage, kind, content_key(stage, *self.names, *facts, *more), compute)
+
+    def registration(self) -> Registration:
+        """How the target lies on the source."""
+        rule = self.settings.registration
+        return self.remembered(
+            "registration", Registration, lambda: register(*self.clouds, rule, self.declared)
+        )
+
+    def matched(self, fit: Fit) -> Fit:
+        """A fit with its parts and samples matched as the settings say."""
+        rule, marks = self.settings.correspondence, (self.source.landmarks, self.target.landmarks)
+        clouds, words = (fit.source, fit.target), self.declared.words
+        match = self.remembered(
+            "correspondences",
+            Correspondences,
+            lambda: correspond(*clouds, fit.registration, rule, *marks, words, fit.carried),
+            rule,
+        )
+        return replace(fit, correspondences=match)
+
+    def with_carried(self, fit: Fit) -> Fit:
+        """A fit with the source's part that a smooth displacement brings onto each target sample."""
+        labels = self.remembered(
+            "carried", PartLabels, lambda: PartLabels(carried(fit.registered, fit.source))
+        )
+        return replace(fit, carried=labels.label)
+
+    def labelled(self, clouds: tuple[Cloud, Cloud], by: str) -> Task:
+        """The same of clouds whose parts another structure labelled."""
+        return replace(self, clouds=clouds, names=(*self.names, f"parts by {by}"))
+
+    def fit_labelled(self, one: int, registration: Registration) -> Fit:
+        """The fit of clouds of which the parts of the source (0) or the target (1) were labelled."""
+        if blades_of(self.clouds[one]).any():  # a rotor that stopped otherwise is registered body on body
+            registration = self.registration()
+        fit = self.with_carried(Fit(*self.clouds, registration, inferred=one))
+        return replace(self, settings=without_counterparts(self.settings)).matched(fit)
+
+    def missing(self, fit: Fit) -> NeverScanned:
+        """What of a fitted target was never scanned; nothing of one that is no scan."""
+        if not self.target.is_scan:
+            return NOTHING_MISSING
+        of, lies = (self.source, self.target), fit.registration
+        facts = lies.matrix.tolist(), lies.translation.tolist()
+        return self.remembered("missing", NeverScanned, lambda: never_scanned(*of, fit), *facts)
+
+    def as_named(self, fit: Fit) -> Fit:
+        """A fit, matched again where the user names counterparts."""
+        return self.matched(fit) if self.settings.correspondence.counterparts else fit
+
+
+def surfaces_of(source: Structure, target: Structure, settings: Settings, memo: Memo = no_memo) -> Task:
+    """The surfaces of a pair, to be fitted."""
+    memo = remembering(memo, source.sha256, target.sha256)
+    clouds = samples_of(source, settings, memo), samples_of(target, settings, memo)
     declared = declared_for(source, target)
-    return _surface_fit(samples, (source, target), scenes, surface_settings(settings), declared, memo)
+    return Task(source, target, surface_settings(settings), memo, clouds, declared, ("surface",))
 
 
-def told_surfaces(
-    clouds: tuple[Cloud, Cloud],
-    source: Structure,
-    target: Structure,
-    settings: Settings,
-    told_by: str,
-    memo: Memo = no_memo,
-) -> Fit:
-    """The same of surfaces whose parts a sibling told; `told_by` is its hash."""
-    memo, settings = remembering(memo, source.sha256, target.sha256, told_by), surface_settings(settings)
-    both, declared = (source, target), declared_for(source, target)
-    facts = _facts("surface", both, settings, declared)
-    found = _registered(clouds, settings, declared, memo, facts)
-    facts = ("parts told", told_by, *facts)
-    fit = Fit(*clouds, found, NOTHING, 1)
-    fit = _with_parts(fit, both, unasked(settings), declared, memo, facts)
-    return _as_asked(fit, both, settings, declared, memo, facts)
+def surface_fit(task: Task) -> Fit:
+    """The fit of the surfaces; where pieces do not tell the parts of one of them, the other one does."""
+    known = [pieces_tell_parts(cloud) for cloud in task.clouds]
+    fit = Fit(*task.clouds, task.registration())
+    # Which parts there are does not depend on counterparts that the user names.
+    if known[0] == known[1]:
+        fit = replace(task, settings=without_counterparts(task.settings)).matched(fit)
+    scanned = task.source.is_scan or task.target.is_scan
+    if any(known) and (scanned or known[0] != known[1]) and explained(fit) < MAJORITY:
+        fewer = number_of_parts(fit.target) <= number_of_parts(fit.source)
+        one = int(fewer if known[0] == known[1] else known[0])
+        other = _with_inferred_parts(task, fit, one)
+        inferred = other.fit_labelled(one, fit.registration)
+        if known[0] != known[1] or CLEARLY_BETTER * explained(inferred) > explained(fit):
+            fit, task = inferred, other
+    fit = task.as_named(fit)
+    unknown = fit.carried is None and has_parts(fit.source) and has_parts(fit.target)
+    return task.with_carried(fit) if unknown else fit
 
 
-def surfaces_registered(
-    source: Structure, target: Structure, settings: Settings, memo: Memo = no_memo
-) -> Registration:
-    """How the surface of a target is registered on that of a source."""
-    memo, settings = remembering(memo, source.sha256, target.sha256), surface_settings(settings)
-    samples = samples_of(source, settings, memo), samples_of(target, settings, memo)
-    declared = declared_for(source, target)
-    facts = _facts("surface", (source, target), settings, declared)
-    return _registered(samples, settings, declared, memo, facts)
+def _with_inferred_parts(task: Task, fit: Fit, one: int) -> Task:
+    """The task with the parts of the source (0) or the target (1) inferred from those of the other."""
+    structure, registered = (task.source, task.target)[one], (fit.source, fit.registered)
+
+    def inferred() -> PartLabels:
+        cloud = task.clouds[one]
+        skin = skin_of(structure, scene_of(structure), cloud, task.settings.clouds, task.memo)
+        turned = rotor_turned(registered[1 - one], registered[one])
+        return PartLabels(parts_like(registered[one], middle_of(skin.of(cloud)), turned))
+
+    clouds = list(task.clouds)
+    clouds[one] = replace(clouds[one], part=task.remembered("parts", PartLabels, inferred).label)
+    return task.labelled((clouds[0], clouds[1]), "the other")
 
 
 def _voxels(structure: Structure, clouds: CloudSettings, memo: Memo) -> Cloud:
@@ -198,151 +275,10 @@ def samples_of(structure: Structure, settings: Settings, memo: Memo = no_memo) -
     return memo("clouds", Cloud, key, lambda: surface_samples(structure, scene_of(structure), clouds))
 
 
-def _fit(
-    sort: str,
-    clouds: tuple[Cloud, Cloud],
-    structures: tuple[Structure, Structure],
-    settings: Settings,
-    declared: Declared,
-    memo: Memo,
-) -> Fit:
-    facts = _facts(sort, structures, settings, declared)
-    found = _registered(clouds, settings, declared, memo, facts)
-    return Fit(*clouds, found, _matched(clouds, structures, found, settings, declared, memo, facts))
-
-
-def _facts(
-    sort: str, structures: tuple[Structure, Structure], settings: Settings, declared: Declared
-) -> tuple[Any, ...]:
-    """What a fit depends on besides the method."""
-    turned = () if np.array_equal(declared.turn, np.eye(3)) else (declared.turn.tolist(),)
-    return sort, *(each.sha256 for each in structures), settings.clouds, settings.registration, *turned
-
-
-def _registered(
-    clouds: tuple[Cloud, Cloud], settings: Settings, declared: Declared, memo: Memo, facts: tuple[Any, ...]
-) -> Registration:
-    key = content_key("register", *facts)
-    return memo("registration", Registration, key, lambda: register(*clouds, settings.registration, declared))
-
-
-def _matched(
-    clouds: tuple[Cloud, Cloud],
-    structures: tuple[Structure, Structure],
-    found: Registration,
-    settings: Settings,
-    declared: Declared,
-    memo: Memo,
-    facts: tuple[Any, ...],
-    named: Ints | None = None,
-) -> Correspondences:
-    landmarks = structures[0].landmarks, structures[1].landmarks
-    return memo(
-        "correspondences",
-        Correspondences,
-        content_key("correspond", *facts, settings.correspondence),
-        lambda: correspond(*clouds, found, settings.correspondence, *landmarks, declared.words, named),
-    )
-
-
-def _surface_fit(
-    clouds: tuple[Cloud, Cloud],
-    structures: tuple[Structure, Structure],
-    scenes: tuple[Scene, Scene],
-    settings: Settings,
-    declared: Declared,
-    memo: Memo,
-) -> Fit:
-    """The fit of the surfaces; where pieces do not tell the parts of one of them, the other one does."""
-    facts = _facts("surface", structures, settings, declared)
-    # Which parts there are does not depend on what a user says of them.
-    plain = unasked(settings)
-    found = _registered(clouds, settings, declared, memo, facts)
-    known = [pieces_tell_parts(cloud) for cloud in clouds]
-    fit = Fit(*clouds, found, NOTHING)
-    if known[0] == known[1]:
-        both = _matched(clouds, structures, found, plain, declared, memo, facts)
-        fit = replace(fit, correspondences=both)
-    scanned = any(each.is_scan for each in structures)
-    if any(known) and (scanned or known[0] != known[1]) and explained(fit) < MAJORITY:
-        fewer = number_of_parts(clouds[1]) <= number_of_parts(clouds[0])
-        one = int(fewer if known[0] == known[1] else known[0])
-        inferred = _fit_inferred(fit, one, structures, scenes, plain, declared, memo, facts)
-        if known[0] != known[1] or CLEARLY_BETTER * explained(inferred) > explained(fit):
-            fit, facts = inferred, ("parts inferred", *facts)
-    fit = _as_asked(fit, structures, settings, declared, memo, facts)
-    unknown = fit.carried is None and has_parts(fit.source) and has_parts(fit.target)
-    return _with_carried(fit, memo, facts) if unknown else fit
-
-
-def _as_asked(
-    fit: Fit,
-    structures: tuple[Structure, Structure],
-    settings: Settings,
-    declared: Declared,
-    memo: Memo,
-    facts: tuple[Any, ...],
-) -> Fit:
-    """A fit, matched again where a user says what corresponds to what."""
-    if not settings.correspondence.counterparts:
-        return fit
-    of = fit.source, fit.target
-    asked = _matched(of, structures, fit.registration, settings, declared, memo, facts, fit.carried)
-    return replace(fit, correspondences=asked)
-
-
-def _fit_inferred(
-    fit: Fit,
-    one: int,
-    structures: tuple[Structure, Structure],
-    scenes: tuple[Scene, Scene],
-    settings: Settings,
-    declared: Declared,
-    memo: Memo,
-    facts: tuple[Any, ...],
-) -> Fit:
-    """The fit where the parts of the source (0) or of the target (1) are inferred from those of the other."""
-    clouds, found = (fit.source, fit.target), fit.registration
-    registered = clouds[0], fit.registered
-
-    def inferred() -> PartLabels:
-        skin = skin_of(structures[one], scenes[one], clouds[one], settings.clouds, memo)
-        turned = rotor_turned(registered[1 - one], registered[one])
-        return PartLabels(parts_like(registered[one], middle_of(skin.of(clouds[one])), turned))
-
-    known = replace(clouds[one], part=memo("parts", PartLabels, content_key("parts", *facts), inferred).label)
-    clouds = (known, clouds[1]) if one == 0 else (clouds[0], known)
-    facts = ("parts inferred", *facts)
-    return _with_parts(Fit(*clouds, found, NOTHING, one), structures, settings, declared, memo, facts)
-
-
-def _with_parts(
-    fit: Fit,
-    structures: tuple[Structure, Structure],
-    settings: Settings,
-    declared: Declared,
-    memo: Memo,
-    facts: tuple[Any, ...],
-) -> Fit:
-    """A fit of which parts were inferred, those of both matched."""
-    clouds, found = (fit.source, fit.target), fit.registration
-    if blades_of(clouds[fit.inferred]).any():  # a rotor that stopped otherwise is registered body on body
-        found = _registered(clouds, settings, declared, memo, facts)
-    fit = _with_carried(replace(fit, registration=found), memo, facts)
-    both = _matched(clouds, structures, found, settings, declared, memo, facts, fit.carried)
-    return replace(fit, correspondences=both)
-
-
-def _with_carried(fit: Fit, memo: Memo, facts: tuple[Any, ...]) -> Fit:
-    key = content_key("carried", *facts)
-    found = memo("parts", PartLabels, key, lambda: PartLabels(carried(fit.registered, fit.source)))
-    return replace(fit, carried=found.label)
-
-
 def skin_of(
     structure: Structure, scene: Scene, cloud: Cloud, clouds: CloudSettings, memo: Memo = no_memo
 ) -> Skin:
     """The stretches of a structure's skin, remembered with it."""
     key = content_key("skin", structure.sha256, clouds)
     memo = remembering(memo, structure.sha256)
-    return memo("skin", Skin, key, lambda: skin_study(structure, scene, cloud, clouds.seed))
+    return memo("skin", Skin, key, lambda: skin_study(structure, scene, cloud))

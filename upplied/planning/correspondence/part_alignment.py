@@ -1,17 +1,21 @@
-"""Parts aligned with their counterparts: box on box, or along their direction where they turned (blades)."""
+"""Parts aligned with their counterparts: box on box, along their direction where they turned (blades), or,
+where blades are known of one structure alone, with the rotor turned as it fits the other's surface best.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from upplied.planning.constants import FACING, SLENDER, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.part_assignment import Matching, match_parts, with_named
-from upplied.planning.geometry.boxes import box_scale, diagonal_of
-from upplied.planning.surface.parts import labels_of, names_of, parts_of
+from upplied.planning.geometry.clouds import box_scale, diagonal_of
+from upplied.planning.surface.parts import blades_of, labels_of, names_of, parts_of
 from upplied.records import Bools, Cloud, Floats, Ints
 from upplied.vectors import scaled_normals, with_normals
 
@@ -20,6 +24,8 @@ _TRIED = 150  # samples by which that is judged
 _OUTWARD = 0.25  # of its length: how far from the structure's middle such a part lies, along itself
 _FAR = 8.0  # how far the last `TOLERANCE` of a part's samples at either end must stick out to be stray
 _TURNED = np.cos(np.radians(10))
+_STEP_DEG = 7.5  # a blade is about as wide, seen from its hub, at half its length
+_ASKED = 400  # samples of the blades that are asked
 
 
 def matched(
@@ -33,7 +39,7 @@ def matched(
 
     def fits(parts: Sequence[int], partners: Sequence[int]) -> bool:
         mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(registered), partners)
-        return _misfit(source, mine, registered, theirs, diagonal) < _MISFIT
+        return misfit_of_parts(source, mine, registered, theirs, diagonal) < 1
 
     matching = match_parts(parts_of(source), parts_of(registered), diagonal, fits, pinned)
     if named is None:
@@ -52,12 +58,8 @@ def patches(source: Cloud, registered: Cloud, matching: Matching) -> tuple[Patch
 def alignments(moving: Patch, fixed: Patch) -> tuple[Floats, Floats, Bools]:
     """The affine map of each class of parts onto its counterparts, and one more row that changes nothing.
 
-    Returns
-    -------
-    array, shape (C + 1, 3, 3)
-    array, shape (C + 1, 3), m
-    array of bool, shape (C + 1,)
-        Which classes turned, as the blades of a rotor that stopped elsewhere do.
+    Matrices (C + 1, 3, 3), offsets (C + 1, 3), m, and which classes (C + 1,) turned, as the blades of a rotor
+    that stopped elsewhere do.
     """
     number = int(moving.label.max(initial=-1)) + 1
     matrix, offset = np.tile(np.eye(3), (number + 1, 1, 1)), np.zeros((number + 1, 3))
@@ -154,12 +156,7 @@ def _smallest_turn(a: Floats, b: Floats) -> Floats:
 
 
 def misfit_of_parts(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools, diagonal_m: float) -> float:
-    """How unlike the surfaces of two sets of parts are, box on box; from 1 they are not matched."""
-    return _misfit(source, mine, registered, theirs, diagonal_m) / _MISFIT
-
-
-def _misfit(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools, diagonal_m: float) -> float:
-    """Mean two-way distance of two sets of parts, box on box, normals counted.
+    """Mean two-way distance of two sets of parts, box on box, normals counted; from 1 they are not matched.
 
     Over the mean (geometric) of the structure's diagonal and theirs, since small parts misfit by less.
     """
@@ -173,4 +170,45 @@ def _misfit(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools, diagon
     to_there = cKDTree(there).query(here[:: step[0]])[0].mean()
     to_here = cKDTree(here).query(there[:: step[1]])[0].mean()
     size = np.sqrt(diagonal_m * np.linalg.norm(np.ptp(other, axis=0)))
-    return float((to_there + to_here) / 2 / max(size, 1e-9))
+    return float((to_there + to_here) / 2 / max(size, 1e-9)) / _MISFIT
+
+
+def rotor_turned(known: Cloud, whole: Cloud) -> Cloud:
+    """Samples with parts, their rotor turned as that of a surface in one frame on which no blades are known.
+
+    Where no part is a blade they come back as they are; else their bounding box is that of `whole`, since
+    where a rotor stopped shifts and widens the box.
+    """
+    blades = blades_of(known)
+    if not blades.any() or known.normals is None:
+        return known
+    number = len(np.unique(labels_of(known)[blades]))
+    middle, axis = _hub(known.points[blades], labels_of(known)[blades])
+    tree, diagonal = cKDTree(whole.points), diagonal_of(whole.points)
+    best, least = known, np.inf
+    for angle in np.radians(np.arange(0, 360 / number, _STEP_DEG)):
+        turn = Rotation.from_rotvec(angle * axis).as_matrix()
+        points, normals = known.points.copy(), known.normals.copy()
+        points[blades] = (points[blades] - middle) @ turn.T + middle
+        normals[blades] = normals[blades] @ turn.T
+        fitted = _in_box_of(replace(known, points=points, normals=normals), whole.points)
+        some = fitted.points[blades][:: max(1, int(blades.sum()) // _ASKED)]
+        off = float(np.minimum(tree.query(some)[0], TOLERANCE * diagonal).mean())
+        if off < least:
+            best, least = fitted, off
+    return best
+
+
+def _hub(points: Floats, label: np.ndarray) -> tuple[Floats, Floats]:
+    """The middle of a rotor, m, and its axis: across all blades."""
+    middle = np.mean([points[label == blade].mean(axis=0) for blade in np.unique(label)], axis=0)
+    offset = points - middle
+    return middle, np.linalg.eigh(offset.T @ offset)[1][:, 0]
+
+
+def _in_box_of(cloud: Cloud, points: Floats) -> Cloud:
+    """A cloud scaled and shifted until its bounding box is that of some points."""
+    scale = box_scale(points, cloud.points)
+    normals = scaled_normals(cloud.outward, scale)
+    return replace(cloud, points=scale * (cloud.points - cloud.points.min(axis=0)) + points.min(axis=0),
+                   normals=normals)  # fmt: skip

@@ -247,14 +247,7 @@ def with_named(matching: Matching, name: Ints, pinned: Mapping[int, int]) -> Mat
     """Let parts of the target that were matched with none correspond to the source part they are named by.
 
     A fuselage of which the middle was never scanned is two parts, a pier without its cap has another box.
-
-    Parameters
-    ----------
-    matching : Matching
-    name : array of int, shape (L,)
-        The source part that each target part is named by, -1 where it is by none.
-    pinned : mapping
-        Source part to target part, as the user said: these stay.
+    `name` (L,) is that source part, -1 where there is none; `pinned` parts, as the user named them, stay.
     """
     source_class, target_class = matching.source_class.copy(), matching.target_class.copy()
     for other in np.flatnonzero((target_class < 0) & (name >= 0)):

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from upplied.planning.constants import LEAST_PART, MAJORITY
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.misfit import FACING
-from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
+from upplied.planning.geometry.clouds import diagonal_of, in_source_frame, spacing
 from upplied.records import Bools, Cloud, Floats, Registration
 from upplied.vectors import scaled_normals, with_normals
 
@@ -41,12 +41,7 @@ def is_open(cloud: Cloud) -> bool:
 def registered_partly(source: Cloud, target: Cloud, box: Registration) -> Registration | None:
     """The registration by the surfaces that are on both structures; None where the boxes are as good.
 
-    Parameters
-    ----------
-    source, target : Cloud
-        Surface samples with normals, each in its own frame.
-    box : Registration
-        By boxes made equal.
+    `box` is the registration by boxes made equal; samples have normals.
     """
     if source.normals is None or target.normals is None or diagonal_of(source.points) <= 0:
         return None
@@ -74,13 +69,7 @@ class Judged(NamedTuple):
 def ways_of_open(source: Cloud, target: Cloud, box: Registration, found: Registration) -> list[Judged]:
     """Registrations of an open target: one that was found, and others, the best first.
 
-    Parameters
-    ----------
-    source, target : Cloud
-        Surface samples with normals, each in its own frame.
-    box : Registration
-        By boxes made equal, turned as `found`.
-    found : Registration
+    `box` is the registration by boxes made equal, turned as `found`.
     """
     both = _Both(source, target, box)
     ways = list(both.ways())
@@ -94,16 +83,7 @@ def ways_of_open(source: Cloud, target: Cloud, box: Registration, found: Registr
 def as_likely(source: Cloud, target: Cloud, found: Registration) -> list[tuple[Registration, Bools]]:
     """Registrations by which an open target goes on farther at an open end, that samples cannot rule out.
 
-    Parameters
-    ----------
-    source, target : Cloud
-        Surface samples with normals, each in its own frame.
-    found : Registration
-
-    Returns
-    -------
-    list of (Registration, array of bool, shape (N,))
-        With each, which samples of the source lie past where the target ends.
+    With each, which samples of the source (N,) lie past where the target ends.
     """
     both = _Both(source, target, found)
     as_found = both.judged(np.ones(3), np.zeros(3))
@@ -187,11 +167,12 @@ class _Both:
 
     def judged(self, scale: Floats, shift: Floats) -> Judged:
         """A way as a registration, and how good it is."""
-        ways = self.distances(scale, shift)
-        error = np.sqrt(sum(each.var() / len(each) for each in ways))
-        return Judged(
-            float(sum(each.mean() for each in ways)), float(2 * error), self.registration(scale, shift)
+        both_ways = self.distances(scale, shift)
+        apart, error = (
+            (sum(each.mean() for each in both_ways)),
+            sum(each.var() / len(each) for each in both_ways),
         )
+        return Judged(float(apart), float(2 * np.sqrt(error)), self.registration(scale, shift))
 
     def distances(self, scale: Floats, shift: Floats) -> tuple[Floats, Floats]:
         """How far samples of either are from the other's surface, m, but for the source's beyond openings."""

@@ -9,11 +9,17 @@ import numpy as np
 
 from upplied.config import RegistrationSettings
 from upplied.planning.constants import CLEARLY_BETTER, MAJORITY, SAME_TURN_DEG
-from upplied.planning.correspondence.misfit import UNTURNED, Misfit, misfit_of
+from upplied.planning.correspondence.misfit import Misfit, misfit_of
 from upplied.planning.correspondence.orientation import find_orientation
 from upplied.planning.correspondence.partial import is_open, registered_partly, ways_of_open
-from upplied.planning.geometry.boxes import box_scale, in_source_frame, spacing
-from upplied.planning.geometry.icp import icp, mean_squared_nn_distance
+from upplied.planning.geometry.clouds import (
+    UNTURNED,
+    box_scale,
+    icp,
+    in_source_frame,
+    mean_squared_nn_distance,
+    spacing,
+)
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import blades_of, labels_of, parts_of
 from upplied.records import Bools, Cloud, Floats, Frame, Record, Registration, Structure
@@ -37,15 +43,11 @@ class Declared(Record):
 
 
 def declared_for(source: Structure, target: Structure) -> Declared:
-    """What was said of how two structures stand."""
-    return Declared(_declared_turn(source, target), named_axes(source.frame))
-
-
-def _declared_turn(source: Structure, target: Structure) -> Floats:
-    """The target's frame to the source's, where both are declared to stand alike."""
+    """What was said of how two structures stand: the turn is that of their declared headings."""
     circle = (target.frame.heading_rad - source.frame.heading_rad) / (2 * np.pi)
     # Rounded, so that equal structures in other axes give the same number, and a whole circle none.
-    return Frame(2 * np.pi * float(np.round(circle * _CIRCLE) % _CIRCLE / _CIRCLE)).turn
+    turn = Frame(2 * np.pi * float(np.round(circle * _CIRCLE) % _CIRCLE / _CIRCLE)).turn
+    return Declared(turn, named_axes(source.frame))
 
 
 def register(
@@ -55,9 +57,8 @@ def register(
 
     Parameters
     ----------
-    source : Cloud
-        Of the demonstration structure.
-    target : Cloud
+    source, target : Cloud
+        Of the demonstration structure, and of the target.
     settings : RegistrationSettings
     declared : Declared, optional
         Without it both clouds are in their declared frames.
@@ -89,15 +90,20 @@ def published(
     rotation, translation = forward.T, forward.T @ (offset - shift)
     aligned = (scale * turned) @ rotation.T + translation
     score = mean_squared_nn_distance(source.points, aligned)
-    gate = settings.gamma * spacing(source) ** 2
+    leaf = spacing(source)
+    gate = settings.gamma * leaf**2
     accepted = score < gate
+    reason = (
+        f"the clouds do not fit: mean squared nearest-neighbour distance {score:.3g} m^2, "
+        f"gate {gate:.3g} m^2 (gamma {settings.gamma:g} times the squared spacing of {leaf:.3g} m)"
+    )
     return Registration(
         scale=scale,
         rotation=rotation,
         translation=translation,
         score_m2=score,
         accepted=accepted,
-        reason="" if accepted else _refusal(score, gate, settings.gamma, spacing(source)),
+        reason="" if accepted else reason,
         turn=start.turn,
     )
 
@@ -111,23 +117,14 @@ def judged(
     orientations agree, so it is taken only where it helps much.
     """
     search: Literal["heading", "orientation"] = "heading" if settings.search == "none" else settings.search
-    found = find_orientation(source, target, search, declared.turn)
-    turn, gap, evidence, doubt = found.turn, found.gap, found.evidence, ""
+    best = find_orientation(source, target, search, declared.turn)
+    turn, gap, evidence, doubt = best.turn, best.gap, best.evidence, ""
     if settings.search == "none":
         turn, gap, evidence = declared.turn, float("nan"), "orientation as declared"
-        doubt = _doubt(found.turn @ declared.turn.T, found.gap)
-    best, misfit, chosen = _best_registration(source, target, turn, gate, declared.words)
-    accepted = misfit.value < gate
-    return replace(
-        best,
-        score_m2=mean_squared_nn_distance(source.points, in_source_frame(target, best).points),
-        accepted=accepted,
-        reason="" if accepted else _misfit_in_words(misfit, gate) + doubt,
-        acceptance=misfit.value,
-        scanned=misfit.scanned,
-        runner_up_gap=gap,
-        evidence=f"{evidence}{chosen}; {_figures(misfit)}{doubt}",
-    )
+        doubt = _doubt(best.turn @ declared.turn.T, best.gap)
+    found = _best_registration(source, target, turn, gate, declared.words)
+    score = mean_squared_nn_distance(source.points, in_source_frame(target, found[0]).points)
+    return replace(_verdict(*found, gate, evidence, doubt), score_m2=score, runner_up_gap=gap)
 
 
 def fitted(source: Cloud, target: Cloud, gate: float) -> Registration:
@@ -135,15 +132,28 @@ def fitted(source: Cloud, target: Cloud, gate: float) -> Registration:
 
     The verdict is the same; neither the score nor a doubt about the declared heading is given.
     """
-    best, misfit, chosen = _best_registration(source, target, np.eye(3), gate)
-    accepted = misfit.value < gate
+    return _verdict(*_best_registration(source, target, np.eye(3), gate), gate)
+
+
+def _verdict(
+    registration: Registration,
+    misfit: Misfit,
+    chosen: str,
+    gate: float,
+    evidence: str = "orientation as declared",
+    doubt: str = "",
+) -> Registration:
+    """A registration with whether it is accepted, and why."""
+    accepted, figures = misfit.value < gate, misfit.figures
+    where = f"; {misfit.where}" if misfit.where else ""
+    reason = f"the structures do not correspond: misfit {misfit.value:.2f}, gate {gate:g} ({figures}){where}"
     return replace(
-        best,
+        registration,
         accepted=accepted,
-        reason="" if accepted else _misfit_in_words(misfit, gate),
+        reason="" if accepted else reason + doubt,
         acceptance=misfit.value,
         scanned=misfit.scanned,
-        evidence=f"orientation as declared{chosen}; {_figures(misfit)}",
+        evidence=f"{evidence}{chosen}; {figures}{doubt}",
     )
 
 
@@ -174,7 +184,7 @@ def _best_registration(
 def _of_open(
     source: Cloud, target: Cloud, gate: float, words: Floats, closed: tuple[Registration, Misfit, str]
 ) -> tuple[Registration, Misfit, str]:
-    """As a target was registered as if it were whole, or a way that fits most of what was scanned better."""
+    """The registration as of a whole target, unless a partial one leaves clearly less of its residual."""
     box = box_on_box(source, target, closed[0].turn)
     before, *others = ways_of_open(source, target, box, closed[0])
     for other in others:
@@ -230,24 +240,4 @@ def _doubt(turn: Floats, gap: float) -> str:
     return (
         f"; turned by {angle:.0f} deg about the vertical the target would fit {100 * gap:.0f} % better "
         "than in any other heading: check its declared forward axis, or search the heading"
-    )
-
-
-def _misfit_in_words(misfit: Misfit, gate: float) -> str:
-    where = f"; {misfit.where}" if misfit.where else ""
-    measured = f"misfit {misfit.value:.2f}, gate {gate:g} ({_figures(misfit)})"
-    return f"the structures do not correspond: {measured}{where}"
-
-
-def _figures(misfit: Misfit) -> str:
-    return (
-        f"{100 * misfit.overlap:.0f} % of the space is common, the surfaces are apart by "
-        f"{100 * misfit.gap:.1f} % of the diagonal, stretched unevenly {np.exp(misfit.stretch):.2f} : 1"
-    )
-
-
-def _refusal(score: float, gate: float, gamma: float, leaf: float) -> str:
-    return (
-        f"the clouds do not fit: mean squared nearest-neighbour distance {score:.3g} m^2, "
-        f"gate {gate:.3g} m^2 (gamma {gamma:g} times the squared spacing of {leaf:.3g} m)"
     )

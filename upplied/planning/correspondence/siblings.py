@@ -1,8 +1,8 @@
 """Parts of scans from a sibling: a structure of the same kind, modelled in pieces, that fits the scan better.
 
 Of two scans neither tells its parts; and of a target with four engines a source with two tells half. A
-sibling that lies clearly better on the target tells it instead. What it tells is held against the source: all
-of its parts that were matched without the sibling must be matched with it, and `correspondence.agreement`
+sibling that lies clearly better on the target labels it instead. Its labels are held against the source: all
+of its parts that were matched without the sibling must be matched with it, and `correspondence.certainty`
 asks whether both ways lead to the same part.
 """
 
@@ -15,17 +15,9 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.constants import CLEARLY_BETTER, LEAST_PART
-from upplied.planning.correspondence.fit import Fit, Told, unasked
-from upplied.planning.correspondence.memo import Memo, no_memo
-from upplied.planning.correspondence.never_scanned import without
-from upplied.planning.correspondence.pair import (
-    Pair,
-    samples_of,
-    study_pair,
-    surfaces,
-    surfaces_registered,
-    told_surfaces,
-)
+from upplied.planning.correspondence.fit import Fit, Told, without_counterparts
+from upplied.planning.correspondence.memo import Memo, no_memo, remembering
+from upplied.planning.correspondence.pair import Pair, Task, pair_of, samples_of, surface_fit, surfaces_of
 from upplied.planning.surface.frames import own_frame, structure_in
 from upplied.planning.surface.parts import parts_of, pieces_tell_parts
 from upplied.records import Bools, Floats, Structure
@@ -38,7 +30,7 @@ def study(
     memo: Memo = no_memo,
     siblings: Sequence[Structure] = (),
 ) -> Pair:
-    """A pair as `study_pair` finds it, the parts of scans told by a sibling where one fits clearly better.
+    """A pair as `study_pair` finds it, the parts of scans labelled by a sibling that fits clearly better.
 
     Parameters
     ----------
@@ -53,45 +45,63 @@ def study(
     Returns
     -------
     Pair
-        With `Pair.surface.told` where a sibling told parts. Without siblings that of `study_pair`.
+        With `Pair.surface.told` where a sibling labelled parts. Without siblings that of `study_pair`.
     """
-    told = None
-    if siblings and settings.correspondence.method == "parts":
-        told = _told(source, target, settings, memo, siblings)
-    if told is None:
-        return study_pair(source, target, settings, memo)
-    pair = study_pair(source, target, unasked(settings), memo)
-    match = without(told.correspondences, pair.missing, told.source, told.target, told.carried)
-    return replace(pair, surface=replace(told, correspondences=match))
+    task, labelled = surfaces_of(source, target, settings, memo), None
+    if settings.correspondence.method == "parts" and not pieces_tell_parts(task.clouds[1]):
+        others = [
+            structure_in(own_frame(one), one)
+            for one in sorted(siblings, key=lambda one: (one.structure_id, one.sha256))
+            if one.kind == target.kind and one.structure_id not in (source.structure_id, target.structure_id)
+        ]
+        some = [one for one in others if pieces_tell_parts(samples_of(one, settings, memo))]
+        labelled = _labelled_by_best(some, task, settings, memo)
+    if labelled is not None:
+        task = replace(task, settings=without_counterparts(task.settings))
+    return pair_of(task, settings, labelled)
 
 
-def _told(
-    source: Structure, target: Structure, settings: Settings, memo: Memo, siblings: Sequence[Structure]
+def _labelled_by_best(
+    siblings: Sequence[Structure], task: Task, settings: Settings, memo: Memo
 ) -> Fit | None:
-    """The fit of the surfaces as siblings tell their parts; None where none is asked, or does better."""
-    if _tells(target, settings, memo):
+    """The fit of the surfaces with the parts that a sibling labels; None where none fits or does better."""
+    plain, modelled = without_counterparts(settings), pieces_tell_parts(task.clouds[0])
+    # One that fits the target clearly better than the source does, where that tells its parts. Else one for
+    # both scans: no two modellers cut alike.
+    scans = [task.target] if modelled else [task.source, task.target]
+    tasks = [[surfaces_of(one, scan, plain, memo) for scan in scans] for one in siblings]
+    best = _best(tasks, CLEARLY_BETTER * task.registration().scanned if modelled else np.inf)
+    if best is None:
         return None
-    modelled, plain = _tells(source, settings, memo), unasked(settings)
-    some = _those_that_tell(siblings, source, target, settings, memo)
-    sibling = _best(some, source, target, modelled, settings, memo)
-    if sibling is None:
-        return None
-    by_source = surfaces(source, target, plain, memo)
-    first = surfaces(*((source, sibling) if modelled else (sibling, source)), plain, memo)
-    to_target = surfaces(sibling, target, plain, memo)
+    sibling, to_target = siblings[best], surface_fit(tasks[best][-1])
+    by_source = surface_fit(replace(task, settings=without_counterparts(task.settings)))
+    first = surface_fit(surfaces_of(task.source, sibling, plain, memo) if modelled else tasks[best][0])
+    clouds = by_source.source if modelled else first.target, to_target.target
+    other = task.labelled(clouds, sibling.sha256)
+    other = replace(other, memo=remembering(task.memo, sibling.sha256))
+    fit = other.as_named(other.fit_labelled(1, by_source.registration))
+    if modelled and (_matched(by_source) & ~_matched(fit)).any():
+        return None  # what the source finds of its parts, the sibling must not lose
     told = Told(
         sibling.structure_id,
         sibling.sha256,
+        to_target=to_target,
         to_sibling=first if modelled else None,
         to_source=None if modelled else first,
-        to_target=to_target,
         by_source=by_source if modelled else None,
     )
-    clouds = (by_source.source if modelled else first.target), to_target.target
-    fit = told_surfaces(clouds, source, target, settings, sibling.sha256, memo)
-    if modelled and (_matched(by_source) & ~_matched(fit)).any():
-        return None  # what the source finds of its parts, the sibling must not lose
     return replace(fit, told=told)
+
+
+def _best(tasks: Sequence[Sequence[Task]], least: float) -> int | None:
+    """Which sibling fits its scans best, by what was scanned of them; None where none fits."""
+    best = None
+    for index, scans in enumerate(tasks):
+        lies = [task.registration() for task in scans]
+        badly = sum(each.scanned for each in lies)
+        if all(each.accepted for each in lies) and badly < least:
+            least, best = badly, index
+    return best
 
 
 def nearest_in_proportions(
@@ -117,47 +127,6 @@ def nearest_in_proportions(
         near = np.flatnonzero(unlike <= np.partition(unlike, most - 1)[most - 1])
     chosen = sorted((float(unlike[at]), names[at]) for at in near.tolist())[:most]
     return tuple(name for _, name in chosen)
-
-
-def _tells(structure: Structure, settings: Settings, memo: Memo) -> bool:
-    return pieces_tell_parts(samples_of(structure, settings, memo))
-
-
-def _those_that_tell(
-    siblings: Sequence[Structure], source: Structure, target: Structure, settings: Settings, memo: Memo
-) -> list[Structure]:
-    """The siblings that may tell parts, in an order of their own."""
-    others = [
-        structure_in(own_frame(one), one)
-        for one in sorted(siblings, key=lambda one: (one.structure_id, one.sha256))
-        if one.kind == target.kind and one.structure_id not in (source.structure_id, target.structure_id)
-    ]
-    return [one for one in others if _tells(one, settings, memo)]
-
-
-def _best(
-    siblings: Sequence[Structure],
-    source: Structure,
-    target: Structure,
-    modelled: bool,
-    settings: Settings,
-    memo: Memo,
-) -> Structure | None:
-    """The sibling that fits the scans best, by what was scanned of them; None where none fits.
-
-    Where the source tells its parts, one that fits the target clearly better than it does. Else one for both:
-    no two modellers cut alike.
-    """
-    least, best = np.inf, None
-    if modelled:
-        least = CLEARLY_BETTER * surfaces_registered(source, target, settings, memo).scanned
-    for one in siblings:
-        scans = (target,) if modelled else (source, target)
-        found = [surfaces_registered(one, scan, settings, memo) for scan in scans]
-        badly = sum(each.scanned for each in found)
-        if all(each.accepted for each in found) and badly < least:
-            least, best = badly, one
-    return best
 
 
 def _matched(fit: Fit) -> Bools:

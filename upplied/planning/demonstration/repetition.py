@@ -13,9 +13,9 @@ import numpy as np
 
 from upplied.config import InspectionSettings, Settings
 from upplied.errors import SettingsError
-from upplied.planning.correspondence.landmarks import choices_for, side_of
+from upplied.planning.correspondence.correspondences import correspond
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
-from upplied.planning.correspondence.nearest import correspond
+from upplied.planning.correspondence.naming import choices_for, side_of
 from upplied.planning.correspondence.never_scanned import without
 from upplied.planning.correspondence.pair import Pair, grained, skin_of
 from upplied.planning.demonstration.inspection import (
@@ -23,7 +23,7 @@ from upplied.planning.demonstration.inspection import (
     attended_by,
     inspect_demonstration,
 )
-from upplied.planning.geometry.percentile import weighted_percentile
+from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
 from upplied.planning.surface.skin import Skin

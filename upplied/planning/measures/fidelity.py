@@ -12,7 +12,7 @@ from upplied.config import Settings
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take, look_limits, steady_radps
-from upplied.planning.geometry.percentile import weighted_percentile
+from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.visibility.moments import Moments, moments
 from upplied.planning.visibility.observations import Dwell, Views, dwell, widened
 from upplied.polylines import arc_length, interpolated

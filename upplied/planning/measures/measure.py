@@ -24,9 +24,8 @@ from upplied.planning.carry.inspected_surface import (
     inspected_surface,
 )
 from upplied.planning.demonstration.repetition import Take, look_limits
-from upplied.planning.geometry.boxes import spacing
+from upplied.planning.geometry.clouds import spacing, weighted_percentile
 from upplied.planning.geometry.frechet import frechet, frechet_floored, frechet_z
-from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.visibility.observations import Views
 from upplied.polylines import leg_lengths

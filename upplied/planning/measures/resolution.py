@@ -13,7 +13,7 @@ from upplied.config import Settings, focal_px
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take, look_limits
-from upplied.planning.geometry.percentile import weighted_percentile
+from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import Views

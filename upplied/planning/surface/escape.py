@@ -13,7 +13,7 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from upplied.planning.constants import TOUCH
-from upplied.planning.geometry.boxes import spacing
+from upplied.planning.geometry.clouds import spacing
 from upplied.planning.surface.floor import Floor
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene
@@ -29,25 +29,18 @@ _ROUNDS = (2, 2, 4, 8, 16)  # rays of each side, cast together
 def lets_out(
     origins: Floats, normals: Floats, reach_m: float, scene: Scene, floor: Floor, few: bool = False
 ) -> Bools:
-    """Whether enough rays from just above each side escape.
+    """Whether enough rays from just above each side escape, (N,).
 
     They are cast until the answer is known, those along the normal first: most sides on the outside
-    take two.
+    take two. A ray that goes down through the floor does not escape.
 
     Parameters
     ----------
     origins, normals : array, shape (N, 3), m and unit
     reach_m : float
         How far a ray goes that escapes.
-    scene : Scene
-    floor : Floor
-        What goes down through it does not escape.
     few : bool
         With a quarter of the rays.
-
-    Returns
-    -------
-    array of bool, shape (N,)
     """
     directions = sphere(DIRECTIONS)[:: DIRECTIONS // _FEW if few else 1]
     facing = normals @ directions.T
@@ -146,20 +139,9 @@ def inside_open_shell(
     From there more rays meet backs than do not, on pieces that mostly show from one side alone. What is no
     scan has no such sides: the ducts and cabins of a model are open as they are meant to be.
 
-    Parameters
-    ----------
-    points : array, shape (S, 3), m
-        Where each side was sampled.
-    triangle : array of int, shape (S,)
-    side : array, shape (S,)
-        +1 along the normal as wound, or -1.
-    both : array of bool, shape (S,)
-        Whether rays escape from the other side of the same place as well.
-    piece : array of int, shape (T,)
-        The piece of each triangle (`parts.mesh_pieces`).
-    structure : Structure
-    scene : Scene
-        Of the same structure.
+    `points` (S, 3), m, lie on a `triangle` (S,), each on the `side` (S,), +1 along the normal as wound,
+    or -1; `both` (S,) where rays escape from the other side of the same place as well; `piece` (T,) is the
+    piece of each triangle (`parts.mesh_pieces`).
     """
     inside = np.zeros(len(points), bool)
     if not structure.is_scan or not both.any():
@@ -188,21 +170,9 @@ _ITSELF = 0.85  # of the way back to the surface, from which what is met on it i
 
 
 def shows_inside(structure: Structure, scene: Scene, cloud: Cloud) -> Bools:
-    """Which samples of a surface can be seen from behind, from outside.
+    """Which of the N samples of a structure's surface can be seen from behind, from outside.
 
     Where a cloud is thinner than it is sampled nobody can tell, and no sample counts.
-
-    Parameters
-    ----------
-    structure : Structure
-    scene : Scene
-        Of the same structure.
-    cloud : Cloud
-        Its N surface samples with normals.
-
-    Returns
-    -------
-    array of bool, shape (N,)
     """
     shows, inward = np.zeros(len(cloud), bool), -cloud.outward
     gap = scene.grain_m or 1e-5 * structure.diagonal_m

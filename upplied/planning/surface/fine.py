@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.planning.constants import TOUCH
-from upplied.planning.geometry.boxes import spacing
+from upplied.planning.geometry.clouds import spacing
 from upplied.planning.surface.lattice import lattice, spacing_for
-from upplied.planning.surface.skin import normals_like, outside_like
+from upplied.planning.surface.skin import outside_like, outward_of_points
 from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene
@@ -32,21 +32,8 @@ def beside(cloud: Cloud, region: Bools) -> Bools:
     return np.asarray(region | (near < TOUCH * spacing(cloud)), bool)
 
 
-def with_fine(
-    structure: Structure, scene: Scene, cloud: Cloud, meant: Bools, seed: int
-) -> tuple[Cloud, Ints]:
-    """A structure's samples, finer where something is meant.
-
-    Parameters
-    ----------
-    structure : Structure
-    scene : Scene
-        Of the same structure.
-    cloud : Cloud
-        Its N even samples.
-    meant : array of bool, shape (N,)
-        Which of them lie on what is to have at least `FINE` samples.
-    seed : int
+def with_fine(structure: Structure, scene: Scene, cloud: Cloud, meant: Bools) -> tuple[Cloud, Ints]:
+    """A structure's samples, with at least `FINE` on what is meant, (N,) of the even samples `cloud`.
 
     Returns
     -------
@@ -64,7 +51,7 @@ def with_fine(
     if len(structure.triangles):
         points, normals, like, weight, chosen = _on_mesh(structure, scene, cloud, region, number)
     else:
-        points, normals, like, weight = _of_points(structure, scene, cloud, region, int(number), seed)
+        points, normals, like, weight = _of_points(structure, cloud, region, int(number))
         chosen = thin(points, normals, int(number), float(weight.sum()))
     if len(chosen) <= region.sum():
         return cloud, own
@@ -113,23 +100,19 @@ def _near(structure: Structure, cloud: Cloud, region: Bools) -> Ints:
 
 
 def _of_points(
-    structure: Structure, scene: Scene, cloud: Cloud, region: Bools, number: int, seed: int
+    structure: Structure, cloud: Cloud, region: Bools, number: int
 ) -> tuple[Floats, Floats, Ints, Floats]:
     """The same of a structure given as points: those of its points that lie there."""
     points = structure.vertices
-    tree = cKDTree(cloud.points)
-    like = tree.query(points)[1]
+    like = cKDTree(cloud.points).query(points)[1]
     chosen = np.flatnonzero(region[like])
-    chosen = np.sort(np.random.default_rng(seed).permutation(chosen)[: int(_SPARE * number)])
+    chosen = np.sort(np.random.default_rng(0).permutation(chosen)[: _SPARE * number])
+    points, like, outward = points[chosen], like[chosen], outward_of_points(structure, chosen, cloud)
     if structure.normals is not None:
-        outward = structure.normals[chosen]
         weight = TOUCH * spacing(cloud)
         known = cKDTree(with_normals(cloud.points, cloud.outward, weight))
-        like = known.query(with_normals(points[chosen], outward, weight))[1]
-    else:
-        like = like[chosen]
-        outward = normals_like(points, chosen, cloud.outward[like])
+        like = known.query(with_normals(points, outward, weight))[1]
     mine = region[like]
     count = np.maximum(np.bincount(like[mine], minlength=len(cloud)), 1)
     area = (cloud.areas / count)[like[mine]]
-    return points[chosen][mine], outward[mine], like[mine], area
+    return points[mine], outward[mine], like[mine], area

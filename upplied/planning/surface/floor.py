@@ -22,21 +22,12 @@ class Floor(Record):
     cell_m: float
     enclosed: Bools  # (X, Y)
 
-    def crossed(self, origins: Floats, directions: Floats) -> Bools:
-        """Which rays (N,) from above go down through the lid."""
-        down = np.flatnonzero((origins[:, 2] > self.z_m) & (directions[:, 2] < 0))
-        crossed = np.zeros(len(origins), bool)
-        start, ray = origins[down], directions[down]
-        crossed[down] = self._covers(
-            start[:, :2] + ((self.z_m - start[:, 2]) / ray[:, 2])[:, None] * ray[:, :2]
-        )
-        return crossed
-
     def beneath(self, points: Floats) -> Bools:
         """Which points (N, 3) lie under the lid."""
-        return (points[:, 2] <= self.z_m) & self._covers(points[:, :2])
+        return (points[:, 2] <= self.z_m) & self.covers(points[:, :2])
 
-    def _covers(self, xy: Floats) -> Bools:
+    def covers(self, xy: Floats) -> Bools:
+        """Which places (N, 2) lie in the lid."""
         cell = np.floor((xy - self.low) / self.cell_m)
         inside: Bools = np.all((cell >= 0) & (cell < self.enclosed.shape), axis=1)
         index = np.where(inside[:, None], cell, 0).astype(int)

@@ -7,7 +7,9 @@ So everything is brought to axes that follow from the structure alone, planned t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,19 +17,7 @@ from scipy.spatial.transform import Rotation
 from upplied.config import Settings
 from upplied.planning.surface.lattice import centre
 from upplied.poses import normalised, wrapped
-from upplied.records import (
-    Demonstration,
-    Floats,
-    Frame,
-    Photos,
-    Registration,
-    Structure,
-    StructureInFrame,
-    SupposedSurface,
-    SurfaceStates,
-    Trajectory,
-)
-from upplied.records.required import RequiredSurface
+from upplied.records import Demonstration, Floats, Frame, Registration, Structure, StructureInFrame
 from upplied.vectors import area_vectors, triangle_areas
 
 _ROUND = 0.02  # below it walls face all ways alike, or surface reaches as far, and no heading follows
@@ -39,6 +29,7 @@ _OFF = 0.3  # rad, so that no structure drawn along its axes lies where two quar
 
 
 DECLARED = Frame()
+R = TypeVar("R", bound=Any)
 
 
 def frames_for(source: Structure, target: Structure, settings: Settings) -> tuple[Frame, Frame]:
@@ -73,10 +64,10 @@ def own_frame(structure: Structure) -> Frame:
     of no consequence, but must turn with the structure. A round structure, whose walls tell no heading, has
     one from these alone.
     """
-    return structure.derived("own frame", lambda: _found_frame(structure))
+    return structure.derived("own frame", lambda: _own_frame(structure))
 
 
-def _found_frame(structure: Structure) -> Frame:
+def _own_frame(structure: Structure) -> Frame:
     middle = centre(structure) * [1.0, 1.0, 0.0]
     walls, order = _wall_heading(structure), _leaning(structure)
     if walls is None:
@@ -161,59 +152,42 @@ def demonstration_in(frame: Frame, demonstration: Demonstration) -> Demonstratio
     """The flight in another frame of its structure."""
     if frame is DECLARED:
         return demonstration
-    quats = _turned_quats(demonstration.quat_xyzw, -frame.heading_rad)
+    moved = in_frame(frame, demonstration)
     return replace(
-        demonstration,
-        positions=_on_grid(frame.from_declared(demonstration.positions)),
-        quat_xyzw=np.round(quats / _GRID_QUAT) * _GRID_QUAT,
+        moved,
+        positions=_on_grid(moved.positions),
+        quat_xyzw=np.round(moved.quat_xyzw / _GRID_QUAT) * _GRID_QUAT,
         sha256=_named(demonstration.sha256, frame),
     )
 
 
-def trajectory_in(frame: Frame, trajectory: Trajectory) -> Trajectory:
-    """A trajectory of the declared frame in another one."""
+def in_frame(frame: Frame, record: R) -> R:
+    """A record of the declared frame, such as a trajectory or a surface, in another one."""
     if frame is DECLARED:
-        return trajectory
-    quats = _turned_quats(trajectory.quat_xyzw, -frame.heading_rad)
-    return replace(trajectory, positions=frame.from_declared(trajectory.positions), quat_xyzw=quats)
+        return record
+    return _moved(record, frame.from_declared, frame.turn, -frame.heading_rad)
 
 
-def trajectory_from(frame: Frame, trajectory: Trajectory | None) -> Trajectory | None:
-    """A trajectory of another frame in the declared one."""
-    if trajectory is None or frame is DECLARED:
-        return trajectory
-    quats = _turned_quats(trajectory.quat_xyzw, frame.heading_rad)
-    return replace(trajectory, positions=frame.to_declared(trajectory.positions), quat_xyzw=quats)
+def in_declared(frame: Frame, record: R | None) -> R | None:
+    """A record of another frame in the declared one."""
+    if record is None or frame is DECLARED:
+        return record
+    return _moved(record, frame.to_declared, frame.turn.T, frame.heading_rad)
 
 
-def required_in(frame: Frame, required: RequiredSurface) -> RequiredSurface:
-    """Surface that must be seen in another frame of its structure."""
-    points, normals = frame.from_declared(required.points), required.normals @ frame.turn
-    return replace(required, points=points, normals=normals)
-
-
-def surface_from(frame: Frame, states: SurfaceStates | None) -> SurfaceStates | None:
-    """What became of a surface, in the declared frame."""
-    if states is None or frame is DECLARED:
-        return states
-    normals = None if states.normals is None else states.normals @ frame.turn.T
-    return replace(states, points=frame.to_declared(states.points), normals=normals)
-
-
-def supposed_from(frame: Frame, supposed: SupposedSurface | None) -> SupposedSurface | None:
-    """Surface that nobody scanned, in the declared frame."""
-    if supposed is None or frame is DECLARED:
-        return supposed
-    normals, corner = supposed.normals @ frame.turn.T, supposed.corner @ frame.turn.T
-    return replace(supposed, points=frame.to_declared(supposed.points), normals=normals, corner=corner)
-
-
-def photos_from(frame: Frame, photos: Photos | None) -> Photos | None:
-    """Photos in the declared frame."""
-    if photos is None or frame is DECLARED:
-        return photos
-    quats = _turned_quats(photos.quat_xyzw, frame.heading_rad)
-    return replace(photos, positions=frame.to_declared(photos.positions), quat_xyzw=quats)
+def _moved(record: R, place: Callable[[Floats], Floats], turn: Floats, heading_rad: float) -> R:
+    """A record with its points, its directions (by `turn` from the right) and its orientations moved."""
+    moves = {
+        "points": place,
+        "positions": place,
+        "normals": lambda directions: directions @ turn,
+        "corner": lambda directions: directions @ turn,
+        "quat_xyzw": lambda quats: _turned_quats(quats, heading_rad),
+    }
+    values = {item.name: getattr(record, item.name) for item in fields(record) if item.name in moves}
+    return replace(
+        record, **{name: moves[name](value) for name, value in values.items() if value is not None}
+    )
 
 
 def registration_from(here: Frame, there: Frame, registration: Registration | None) -> Registration | None:

@@ -33,21 +33,10 @@ class Lattice(Record):
 
 
 def lattice(structure: Structure, spacing_m: float, some: Ints | None = None) -> Lattice:
-    """The points at which lines of a spacing cross a mesh.
+    """The points at which lines of a spacing, m, cross a mesh, or `some` (S,) of its triangles.
 
-    Parameters
-    ----------
-    structure : Structure
-        With triangles. The lattices turn and move with it (`surface.frames`).
-    spacing_m : float
-        Between parallel lines.
-    some : array of int, shape (S,), optional
-        The triangles to cross; all where not given.
-
-    Returns
-    -------
-    Lattice
-        Of both sides of a sheet, hidden or not; the areas add up to the mesh's.
+    The lattices turn and move with the structure (`surface.frames`). Points are of both sides of a sheet,
+    hidden or not; the areas add up to the mesh's.
     """
     chosen = np.arange(len(structure.triangles)) if some is None else some
     middle = centre(structure)

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY, SAME_FACE, SAME_SIZE, SIDE, SLENDER
-from upplied.planning.geometry.boxes import spacing
+from upplied.planning.geometry.clouds import spacing
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 
 _SMALLEST = 0.003  # share of the surface below which a piece joins its neighbour

@@ -65,29 +65,14 @@ def middle_of(stretch: Ints) -> Ints:
     return np.unique(usual, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
-def skin_parts(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) -> PartLabels:
+def skin_parts(structure: Structure, scene: Scene, cloud: Cloud) -> PartLabels:
     """The part of the skin of each sample of a structure's surface, by one division; see `skin_study`."""
-    return PartLabels(middle_of(skin_study(structure, scene, cloud, seed).of(cloud)))
+    return PartLabels(middle_of(skin_study(structure, scene, cloud).of(cloud)))
 
 
-def skin_study(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) -> Skin:
-    """The skin of a structure.
-
-    Parameters
-    ----------
-    structure : Structure
-    scene : Scene
-        Of the same structure.
-    cloud : Cloud
-        Its N surface samples with normals (`surface.samples`), which say what is outside.
-    seed : int
-        Of the finer samples that are joined.
-
-    Returns
-    -------
-    Skin
-    """
-    points, normals, piece = _fine_samples(structure, scene, cloud, seed)
+def skin_study(structure: Structure, scene: Scene, cloud: Cloud) -> Skin:
+    """The skin of a structure, of which the N samples with normals of `cloud` say what is outside."""
+    points, normals, piece = _fine_samples(structure, scene, cloud)
     if len(points) < 2 / FRAGMENT:
         nothing = np.empty((0, 3))
         return Skin(nothing, nothing, np.zeros((len(_NECKS), 0), np.int64), 0.0)
@@ -95,10 +80,12 @@ def skin_study(structure: Structure, scene: Scene, cloud: Cloud, seed: int = 0) 
     return Skin(points, normals, _joined(points, normals, piece, spacing), spacing)
 
 
-def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud, seed: int) -> tuple[Floats, Floats, Ints]:
+def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud) -> tuple[Floats, Floats, Ints]:
     """Points and outward normals (F, 3) on the outside, and the mesh piece (F,) of each, -1 unknown."""
     if not len(structure.triangles):
-        return _fine_points(structure, cloud, np.random.default_rng(seed))
+        chosen = np.sort(np.random.default_rng(0).permutation(len(structure.vertices))[:_FINE])
+        outward = outward_of_points(structure, chosen, cloud)
+        return structure.vertices[chosen], outward, np.full(len(chosen), -1)
     lines = lattice(structure, spacing_for(structure, float(cloud.areas.sum()), _FINE))
     index, outward, _ = outside_like(lines.points, lines.triangle, structure, scene, cloud)
     return lines.points[index], outward, _known_pieces(structure)[lines.triangle[index]]
@@ -109,20 +96,16 @@ def outside_like(
 ) -> tuple[Ints, Floats, Ints]:
     """The sides of points on triangles that are outside, as samples near them are.
 
-    Returns
-    -------
-    array of int, shape (K,)
-        Of which point.
-    array, shape (K, 3)
-        Outward unit normals.
-    array of int, shape (K,)
-        The sample of the cloud that is nearest and faces alike.
+    Of which point each is (K,), its outward unit normal (K, 3), and the sample of the cloud that is nearest
+    and faces alike (K,).
     """
     normals = area_vectors(structure.vertices[structure.triangles[triangle]])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     near = cKDTree(cloud.points).query(points, k=min(6, len(cloud)))[1].reshape(len(points), -1)
     agrees = np.einsum("nkj,nj->nk", cloud.outward[near], normals)
-    index, sign, first = _sides(agrees)
+    both = np.stack([agrees > SAME_FACE, agrees < -SAME_FACE], axis=1)  # which sides face as samples near do
+    index, side = np.nonzero(both.any(axis=2))
+    sign, first = np.where(side == 0, 1.0, -1.0), both[index, side].argmax(axis=1)
     outward, like = sign[:, None] * normals[index], near[index, first]
     gap = 1e-5 * structure.diagonal_m
     free = lets_out(
@@ -131,26 +114,16 @@ def outside_like(
     return index[free], outward[free], like[free]
 
 
-def _sides(agrees: Floats) -> tuple[Ints, Floats, Ints]:
-    """Which sides of candidates face as outside samples near them do: index, sign, and the first of those."""
-    both = np.stack([agrees > SAME_FACE, agrees < -SAME_FACE], axis=1)
-    index, side = np.nonzero(both.any(axis=2))
-    return index, np.where(side == 0, 1.0, -1.0), both[index, side].argmax(axis=1)
+def outward_of_points(structure: Structure, chosen: Ints, cloud: Cloud) -> Floats:
+    """Outward normals (K, 3) of some points of a structure without triangles.
 
-
-def _fine_points(structure: Structure, cloud: Cloud, rng: np.random.Generator) -> tuple[Floats, Floats, Ints]:
-    """The same of a structure given as points: normals from neighbours, turned as the samples' are."""
-    points = structure.vertices
-    chosen = np.sort(rng.permutation(len(points))[:_FINE])
+    Where it has none they follow from neighbours, turned as those of the cloud's samples near them.
+    """
     if structure.normals is not None:
-        return points[chosen], structure.normals[chosen], np.full(len(chosen), -1)
-    like = cKDTree(cloud.points).query(points[chosen])[1]
-    return points[chosen], normals_like(points, chosen, cloud.outward[like]), np.full(len(chosen), -1)
-
-
-def normals_like(points: Floats, chosen: Ints, like: Floats) -> Floats:
-    """Normals (K, 3) of some of the points (N, 3) from their neighbours, turned as others (K, 3) are."""
+        return structure.normals[chosen]
+    points = structure.vertices
     normals = plane_normals(points, cKDTree(points).query(points[chosen], k=min(13, len(points)))[1])
+    like = cloud.outward[cKDTree(cloud.points).query(points[chosen])[1]]
     return np.where((normals * like).sum(axis=1, keepdims=True) < 0, -normals, normals)
 
 
@@ -213,14 +186,8 @@ def _from_rim(pairs: Ints, length: Floats, rim: Bools) -> Floats:
 def _basins(pairs: Ints, depth: Floats, neck: float) -> Ints:
     """Parts (F,) by watershed: two meet where the way between them is wide, as wide as they are.
 
-    Parameters
-    ----------
-    pairs : array of int, shape (E, 2)
-        Neighbours between which the skin continues.
-    depth : array, shape (F,)
-        Distance from the nearest rim; what lies on it (0) joins nothing.
-    neck : float
-        Of the narrower one's half width: what is joined by less is two parts.
+    `pairs` (E, 2) are neighbours between which the skin continues; `depth` (F,) is the distance from the
+    nearest rim, and what lies on it (0) joins nothing; `neck` is that of `_NECKS`.
     """
     rank = np.empty(len(depth), np.int64)
     rank[np.argsort(-depth, kind="stable")] = np.arange(len(depth))

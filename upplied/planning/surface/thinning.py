@@ -16,17 +16,8 @@ def voxel_cloud(structure: Structure, settings: CloudSettings) -> Cloud:
 
     The paper leaves the leaf open; its clouds hold 693 (airplane) and 1120 (turbine) points. Here
     the leaf follows from the structure so that about `settings.voxel_points` remain. The grid starts
-    at the corner of the bounding box, so that a moved structure gives the moved cloud.
-
-    Parameters
-    ----------
-    structure : Structure
-    settings : CloudSettings
-
-    Returns
-    -------
-    Cloud
-        `points` (N, 3), m, structure frame, in the order of their voxels, and `leaf_m`.
+    at the corner of the bounding box, so that a moved structure gives the moved cloud. Points (N, 3), m, are
+    in the structure's frame and in the order of their voxels.
     """
     if len(structure.triangles):
         rng = np.random.default_rng(settings.seed)
@@ -99,19 +90,8 @@ def _more_voxels(offset: Floats, leaf_m: float, number: int) -> bool:
 def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
     """About `number` of the candidates, none nearer to another on the same side than it must be.
 
-    Parameters
-    ----------
-    points : array, shape (N, 3), m
-    normals : array, shape (N, 3)
-        Samples whose normals point apart may lie near each other: the two sides of a sheet.
-    number : int
-    area : float
-        Of the surface that the candidates cover, m^2.
-
-    Returns
-    -------
-    array of int
-        Indices of those kept, increasing.
+    Indices, increasing. Of N points, m, with normals, that cover an area, m^2; those that face apart
+    may lie near each other: the two sides of a sheet.
     """
     if len(points) <= number:
         return np.arange(len(points))

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from upplied.config import focal_px
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.geometry.boxes import spacing
+from upplied.planning.geometry.clouds import spacing
 from upplied.planning.trajectory.extra_views import places_beside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View

@@ -16,7 +16,7 @@ from upplied.config import Settings
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.constants import MAJORITY
 from upplied.planning.demonstration.repetition import USUAL_PCT, Take, look_limits, steady_radps
-from upplied.planning.geometry.percentile import weighted_percentile
+from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.trajectory.retime import Sharp
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible

@@ -1,7 +1,8 @@
-"""Correspondences by parts: parts first, then points within them, warped and facing the same way.
+"""Which point of the target corresponds to each point of the demonstration's cloud (paper, Sec. III-B).
 
-The paper pairs nearest neighbours (Sec. III-B). On real structures a third of those pairs join the
-top of one wing to the bottom of the other, and an inner engine to an outer one where that is nearer.
+The paper pairs nearest neighbours. On real structures a third of those pairs join the top of one wing to the
+bottom of the other, and an inner engine to an outer one where that is nearer. So parts are matched first,
+then points within them, warped and facing the same way.
 """
 
 from __future__ import annotations
@@ -12,20 +13,82 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.config import CorrespondenceSettings
 from upplied.planning.constants import CLEARLY_BETTER, FACING, MAJORITY, SAME_FACE, TOLERANCE, TOUCH
-from upplied.planning.correspondence.coherent_point_drift import Drift, Patch, drift, farthest_points
-from upplied.planning.correspondence.describe import summary_of
-from upplied.planning.correspondence.misfit import UNTURNED
+from upplied.planning.correspondence.coherent_point_drift import (
+    ANCHORS,
+    CONTROLS,
+    Drift,
+    Patch,
+    drift,
+    farthest_points,
+)
+from upplied.planning.correspondence.naming import Landmarks, pinned_parts, summary_of
 from upplied.planning.correspondence.part_alignment import aligned, alignments, matched, patches
 from upplied.planning.correspondence.part_assignment import Matching
-from upplied.planning.geometry.boxes import diagonal_of, in_source_frame, spacing
+from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import Parts, labels_of, parts_of, parts_of_both
 from upplied.records import Bools, Cloud, Correspondences, Displacement, Floats, Ints, Registration
 from upplied.vectors import with_normals
 
-_CONTROLS, _ANCHORS = 200, 450  # points of the source that move, points of the target that pull
 _TRIED = 300  # samples of a part by which it is judged whether a drift brings it nearer
 _FACES_AWAY, _ADJACENT = 0.7, 0.5  # cosine of normals; how much nearer, with normals, an adjacent part is
+
+
+def correspond(
+    source: Cloud,
+    target: Cloud,
+    registration: Registration,
+    settings: CorrespondenceSettings,
+    source_landmarks: Landmarks | None = None,
+    target_landmarks: Landmarks | None = None,
+    words: Floats = UNTURNED,
+    named: Ints | None = None,
+) -> Correspondences:
+    """Counterparts of all points of the demonstration's cloud.
+
+    Parameters
+    ----------
+    source, target : Cloud
+        Of the demonstration structure and of the target, each in its own frame.
+    registration : Registration
+    settings : CorrespondenceSettings
+        Method ``nearest`` as published, or ``parts``, for clouds with normals.
+    source_landmarks, target_landmarks : mapping of name to x y z, m, optional
+        What the names in `settings.counterparts` may refer to.
+    words : array, shape (3, 3), optional
+        Quarter turns of the source to the axes in which places such as ``left`` are named.
+    named : array of int, shape (M,), optional
+        The source's part that the parts of either were inferred by, of each target sample; -1 none.
+
+    Returns
+    -------
+    Correspondences
+
+    Raises
+    ------
+    SettingsError
+        If `settings.counterparts` names a part that is not there.
+    """
+    if settings.method == "nearest" or source.normals is None or target.normals is None:
+        return nearest(source, target, registration)
+    landmarks = (source_landmarks or {}, target_landmarks or {})
+    pinned = pinned_parts(
+        source, target, registration, settings.counterparts, *landmarks, words=words, named=named
+    )
+    return by_parts(source, target, registration, pinned, words, named)
+
+
+def nearest(source: Cloud, target: Cloud, registration: Registration) -> Correspondences:
+    """The nearest point of the aligned target for every point (paper, Alg. 1, lines 8 to 12)."""
+    aligned = registration.to_demo(target.points)
+    distance, index = cKDTree(aligned).query(source.points)
+    return Correspondences(
+        target_index=np.asarray(index, np.int64),
+        distance_m=np.asarray(distance, float),
+        target_points=target.points[index],
+        summary=f"nearest of {len(target)} target points for each of {len(source)}",
+    )
 
 
 def by_parts(
@@ -36,43 +99,22 @@ def by_parts(
     words: Floats = UNTURNED,
     named: Ints | None = None,
 ) -> Correspondences:
-    """Counterparts of all samples of the source.
-
-    Parameters
-    ----------
-    source, target : Cloud
-        Surface samples with normals and parts, each in its own frame.
-    registration : Registration
-    pinned : mapping, optional
-        Source part to target part, as the user said.
-    words : array, shape (3, 3), optional
-        Quarter turns of the source to the axes in which places are named.
-    named : array of int, shape (M,), optional
-        The source's part that the parts of either were inferred by, of each target sample; -1 none.
-    """
-    if source.normals is None or target.normals is None:
-        raise ValueError("correspondences by parts need normals")
+    """Counterparts of all samples of the source, see `nearest.correspond`; samples have normals and parts."""
     registered = in_source_frame(target, registration)
     matching = matched(source, registered, pinned, named)
     displacement = _displacement(*patches(source, registered, matching), source, registered)
-    found = by_displacement(source, registered, registration, matching, displacement)
+    match = by_displacement(source, registered, registration, matching, displacement)
     here, there = parts_of_both(source, registered, words)
-    gone = found.target_index < 0
-    return replace(found, summary=summary_of(here, matching, labels_of(source), gone, there))
+    gone = match.target_index < 0
+    return replace(match, summary=summary_of(here, matching, labels_of(source), gone, there))
 
 
 def by_displacement(
     source: Cloud, registered: Cloud, registration: Registration, matching: Matching, carrier: Displacement
 ) -> Correspondences:
-    """Counterparts of samples of the source by a displacement that is known; their parts are those it knew.
+    """Counterparts of samples of the source by a displacement that is known; parts correspond as it knew.
 
-    Parameters
-    ----------
-    source, registered : Cloud
-        Surface samples with normals and parts; the target's in the frame and at the scale of the source.
-    registration : Registration
-    matching : Matching
-    carrier : Displacement
+    `registered` is the target in the frame and at the scale of the source.
     """
     diagonal = diagonal_of(source.points)
     moving, fixed = patches(source, registered, matching)
@@ -107,10 +149,8 @@ def _displacement(moving: Patch, fixed: Patch, source: Cloud, registered: Cloud)
     """Each matched part on its counterpart, and a smooth field besides."""
     diagonal = diagonal_of(source.points)
     matrix, offset, _ = alignments(moving, fixed)
-    there = aligned(moving, matrix, offset)
-    field, smooth = _smooth_field(there, fixed, diagonal)
-    step = np.array([spacing(source), spacing(registered)])
-    control = field.control
+    field, smooth = _smooth_field(aligned(moving, matrix, offset), fixed, diagonal)
+    step, control = np.array([spacing(source), spacing(registered)]), field.control
     return Displacement(
         matrix, offset, smooth, control.points, control.label, field.weights, field.reach_m, step
     )
@@ -118,16 +158,16 @@ def _displacement(moving: Patch, fixed: Patch, source: Cloud, registered: Cloud)
 
 def _smooth_field(there: Patch, fixed: Patch, diagonal: float) -> tuple[Drift, Bools]:
     """The drift of aligned parts, and of which classes (C + 1,) it brings the surfaces clearly nearer."""
-    controls = there.rows(farthest_points(there.points, _CONTROLS))
-    found = drift(controls, fixed.rows(farthest_points(fixed.points, _ANCHORS)), diagonal)
-    drifted = replace(there, points=there.points + found.at(there.points, there.label))
+    control = there.rows(farthest_points(there.points, CONTROLS))
+    field = drift(control, fixed.rows(farthest_points(fixed.points, ANCHORS)), diagonal)
+    drifted = replace(there, points=there.points + field.at(there.points, there.label))
     smooth = np.zeros(int(there.label.max(initial=-1)) + 2, bool)
     for label in np.unique(there.label):
         mine = np.flatnonzero(there.label == label)
         tried = mine[:: max(1, len(mine) // _TRIED)]
         before = _off(there.rows(tried), fixed, diagonal)
         smooth[label] = _off(drifted.rows(tried), fixed, diagonal) < CLEARLY_BETTER * before
-    return found, smooth
+    return field, smooth
 
 
 def _off(patch: Patch, fixed: Patch, diagonal_m: float) -> float:

@@ -1,4 +1,4 @@
-"""Which part a user means: a landmark, ``part_7`` of a summary, or a place such as ``outer``."""
+"""Parts in words: by landmarks and by their place in the structure, since meshes give them no names."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
-from upplied.planning.constants import MOST_RATIO, SAME_SIZE, SIDE
-from upplied.planning.correspondence.misfit import UNTURNED
-from upplied.planning.correspondence.part_assignment import like_shape
-from upplied.planning.geometry.boxes import in_source_frame
+from upplied.planning.constants import LEAST_PART, MOST_RATIO, SAME_SIZE, SIDE
+from upplied.planning.correspondence.part_assignment import Matching, like_shape
+from upplied.planning.geometry.clouds import UNTURNED, in_source_frame
 from upplied.planning.surface.parts import Parts, labels_of, names_of, parts_of_both
-from upplied.records import Cloud, Floats, Ints, Registration
+from upplied.records import Bools, Cloud, Floats, Ints, Registration
 
 Landmarks = Mapping[str, tuple[float, float, float]]
 
-_WORDS = ("left", "right", "inner", "outer", "front", "rear", "high", "low")
+_PLACES = ("left", "right", "inner", "outer", "front", "rear", "high", "low")
+_WORDS = (("rear", "front"), ("right", "left"), ("low", "high"))
+_CENTRAL = 0.08  # of the structure's extent: no word within this distance of the middle
+_NAMED = 6  # parts without a counterpart that are named one by one
 
 
 def pinned_parts(
@@ -64,14 +66,14 @@ def pinned_parts(
         if one is None:
             raise _unknown(name, "source", source_landmarks, len(here), "")
         other = _named(name_there, target, there, target_landmarks)
-        if other is None and set(name_there.split("_")) <= set(_WORDS):
+        if other is None and set(name_there.split("_")) <= set(_PLACES):
             other = _by_place(name_there.split("_"), here, one, there, names)
             if other is None:
                 raise _not_told_apart(name, name_there, "no part of the target has the shape and size of it")
         elif other is not None and not _comparable(here, one, there, other):
             raise _not_told_apart(name, name_there, _beside(here, one, there, other))
         if other is None:
-            places = " or places among " + ", ".join(_WORDS)
+            places = " or places among " + ", ".join(_PLACES)
             raise _unknown(name_there, "target", target_landmarks, len(there), places)
         pinned[one] = other
     return pinned
@@ -181,3 +183,60 @@ def _unknown(name: str, which: str, landmarks: Landmarks, number: int, places: s
         f"landmarks ({known}), part_0 to part_{number - 1}{places}",
         "declare the landmark in the manifest, or take the part's number from the counterpart summary",
     )
+
+
+def place_of(parts: Parts, part: int) -> str:
+    """Where a part lies in the structure, e.g. ``front left low``; ``middle`` where nothing stands out.
+
+    Left is +Y, front +X.
+    """
+    low, high = parts.box
+    offset = (parts.middle[part] - (low + high) / 2) / np.maximum(high - low, 1e-9)
+    words = [pair[int(at > 0)] for pair, at in zip(_WORDS, offset, strict=True) if abs(at) > _CENTRAL]
+    return " ".join(words) or "middle"
+
+
+def summary_of(source: Parts, matching: Matching, label: Ints, gone: Bools, target: Parts) -> str:
+    """Which parts have a counterpart, and which have none, in words."""
+    text = f"{int((matching.source_class >= 0).sum())} of {len(source)} parts matched one to one"
+    count = np.bincount(label, minlength=len(source))
+    lost = np.bincount(label, weights=gone, minlength=len(source)) / np.maximum(count, 1)
+    without = [part for part in np.argsort(-source.area, kind="stable") if lost[part] > 0.5]
+    if without:
+        named = [
+            f"part_{part} ({place_of(source, part)}, {100 * source.area[part]:.1f} % of the surface)"
+            for part in without[:_NAMED]
+        ]
+        more = len(without) - len(named)
+        text += "; no counterpart on the target: " + ", ".join(named) + (f" and {more} more" if more else "")
+    unused = [part for part in np.flatnonzero(matching.target_class < 0) if target.area[part] > LEAST_PART]
+    if unused and len(matching):
+        places = [f"part_{part} ({place_of(target, int(part))})" for part in unused[:_NAMED]]
+        text += "; only on the target: " + ", ".join(places)
+    return text
+
+
+def place_in(whole: Floats, points: Floats, weight: Floats) -> tuple[str, Bools]:
+    """The third of a structure along each axis in which most of some points lie, in words.
+
+    Parameters
+    ----------
+    whole : array, shape (N, 3), m
+        All of the structure, +X front and +Y left.
+    points : array, shape (K, 3), m
+    weight : array, shape (K,)
+
+    Returns
+    -------
+    str
+        E.g. ``the rear high section``.
+    array of bool, shape (K,)
+        Which of the points lie there.
+    """
+    low, size = whole.min(axis=0), np.maximum(np.ptp(whole, axis=0), 1e-9)
+    third = np.clip(((points - low) / size * 3).astype(int), 0, 2)
+    cell = third @ [9, 3, 1]
+    best = int(np.bincount(cell, weights=weight, minlength=27).argmax())
+    at = (best // 9, best // 3 % 3, best % 3)
+    words = [pair[side // 2] for pair, side in zip(_WORDS, at, strict=True) if side != 1]
+    return f"the {' '.join(words) or 'middle'} section", cell == best
