@@ -68,12 +68,8 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
         review.rejecting,
         edit.app,
     ),
-<<<<<<< HEAD
     "Fly": (fly.app, export.app, export.briefing, flights.app),
-=======
-    "Fly": (fly.app, export.app, brief.app, flights.app),
     "Findings": (findings.app, findings.looking, findings.reshooting),
->>>>>>> camera
     "Fleet": (review.in_force, fleet.app, keys.app),
     "Service": (quickstart.app, serve.serving, serve.deploying, serve.watching, doctor.app),
 }
