@@ -6,6 +6,7 @@ import io
 import json
 import struct
 import tempfile
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def write(vertices: Floats, triangles: Ints, suffix: str) -> bytes:
         return embedded(trimesh.Scene(mesh))
     if suffix == "ply_ascii":
         made = mesh.export(file_type="ply", encoding="ascii")
-    elif suffix == "glb":
+    elif suffix in ("glb", "3mf"):
         made = trimesh.Scene(mesh).export(file_type=suffix)
     else:
         made = mesh.export(file_type=suffix)
@@ -143,3 +144,11 @@ def read(folder: Path, suffix: str, data: bytes) -> RawMesh:
     path = folder / f"file.{suffix.removesuffix('_ascii')}"
     path.write_bytes(data)
     return read_raw(path)[0]
+
+
+def zipped(model: bytes) -> bytes:
+    """A 3MF of one model part."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("3D/3dmodel.model", model)
+    return file.getvalue()

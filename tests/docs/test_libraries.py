@@ -30,6 +30,8 @@ NOT_IMPORTED = {
     "playwright": "a browser in a process of its own",
     "pymavlink": "a process of its own",
     "pycollada": "trimesh writes COLLADA by it",
+    "lxml": "trimesh writes 3MF by it",
+    "networkx": "trimesh writes 3MF by it",
     "mkdocs-material": "a theme",
     "mkdocstrings-python": "a plugin",
 }

@@ -83,11 +83,11 @@ def test_open_inverted_and_hidden_things_are_named(tmp_path: Path) -> None:
     shell = trimesh.creation.box((6, 6, 6))
     shell.invert()
     both = trimesh.util.concatenate([shell, trimesh.creation.box((1, 1, 1))])
-    path = tmp_path / "part.ply"
-    path.write_bytes(mesh_files.write(both.vertices, both.faces, "ply"))
+    path = tmp_path / "part.off"
+    path.write_bytes(mesh_files.write(both.vertices, both.faces, "off"))
     text = health_report(StructureEntry("part", "box", path, 1.0)).text
     assert "1 hidden inside" in text and "12 triangles turned" in text and "drop_hidden" in text
-    path.write_bytes(mesh_files.write(shell.vertices, shell.faces[2:], "ply"))
+    path.write_bytes(mesh_files.write(shell.vertices, shell.faces[2:], "off"))
     assert "no: 4 open edges" in health_report(path).text
 
 

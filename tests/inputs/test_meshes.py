@@ -80,7 +80,7 @@ def test_units_and_scale_are_undone(tmp_path: Path, unit: float, factor: float) 
 
 def test_units_of_the_file_and_disagreements(tmp_path: Path) -> None:
     vertices, triangles = mesh_files.shape()
-    entry = saved(tmp_path, vertices, triangles, "glb", unit_m=None)
+    entry = saved(tmp_path, vertices * 1000, triangles, "3mf", unit_m=None)
     assert np.allclose(np.ptp(read_structure(entry).vertices, axis=0), np.ptp(vertices, axis=0))
     assert findings(entry).unit_from == "file"
     with pytest.raises(InputError, match="does not declare its units"):

@@ -19,7 +19,7 @@ from upplied.inputs.formats.reader import READERS, REFUSED, read_raw
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import normalise
 
-MESHES = ["ply", "ply_ascii", "stl", "stl_ascii", "obj", "glb", "gltf", "dae"]
+MESHES = ["ply", "ply_ascii", "stl", "stl_ascii", "obj", "off", "glb", "gltf", "dae", "3mf"]
 CLOUDS = ["pcd", "pcd_ascii", "las", "laz", "e57"]
 
 
@@ -40,7 +40,7 @@ def test_empty_truncated_and_mislabelled_files_are_refused(tmp_path: Path, suffi
 
 
 def test_a_face_of_vertices_that_are_gone_is_no_partial_mesh(tmp_path: Path) -> None:
-    for suffix in ("obj", "ply_ascii"):
+    for suffix in ("obj", "off", "ply_ascii"):
         text = mesh_files.write(*mesh_files.shape(), suffix).decode()
         broken = text.replace("15", "99")
         with pytest.raises(InputError):
@@ -57,8 +57,6 @@ def test_a_face_of_vertices_that_are_gone_is_no_partial_mesh(tmp_path: Path) -> 
         ("a.ply", b"AC3Db\nMATERIAL", "AC"),
         ("a.e57", b"ASTM-E57\0\0", "PLY"),
         ("a.zip", b"PK\x03\x04rest", "Unpack"),
-        ("a.zip", b"PK\x03\x043D/3dmodel.model", "GLB, STL or OBJ"),
-        ("a.stl", b"OFF\n3 1 0\n", "PLY or OBJ"),
         ("a.xyz", b"1 2 3\n", "one of ply, stl"),
         ("a", b"ply\n", "one of ply, stl"),
         ("a.glb", struct.pack("<4sIIII", b"glTF", 1, 40, 20, 0) + b"{}" * 10, "gltf-pipeline"),
@@ -118,6 +116,7 @@ def header_bombs() -> dict[str, tuple[str, bytes]]:
     packed = mesh_files.pcd_header(10**9, "binary_compressed") + struct.pack("<II", 10, 24 * 10**9 % 2**32)
     return {
         "stl": ("stl", b"\0" * 80 + struct.pack("<I", _HUGE) + b"\0" * 500),
+        "off": ("off", f"OFF\n{_HUGE} {_HUGE} 0\n0 0 0\n".encode()),
         "las": ("las", bytes(las)),
         "pcd": ("pcd", mesh_files.pcd_header(10**12, "binary") + b"\0" * 99),
         "pcd compressed": ("pcd", packed + b"\0" * 10),
@@ -149,11 +148,19 @@ def gltf_bombs() -> dict[str, tuple[str, bytes]]:
 
 
 def xml_bombs() -> dict[str, tuple[str, bytes]]:
-    """Entities, external ones too."""
+    """Entities, external ones too, components within components, an archive of blanks."""
     entities = "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in itertools.pairwise("abcdefghij"))
     laughs = f'<?xml version="1.0"?><!DOCTYPE l [<!ENTITY a "ha">{entities}]>'
     outside = '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
+    objects = '<object id="0"/>'
+    for number in range(1, 20):
+        twenty = f'<component objectid="{number - 1}"/>' * 20
+        objects += f'<object id="{number}"><components>{twenty}</components></object>'
+    nested = f'<model><resources>{objects}</resources><build><item objectid="19"/></build></model>'
     return {
+        "3mf zip": ("3mf", mesh_files.zipped(b"<model>" + b" " * 100_000_000 + b"</model>")),
+        "3mf components": ("3mf", mesh_files.zipped(nested.encode())),
+        "3mf entities": ("3mf", mesh_files.zipped(f"{laughs}<model>&j;</model>".encode())),
         "dae entities": ("dae", f"{laughs}<COLLADA>&j;</COLLADA>".encode()),
         "dae external": ("dae", f"{outside}<COLLADA>&x;</COLLADA>".encode()),
     }

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from upplied.errors import InputError
 from upplied.inputs.polygons import triangulate
 
-MESHES = ["ply", "ply_ascii", "stl", "stl_ascii", "obj", "glb", "gltf", "dae"]
+MESHES = ["ply", "ply_ascii", "stl", "stl_ascii", "obj", "off", "glb", "gltf", "dae", "3mf"]
 CLOUDS = ["pcd", "pcd_ascii", "las", "laz", "e57"]
 
 
@@ -61,10 +61,11 @@ def test_compressed_pcd(tmp_path: Path) -> None:
 def test_declared_units_and_axes(tmp_path: Path) -> None:
     vertices, triangles = mesh_files.shape()
     declared = {}
-    for suffix in ("glb", "gltf", "dae", "stl", "obj"):
+    for suffix in ("glb", "gltf", "3mf", "dae", "stl", "obj"):
         raw = mesh_files.read(tmp_path, suffix, mesh_files.write(vertices, triangles, suffix))
         declared[suffix] = (raw.unit_m, raw.up)
     assert declared["glb"] == declared["gltf"] == (1.0, "y")
+    assert declared["3mf"] == (0.001, "z")
     assert declared["stl"] == declared["obj"] == (None, "")
 
 
@@ -85,6 +86,24 @@ def test_scenes_are_flattened_as_trimesh_does(tmp_path: Path, suffix: str) -> No
     assert len(raw.part_names) == 3
     volume = trimesh.Trimesh(raw.vertices, raw.triangles, process=True).volume
     assert volume == pytest.approx(18.0, rel=1e-4)  # the mirrored box is wound outwards as well
+
+
+THREEMF = """<?xml version="1.0"?><model unit="inch"
+ xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>
+<object id="1" type="model" name="plate"><mesh><vertices>
+<vertex x="0" y="0" z="0"/><vertex x="1" y="0" z="0"/><vertex x="0" y="1" z="0"/></vertices>
+<triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh></object>
+<object id="2" type="model"><components>
+<component objectid="1"/><component objectid="1" transform="0 1 0 -1 0 0 0 0 1 10 0 0"/></components></object>
+</resources><build><item objectid="2" transform="2 0 0 0 2 0 0 0 2 0 0 7"/></build></model>"""
+
+
+def test_components_of_a_3mf_are_placed(tmp_path: Path) -> None:
+    raw = mesh_files.read(tmp_path, "3mf", mesh_files.zipped(THREEMF.encode()))
+    assert (raw.unit_m, raw.up, raw.part_names) == (0.0254, "z", ("plate", "plate"))
+    # Row vectors: a quarter turn takes x to y, then 10 along x; then doubled, and 7 up.
+    placed = [[[0, 0, 7], [2, 0, 7], [0, 2, 7]], [[20, 0, 7], [20, 2, 7], [18, 0, 7]]]
+    assert np.allclose(raw.vertices[raw.triangles], placed)
 
 
 DAE = """<?xml version="1.0"?>

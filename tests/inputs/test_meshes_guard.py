@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import struct
 import threading
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -76,6 +78,8 @@ def fewer(suffix: str) -> bytes:
         return data.replace(b"element face 24", b"element face 6")
     if suffix == "stl":
         return data[:80] + struct.pack("<I", 6) + data[84:]
+    if suffix == "off":
+        return data.replace(b"16 24 0", b"16 6 0")
     if suffix == "dae":
         return re.sub(rb'(<triangles[^>]*count=)"24"', rb'\1"6"', data)
     if suffix == "gltf":
@@ -85,7 +89,9 @@ def fewer(suffix: str) -> bytes:
     return data.replace(b"POINTS 16", b"POINTS 6").replace(b"WIDTH 16", b"WIDTH 6")
 
 
-@pytest.mark.parametrize("suffix", ["ply", "ply_ascii", "stl", "dae", "gltf", "las", "pcd", "pcd_ascii"])
+@pytest.mark.parametrize(
+    "suffix", ["ply", "ply_ascii", "stl", "off", "dae", "gltf", "las", "pcd", "pcd_ascii"]
+)
 def test_a_header_that_counts_fewer_than_there_are_is_refused(tmp_path: Path, suffix: str) -> None:
     data = fewer(suffix)
     assert data != mesh_files.write(*mesh_files.shape(), suffix)
@@ -113,6 +119,8 @@ def polygon(suffix: str, points: np.ndarray) -> bytes:
     if suffix == "obj":
         faces = " ".join(map(str, range(1, len(points) + 1)))
         return ("v " + rows.replace("\n", "\nv ") + f"\nf {faces}\n").encode()
+    if suffix == "off":
+        return f"OFF\n{len(points)} 1 0\n{rows}\n{len(points)} {index}\n".encode()
     vertex = "property double x\nproperty double y\nproperty double z\n"
     head = f"ply\nformat {{}} 1.0\nelement vertex {len(points)}\n{vertex}element face 1\n"
     head += "property list int int vertex_indices\nend_header\n"
@@ -123,7 +131,7 @@ def polygon(suffix: str, points: np.ndarray) -> bytes:
     return head.format("binary_little_endian").encode() + body
 
 
-@pytest.mark.parametrize("suffix", ["ply", "ply_ascii", "obj"])
+@pytest.mark.parametrize("suffix", ["ply", "ply_ascii", "obj", "off"])
 def test_a_polygon_of_too_many_corners_is_refused_before_anybody_cuts_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
 ) -> None:
@@ -135,7 +143,7 @@ def test_a_polygon_of_too_many_corners_is_refused_before_anybody_cuts_it(
         read_raw(path)
 
 
-@pytest.mark.parametrize("suffix", ["ply", "ply_ascii", "obj"])
+@pytest.mark.parametrize("suffix", ["ply", "ply_ascii", "obj", "off"])
 def test_a_concave_polygon_of_many_corners_keeps_its_area(tmp_path: Path, suffix: str) -> None:
     points = ring(4000, 0.5)
     raw = mesh_files.read(tmp_path, suffix, polygon(suffix, points))
@@ -181,6 +189,26 @@ def test_dae_positions_and_places_keep_double_precision(tmp_path: Path) -> None:
     raw = mesh_files.read(tmp_path, "dae", moved.encode())
     low = mesh_files.shape()[0].min(axis=0) + place
     assert np.abs(raw.vertices[np.unique(raw.triangles)].min(axis=0) - low).max() < 1e-6
+
+
+PART = """<model unit="meter" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+ xmlns:p="http://schemas.microsoft.com/3dmanufacturing/production/2015/06">{}</model>"""
+OBJECT = """<object id="{}"><mesh><vertices><vertex x="0" y="0" z="{z}"/><vertex x="1" y="0" z="{z}"/>
+<vertex x="0" y="1" z="{z}"/></vertices><triangles><triangle v1="0" v2="1" v3="2"/></triangles>
+</mesh></object>"""
+
+
+def test_objects_in_another_part_of_a_3mf_are_placed_once_each(tmp_path: Path) -> None:
+    objects = OBJECT.format(1, z=0) + OBJECT.format(2, z=5)
+    path = "/3D/Objects/object_1.model"
+    parts = "".join(f'<component p:path="{path}" objectid="{number}"/>' for number in (1, 2))
+    inner = f'<resources><object id="9"><components>{parts}</components></object></resources>'
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("3D/Objects/object_1.model", PART.format(f"<resources>{objects}</resources>"))
+        archive.writestr("3D/3dmodel.model", PART.format(inner + '<build><item objectid="9"/></build>'))
+    raw = mesh_files.read(tmp_path, "3mf", file.getvalue())
+    assert sorted(raw.vertices[raw.triangles][:, 0, 2].tolist()) == [0.0, 5.0]
 
 
 def test_a_gltf_child_of_a_camera_keeps_its_place(tmp_path: Path) -> None:

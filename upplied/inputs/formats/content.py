@@ -22,8 +22,6 @@ REFUSED = {
     "mcap": "it is a log: add it as a demonstration",
     "html": "it is a web page: download the file itself",
     "zip": "unpack it and name the mesh in it",
-    "3mf": "export it as GLB, STL or OBJ (e.g. from a slicer)",
-    "off": "export it as PLY or OBJ (e.g. with MeshLab)",
 }
 SAME = {
     "stp": "step",
