@@ -7,8 +7,9 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
+from upplied.cli.options import CatalogOption, JsonOption
 from upplied.cli.review import ByOption, NoteOption
-from upplied.cli.terminal import CatalogOption, JsonOption, complain, errors, next_step, opened, say, show
+from upplied.cli.terminal import complain, errors, next_step, opened, say, show
 
 app = App(
     name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."

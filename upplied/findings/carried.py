@@ -16,12 +16,12 @@ from upplied.findings.adding import on_surface
 from upplied.findings.looks import Spot, plane_axes
 from upplied.fleet.decisions import PlanRequest, SettingsOf
 from upplied.fleet.siblings import SiblingsOf
-from upplied.planning.correspondence.agreement import certainty
+from upplied.planning.correspondence.certainty import certainty
 from upplied.planning.correspondence.memo import content_key
 from upplied.planning.correspondence.pair import Grained, Pair
 from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.repetition import choices_in
-from upplied.planning.geometry.boxes import spacing
+from upplied.planning.geometry.clouds import spacing
 from upplied.planning.surface.frames import frames_for, named_axes, structure_in
 from upplied.planning.surface.parts import labels_of, parts_of_both
 from upplied.records import Bools, Cloud, Floats, Ints, Rows, Structure
