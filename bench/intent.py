@@ -41,6 +41,8 @@ _COLUMNS = (
     ("pan", "pan_fast_pct", 0),
     ("gsd", "gsd_mm_p50", 1),
     ("gsd0", "gsd_demonstrated_mm_p50", 1),
+    ("fine", "gsd_within_pct", 1),
+    ("blur", "blur_px_p99", 2),
     ("fre", "frechet_z", 2),
     ("fre_f", "frechet_floored", 2),
 )

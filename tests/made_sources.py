@@ -203,6 +203,7 @@ def photos(folder: Path, flight: Flight, relative_yaw: bool = False) -> Written:
         second = np.datetime64(int(flight.t_ns[at]), "ns").astype("datetime64[s]").item()
         exif.get_ifd(0x8769).update(
             {0x9003: second.strftime("%Y:%m:%d %H:%M:%S"), 0xA405: 24, 0xA002: 4000, 0xA003: 3000}
+            | {0x829A: IFDRational(1, 800 - at), 0x829D: IFDRational(56, 10), 0x920A: IFDRational(88, 10)}
         )
         exif.get_ifd(0x8825).update(
             {

@@ -16,13 +16,14 @@ ROOT = Path(__file__).parents[1]
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
     "errors", "extras", "records", "config", "checks", "polylines", "vectors", "triangles", "poses", "discs",
-    "disc_cells", "reconstruction", "scene", "supposed_scene", "threads", "provenance", "guard",
+    "cameras", "disc_cells", "reconstruction", "scene", "supposed_scene", "threads", "provenance", "guard",
 }  # fmt: skip
 ALLOWED = {
     "errors": set(),
     "extras": {"errors"},
     "records": {"errors"},
     "config": {"errors"},
+    "cameras": {"errors", "records"},
     "checks": {"errors", "records", "config"},
     "polylines": {"records"},
     "vectors": {"records"},

@@ -70,6 +70,22 @@ def test_a_yaw_that_counts_from_the_nose_is_told_from_the_series(tmp_path: Path)
     assert np.degrees(angle_between(found.quat_xyzw, flown.quat_xyzw)).max() < 0.1
 
 
+def test_photos_say_their_camera_and_its_shortest_interval(tmp_path: Path) -> None:
+    """EXIF: model, longest exposure, aperture; a model that nobody lists takes photos as the flight did."""
+    path, facts = photos(tmp_path / "photos", thin(flight(1200, 10.0)))
+    camera = (found := read_demonstration(path, LogOptions(structure_id="tank", **facts))).camera
+    assert found.stills and (camera.model, camera.trigger_s) == ("dji-phantom-4-pro-v2", 2.0)
+    assert camera.exposure_s == pytest.approx(1 / 761) and camera.f_number == 5.6
+    raw = LogOptions(structure_id="tank", camera_file_format="raw", camera_exposure_s=0.01, **facts)
+    assert (read_demonstration(path, raw).camera.trigger_s) == 5.0
+    assert read_demonstration(path, raw).camera.exposure_s == 0.01  # who says it knows better
+    made, facts = WRITERS["opensfm"](tmp_path, spiral())
+    flown = read_demonstration(made, LogOptions(structure_id="tank", **facts))
+    assert flown.stills and flown.camera.trigger_s == pytest.approx(np.diff(flown.t_ns).min() * 1e-9)
+    with pytest.raises(InputError, match=r"camera_model.*one of dji-zenmuse-p1-35"):
+        read_demonstration(path, LogOptions(structure_id="tank", camera_model="kodak"))
+
+
 def test_a_reconstruction_of_unknown_scale_asks_for_it(tmp_path: Path) -> None:
     path, _ = WRITERS["colmap text"](tmp_path, spiral())
     with pytest.raises(InputError, match="unit_m"):

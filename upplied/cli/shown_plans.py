@@ -23,9 +23,12 @@ COLUMNS = {
     "camera_turn_ratio": "turned",
     "gsd_mm_p50": "gsd mm",
     "gsd_demonstrated_mm_p50": "flown mm",
+    "gsd_within_pct": "as fine %",
     "standoff_mode": "stand-off",
     "duration_s": "time s",
 }
+
+_SPARE = ("paper %", "Frechet", "time s", "flown mm", "as fine %", "stand-off", "gsd mm", "turned", "seen %")
 
 
 def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]:
@@ -50,13 +53,25 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
     """The measures of each plan, and under them why it has none, or what to look at before it is flown."""
     from json import loads
 
+    from upplied.outputs.verdicts import fineness
+
     if as_json:
         show("", [{**row, "warnings": loads(row["warnings"] or "[]")} for row in rows], as_json)
         return
     show(
         f"transfers of {demonstration}",
         [{title: _cell(row, name) for name, title in COLUMNS.items()} for row in rows],
-        spare=("paper %", "Frechet", "time s", "flown mm", "stand-off", "gsd mm", "turned", "seen %"),
+        spare=(
+            "paper %",
+            "Frechet",
+            "time s",
+            "flown mm",
+            "as fine %",
+            "stand-off",
+            "gsd mm",
+            "turned",
+            "seen %",
+        ),
     )
     for row in rows:
         status = shown_status(row)
@@ -64,7 +79,10 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
             why = row["reason"] or row["not_flyable"]
             said = f"{status}: {row['target_id']} ({row['preset']}): {why}"
             say(said)
-        elif warnings := loads(row["warnings"] or "[]"):
+            continue
+        if fine := fineness(row):
+            say(f"{row['target_id']} ({row['preset']}): {fine}")
+        if warnings := loads(row["warnings"] or "[]"):
             say(f"look at: {row['target_id']} ({row['preset']}): {'; '.join(warnings)}")
 
 

@@ -142,13 +142,17 @@ class InspectionSettings:
     least_resolution: float = 0.8  # of what the stand-off mode asks for that patch
     max_incidence_deg: float = 75.0  # from the normal, of the look that shows it
     max_motion_px: float = 1.0  # of the picture during one exposure, unless the expert's own was more
-    exposure_s: float = 1 / 500  # of one picture
-    width_px: int = 4000  # of the pictures that the motion is counted in
+    exposure_s: float = 1 / 500  # of one picture, where the camera's own is not known
+    width_px: int = 4000  # of the pictures that the motion is counted in, or the camera's where it is more
     about: str = ""  # what the flight was about: landmarks, part_3, box X Y Z X Y Z; empty: as inferred
 
-    def sharp_radps(self, hfov_deg: float) -> float:
-        """How fast a point may move near the middle of a camera's picture and still be sharp, rad/s."""
-        return self.max_motion_px / (self.exposure_s * focal_px(self.width_px, hfov_deg))
+    def sharp_radps(self, hfov_deg: float, width_px: int = 0, exposure_s: float = 0.0) -> float:
+        """How fast a point may move near the middle of a camera's picture and still be sharp, rad/s.
+
+        Width and exposure are those of the camera, 0 where they are not known.
+        """
+        focal = focal_px(max(self.width_px, width_px), hfov_deg)
+        return self.max_motion_px / ((exposure_s or self.exposure_s) * focal)
 
 
 @dataclass(frozen=True)

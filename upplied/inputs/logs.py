@@ -48,7 +48,11 @@ __all__ = ["LogOptions", "read_demonstration"]
 
 # Neither changes what was flown; and what was not asked yet when logs were taken in leaves their hash alone.
 _UNSAID = ("demonstration_id", "allow", "strict", "passport")
-_LATER = ("publisher", "convention", "unit_m", "takeoff_alt_m", "points")
+_LATER = (
+    "publisher", "convention", "unit_m", "takeoff_alt_m", "points", "camera_model", "camera_file_format",
+    "camera_width_px", "camera_height_px", "camera_exposure_s", "camera_trigger_s", "camera_focus_m",
+    "camera_focal_mm", "camera_f_number",
+)  # fmt: skip
 _PHOTO_HEAD = (
     1 << 17
 )  # bytes by which a photo is known: those of all of them would take longer than reading them
@@ -202,6 +206,8 @@ def _demonstration(
     broken, how = breaks(kept, gap_s)
     pacing = [] if flight else pace.words
     notes += [*source.notes, *filter(None, [placing]), *more, *chosen, *cut, *kept.notes, *how, *pacing]
+    if source.stills and not camera.trigger_s and len(kept) > 1:
+        camera = replace(camera, trigger_s=float(np.diff(kept.t_ns).min() * 1e-9))
     passport: Mapping[str, Any] = {}
     if structure is not None:
         overruled = _overruled(
@@ -247,6 +253,7 @@ def _demonstration(
         notes="; ".join([*filter(None, [facts.notes]), *notes, *source.losses]),
         passport=passport,
         wind=wind.wind_of(tables, track, facts.structure_heading_deg),
+        stills=source.stills,
     )
     return found, said
 

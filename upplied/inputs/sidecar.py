@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from upplied.cameras import FILE_FORMATS, known_cameras
 from upplied.checks import check_id
 from upplied.errors import InputError
 from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings
@@ -80,6 +81,15 @@ class LogOptions:
     camera_max_range_m: float | None = None
     camera_hfov_deg: float | None = None
     camera_vfov_deg: float | None = None
+    camera_model: str = ""  # a name in `cameras.toml`
+    camera_file_format: str = ""  # of its photos: "jpeg" or "raw"
+    camera_width_px: float | None = None
+    camera_height_px: float | None = None
+    camera_exposure_s: float | None = None  # of one picture
+    camera_trigger_s: float | None = None  # least time between two photos
+    camera_focus_m: float | None = None  # nearest distance that is in focus
+    camera_focal_mm: float | None = None
+    camera_f_number: float | None = None
     # Limits of the reader; options only.
     gap_s: float = 0.5  # a longer silence breaks the flight
     max_dropped: float = 0.05  # share of the samples
@@ -109,6 +119,13 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "camera_vfov_deg": (1, 180),
     "camera_min_range_m": (0, 10_000),
     "camera_max_range_m": (0.01, 100_000),
+    "camera_width_px": (16, 100_000),
+    "camera_height_px": (16, 100_000),
+    "camera_exposure_s": (1e-6, 1),
+    "camera_trigger_s": (0.01, 3600),
+    "camera_focus_m": (0, 1000),
+    "camera_focal_mm": (0.1, 10_000),
+    "camera_f_number": (0.5, 100),
     "structure_alt_m": (-1000, 20_000),
     "structure_heading_deg": (-360, 360),
     "geoid_undulation_m": (-200, 200),
@@ -272,6 +289,12 @@ def _checked(facts: LogOptions, what: str) -> LogOptions:
         raise InputError(
             f"{what}, convention", f"got {facts.convention[:40]!r}", f"one of {', '.join(CONVENTIONS)}"
         )
+    if facts.camera_model and facts.camera_model not in (names := known_cameras()):
+        found = f"got {facts.camera_model[:60]!r}"
+        raise InputError(f"{what}, camera_model", found, f"one of {', '.join(names)}")
+    if facts.camera_file_format not in ("", *FILE_FORMATS):
+        found = f"got {facts.camera_file_format[:40]!r}"
+        raise InputError(f"{what}, camera_file_format", found, f"one of {', '.join(FILE_FORMATS)}")
     if facts.body_frame not in ("", *BODY_FRAMES):
         raise InputError(
             f"{what}, body_frame", f"got {facts.body_frame[:40]!r}", f"one of {', '.join(BODY_FRAMES)}"

@@ -15,6 +15,7 @@ from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.ways import ground_z_m
+from upplied.outputs.verdicts import fineness
 from upplied.polylines import leg_lengths
 from upplied.records import Floats, Structure
 
@@ -132,8 +133,9 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
 
 
 def _measures(row: Mapping[str, Any]) -> str:
+    size = ", for its size" if row.get("standoff_mode") == "scaled" else ""
     shown = (
-        ("coverage_inspected_pct", "inspected surface shown as well", "{:.1f} %"),
+        ("coverage_inspected_pct", f"inspected surface shown as well{size}", "{:.1f} %"),
         ("coverage_seen_pct", "surface really seen", "{:.1f} %"),
         ("min_clearance_m", "least clearance of the plan", "{:.2f} m"),
         ("path_length_m", "inspection path", "{:.0f} m"),
@@ -146,7 +148,8 @@ def _measures(row: Mapping[str, Any]) -> str:
         value = row.get(name)
         if value is not None and value == value:
             rows.append((text, form.format(float(value))))
-    return _table("Plan", rows)
+    fine = fineness(row)
+    return _table("Plan", rows) + (f"<p>{_said(fine)}</p>" if fine else "")
 
 
 def _sorties(missions: Sequence[Mission]) -> str:

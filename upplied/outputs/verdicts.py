@@ -40,14 +40,37 @@ def verdict(row: Mapping[str, Any], safety_m: float | None) -> dict[str, Any]:
     clearance = number(row, "min_clearance_m")
     known = [(number(row, name), words) for name, words in _SHOWN]
     parts = [f"shows {shown:.1f} % of {words}" for shown, words in known if shown is not None][:1]
+    if parts and known[0][0] is not None and row.get("standoff_mode") == "scaled":
+        parts = [f"{parts[0].rstrip(',')} for its size,"]
     if clearance is not None:
         kept = f", {safety_m:g} m asked for" if safety_m else ""
         parts.append(f"keeps {clearance:.1f} m from the structure{kept}")
     return {
         "flyable": True,
-        "headline": f"It {' and '.join(parts)}." if parts else "No measure was computed.",
+        "headline": " ".join(filter(None, [f"It {' and '.join(parts)}.", fineness(row)]))
+        if parts
+        else "No measure was computed.",
         "look": [*_lost(row), *warnings_of(row)],
     }
+
+
+def fineness(row: Mapping[str, Any]) -> str:
+    """How much of the surface a pixel covers, planned and demonstrated, in a sentence; empty if unknown.
+
+    Examples
+    --------
+    >>> fineness({"gsd_mm_p50": 14.8, "gsd_mm_p95": 16.5, "gsd_demonstrated_mm_p50": 7.9,
+    ...           "gsd_demonstrated_mm_p95": 9.1, "gsd_within_pct": 3.2})
+    'A pixel covers 14.8 mm (95 %: 16.5), in the demonstration 7.9 mm (9.1): 3.2 % of it is as fine.'
+    """
+    names = ("gsd_mm_p50", "gsd_mm_p95", "gsd_demonstrated_mm_p50", "gsd_demonstrated_mm_p95")
+    now, now_most, then, then_most = (number(row, name) for name in names)
+    if now is None or now_most is None or then is None or then_most is None:
+        return ""
+    within = number(row, "gsd_within_pct")
+    share = "" if within is None else f": {within:.1f} % of it is as fine"
+    pixel = f"A pixel covers {now:.1f} mm (95 %: {now_most:.1f})"
+    return f"{pixel}, in the demonstration {then:.1f} mm ({then_most:.1f}){share}."
 
 
 def _lost(row: Mapping[str, Any]) -> list[str]:

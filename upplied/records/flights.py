@@ -18,8 +18,14 @@ class Camera(Record):
     vfov_deg: float = 75.0  # full vertical angle, up to 180
     min_range_m: float = 2.0
     max_range_m: float = 50.0
-    width_px: int = 0  # 0 where not known
+    width_px: int = 0  # 0 where not known, here and below
     height_px: int = 0
+    model: str = field(default="", metadata={"later": True})  # in `cameras.toml`; empty: not known
+    exposure_s: float = field(default=0.0, metadata={"later": True})  # of one picture
+    trigger_s: float = field(default=0.0, metadata={"later": True})  # least time between two photos
+    focus_m: float = field(default=0.0, metadata={"later": True})  # nearest distance that is in focus
+    focal_mm: float = field(default=0.0, metadata={"later": True})
+    f_number: float = field(default=0.0, metadata={"later": True})
 
     def zoomed(self, fov_deg: Floats) -> list[Camera]:
         """The camera at each field of view (N, 2), horizontal and vertical, through which it zooms."""
@@ -79,6 +85,7 @@ class Demonstration(Record):
     # (N, 2) of each pose, where the camera zooms; `camera` then says the narrowest
     fov_deg: Floats | None = field(default=None, metadata={"later": True})
     wind: LoggedWind | None = field(default=None, metadata={"later": True})  # None: not logged
+    stills: bool = field(default=False, metadata={"later": True})  # photos, a pose each, and no film
 
     def __len__(self) -> int:
         return len(self.t_ns)

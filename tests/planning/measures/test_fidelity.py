@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from upplied.config import InspectionSettings
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.measures.fidelity import (
     Patches,
@@ -18,11 +17,10 @@ from upplied.planning.measures.fidelity import (
 )
 from upplied.planning.visibility.dwell import Dwell
 from upplied.planning.visibility.moments import Moments, moments
-from upplied.records import Bools, Camera, Cloud, Floats, Trajectory
+from upplied.records import Bools, Cloud, Floats, Trajectory
 from upplied.vectors import sphere
 
 NAN, INF = float("nan"), float("inf")
-RULE = InspectionSettings()
 
 
 def dwelt(
@@ -58,8 +56,7 @@ def four_patches() -> tuple[Patches, Dwell]:
 
 def test_four_patches_reckoned_by_hand() -> None:
     patches, looks = four_patches()
-    camera = Camera(90.0, 60.0, width_px=1000)  # 500 px of focal length: 2 mm for each metre
-    found = _compared(patches, looks, surface([10, 30, 10]), camera, RULE)
+    found = _compared(patches, looks, surface([10, 30, 10]))
     wanted = {
         "fidelity_resolution_p50": 1.0,  # 10/40, 1 (thrice as much) and 0
         "fidelity_resolution_p05": 0.0,
@@ -67,14 +64,8 @@ def test_four_patches_reckoned_by_hand() -> None:
         "fidelity_looks_kept_pct": 100 * 1 / 5,
         "fidelity_dwell_kept_pct": 100 * (0.25 + 2 + 0) / 4,
         "fidelity_order": -1.0,
-        "gsd_demonstrated_mm_p50": 20.0,
-        "gsd_demonstrated_mm_p95": 60.0,
-        "gsd_mm_p50": 20.0,  # the fourth is never shown, and has none
-        "gsd_mm_p95": 80.0,
     }
     assert found == pytest.approx(wanted)
-    usual = _compared(patches, looks, surface([10, 30, 10]), Camera(90.0, 60.0), RULE)
-    assert usual["gsd_mm_p95"] == pytest.approx(80.0 * 1000 / RULE.width_px)
 
 
 def test_patches_of_several_takes_stand_in_a_row() -> None:
@@ -89,9 +80,7 @@ def test_patches_of_several_takes_stand_in_a_row() -> None:
 def test_nothing_demonstrated_is_no_share_of_anything() -> None:
     patches, looks = four_patches()
     none = Dwell(*(0 * of if of.dtype != bool else of & False for of in vars(patches.shown).values()))
-    found = _compared(
-        Patches(patches.weight, patches.target, none), looks, surface([10, 30, 10]), Camera(), RULE
-    )
+    found = _compared(Patches(patches.weight, patches.target, none), looks, surface([10, 30, 10]))
     assert np.isnan(
         [found[f"fidelity_{name}"] for name in ("looks_kept_pct", "dwell_kept_pct", "order")]
     ).all()

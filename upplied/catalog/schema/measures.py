@@ -52,10 +52,23 @@ MEASURES = (
     ),
     _positive("path_turn_ratio", "1", "turning of the path over the demonstration's"),
     Column("standoff_mode", TEXT, "", "how near patches are to be shown: scaled, kept, or a ground sample"),
-    _positive("gsd_mm_p50", "mm", "ground sample distance of the nearest sharp look, median over patches"),
+    _positive(
+        "gsd_mm_p50",
+        "mm",
+        "ground sample distance: longer side of what a pixel covers of a patch, in the finest sharp look; "
+        "median over patches",
+    ),
     _positive("gsd_mm_p95", "mm", "the same, 95th percentile"),
     _positive("gsd_demonstrated_mm_p50", "mm", "the same of the demonstration, median"),
     _positive("gsd_demonstrated_mm_p95", "mm", "the same of the demonstration, 95th percentile"),
+    _share(
+        "gsd_within_pct",
+        "of the inspected surface that a safe camera can show so, what is no coarser than 1.1 times the "
+        "demonstrated ground sample distance, in mm, whatever the size of the target",
+    ),
+    _positive("blur_px_p50", "px", "motion in that look during the exposure, median over patches"),
+    _positive("blur_px_p99", "px", "the same, 99th percentile"),
+    _positive("defocus_px_p95", "px", "blur of what is out of focus in that look, 95th percentile"),
     _positive("frechet_floored", "1", "frechet_z with no axis divided by less than a tenth of the largest"),
 )
 

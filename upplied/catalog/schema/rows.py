@@ -36,6 +36,7 @@ PASSPORT = (
     "longest_gap_s",
     "hover_s",
 )
+_OPTICS = ("exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number")  # null where they are not known
 ADDED = (
     "version",
     "added_at",
@@ -149,6 +150,8 @@ def demonstration_row(demonstration: Demonstration) -> Row:
         "duration_s": float(demonstration.t_ns[-1] - demonstration.t_ns[0]) * 1e-9,
         "path_length_m": float(steps.sum()),
         **asdict(demonstration.camera),
+        **{name: None for name in _OPTICS if not getattr(demonstration.camera, name)},
+        "stills": demonstration.stills or None,
         "clock": demonstration.clock,
         "topic": demonstration.topic,
         "breaks_json": json_text(demonstration.breaks.tolist()),
@@ -195,7 +198,8 @@ def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
         positions=positions,
         quat_xyzw=quats,
         fov_deg=zoom_of(poses),
-        camera=Camera(**{item.name: row[item.name] for item in fields(Camera)}),
+        camera=Camera(**{f.name: row[f.name] for f in fields(Camera) if row[f.name] is not None}),
+        stills=bool(row["stills"]),
         operator=row["operator"],
         site=row["site"],
         sha256=row["sha256"],

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from upplied.cameras import completed, known_camera
 from upplied.errors import InputError
 from upplied.inputs.flight.tracks import Track, names, source_times, stamps
 from upplied.inputs.sidecar import LogOptions
@@ -25,6 +26,7 @@ FIELDS = {
 _KNOWN = 0.5  # of the poses that come after the first calibration: fewer, and the clocks are two
 ZOOM_UNHEARD = "against a calibration in the log that changes"
 NO_CALIBRATION = "no camera calibration in the log"
+_OPTICS = ("width_px", "height_px", "exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number")
 _FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "fisheye62")
 
 
@@ -124,8 +126,18 @@ def camera_of(
         "vfov_deg": facts.camera_vfov_deg,
         "min_range_m": facts.camera_min_range_m,
         "max_range_m": facts.camera_max_range_m,
+        **{name: getattr(facts, f"camera_{name}") for name in _OPTICS},
     }
-    camera = replace(camera, **{name: value for name, value in given.items() if value is not None})
+    given = {name: value for name, value in given.items() if value is not None}
+    for name in ("width_px", "height_px"):
+        if name in given:
+            given[name] = int(given[name])
+    if facts.camera_model:
+        model = known_camera(facts.camera_model, facts.camera_file_format or "jpeg")
+        camera = completed(camera, model) if found else model
+    camera = replace(camera, **given)
+    if camera.focus_m > camera.min_range_m and facts.camera_min_range_m is None:
+        camera = replace(camera, min_range_m=camera.focus_m)
     if camera.min_range_m >= camera.max_range_m:
         found_range = f"{camera.min_range_m} to {camera.max_range_m} m"
         raise InputError(f"{what}, camera range", f"got {found_range}", "the least range below the greatest")

@@ -33,12 +33,15 @@ _NAMES = {  # what is said -> the local names that makers use in XMP
     "focal_px": ("CalibratedFocalLength",),
     "utc_us": ("CaptureUtime",),
 }
+_LENS = {"exposure_s": "ExposureTime", "f_number": "FNumber", "focal_mm": "FocalLength"}
 _NED = re.compile(r"(Camera)OrientationNED", re.IGNORECASE)  # Skydio: yaw, pitch and roll within
 
 
 def head_of(path: Path) -> dict[str, Any]:
     """What the head of one photo says; NaN for what it does not."""
-    found: dict[str, Any] = dict.fromkeys((*_NAMES, "exif_alt", "t_ms", "width", "height"), float("nan"))
+    found: dict[str, Any] = dict.fromkeys(
+        (*_NAMES, "exif_alt", "t_ms", "width", "height", *_LENS), float("nan")
+    )
     try:
         with open_regular(path) as stream:
             xmp = _xmp(stream.read(_HEAD))
@@ -65,6 +68,7 @@ def head_of(path: Path) -> dict[str, Any]:
     focal_mm = _ratio(tags.get("EXIF FocalLengthIn35mmFilm"))
     if np.isnan(found["focal_px"]) and focal_mm > 0:
         found["focal_px"] = float(focal_of_35mm(found["width"], found["height"], focal_mm))
+    found |= {name: _ratio(tags.get(f"EXIF {tag}")) for name, tag in _LENS.items()}
     text = str(tags.get("EXIF DateTimeOriginal", tags.get("Image DateTime", "")))
     found["t_ms"] = dated(text.replace(":", "-", 2)) + _fraction(tags) * 1e3 - _zone_ms(tags)
     if np.isfinite(found["utc_us"]):

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from upplied.cameras import named_by_exif
 from upplied.errors import InputError
 from upplied.inputs.sources.photo_tags import head_of
 from upplied.inputs.sources.source import (
@@ -72,7 +73,18 @@ def read(path: Path, fields: Fields) -> Source:
     t_ns = _times(at["t_ms"], notes)
     order = np.argsort(t_ns, kind="stable")
     at, t_ns = {name: column[order] for name, column in at.items()}, t_ns[order]
-    return Source([*_tables(at, t_ns, path, notes)], notes=notes, stills=True)
+    defaults = _lens(at, models[0])
+    return Source([*_tables(at, t_ns, path, notes)], notes=notes, stills=True, defaults=defaults)
+
+
+def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:
+    """What EXIF says of camera and lens, as facts: of exposures the longest, which blurs the most."""
+    known = {name: values[np.isfinite(values) & (values > 0)] for name, values in at.items()}
+    longest = {name: known[name].max() for name in ("exposure_s",) if len(known[name])}
+    usual = {name: np.median(known[name]) for name in ("f_number", "focal_mm") if len(known[name])}
+    found = {f"camera_{name}": float(value) for name, value in (longest | usual).items()}
+    name = named_by_exif(model, found.get("camera_focal_mm", 0.0))
+    return found | ({"camera_model": name} if name else {})
 
 
 def _tables(at: dict[str, Floats], t_ns: Ints, path: Path, notes: list[str]) -> Iterable[Any]:

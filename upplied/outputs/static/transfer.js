@@ -4,7 +4,7 @@
 (function () {
   const { element, badge, format, COLOURS, STATES } = upplied;
   const MEASURES = [
-    ["coverage_inspected_pct", "Inspected, shown as well", 1, " %", "Of the surface that the demonstration was about, the share that the plan shows at least as near, as frontally and as sharply"],
+    ["coverage_inspected_pct", "Inspected, shown as well", 1, " %", "Of the surface that the demonstration was about, the share that the plan shows at least as near, as frontally and as sharply; with stand-offs that scale, for the size of the target"],
     ["inspected_without_counterpart_pct", "Inspected, without counterpart", 1, " %", "Of that surface, what nothing on the target answers to; it counts as not shown"],
     ["inspected_unattainable_pct", "Inspected, unattainable", 1, " %", "Of that surface, what no safe viewpoint could show as well"],
     ["coverage_of_target_pct", "Of the target", 1, " %", "Of the target's surface that answers to what was inspected, the share shown as well"],
@@ -17,10 +17,13 @@
     ["fidelity_dwell_kept_pct", "Dwell kept", 0, " %", "Of the time for which patches were looked at"],
     ["fidelity_order", "Order kept", 2, "", "Kendall's tau of the moments at which patches are looked at"],
     ["fidelity_incidence_deg_p95", "More oblique by, 95th percentile", 0, "°", "Than the demonstration's most frontal look"],
-    ["gsd_mm_p50", "Ground sample distance, median", 1, " mm", "Of the nearest sharp look at each patch"],
+    ["gsd_within_pct", "As fine as demonstrated", 1, " %", "Of the inspected surface that a safe camera can show so, what is no coarser than 1.1 times the demonstrated ground sample distance, in millimetres"],
+    ["gsd_mm_p50", "Ground sample distance, median", 1, " mm", "Longer side of what a pixel covers, in the finest sharp look at each patch"],
     ["gsd_mm_p95", "Ground sample distance, 95th percentile", 1, " mm", ""],
     ["gsd_demonstrated_mm_p50", "Demonstrated ground sample distance, median", 1, " mm", ""],
     ["gsd_demonstrated_mm_p95", "Demonstrated ground sample distance, 95th percentile", 1, " mm", ""],
+    ["blur_px_p50", "Blur by motion, median", 2, " px", "In that look, during the exposure"], ["blur_px_p99", "Blur by motion, 99th percentile", 2, " px", ""],
+    ["defocus_px_p95", "Out of focus, 95th percentile", 2, " px", "The camera focused on the middle depth of what it sees"],
     ["camera_turn_ratio", "Camera turned", 1, " times", "Over what the demonstration turned"],
     ["path_turn_ratio", "Path turned", 1, " times", "Over what the demonstrated path turns"],
     ["pan_fast_pct", "Too fast for sharp pictures", 0, " %", "Share of the flight time"],

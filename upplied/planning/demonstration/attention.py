@@ -88,9 +88,10 @@ def attention(
     limit = np.full(len(depth), np.inf)
     if zone is None:
         limit = np.where(known & (depth <= _DEPTH * subject), _DEPTH * depth, 0.0)
-    sharp = np.full(len(steps), settings.sharp_radps(camera.hfov_deg))
+    optics = camera.width_px, camera.exposure_s
+    sharp = np.full(len(steps), settings.sharp_radps(camera.hfov_deg, *optics))
     if steps.poses.fov_deg is not None:
-        sharp = np.array([settings.sharp_radps(float(angle)) for angle in steps.poses.fov_deg[:, 0]])
+        sharp = np.array([settings.sharp_radps(float(angle), *optics) for angle in steps.poses.fov_deg[:, 0]])
     gaze, time = _gazed(*arguments, limit, steps.step_s, *_motion(steps), sharp, FOVEA)
     gazed, seen = 1 - np.exp(-gaze / _GAZE_S), 1 - np.exp(-time / _SHOWN_S)
     whole = float((area * gazed).sum())

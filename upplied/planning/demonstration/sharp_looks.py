@@ -20,9 +20,7 @@ def look_limits(takes: Sequence[Take], rule: InspectionSettings) -> tuple[float,
     Those of the settings, unless 95 % of the expert's own looks were within a wider one.
     """
     attended = [take.inspection.attention for take in takes]
-    sharp = max(
-        rule.sharp_radps(takes[0].inspection.camera.hfov_deg), *(one.motion_radps for one in attended)
-    )
+    sharp = max(_sharp_radps(takes, rule), *(one.motion_radps for one in attended))
     oblique = max(rule.max_incidence_deg, *(one.incidence_deg for one in attended))
     return float(sharp), float(np.cos(np.radians(min(oblique, 90.0))))
 
@@ -33,4 +31,9 @@ def steady_radps(takes: Sequence[Take], rule: InspectionSettings) -> float:
     own = np.concatenate([np.linalg.norm(part.turn, axis=1) for part in flown])
     time = np.concatenate([part.step_s for part in flown])
     usual = weighted_percentile(own, time, USUAL_PCT)
-    return max(rule.sharp_radps(takes[0].inspection.camera.hfov_deg), 0.0 if np.isnan(usual) else usual)
+    return max(_sharp_radps(takes, rule), 0.0 if np.isnan(usual) else usual)
+
+
+def _sharp_radps(takes: Sequence[Take], rule: InspectionSettings) -> float:
+    camera = takes[0].inspection.camera
+    return rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)

@@ -27,6 +27,7 @@ from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.measures.fidelity import fidelity
 from upplied.planning.measures.inspected import inspected_measures, shown_of, surface_states
 from upplied.planning.measures.measure import measure
+from upplied.planning.measures.resolution import resolution
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
 from upplied.poses import yaw_pitch
@@ -77,7 +78,8 @@ def judge(
         ),
         views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene),
     )
-    possible = _attainable(true[0], true[1], airspace_of(pair, settings), camera)
+    airspace = airspace_of(pair, settings)
+    possible = _attainable(true[0], true[1], airspace, camera)
     found = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
     shown = shown_of(true[1], takes, settings)
     begins = begins_of(takes, joined([take.inspection.logged for take in takes]))
@@ -85,6 +87,7 @@ def judge(
         found,
         **inspected_measures(shown, true[1], takes),
         **fidelity(trajectory, true[1], shown.inspected, takes, begins, settings),
+        **resolution(trajectory, true[1], shown.inspected, takes, airspace, settings),
     )
     found = replace(found, never_scanned_m2=pair.missing.area_m2)
     if demonstrated_s is not None:
@@ -93,6 +96,7 @@ def judge(
         _warnings(found, true[0], pair.target, pair.target_scene, settings)
         + _beyond(pair)
         + _beyond_the_gimbal(takes, settings)
+        + _blurred(found, camera, settings)
     )
     return found, surface_states(shown), said
 
@@ -201,6 +205,18 @@ def _too_near(found: Measures, settings: Settings) -> tuple[str, ...]:
     return (
         f"comes within {found.min_clearance_m:.2f} m of the structure; "
         f"{settings.route.clearance_m:g} m are asked for",
+    )
+
+
+def _blurred(found: Measures, camera: Camera, settings: Settings) -> tuple[str, ...]:
+    """That pictures smear by more than is allowed, as the expert's own did."""
+    rule = settings.inspection
+    if not found.blur_px_p99 > rule.max_motion_px:
+        return ()
+    exposure = camera.exposure_s or rule.exposure_s
+    return (
+        f"1 % of what is shown moves by {found.blur_px_p99:.1f} px or more during an exposure of "
+        f"1/{1 / exposure:.0f} s, {rule.max_motion_px:g} px is sharp (inspection.max_motion_px)",
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import kendalltau
 
-from upplied.config import InspectionSettings, Settings, focal_px
+from upplied.config import Settings
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take
@@ -19,7 +19,7 @@ from upplied.planning.visibility.moments import Moments, moments
 from upplied.planning.visibility.path_views import Views
 from upplied.polylines import arc_length, interpolated
 from upplied.poses import angle_between
-from upplied.records import Camera, Floats, Ints, Rows, Trajectory
+from upplied.records import Floats, Ints, Rows, Trajectory
 
 _ORDERED = 2000  # patches, at most, whose order is compared
 _STEADY_RAD = np.radians(3.0)  # turns below this are jitter of the hand
@@ -61,7 +61,7 @@ def fidelity(
         When each take begins in the joined flight.
     settings : Settings
     """
-    rule, camera = settings.inspection, takes[0].inspection.camera
+    rule = settings.inspection
     sharp, cosine = look_limits(takes, rule)
     steps = moments(trajectory)
     looks = dwell(steps, planned, inspected.cloud, sharp, cosine)
@@ -71,7 +71,7 @@ def fidelity(
     found = _smoothness(steps, flown, inspected, steady_radps(takes, rule))
     if not len(patches.weight):
         return found
-    return found | _compared(patches, looks, inspected, camera, rule)
+    return found | _compared(patches, looks, inspected)
 
 
 def _patches(take: Take, flown: Moments, begin_s: float, sharp: float, cosine: float) -> Patches:
@@ -85,9 +85,7 @@ def _patches(take: Take, flown: Moments, begin_s: float, sharp: float, cosine: f
     return Patches(weight[chosen], target[chosen], replace(shown, time_s=shown.time_s + begin_s))
 
 
-def _compared(
-    patches: Patches, looks: Dwell, inspected: InspectedSurface, camera: Camera, rule: InspectionSettings
-) -> dict[str, float]:
+def _compared(patches: Patches, looks: Dwell, inspected: InspectedSurface) -> dict[str, float]:
     weight, at, shown = patches.weight, patches.target, patches.shown
     near, frontal, held = looks.near_m[at], looks.frontal[at], looks.held_s[at]
     ratio = inspected.standoff_m[at] / near  # 0 where the plan has no look
@@ -97,7 +95,6 @@ def _compared(
     possible = float(weight @ shown.sides.sum(axis=1))
     lasted = shown.held_s > 0
     kept = np.minimum(held[lasted] / shown.held_s[lasted], 1.0)
-    pixel_mm = 1e3 / focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
     both = lasted & (held > 0)
     return {
         "fidelity_resolution_p50": weighted_percentile(ratio, weight, 50),
@@ -106,14 +103,7 @@ def _compared(
         "fidelity_looks_kept_pct": _share(float(weight @ mine.sum(axis=1)), possible),
         "fidelity_dwell_kept_pct": _share(float(weight[lasted] @ kept), float(weight[lasted].sum())),
         "fidelity_order": order_kept(shown.time_s[both], looks.time_s[at][both]),
-        **_gsd("gsd_demonstrated_mm", shown.near_m * pixel_mm, weight),
-        **_gsd("gsd_mm", near * pixel_mm, weight),
     }
-
-
-def _gsd(name: str, gsd_mm: Floats, weight: Floats) -> dict[str, float]:
-    known = np.isfinite(gsd_mm)
-    return {f"{name}_p{p}": weighted_percentile(gsd_mm[known], weight[known], p) for p in (50, 95)}
 
 
 def order_kept(before_s: Floats, after_s: Floats) -> float:

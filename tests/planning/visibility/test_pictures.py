@@ -1,0 +1,130 @@
+"""What a pixel covers, how it smears and what is out of focus, against rays, differences and a thin lens."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from upplied.config import focal_px
+from upplied.planning.visibility.moments import Moments
+from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.pictures import pictures
+from upplied.records import Camera, Cloud, Floats, Trajectory
+
+CAMERA = Camera(80.0, 65.0, width_px=3000)
+FOCAL = focal_px(3000, 80.0)
+
+
+def looked(cloud: Cloud, positions: Floats, quats: Floats, seen: Floats, camera: Camera = CAMERA, **more):
+    """The finest looks of a flight of one pose a second that sees what it is told to."""
+    count = len(positions)
+    poses = Trajectory(np.arange(count, dtype=float), positions, quats)
+    still = np.zeros((count, 3))
+    steps = Moments(poses, np.ones(count), more.pop("velocity", still), more.pop("turn", still))
+    least = more.pop("least_cosine", 0.0)
+    return pictures(steps, Views(poses, seen), cloud, camera, more.pop("sharp", np.inf), least, **more)
+
+
+def footprint(position: Floats, quat: Floats, point: Floats, normal: Floats, focal: float) -> float:
+    """The longer side of a pixel on a patch: four rays beside the line of sight, cut with its plane."""
+    turn = Rotation.from_quat(quat)
+    x, y, z = turn.inv().apply(point - position)
+    pixel = 1 / focal
+
+    def cut(across: float, up: float) -> Floats:
+        ray = turn.apply([1.0, y / x + across, z / x + up])
+        return position + ray * ((point - position) @ normal) / (ray @ normal)
+
+    h = pixel * 1e-3
+    sides = np.column_stack([cut(h, 0) - cut(-h, 0), cut(0, h) - cut(0, -h)]) / (2 * h) * pixel
+    return float(np.linalg.svd(sides, compute_uv=False)[0])
+
+
+def scene(seed: int = 0, count: int = 400):
+    """Patches all over the picture, turned up to 75 deg from the line of sight, and poses that see them."""
+    rng = np.random.default_rng(seed)
+    quats = Rotation.random(6, random_state=seed).as_quat()
+    positions = rng.normal(size=(6, 3)) * 3
+    at = rng.integers(0, 6, count)
+    half = np.tan(np.radians([CAMERA.hfov_deg, CAMERA.vfov_deg])) / 2
+    here = np.column_stack([np.ones(count), rng.uniform(-1, 1, (count, 2)) * half]) * rng.uniform(
+        3, 30, (count, 1)
+    )
+    points = positions[at] + np.array(
+        [Rotation.from_quat(quats[k]).apply(p) for k, p in zip(at, here, strict=True)]
+    )
+    ray = positions[at] - points
+    ray /= np.linalg.norm(ray, axis=1)[:, None]
+    side = np.cross(ray, rng.normal(size=(count, 3)))
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    tilt = rng.uniform(0, np.radians(75), count)[:, None]
+    seen = np.zeros((6, count), bool)
+    seen[at, np.arange(count)] = True
+    return Cloud(points, ray * np.cos(tilt) + side * np.sin(tilt)), positions, quats, seen, at
+
+
+def test_what_a_pixel_covers_is_what_rays_through_it_cut_out() -> None:
+    cloud, positions, quats, seen, at = scene()
+    found = looked(cloud, positions, quats, seen).sampled_m / FOCAL
+    rays = np.array([
+        footprint(positions[k], quats[k], point, normal, FOCAL)
+        for k, point, normal in zip(at, cloud.points, cloud.outward, strict=True)
+    ])  # fmt: skip
+    assert np.abs(found / rays - 1).max() < 1e-6
+    distance = np.linalg.norm(cloud.points - positions[at], axis=1)
+    plain = distance / FOCAL / found  # with the angle of the middle pixel and no incidence: not the same
+    assert plain.min() < 0.4 and plain.max() > 1.3
+
+
+def test_in_the_middle_it_is_distance_times_angle_over_the_cosine_of_the_incidence() -> None:
+    tilt = np.radians([0.0, 30.0, 60.0])
+    normals = np.column_stack([-np.cos(tilt), np.sin(tilt), 0 * tilt])
+    cloud = Cloud(np.tile([8.0, 0, 0], (3, 1)), normals)
+    found = looked(cloud, np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]]), np.ones((1, 3), bool))
+    assert found.sampled_m == pytest.approx(8.0 / np.cos(tilt))
+    assert found.cosine == pytest.approx(np.cos(tilt)) and found.depth_m == pytest.approx(8.0)
+
+
+def test_the_finest_of_several_looks_counts_and_those_fine_enough_are_numbered() -> None:
+    positions = np.array([[0.0, 0, 0], [4.0, 0, 0], [6.0, 0, 0]])
+    quats = np.tile([0.0, 0, 0, 1], (3, 1))
+    cloud = Cloud(np.array([[10.0, 0, 0], [10.0, 1, 0]]), np.array([[-1.0, 0, 0], [-1.0, 0, 0]]))
+    seen = np.array([[True, True], [True, True], [False, True]])
+    found = looked(cloud, positions, quats, seen, asked_m=np.array([7.0, 100.0]))
+    assert found.sampled_m.tolist() == [6.0, 4.0] and found.looks.tolist() == [1, 3]
+    none = looked(cloud, positions, quats, seen, least_cosine=0.99, asked_m=np.array([1.0, 1.0]))
+    assert none.looks.tolist() == [0, 0] and none.sampled_m[1] == 10.0  # the others are too oblique
+    fast = looked(cloud, positions, quats, seen, velocity=np.tile([0.0, 5.0, 0], (3, 1)), sharp=0.6)
+    assert fast.sampled_m.tolist() == [10.0, 10.0] and fast.looks.tolist() == [1, 1]
+
+
+def test_blur_is_how_far_the_picture_moves_in_an_exposure() -> None:
+    cloud, positions, quats, seen, at = scene(3)
+    rng = np.random.default_rng(4)
+    velocity, turn = rng.normal(size=(6, 3)) * 2, rng.normal(size=(6, 3)) * 0.3
+    found = looked(cloud, positions, quats, seen, velocity=velocity, turn=turn).moved
+    step = 1e-6
+
+    def pixel(k: int, point: Floats, time: float) -> Floats:
+        frame = Rotation.from_rotvec(turn[k] * time) * Rotation.from_quat(quats[k])
+        x, y, z = frame.inv().apply(point - positions[k] - velocity[k] * time)
+        return np.array([y / x, z / x])
+
+    moved = [
+        np.linalg.norm(pixel(k, p, step) - pixel(k, p, -step)) / (2 * step)
+        for k, p in zip(at, cloud.points, strict=True)
+    ]
+    assert np.abs(found / np.array(moved) - 1).max() < 1e-3
+
+
+def test_defocus_is_that_of_a_thin_lens_focused_on_the_middle_depth() -> None:
+    lens = Camera(60.0, 45.0, width_px=4000, focal_mm=20.0, f_number=2.0, focus_m=1.0)
+    depth = np.array([4.0, 5.0, 8.0])
+    cloud = Cloud(np.column_stack([depth, 0 * depth, 0 * depth]), np.tile([-1.0, 0, 0], (3, 1)))
+    at = np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]]), np.ones((1, 3), bool)
+    found = looked(cloud, *at, camera=lens)
+    circle = 0.02**2 / 2.0 * np.abs(depth - 5.0) / (depth * (5.0 - 0.02))  # m on the sensor
+    pixel = 2 * 0.02 * np.tan(np.radians(30)) / 4000
+    assert found.defocus * focal_px(4000, 60.0) == pytest.approx(circle / pixel)
+    assert not looked(cloud, *at).defocus.any()  # what is not known of a lens blurs nothing

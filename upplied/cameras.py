@@ -1,0 +1,126 @@
+"""Cameras that inspect, by name: their pixels, lenses and least times between photos (`cameras.toml`)."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib import resources
+from typing import Any
+
+from upplied.errors import SettingsError
+from upplied.records import Camera
+
+FILE_FORMATS = ("jpeg", "raw")
+#: Least time between two photos where neither camera nor flight says it, s.
+DEFAULT_TRIGGER_S = 2.0
+_SAME_LENS = 0.05  # of a focal length
+_UNLIMITED_M = 50.0  # as the default of `Camera.max_range_m`: no sheet says how far off a photo is of use
+
+
+def known_cameras() -> Mapping[str, Mapping[str, Any]]:
+    """The entries of `cameras.toml` by their names."""
+    text = resources.files("upplied").joinpath("cameras.toml").read_text("utf-8")
+    return tomllib.loads(text)
+
+
+def known_camera(name: str, file_format: str = "jpeg") -> Camera:
+    """A camera of the list.
+
+    Parameters
+    ----------
+    name : str
+        Of its entry in `cameras.toml`.
+    file_format : {"jpeg", "raw"}
+        Of its photos: the longest time that the sheet states counts where it is silent about this one.
+
+    Raises
+    ------
+    SettingsError
+        If there is no such camera or file format.
+
+    Examples
+    --------
+    >>> camera = known_camera("dji-phantom-4-rtk")
+    >>> round(camera.hfov_deg, 1), camera.width_px, camera.trigger_s
+    (73.7, 5472, 2.5)
+    """
+    cameras = known_cameras()
+    if name not in cameras:
+        raise SettingsError(f"camera {name!r}", "is unknown", f"one of {', '.join(cameras)}")
+    if file_format not in FILE_FORMATS:
+        raise SettingsError(f"file format {file_format!r}", "is unknown", f"one of {', '.join(FILE_FORMATS)}")
+    entry = cameras[name]
+    width, height = entry["width_px"], entry["height_px"]
+    if "sensor_mm" in entry:
+        half = entry["sensor_mm"] / (2 * entry["focal_mm"])
+    else:
+        half = math.tan(math.radians(entry["dfov_deg"]) / 2) * width / math.hypot(width, height)
+    triggers = entry.get("trigger_s", {})
+    focus = entry.get("focus_m", 0.0)
+    return Camera(
+        hfov_deg=math.degrees(2 * math.atan(half)),
+        vfov_deg=math.degrees(2 * math.atan(half * height / width)),
+        min_range_m=max(Camera.min_range_m, focus),
+        max_range_m=_UNLIMITED_M,
+        width_px=width,
+        height_px=height,
+        model=name,
+        trigger_s=triggers.get(file_format, max(triggers.values(), default=0.0)),
+        focus_m=focus,
+        focal_mm=entry["focal_mm"],
+        f_number=entry.get("f_number", 0.0),
+    )
+
+
+def named_by_exif(model: str, focal_mm: float) -> str:
+    """The name of the camera that EXIF means by its model and focal length; empty where none is listed.
+
+    Examples
+    --------
+    >>> named_by_exif("DJI ZenmuseP1", 50.0)
+    'dji-zenmuse-p1-50'
+    """
+    words = model.split()
+    for name, entry in known_cameras().items():
+        lens = entry.get("lens_mm")
+        fits = lens is None or abs(focal_mm / lens - 1) < _SAME_LENS
+        if fits and any(told in words for told in entry.get("exif", ())):
+            return name
+    return ""
+
+
+def completed(camera: Camera, known: Camera) -> Camera:
+    """A camera with what is known of its model where nothing was measured or said of it."""
+    names = ("width_px", "height_px", "model", "trigger_s", "focus_m", "focal_mm", "f_number")
+    missing = {name: getattr(known, name) for name in names if not getattr(camera, name)}
+    return replace(camera, **missing)
+
+
+def least_interval(camera: Camera | None) -> tuple[float, str]:
+    """Least time between two photos, s, and where it is known from, in words."""
+    if camera is None or not camera.trigger_s:
+        return DEFAULT_TRIGGER_S, "assumed, as nobody says what the camera takes"
+    if camera.model:
+        return camera.trigger_s, f"of the camera {camera.model}"
+    return camera.trigger_s, "as the demonstration took them"
+
+
+def assumptions(camera: Camera, exposure_s: float, width_px: int) -> list[str]:
+    """What is not known of a camera and assumed instead, in words.
+
+    Parameters
+    ----------
+    camera : Camera
+    exposure_s, width_px
+        What is assumed (`InspectionSettings`).
+    """
+    interval, _ = least_interval(camera)
+    found = [
+        (camera.width_px, f"{width_px} pixels of width"),
+        (camera.exposure_s, f"an exposure of 1/{1 / exposure_s:.0f} s"),
+        (camera.trigger_s, f"{interval:g} s between photos"),
+        (camera.focal_mm and camera.f_number, "everything in focus"),
+    ]
+    return [words for known, words in found if not known]
