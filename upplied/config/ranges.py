@@ -82,6 +82,7 @@ RANGES = {
     "retime.min_gimbal_pitch_deg": (-90, 90),
     "retime.max_gimbal_pitch_deg": (-90, 90),
     "inspection.least_resolution": (0, 1),
+    "inspection.most_coarse": (1, 10),
     "inspection.max_incidence_deg": (1, 90),
     "inspection.max_motion_px": (0.01, 1000),
     "inspection.exposure_s": (1e-6, 1),

@@ -16,6 +16,7 @@ class Measures(Record):
     acceptance_probability: float = float("nan")
     counterpart_probability: float = float("nan")
     coverage_inspected_pct: float = float("nan")
+    coverage_inspected_scaled_pct: float = float("nan")
     inspected_without_counterpart_pct: float = float("nan")
     inspected_unattainable_pct: float = float("nan")
     coverage_of_target_pct: float = float("nan")

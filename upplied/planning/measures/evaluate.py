@@ -25,7 +25,13 @@ from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.measures.fidelity import fidelity
-from upplied.planning.measures.inspected import inspected_measures, shown_of, surface_states
+from upplied.planning.measures.inspected import (
+    in_millimetres,
+    inspected_measures,
+    scaled_coverage,
+    shown_of,
+    surface_states,
+)
 from upplied.planning.measures.measure import measure
 from upplied.planning.measures.resolution import resolution
 from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
@@ -81,11 +87,12 @@ def judge(
     airspace = airspace_of(pair, settings)
     possible = _attainable(true[0], true[1], airspace, camera)
     found = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
-    shown = shown_of(true[1], takes, settings)
+    shown = shown_of(true[1], takes, in_millimetres(settings))
     begins = begins_of(takes, joined([take.inspection.logged for take in takes]))
     found = replace(
         found,
         **inspected_measures(shown, true[1], takes),
+        coverage_inspected_scaled_pct=scaled_coverage(true[1], takes, settings),
         **fidelity(trajectory, true[1], shown.inspected, takes, begins, settings),
         **resolution(trajectory, true[1], shown.inspected, takes, airspace, settings),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,8 +20,9 @@ from upplied.planning.demonstration.repetition import Take
 from upplied.planning.demonstration.sharp_looks import look_limits
 from upplied.planning.geometry.boxes import spacing
 from upplied.planning.measures.attainable import attainable_beside
-from upplied.planning.visibility.moments import rates
+from upplied.planning.visibility.moments import moments, rates
 from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.pictures import pictures
 from upplied.planning.visibility.view_quality import shown_well
 from upplied.records import Bools, Cloud, Floats, Ints, Record, SurfaceStates
 
@@ -53,16 +54,37 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     """
     pair, rule = takes[0].pair, settings.inspection
     inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
-    cloud = inspected.cloud
+    cloud, farthest = inspected.cloud, inspected.farthest_m(rule)
     attention, like = _target_attention(takes, inspected)
-    asked_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
-    farthest = asked_m / rule.least_resolution
-    as_well = _shown_well(planned, cloud, farthest, *look_limits(takes, rule))
+    farthest = np.where(np.isfinite(farthest), farthest, farthest[like])
+    camera, limits = takes[0].inspection.camera, look_limits(takes, rule)
+    if inspected.projected:
+        as_well = pictures(moments(planned.stations), planned, cloud, camera, *limits, farthest).looks > 0
+    else:
+        as_well = _shown_well(planned, cloud, farthest, *limits)
     missed = np.flatnonzero((inspected.need > 0) & ~as_well)
     never = np.zeros(len(cloud), bool)
-    camera, airspace = takes[0].inspection.camera, airspace_of(pair, settings)
+    airspace = airspace_of(pair, settings)
     never[missed] = ~attainable_beside(missed, cloud, airspace, camera, farthest)
     return Shown(inspected, as_well, never, attention)
+
+
+def scaled_coverage(planned: Views, takes: Sequence[Take], settings: Settings) -> float:
+    """Coverage, in percent, of what was inspected, relative to size: as near as the structures' scale asks."""
+    rule, scaled = settings.inspection, relative_to_size(settings)
+    inspected = InspectedSurface.together([inspected_by(take, scaled) for take in takes])
+    asked = planned, inspected.cloud, inspected.farthest_m(rule), *look_limits(takes, rule)
+    return coverage(inspected, _shown_well(*asked), whole=True)
+
+
+def relative_to_size(settings: Settings) -> Settings:
+    """The same settings, with stand-offs that scale with the structure."""
+    return replace(settings, transfer=replace(settings.transfer, standoff="scaled", gsd_m=None))
+
+
+def in_millimetres(settings: Settings) -> Settings:
+    """The same settings, with the ground sample distance that is asked for, or else the demonstrated one."""
+    return replace(settings, transfer=replace(settings.transfer, standoff="kept"))
 
 
 def _shown_well(

@@ -173,17 +173,19 @@ def _view(take: Take, goal: Goal, settings: Settings) -> View:
     own = wanted.need / max(wanted.need.sum(), 1e-12)
     need = context * seen / max(seen.sum(), 1e-12) + (1 - context) * own
     inspected = wanted.need > 0
-    resolved_m = np.where(inspected, wanted.standoff_m / settings.inspection.least_resolution, np.inf)
+    resolved_m = np.where(inspected, wanted.farthest_m(settings.inspection), np.inf)
+    most = np.inf if wanted.projected else camera.max_range_m * take.inspection.truly.coarseness.max(initial=1)
     return View(
         wanted.cloud,
         need / max(need.sum(), 1e-12),
-        np.minimum(resolved_m, camera.max_range_m * take.inspection.truly.coarseness.max(initial=1.0)),
+        np.minimum(resolved_m, most),
         inspected,
         camera,
         settings.visibility,
         settings.retime,
         take.pair.target_scene,
         take.inspection.flight.fov_deg,
+        projected=wanted.projected,
     )
 
 
