@@ -31,14 +31,24 @@ MEASURES = (
         high=1,
     ),
     Column("acceptance_evidence", TEXT, "", "what speaks for and against it, in words"),
-    _share("coverage_inspected_pct", "of what the demonstration was about, the share shown at least as well"),
+    _share(
+        "coverage_inspected_pct",
+        "of what the demonstration was about, the share shown at least as finely: no coarser than 1.1 times "
+        "its millimetres a pixel, or those that are asked for",
+    ),
+    _share(
+        "coverage_inspected_scaled_pct",
+        "the same relative to size: from as near as the demonstration times the scale of the structure",
+    ),
     _share(
         "inspected_without_counterpart_pct", "of that, what has no counterpart and so counts as not shown"
     ),
     _share("inspected_unattainable_pct", "of that, what no safe camera could show as well"),
     _share("coverage_of_target_pct", "of the target's surface corresponding to it, the share shown as well"),
     _share("coverage_context_pct", "of what else the demonstration saw, the share that is seen"),
-    _positive("fidelity_resolution_p50", "1", "best resolution over the one asked for, by patch, median"),
+    _positive(
+        "fidelity_resolution_p50", "1", "demonstrated millimetres a pixel over the plan's, by patch, median"
+    ),
     _positive("fidelity_resolution_p05", "1", "the same, 5th percentile; 0 where there is no sharp look"),
     Column(
         "fidelity_incidence_deg_p95", REAL, "deg", "how much more obliquely patches are seen, 95th percentile"
@@ -70,6 +80,8 @@ MEASURES = (
     _positive("blur_px_p99", "px", "the same, 99th percentile"),
     _positive("defocus_px_p95", "px", "blur of what is out of focus in that look, 95th percentile"),
     _positive("frechet_floored", "1", "frechet_z with no axis divided by less than a tenth of the largest"),
+    _positive("frechet_whole_z", "1", "frechet_z of the whole path, with the passes that were added"),
+    _positive("added_s", "s", "time of the passes that were added, and of the ways to them"),
 )
 
 #: What of a target is known from a scan alone, and not known.

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from upplied.catalog.schema.columns import COMMIT as _COMMIT
-from upplied.catalog.schema.columns import REAL, TRUTH, WHOLE, Column, Table
+from upplied.catalog.schema.columns import REAL, TEXT, TRUTH, WHOLE, Column, Table
 from upplied.catalog.schema.columns import identity as _id
+from upplied.records.plans import ORIGINS
 
 _POSE = (
     *(Column(f"{axis}_m", REAL, "m", f"position of the camera, {axis}, structure frame") for axis in "xyz"),
@@ -45,6 +46,13 @@ WAYPOINTS = Table(
         *_POSE,
         *_ZOOM,
         Column("is_viewpoint", TRUTH, "", "a pose chosen to see, not only to pass", required=True),
+        Column(
+            "origin",
+            TEXT,
+            "",
+            "of the demonstration, or of a pass that was added to it; null before there were such passes",
+            allowed=ORIGINS,
+        ),
         _COMMIT,
     ),
     ("commit_id", "transfer_id", "seq"),

@@ -13,6 +13,7 @@ import pyarrow.compute as pc
 from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.tables import TABLES
 from upplied.records import Bools, Floats, Ints
+from upplied.records.plans import ORIGINS
 
 _POSITION = ("x_m", "y_m", "z_m")
 _QUATERNION = ("qx", "qy", "qz", "qw")
@@ -46,7 +47,9 @@ def step_table(
 def _column(values: Any, count: int) -> pa.Array:
     if values is None:
         return pa.nulls(count, pa.float64())
-    return pa.repeat(values, count) if isinstance(values, str) else pa.array(np.ascontiguousarray(values))
+    if isinstance(values, str):
+        return pa.repeat(values, count)
+    return pa.array(values if isinstance(values, list) else np.ascontiguousarray(values))
 
 
 def zoom_of(steps: pa.Table) -> Floats | None:
@@ -55,6 +58,14 @@ def zoom_of(steps: pa.Table) -> Floats | None:
         return None
     angles = np.column_stack([steps[name].to_numpy(zero_copy_only=False) for name in _ZOOM]).astype(float)
     return None if np.isnan(angles).all() else angles
+
+
+def added_of(steps: pa.Table) -> Bools | None:
+    """Which of the waypoints, in order, are of passes that were added; None where none is."""
+    if "origin" not in steps.column_names:  # rows of before there was such a column
+        return None
+    added = np.array(pc.fill_null(pc.equal(steps["origin"], ORIGINS[1]), False), bool)
+    return added if added.any() else None
 
 
 def stored_quats(quat_xyzw: Floats) -> Floats:
@@ -77,11 +88,13 @@ def poses_sha256(
     quat_xyzw: Floats,
     flags: Bools | None = None,
     fov_deg: Floats | None = None,
+    added: Bools | None = None,
 ) -> str:
-    """Hash of poses as they are stored, the same on every machine."""
+    """Hash of poses as they are stored, the same on every machine; `added` is part of it where any is."""
     hashed = hashlib.sha256()
+    added = None if added is None or not added.any() else added
     parts: list[Any] = [t, np.asarray(positions, float), stored_quats(quat_xyzw)]
-    for part in [*parts, *(part for part in (flags, fov_deg) if part is not None)]:
+    for part in [*parts, *(part for part in (flags, fov_deg, added) if part is not None)]:
         values = np.ascontiguousarray(part)
         hashed.update(values.astype(values.dtype.newbyteorder("<"), copy=False).tobytes())
     return hashed.hexdigest()
@@ -101,6 +114,7 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
     key = TABLES[name].names[0]
     times = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy()
     flags = np.asarray(steps["is_viewpoint"]) if name == "waypoints" else None
+    added = added_of(steps)
     numbers, (positions, quats), zooms = steps["seq"].to_numpy(), pose_arrays(steps), zoom_of(steps)
     starts = _starts(steps, (key, "commit_id"))
     firsts = steps.select([key, "commit_id"]).take(pa.array(starts, pa.int64()))
@@ -114,7 +128,8 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
         else:
             flagged = None if flags is None else flags[own]
             zoomed = None if zooms is None or np.isnan(zooms[own]).all() else zooms[own]
-            if poses_sha256(times[own], positions[own], quats[own], flagged, zoomed) != sha256[owner]:
+            marked = None if added is None else added[own]
+            if poses_sha256(times[own], positions[own], quats[own], flagged, zoomed, marked) != sha256[owner]:
                 yield owner[0], "the steps do not match the hash in their row"
 
 

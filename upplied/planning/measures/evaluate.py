@@ -51,6 +51,7 @@ from upplied.scene import Scene
 
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
 _ASKED = 200  # viewpoints, at most, whose stand-off is asked for
+_SAME_S = 1e-6
 _ALMOST_DEG = 2.0  # beyond a limit, that jitter of the hand explains
 
 
@@ -67,6 +68,7 @@ def judge(
     not asked how many viewpoints keep their stand-off.
     """
     pair, camera = takes[0].pair, takes[0].inspection.camera
+    added = None if demonstrated_s is None else added_to(takes, demonstrated_s)
     carried = np.concatenate([demonstrated_on_target(take) for take in takes])
     paper = (
         InspectedSurface.together(
@@ -75,7 +77,7 @@ def judge(
         views(trajectory, pair.voxels.target, camera, BY_FRUSTUM),
     )
     if not pair.surface.registration.accepted and forecast_of(takes).probability < _LIKELY:
-        found = measure(trajectory, carried, pair.target_scene, paper, standing=standing(pair))
+        found = measure(trajectory, carried, pair.target_scene, paper, standing=standing(pair), added=added)
         unmeasured = f"what is really seen was not measured: {pair.surface.registration.reason}"
         return found, None, (unmeasured, *_too_near(found, settings), *_beyond_the_gimbal(takes, settings))
     true = (
@@ -86,7 +88,7 @@ def judge(
     )
     airspace = airspace_of(pair, settings)
     possible = _attainable(true[0], true[1], airspace, camera)
-    found = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
+    found = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair), added)
     shown = shown_of(true[1], takes, in_millimetres(settings))
     begins = begins_of(takes, joined([take.inspection.logged for take in takes]))
     found = replace(
@@ -106,6 +108,15 @@ def judge(
         + _blurred(found, camera, settings)
     )
     return found, surface_states(shown), said
+
+
+def added_to(takes: Sequence[Take], demonstrated_s: Floats) -> Bools | None:
+    """Which poses of a plan (N,) belong to passes that were added to its takes; None where none does.
+
+    They come after the joined flights: `demonstrated_s` are the times that the poses correspond to.
+    """
+    added = demonstrated_s > joined([take.inspection.flight for take in takes]).t_s[-1] + _SAME_S
+    return added if added.any() else None
 
 
 def _standoff_kept(

@@ -70,7 +70,7 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
 
 
 def scaled_coverage(planned: Views, takes: Sequence[Take], settings: Settings) -> float:
-    """Coverage, in percent, of what was inspected, relative to size: as near as the structures' scale asks."""
+    """Coverage, in percent, of what was inspected, from as near as the scale of the structures asks."""
     rule, scaled = settings.inspection, relative_to_size(settings)
     inspected = InspectedSurface.together([inspected_by(take, scaled) for take in takes])
     asked = planned, inspected.cloud, inspected.farthest_m(rule), *look_limits(takes, rule)

@@ -35,6 +35,7 @@ def measure(
     true: tuple[InspectedSurface, Views] | None = None,
     attainable: Bools | None = None,
     standing: Floats | None = None,
+    added: Bools | None = None,
 ) -> Measures:
     """Every measure of one planned path.
 
@@ -55,6 +56,8 @@ def measure(
         Which of those samples some free pose could see.
     standing : array, shape (3, 3), optional
         Turn of the target that makes it stand as the source does: paths are z-scored along its axes.
+    added : array of bool, shape (M,), optional
+        Which poses belong to passes that were added: the rest is compared with the demonstrated path.
 
     Returns
     -------
@@ -65,6 +68,7 @@ def measure(
     speed, acceleration = peaks(planned)
     axes = np.eye(3) if standing is None else standing
     found: dict[str, float] = {}
+    demonstrated = planned.positions if added is None else planned.positions[~added]
     if true is not None:
         ratio, incidence = _view_quality(*true)
         found = {
@@ -74,11 +78,16 @@ def measure(
         }
         if attainable is not None:
             found["coverage_attainable_pct"] = coverage(true[0], attainable)
+    by_shape = frechet_z(carried @ axes.T, demonstrated @ axes.T, _FRECHET)
     return Measures(
         coverage_paper_pct=coverage(paper[0], paper[1].total),
-        frechet_z=frechet_z(carried @ axes.T, planned.positions @ axes.T, _FRECHET),
-        frechet_floored=frechet_floored(carried @ axes.T, planned.positions @ axes.T, _FRECHET),
-        frechet_m=frechet(carried, planned.positions, _FRECHET),
+        frechet_z=by_shape,
+        frechet_floored=frechet_floored(carried @ axes.T, demonstrated @ axes.T, _FRECHET),
+        frechet_m=frechet(carried, demonstrated, _FRECHET),
+        frechet_whole_z=(
+            by_shape if added is None else frechet_z(carried @ axes.T, planned.positions @ axes.T, _FRECHET)
+        ),
+        added_s=0.0 if added is None else float(np.diff(planned.t_s)[added[1:]].sum()),
         min_clearance_m=path_clearance(scene, planned.positions).distance_m,
         surface_error_m=scene.error_m,
         path_length_m=path_length(planned.positions),

@@ -55,7 +55,11 @@ def shortfalls(
 
 
 def _shown(measures: Measures, settings: Settings) -> list[str]:
-    least, shown, asked = settings.verdict.least_inspected_pct, measures.coverage_inspected_pct, settings.transfer
+    least, shown, asked = (
+        settings.verdict.least_inspected_pct,
+        measures.coverage_inspected_pct,
+        settings.transfer,
+    )
     if asked.standoff == "scaled" and asked.gsd_m is None:
         shown, how = measures.coverage_inspected_scaled_pct, "as well for its size"
     else:

@@ -66,7 +66,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
 
     axis = optical_axis(flight.quat_xyzw)
     turned = float(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)).sum())
-    starts, view = _starts(carried, safe), _view(take, goal, settings)
+    starts, view = _starts(carried, safe), view_of(take, goal, settings)
     if take.required is not None:
         times = settings.optimise.required
         view = required_first(
@@ -166,7 +166,7 @@ def _within(
     return drawn
 
 
-def _view(take: Take, goal: Goal, settings: Settings) -> View:
+def view_of(take: Take, goal: Goal, settings: Settings) -> View:
     """What the target is to show: what was inspected, and with less weight what was seen beside it."""
     wanted, seen, camera = goal.inspected, goal.seen, take.inspection.camera
     context = settings.optimise.context if wanted.need.any() else 1.0
@@ -174,7 +174,9 @@ def _view(take: Take, goal: Goal, settings: Settings) -> View:
     need = context * seen / max(seen.sum(), 1e-12) + (1 - context) * own
     inspected = wanted.need > 0
     resolved_m = np.where(inspected, wanted.farthest_m(settings.inspection), np.inf)
-    most = np.inf if wanted.projected else camera.max_range_m * take.inspection.truly.coarseness.max(initial=1)
+    most = (
+        np.inf if wanted.projected else camera.max_range_m * take.inspection.truly.coarseness.max(initial=1)
+    )
     return View(
         wanted.cloud,
         need / max(need.sum(), 1e-12),

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from upplied.config import Settings
+from upplied.errors import RefusedError
 from upplied.planning.airspace.at_target import airspace_of
 from upplied.planning.airspace.detours import Ways, route
 from upplied.planning.carry.carried import Carried
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined
 from upplied.planning.demonstration.sharp_looks import steady_radps
-from upplied.planning.trajectory.complete import completed
+from upplied.planning.trajectory.added_passes import with_added
+from upplied.planning.trajectory.complete import completed, view_of
 from upplied.planning.trajectory.retime import retime
 from upplied.planning.trajectory.sharpness import sharp_limits, steadied_swings
 from upplied.poses import fov_at
 from upplied.records import Bools, Floats, Trajectory, Waypoints
+
+_SAMPLES, _ROUNDS = 800, 2  # of the optimisation of a pass that is added: it is short, and shows a strip
 
 
 def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory, Bools, Floats]:
@@ -45,9 +49,12 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
     RefusedError
         If no path keeps what the settings demand.
     """
+    paths = [one.path if one.goal is None else completed(one, one.goal, settings) for one in carried]
+    for one, path in zip(tuple(carried), tuple(paths), strict=True):
+        for added, flown in _added(one, path, settings):
+            carried, paths = [*carried, added], [*paths, flown]
     takes = [one.take for one in carried]
     flight = joined([take.inspection.flight for take in takes])
-    paths = [one.path if one.goal is None else completed(one, one.goal, settings) for one in carried]
     paths = _in_joined_times(paths, takes, flight)
     if len(takes) > 1:
         pair = takes[0].pair
@@ -63,6 +70,20 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
     if steadied is not sharp:
         timed = retime(path, flight, settings.retime, breaks_of(takes), steadied)
     return _zooming(flight, *timed)
+
+
+def _added(carried: Carried, path: Waypoints, settings: Settings) -> Iterator[tuple[Carried, Waypoints]]:
+    """The passes that are added to a completed path, completed: those that can be made safe."""
+    if carried.goal is None or not carried.goal.inspected.projected:
+        return
+    few = replace(settings, optimise=replace(settings.optimise, samples=_SAMPLES, rounds=_ROUNDS))
+    view = view_of(carried.take, carried.goal, settings)
+    airspace = Ways(airspace_of(carried.take.pair, settings), carried.take.pair.obstacle).planning
+    for one in with_added(carried, path, view, airspace):
+        try:
+            yield one, completed(one, one.goal or carried.goal, few)
+        except RefusedError:
+            continue
 
 
 def _zooming(

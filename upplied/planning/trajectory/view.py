@@ -21,8 +21,8 @@ class View(Record):
 
     cloud: Cloud  # N surface samples of the target with normals
     need: Floats  # (N,) share of all that is to be shown; sums to 1, 0 where nothing is
-    # (N,) from where each is still resolved well enough: a distance, or where it is `projected` that from which
-    # a wall square to the camera is shown as finely
+    # (N,) from where each is still resolved well enough: a distance, or where `projected` that from which a
+    # wall square to the camera is shown as finely
     farthest_m: Floats
     inspected: Bools  # (N,) those that the demonstration was about; the others lay behind them
     camera: Camera
