@@ -124,7 +124,9 @@ def test_the_least_certain_part_of_a_zone_speaks_for_it(monkeypatch):
         return part
 
     monkeypatch.setattr(agreement, "evidence_of_counterpart", evidence)
-    monkeypatch.setattr(agreement, "probability", lambda parts, _: {0: 0.9, 1: 0.5, 2: 0.1, 3: 0.7}[parts[0]])
+    monkeypatch.setattr(
+        agreement, "probability", lambda parts, *_: {0: 0.9, 1: 0.5, 2: 0.1, 3: 0.7}[parts[0]]
+    )
     here = fit(ROW, ROW, np.arange(20), LINE)
     assert _probability(here, np.arange(20) < 10) == 0.5
     assert asked == [([0], [0], 0.4, True), ([1], [1], 0.4, True)]
@@ -135,7 +137,7 @@ def test_the_least_certain_part_of_a_zone_speaks_for_it(monkeypatch):
 
 def test_of_a_zone_over_many_parts_the_largest_is_asked_about(monkeypatch):
     monkeypatch.setattr(agreement, "evidence_of_counterpart", lambda source, part, *_: part)
-    monkeypatch.setattr(agreement, "probability", lambda parts, _: 0.3 if parts == [18] else 0.0)
+    monkeypatch.setattr(agreement, "probability", lambda parts, *_: 0.3 if parts == [18] else 0.0)
     each = Cloud(LINE, None, None, np.concatenate([np.arange(18), [18, 18]]))
     there = fit(each, ROW, np.arange(20), LINE)
     match = replace(there.correspondences, source_class=np.arange(19), target_class=np.arange(19))

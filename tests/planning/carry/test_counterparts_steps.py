@@ -230,7 +230,7 @@ def certain(of: dict[int, float], others: float, monkeypatch: pytest.MonkeyPatch
         lambda *given: asked.append(given[3:6]) or ("answer", given[3]),
     )
     monkeypatch.setattr(counterparts, "evidence_of_same_kind", lambda *given: ("other", given[1:3]))
-    monkeypatch.setattr(agreement, "probability", lambda found, _: of[found[1][0]])
+    monkeypatch.setattr(agreement, "probability", lambda found, *_: of[found[1][0]])
     monkeypatch.setattr(counterparts, "probability", lambda found, _: others)
     return asked
 

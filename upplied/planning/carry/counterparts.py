@@ -50,7 +50,7 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
     attended = [take.attended for take in takes]
     for take in attended:
         source, target = _source(take), _target(take)
-        asked = inspected_parts(take, source.label)
+        asked = _bodies(inspected_parts(take, source.label), take, source)
         # Each taking is asked about the part that it repeats.
         for part, share in [one for one in asked if one[0] == take.part] or asked:
             one = _counterpart(take, part, share, source, target, settings)
@@ -61,6 +61,20 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
         for one in _not_repeated(attended):
             found.setdefault(one.part, one)
     return tuple(sorted(_without_flown(list(found.values()), settings), key=lambda one: -one.inspected_pct))
+
+
+def _bodies(asked: list[tuple[int, float]], take: Attended, source: _Side) -> list[tuple[int, float]]:
+    """The same parts and shares, but an inlet that nothing answers counts to the nacelle that it touches."""
+    least = COMPACT * diagonal_of(take.pair.surface.source.points)
+    compact = (source.parts.high - source.parts.low).max(axis=1) <= least
+    matched = {part: bool(compact[part] and _matched_parts(take, part, source)) for part, _ in asked}
+    shares = dict(asked)
+    for part, share in asked:
+        hosts = [one for one, _ in asked if matched[one] and source.parts.touching[part, one]]
+        if compact[part] and not matched[part] and hosts:
+            shares[hosts[0]] += share
+            del shares[part]
+    return list(shares.items())
 
 
 def _no_part_twice(found: dict[str, Counterpart], there: str) -> dict[str, Counterpart]:
@@ -182,11 +196,12 @@ def _others_within(take: Attended, part: int, source: _Side) -> int:
     mine, least = source.label == part, COMPACT * diagonal_of(cloud.points)
     if (source.parts.high - source.parts.low)[part].max() <= least:
         return 0  # a body of its own
-    inspected = np.bincount(skin, area * take.weight) > (1 - MAJORITY) * np.bincount(skin, area)
+    most = int(np.bincount(skin[mine], (area * take.weight)[mine]).argmax())
+    share = np.bincount(skin, area * take.weight) / np.maximum(np.bincount(skin, area), 1e-12)
+    inspected = share > (1 - MAJORITY) * share[most]  # as the stretch that was inspected most, or nearly
     if area[mine & inspected[skin]].sum() > (1 - MAJORITY) * area[mine].sum():
         return 0
     stretches = parts_of(replace(cloud, part=skin))
-    most = int(np.bincount(skin[mine], (area * take.weight)[mine]).argmax())
     if (stretches.high - stretches.low)[most].max() > least:
         return 0
     alike = choices_for(stretches, most, stretches, [most])
@@ -203,7 +218,7 @@ def _probability(
     fit = take.pair.surface
     if fit.carried is None:
         return None
-    best = certainty(fit, part, matched)
+    best = certainty(fit, part, matched, alone=set(alike) <= set(matched))
     if len(matched) == 1 and (take.choice >= 0 or settings.correspondence.counterparts):
         for other in alike:
             if other != matched[0]:

@@ -26,7 +26,7 @@ from upplied.records import Bools
 _ELSEWHERE = np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def certainty(fit: Fit, part: int, counterparts: Sequence[int]) -> float:
+def certainty(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = False) -> float:
     """Probability that parts of the target correspond to a part of the source.
 
     Parameters
@@ -37,8 +37,10 @@ def certainty(fit: Fit, part: int, counterparts: Sequence[int]) -> float:
         Of the source.
     counterparts : sequence of int
         Parts of the target, at least one.
+    alone : bool
+        Whether no other part of the target is like them.
     """
-    found = _by_fit(fit, part, counterparts)
+    found = _by_fit(fit, part, counterparts, alone)
     if fit.told is None:
         return found
     theirs, area, others = np.isin(labels_of(fit.target), counterparts), fit.target.areas, []
@@ -69,17 +71,16 @@ def named_by(fit: Fit) -> Bools:
     return np.asarray((mine >= 0) & (mine == there[labels_of(fit.target)]), bool)
 
 
-def _by_fit(fit: Fit, part: int, counterparts: Sequence[int]) -> float:
+def _by_fit(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = False) -> float:
     if fit.carried is None:
         return 0.0
     known, match = (fit.registration.scanned, fit.inferred >= 0), fit.correspondences
     parts = [part]
-    if match.source_class is not None and match.source_class[part] >= 0:
-        # Two wings may be one part of the target: together they are its counterpart.
-        if set(match.target_parts(part).tolist()) == set(counterparts):
-            parts = np.flatnonzero(match.source_class == match.source_class[part]).tolist()
+    # Two wings may be one part of the target: together they are its counterpart.
+    if match.source_class is not None and set(match.target_parts(part).tolist()) == set(counterparts):
+        parts = np.flatnonzero(match.source_class == match.source_class[part]).tolist()
     found = evidence_of_counterpart(fit.source, parts, fit.registered, counterparts, *known, fit.carried)
-    return probability(found, COUNTERPART)
+    return probability(found, COUNTERPART, alone)
 
 
 def _both(one: float, other: float) -> float:

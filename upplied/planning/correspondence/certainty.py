@@ -28,8 +28,8 @@ CAPS = (2.0, 1.0, 1.0, 1.0, 1.5, 1.0)
 COUNTERPART = (8.88, 2.39, 0.0, 3.76, 0.85, 2.66, 2.43)
 SAME_KIND = (8.14, 1.53, 0.0, 0.0, 2.04, 0.55, 11.05)
 
-# Where the smooth displacement brings most of either part elsewhere, 6 of 16 were right; a logistic
-# curve through all says more.
+# Where the smooth displacement brings most of either part elsewhere, and another part is like it, 6 of 16
+# were right; a logistic curve through all says more.
 _DISAGREES, _DISPUTED = 0.6, 0.4
 
 
@@ -86,11 +86,11 @@ def evidence_of_same_kind(
     )
 
 
-def probability(evidence: Floats, model: Sequence[float]) -> float:
-    """Probability that the part is the one that is meant, 0 to 1."""
+def probability(evidence: Floats, model: Sequence[float], alone: bool = False) -> float:
+    """Probability that the part is the one that is meant, 0 to 1; `alone` where no other is like it."""
     against = float(np.dot(model[1:], np.minimum(evidence, CAPS)))
     known = float(1 / (1 + np.exp(against - model[0])))
-    return min(known, _DISPUTED) if evidence[1:3].max() > _DISAGREES else known
+    return min(known, _DISPUTED) if not alone and evidence[1:3].max() > _DISAGREES else known
 
 
 def _shape(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools) -> float:

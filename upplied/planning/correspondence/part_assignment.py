@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from upplied.planning.constants import LEAST_PART, MAJORITY, MOST_RATIO, TOLERANCE
+from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY, MOST_RATIO, TOLERANCE
 from upplied.planning.surface.parts import Parts, sides
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -77,8 +77,12 @@ def match_parts(
     with_one[with_one] = allowed[rows[with_one], columns[with_one]]
     partner[rows[with_one]] = columns[with_one]
     partner = _exchanged(partner, cost, source, target, diagonal_m, set(pinned))
-    classes = _classes(partner, len(target))
-    return _with_unions(classes, source, target, diagonal_m, fits)
+    classes = _with_unions(_classes(partner, len(target)), source, target, diagonal_m, fits)
+    here, there = classes.source_class, classes.target_class
+    for _ in range(2):  # what was joined here may make it more alike to join its like there
+        here = _with_pieces(here, source, there, target, diagonal_m)
+        there = _with_pieces(there, target, here, source, diagonal_m)
+    return Matching(here, there)
 
 
 def _unmatched(source: Parts) -> Floats:
@@ -214,6 +218,29 @@ def _with_unions(
                 target_class[part] = source_class[pair] = source_class.max() + 1
                 break
     return Matching(source_class, target_class)
+
+
+def _with_pieces(own: Ints, one: Parts, others: Ints, other: Parts, diagonal_m: float) -> Ints:
+    """The classes (K,) of parts, where pieces in none joined the compact body that they touch.
+
+    The inlet of a nacelle is a part of its own here and not there. The body has to stay as alike to its
+    counterpart as it was.
+    """
+    own, size = own.copy(), (one.high - one.low).max(axis=1)
+    compact = size < COMPACT * diagonal_m
+    for part in np.flatnonzero((own < 0) & compact):
+        for host in np.flatnonzero((own >= 0) & compact & one.touching[part]):
+            mine, theirs = own == own[host], others == own[host]
+            low, high = other.low[theirs].min(axis=0), other.high[theirs].max(axis=0)
+            apart = []
+            for members in (mine, mine | (np.arange(len(own)) == part)):
+                extent = one.high[members].max(axis=0) - one.low[members].min(axis=0)
+                least = LEAST_PART * diagonal_m
+                apart.append(_ratios(extent[None], (high - low)[None], least).max())
+            if apart[1] <= apart[0] + TOLERANCE:
+                own[part] = own[host]
+                break
+    return own
 
 
 def with_named(matching: Matching, name: Ints, pinned: Mapping[int, int]) -> Matching:

@@ -88,7 +88,7 @@ def with_fine(
 def _on_mesh(
     structure: Structure, scene: Scene, cloud: Cloud, region: Bools, number: float
 ) -> tuple[Floats, Floats, Ints, Floats, Ints]:
-    """Candidates in a region of a mesh: points, outward normals, the even sample of each, area; those kept."""
+    """Candidates in a region of a mesh: points, outward normals, the even sample of each, area; some kept."""
     near, tree, reach_m = _near(structure, cloud, region), cKDTree(cloud.points[region]), spacing(cloud)
     # No fewer than asked for: the next narrower of the spacings.
     spacing_m = spacing_for(structure, float(cloud.areas[region].sum()), _SPARE * number * 2**0.25)

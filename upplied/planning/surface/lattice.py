@@ -89,7 +89,7 @@ def _priority(line: Ints) -> Ints:
             mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
             mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
             mixed ^= mixed >> np.uint64(31)
-    return mixed
+    return mixed.view(np.int64)
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""Leaving: how far the path goes from the carried flight, and how it bends to, so that it does for something."""
+"""Leaving: how far the path goes from the carried flight, and how sharply: only for what that shows."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _SHORTEST = 0.1  # of the usual leg: what hovers is not torn apart
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Leaving(Record):
-    """Mean squared distance from the carried flight, and mean squared change of that along it; in stand-offs.
+    """Mean squared distance from the carried flight, and mean squared change of it on the way; in stand-offs.
 
-    What shows as much from many places is flown where the expert's flight lies, whatever else changes a little.
+    What shows as much from many places is flown where the expert's flight lies, whatever else changes.
     """
 
     carried: Floats  # (M, 3) m
