@@ -15,7 +15,7 @@ from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.ways import ground_z_m
-from upplied.outputs.verdicts import fineness
+from upplied.outputs.verdicts import fineness, scaled_coverage
 from upplied.polylines import leg_lengths
 from upplied.records import Floats, Structure
 
@@ -133,9 +133,11 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
 
 
 def _measures(row: Mapping[str, Any]) -> str:
-    size = ", for its size" if row.get("standoff_mode") == "scaled" else ""
+    scaled = row.get("standoff_mode") == "scaled"
+    how = "as well, for its size" if scaled else "as finely"
+    row = {**row, "coverage_inspected_pct": scaled_coverage(row)} if scaled else row
     shown = (
-        ("coverage_inspected_pct", f"inspected surface shown as well{size}", "{:.1f} %"),
+        ("coverage_inspected_pct", f"inspected surface shown {how}", "{:.1f} %"),
         ("coverage_seen_pct", "surface really seen", "{:.1f} %"),
         ("min_clearance_m", "least clearance of the plan", "{:.2f} m"),
         ("path_length_m", "inspection path", "{:.0f} m"),

@@ -10,7 +10,7 @@ from upplied.outputs.pairs import attainable, meaning, number, reason_of, shown_
 _WORTH_A_LOOK_PCT = 1.0  # of what was inspected: below it nobody finds the place in the picture
 # The most honest coverage that was computed, in words.
 _SHOWN = (
-    ("coverage_inspected_pct", "what was inspected at least as well as the demonstration,"),
+    ("coverage_inspected_pct", "what was inspected at least as finely as the demonstration,"),
     ("coverage_seen_pct", "what was seen"),
     ("coverage_paper_pct", "what lay in the camera's frustum, hidden or not"),
 )
@@ -40,18 +40,35 @@ def verdict(row: Mapping[str, Any], safety_m: float | None) -> dict[str, Any]:
     clearance = number(row, "min_clearance_m")
     known = [(number(row, name), words) for name, words in _SHOWN]
     parts = [f"shows {shown:.1f} % of {words}" for shown, words in known if shown is not None][:1]
-    if parts and known[0][0] is not None and row.get("standoff_mode") == "scaled":
-        parts = [f"{parts[0].rstrip(',')} for its size,"]
+    if known[0][0] is not None and row.get("standoff_mode") == "scaled":
+        shown = scaled_coverage(row)
+        parts = [
+            f"shows {shown:.1f} % of what was inspected at least as well as the demonstration for its size,"
+        ]
     if clearance is not None:
         kept = f", {safety_m:g} m asked for" if safety_m else ""
         parts.append(f"keeps {clearance:.1f} m from the structure{kept}")
     return {
         "flyable": True,
-        "headline": " ".join(filter(None, [f"It {' and '.join(parts)}.", fineness(row)]))
+        "headline": " ".join(filter(None, [f"It {' and '.join(parts)}.", fineness(row), _passes(row)]))
         if parts
         else "No measure was computed.",
         "look": [*_lost(row), *warnings_of(row)],
     }
+
+
+def scaled_coverage(row: Mapping[str, Any]) -> float | None:
+    """What is shown relative to size, %; older rows of stand-offs that scale were judged so anyway."""
+    known = number(row, "coverage_inspected_scaled_pct")
+    return number(row, "coverage_inspected_pct") if known is None else known
+
+
+def _passes(row: Mapping[str, Any]) -> str:
+    """How long the passes take that were not demonstrated, in a sentence; empty where there are none."""
+    added, whole = number(row, "added_s"), number(row, "duration_s")
+    if not added or whole is None:
+        return ""
+    return f"Passes that were added to the demonstrated ones take {added:.0f} of its {whole:.0f} s."
 
 
 def fineness(row: Mapping[str, Any]) -> str:

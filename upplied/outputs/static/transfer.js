@@ -4,7 +4,8 @@
 (function () {
   const { element, badge, format, COLOURS, STATES } = upplied;
   const MEASURES = [
-    ["coverage_inspected_pct", "Inspected, shown as well", 1, " %", "Of the surface that the demonstration was about, the share that the plan shows at least as near, as frontally and as sharply; with stand-offs that scale, for the size of the target"],
+    ["coverage_inspected_pct", "Inspected, shown as finely", 1, " %", "Of the surface that the demonstration was about, the share that the plan shows sharply and no coarser than 1.1 times the demonstrated millimetres a pixel"],
+    ["coverage_inspected_scaled_pct", "The same for its size", 1, " %", "Of that surface, the share that the plan shows from as near as the demonstration times the scale of the structure"],
     ["inspected_without_counterpart_pct", "Inspected, without counterpart", 1, " %", "Of that surface, what nothing on the target answers to; it counts as not shown"],
     ["inspected_unattainable_pct", "Inspected, unattainable", 1, " %", "Of that surface, what no safe viewpoint could show as well"],
     ["coverage_of_target_pct", "Of the target", 1, " %", "Of the target's surface that answers to what was inspected, the share shown as well"],

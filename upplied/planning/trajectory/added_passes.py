@@ -17,8 +17,10 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
 from upplied.planning.airspace.rules import Airspace
+from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.carried import Carried
 from upplied.planning.carry.standoff import Standoff
+from upplied.planning.demonstration.repetition import Take
 from upplied.planning.trajectory.view import View
 from upplied.polylines import arc_length, chosen_evenly, leg_lengths
 from upplied.poses import from_yaw_pitch, optical_axis
@@ -29,11 +31,12 @@ _POSES = 240  # of the path, and of each pass, that are asked what they show
 _GAIN = 0.01  # share of the need that a pass must show, so that none hangs on a sample or two
 _TIME = 1.25  # times the demonstrated time and the ratio of the inspected areas: all passes together
 _MOST = 6  # passes
-_STRIP = 0.35  # stand-offs, over which a strip and its directions are evened out along a pass
+_STRIP = 0.35  # stand-offs, over which it is counted along the flight how much is missed
+_EVEN = 1.0  # stand-offs, over which a pass and its directions are evened out
 _WITHIN = 0.85  # of the farthest from which the strip is shown finely enough: where the pass is flown
 _FARTHEST = 1.5  # stand-offs of the demonstration, beyond which no pass is flown
 _LEANING = (0.0, 0.5)  # of the expert's line of sight, added to the strip's normal
-_SPARSE = (0.2, 0.6)  # of the densest missed stretch: less is no part of a pass, of a long or a short one
+_SPARSE = 0.2  # of the densest missed stretch: less is no part of a pass
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,8 +78,8 @@ def with_added(carried: Carried, path: Waypoints, view: View, airspace: Airspace
     left /= left.sum()
     seen = chosen_evenly(len(path), _POSES)
     left[view.shown(path.positions[seen], path.quat_xyzw[seen], asked)] = 0.0
-    end, passes = path.positions[-1], []
-    time_left = _time_allowed(carried)
+    end, passes = path.positions[-1], list[tuple[_Pass, Bools]]()
+    time_left = _time_left(carried, path)
     while len(passes) < _MOST and left.sum() >= _GAIN:
         best = _best(carried, view, airspace, asked, left, end, time_left)
         if best is None:
@@ -89,16 +92,21 @@ def with_added(carried: Carried, path: Waypoints, view: View, airspace: Airspace
     return [_taken(carried, one, view, asked[shows]) for one, shows in passes]
 
 
-def _time_allowed(carried: Carried) -> float:
-    """Seconds that all added passes may take."""
-    take, goal = carried.take, carried.goal
-    assert goal is not None
-    fit, weight = take.pair.surface, take.inspection.attention.weight
-    known = fit.correspondences.target_index >= 0
-    before = float((fit.source.areas * weight)[known].sum())
-    after = float(goal.inspected.cloud.areas[goal.inspected.need > 0].sum())
-    flown_s = float(carried.path.t_s[-1] - carried.path.t_s[0])
-    return flown_s * max(_TIME * max(after / max(before, 1e-9), 1.0) - 1.0, 0.0)
+def time_allowed_s(take: Take) -> float:
+    """How long a plan may take with added passes: more than demonstrated where there is more to show."""
+    fit, flight = take.pair.surface, take.inspection.flight
+    attended = fit.source.areas * take.inspection.attention.weight
+    matrix = registered_map(fit.registration).matrix
+    larger = abs(np.linalg.det(matrix)) * np.linalg.norm(fit.source.outward @ np.linalg.inv(matrix), axis=1)
+    ratio = float(attended @ larger) / max(float(attended.sum()), 1e-9)
+    return float(np.ptp(flight.t_s)) * _TIME * max(ratio, 1.0)
+
+
+def _time_left(carried: Carried, path: Waypoints) -> float:
+    """Seconds of those that a path leaves, flown as fast as the demonstration, no shorter than it."""
+    flight = carried.take.inspection.flight
+    longer = float(leg_lengths(path.positions).sum() / max(leg_lengths(flight.positions).sum(), 1e-9))
+    return time_allowed_s(carried.take) - float(np.ptp(flight.t_s)) * max(longer, 1.0)
 
 
 def _best(
@@ -151,12 +159,11 @@ def _candidates(carried: Carried, view: View, missed: Ints, left: Floats) -> Ite
         columns = np.column_stack([points, normals, farthest])[group] * left[group, None]
         sums = np.zeros((len(path), 8))
         np.add.at(sums, at[group], np.column_stack([columns, left[group]]))
-        sums = gaussian_filter1d(sums, max(sigma, 1.0), axis=0, mode="constant")
-        spans = set()
-        for share in _SPARSE:
-            dense = np.flatnonzero(sums[:, 7] > share * sums[:, 7].max())
-            runs = np.split(dense, np.flatnonzero(np.diff(dense) > max(2 * sigma, 2)) + 1)
-            spans |= {(int(run[0]), int(run[-1])) for run in [*runs, dense]}
+        count = gaussian_filter1d(sums[:, 7], max(sigma, 1.0), mode="constant")
+        sums = gaussian_filter1d(sums, max(_EVEN / _STRIP * sigma, 1.0), axis=0, mode="constant")
+        dense = np.flatnonzero(count > _SPARSE * count.max())
+        runs = np.split(dense, np.flatnonzero(np.diff(dense) > max(2 * sigma, 2)) + 1)
+        spans = {(int(run[0]), int(run[-1])) for run in [*runs, dense]}
         for (first, last), leaning in itertools.product(sorted(spans), _LEANING):
             if last - first < 3:
                 first, last = max(first - 2, 0), min(last + 2, len(path) - 1)

@@ -16,7 +16,7 @@ from upplied.planning.carry.carried import Carried
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined
 from upplied.planning.demonstration.sharp_looks import steady_radps
-from upplied.planning.trajectory.added_passes import with_added
+from upplied.planning.trajectory.added_passes import time_allowed_s, with_added
 from upplied.planning.trajectory.complete import completed, view_of
 from upplied.planning.trajectory.retime import retime
 from upplied.planning.trajectory.sharpness import sharp_limits, steadied_swings
@@ -50,15 +50,31 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
         If no path keeps what the settings demand.
     """
     paths = [one.path if one.goal is None else completed(one, one.goal, settings) for one in carried]
-    for one, path in zip(tuple(carried), tuple(paths), strict=True):
-        for added, flown in _added(one, path, settings):
-            carried, paths = [*carried, added], [*paths, flown]
+    passes = [added for pair in zip(carried, paths, strict=True) for added in _added(*pair, settings)]
+    allowed_s = sum(time_allowed_s(one.take) for one in carried if passes)
+    pair = carried[0].take.pair
+    ways = Ways(airspace_of(pair, settings), pair.obstacle)
+    while passes:
+        both = [*zip(carried, paths, strict=True), *passes]
+        try:
+            timed = _timed([one for one, _ in both], [path for _, path in both], ways, settings)
+            if timed[0].t_s[-1] <= allowed_s:
+                return timed
+        except RefusedError:  # no way leads to a pass
+            pass
+        passes.pop()  # those that show most for their time come first
+    return _timed(carried, paths, ways, settings)
+
+
+def _timed(
+    carried: Sequence[Carried], paths: Sequence[Waypoints], ways: Ways, settings: Settings
+) -> tuple[Trajectory, Bools, Floats]:
+    """The takes one after another, with safe ways between them, and times."""
     takes = [one.take for one in carried]
     flight = joined([take.inspection.flight for take in takes])
     paths = _in_joined_times(paths, takes, flight)
     if len(takes) > 1:
-        pair = takes[0].pair
-        paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.obstacle))
+        paths = _with_transits(paths, ways)
     path = Waypoints.stacked(paths)
     goals = [one.goal for one in carried if one.goal is not None]
     if not goals or not settings.retime.limits:

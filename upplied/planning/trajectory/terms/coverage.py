@@ -240,8 +240,8 @@ def _missed(
     for m in range(len(positions)):
         for k in range(first[m], first[m + 1]):
             factor = -_MOST * need[what[k]] * left[what[k]] / (1.0 - shown[k])
-            for axis in range(5):
-                total[m, axis] += factor * slopes[k, axis]
+            for column in range(5):
+                total[m, column] += factor * slopes[k, column]
     missed = 0.0
     for i in range(len(need)):
         missed += need[i] * left[i]
