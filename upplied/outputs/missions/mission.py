@@ -19,7 +19,7 @@ from upplied.outputs.missions.thinning import thinned
 from upplied.outputs.missions.ways import USUAL_CEILING_M, Transits, default_home, ground_z_m
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
-from upplied.polylines import leg_lengths
+from upplied.polylines import arc_length, leg_lengths
 from upplied.records import (
     Bools,
     Camera,
@@ -105,6 +105,7 @@ def missions_of(
     notes += _told(sorties, options, flying, transits, int((passing == 0).sum()))
     by_distance = options.photos == "distance" or (options.photos == "viewpoints" and is_viewpoint is None)
     photo = fixed[kept] if options.photos == "viewpoints" else np.zeros(len(kept), bool)
+    added = _added(plan, path.positions)[kept]
     made = []
     for at, sortie in enumerate(sorties):
         body = _waypoints(cutter, photo, passing, sortie)
@@ -133,6 +134,7 @@ def missions_of(
                 duration_s=sortie.duration_s,
                 notes=tuple(notes),
                 fov_deg=body.fov_deg,
+                added=_marked(added[sortie.first : sortie.last + 1], body.inspect),
                 overruled=(*overruled, *unseen),
             )
         )
@@ -249,6 +251,21 @@ def _crowded(viewpoints: Floats) -> bool:
     """Whether viewpoints follow each other so closely that nobody stops at each for a photo."""
     steps = leg_lengths(viewpoints)
     return len(steps) > 0 and float(steps.mean()) < _CROWDED_M
+
+
+def _added(plan: Plan | Trajectory, path: Floats) -> Bools:
+    """Which positions (N, 3) of the way of a plan, whatever is inserted on its legs, are of added passes."""
+    if isinstance(plan, Trajectory) or plan.trajectory is None or plan.is_added is None:
+        return np.zeros(len(path), bool)
+    first_m = arc_length(plan.trajectory.positions)[int(plan.is_added.argmax())]
+    return np.asarray(arc_length(path) >= first_m - _EXACT_M)
+
+
+def _marked(flags: Bools, inspect: Bools) -> Bools:
+    """The flags of a sortie's inspection (K,) among all of its waypoints (N,), K of which inspect."""
+    marked = np.zeros(len(inspect), bool)
+    marked[inspect] = flags
+    return marked
 
 
 def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> _Body:

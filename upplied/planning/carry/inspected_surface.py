@@ -6,17 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from upplied.config import InspectionSettings, Settings, focal_px
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.demonstration.sharp_looks import look_limits
+from upplied.planning.geometry.boxes import spacing
 from upplied.planning.visibility.dwell import dwell
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.path_views import Views
 from upplied.planning.visibility.pictures import pictures
 from upplied.planning.visibility.view_quality import nearest
-from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Record
+from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Ints, Record
+
+_CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -142,6 +146,23 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
     )  # where it zooms, distances are of one camera
     most = highest * widest if scaled else np.inf  # what is seen obliquely covers more than its distance says
     return replace(found, standoff_m=np.clip(wanted, lowest, most), projected=not scaled)
+
+
+def target_attention(takes: Sequence[Take], cloud: Cloud) -> tuple[Floats, Ints]:
+    """Attention (N,) of what each target sample corresponds to, and the sample (N,) it is judged like."""
+    attention, like = np.zeros(len(cloud)), np.zeros(len(cloud), np.int64)
+    nearest = np.full(len(cloud), _CORRESPONDS * spacing(cloud))
+    for take in takes:
+        match, weight = take.pair.surface.correspondences, take.inspection.attention.weight
+        known = np.flatnonzero((match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
+        if not len(known):
+            continue
+        distance, place = cKDTree(match.target_points[known]).query(cloud.points)
+        mine = distance < nearest
+        nearest = np.where(mine, distance, nearest)
+        attention = np.where(mine, weight[known[place]], attention)
+        like = np.where(mine, match.target_index[known[place]], like)
+    return attention, like
 
 
 def _limits(camera: Camera, settings: Settings) -> tuple[float, float]:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from upplied.config import Settings
 from upplied.planning.airspace.at_target import airspace_of
@@ -15,18 +14,16 @@ from upplied.planning.carry.inspected_surface import (
     coverage,
     inspected_by,
     inspected_surface,
+    target_attention,
 )
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.demonstration.sharp_looks import look_limits
-from upplied.planning.geometry.boxes import spacing
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.visibility.moments import moments, rates
 from upplied.planning.visibility.path_views import Views
 from upplied.planning.visibility.pictures import pictures
 from upplied.planning.visibility.view_quality import shown_well
-from upplied.records import Bools, Cloud, Floats, Ints, Record, SurfaceStates
-
-_CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
+from upplied.records import Bools, Cloud, Floats, Record, SurfaceStates
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,7 +52,7 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     pair, rule = takes[0].pair, settings.inspection
     inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
     cloud, farthest = inspected.cloud, inspected.farthest_m(rule)
-    attention, like = _target_attention(takes, inspected)
+    attention, like = target_attention(takes, cloud)
     farthest = np.where(np.isfinite(farthest), farthest, farthest[like])
     camera, limits = takes[0].inspection.camera, look_limits(takes, rule)
     if inspected.projected:
@@ -102,24 +99,6 @@ def _shown_well(
         ),
         bool,
     )
-
-
-def _target_attention(takes: Sequence[Take], inspected: InspectedSurface) -> tuple[Floats, Ints]:
-    """Attention (N,) of what each target sample corresponds to, and the sample (N,) it is judged like."""
-    cloud = inspected.cloud
-    attention, like = np.zeros(len(cloud)), np.zeros(len(cloud), np.int64)
-    nearest = np.full(len(cloud), _CORRESPONDS * spacing(cloud))
-    for take in takes:
-        match, weight = take.pair.surface.correspondences, take.inspection.attention.weight
-        known = np.flatnonzero((match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
-        if not len(known):
-            continue
-        distance, place = cKDTree(match.target_points[known]).query(cloud.points)
-        mine = distance < nearest
-        nearest = np.where(mine, distance, nearest)
-        attention = np.where(mine, weight[known[place]], attention)
-        like = np.where(mine, match.target_index[known[place]], like)
-    return attention, like
 
 
 def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:

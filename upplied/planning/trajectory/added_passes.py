@@ -17,12 +17,12 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.carried import Carried
+from upplied.planning.carry.inspected_surface import target_attention
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.trajectory.view import View
-from upplied.polylines import arc_length, chosen_evenly, leg_lengths
+from upplied.polylines import chosen_evenly, leg_lengths
 from upplied.poses import from_yaw_pitch, optical_axis
 from upplied.records import Bools, Floats, Ints, Record, Trajectory, Visibility, Waypoints
 
@@ -32,9 +32,10 @@ _GAIN = 0.01  # share of the need that a pass must show, so that none hangs on a
 _TIME = 1.25  # times the demonstrated time and the ratio of the inspected areas: all passes together
 _MOST = 6  # passes
 _STRIP = 0.35  # stand-offs, over which it is counted along the flight how much is missed
-_EVEN = 1.0  # stand-offs, over which a pass and its directions are evened out
+_EVEN = 0.35  # stand-offs, over which a pass and its directions are evened out
 _WITHIN = 0.85  # of the farthest from which the strip is shown finely enough: where the pass is flown
 _FARTHEST = 1.5  # stand-offs of the demonstration, beyond which no pass is flown
+_PART = 0.25  # of its stretch's time, that a pass takes at least: it turns with the camera as the stretch did
 _LEANING = (0.0, 0.5)  # of the expert's line of sight, added to the strip's normal
 _SPARSE = 0.2  # of the densest missed stretch: less is no part of a pass
 
@@ -95,11 +96,10 @@ def with_added(carried: Carried, path: Waypoints, view: View, airspace: Airspace
 def time_allowed_s(take: Take) -> float:
     """How long a plan may take with added passes: more than demonstrated where there is more to show."""
     fit, flight = take.pair.surface, take.inspection.flight
-    attended = fit.source.areas * take.inspection.attention.weight
-    matrix = registered_map(fit.registration).matrix
-    larger = abs(np.linalg.det(matrix)) * np.linalg.norm(fit.source.outward @ np.linalg.inv(matrix), axis=1)
-    ratio = float(attended @ larger) / max(float(attended.sum()), 1e-9)
-    return float(np.ptp(flight.t_s)) * _TIME * max(ratio, 1.0)
+    known = fit.correspondences.target_index >= 0
+    here = float((fit.source.areas * take.inspection.attention.weight)[known].sum())
+    there = float(fit.target.areas @ target_attention([take], fit.target)[0])
+    return float(np.ptp(flight.t_s)) * _TIME * max(there / max(here, 1e-9), 1.0)
 
 
 def _time_left(carried: Carried, path: Waypoints) -> float:
@@ -133,8 +133,7 @@ def _best(
         quats = _looking(one.aim[some] - one.positions[some], view)
         shows[missed] = _at(view, one.station[some]).shown(one.positions[some], quats, asked[missed])
         gain = float(left[shows].sum())
-        speed = leg_lengths(one.positions).sum() / max(one.seconds, 1e-9)
-        seconds = one.seconds + float(ahead.min()) / max(speed, 0.1)
+        seconds = one.seconds + float(ahead.min()) / view.limits.transit_speed_mps
         if gain >= _GAIN and seconds <= time_left and gain / seconds > worth:
             best, worth = (replace(one, seconds=seconds), shows), gain / seconds
     return best
@@ -167,10 +166,10 @@ def _candidates(carried: Carried, view: View, missed: Ints, left: Floats) -> Ite
         for (first, last), leaning in itertools.product(sorted(spans), _LEANING):
             if last - first < 3:
                 first, last = max(first - 2, 0), min(last + 2, len(path) - 1)
-            yield _moved(path, sums, first, last, -leaning * axis, view)
+            yield _moved(carried, sums, first, last, -leaning * axis, view)
 
 
-def _moved(path: Waypoints, sums: Floats, first: int, last: int, lean: Floats, view: View) -> _Pass:
+def _moved(carried: Carried, sums: Floats, first: int, last: int, lean: Floats, view: View) -> _Pass:
     """A stretch over the strip whose weighted sums (M, 8) along the flight are given."""
     within = slice(first, last + 1)
     own = sums[within]
@@ -182,9 +181,9 @@ def _moved(path: Waypoints, sums: Floats, first: int, last: int, lean: Floats, v
     away = away + lean[within]
     away = -optical_axis(_looking(-away, view))
     positions = strip[:, :3] + _WITHIN * strip[:, 6:7] * away
-    flown = arc_length(path.positions[within])[-1] / max(float(np.ptp(path.t_s[within])), 1e-6)
-    length = float(leg_lengths(positions).sum())
-    seconds = length / flown if flown > 0.05 else float(np.ptp(path.t_s[within]))
+    flight = carried.take.inspection.flight.take(within)
+    spent, flown = float(np.ptp(flight.t_s)), float(leg_lengths(flight.positions).sum())
+    seconds = spent * max(float(leg_lengths(positions).sum()) / max(flown, 1e-6), _PART)
     return _Pass(np.arange(first, last + 1), positions, strip[:, :3], seconds)
 
 
