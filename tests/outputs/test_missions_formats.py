@@ -299,7 +299,7 @@ def test_turns_on_the_spot_are_holds_or_actions_and_no_waypoints_of_their_own(tm
 def test_waypoints_say_whether_they_were_demonstrated_or_added(tmp_path):
     path = made_plan().trajectory
     added = {"is_added": np.arange(len(path)) >= len(path) // 2}
-    done, table = written(tmp_path, "csv", **added)
+    _, table = written(tmp_path, "csv", **added)
     rows = list(csv.DictReader(table.read_text().splitlines()))
     marked = [row["origin"] for row in rows]
     told = [word for word in marked if word]
