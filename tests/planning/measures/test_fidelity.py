@@ -78,7 +78,7 @@ def test_patches_of_several_takes_stand_in_a_row() -> None:
 def test_nothing_demonstrated_is_no_share_of_anything() -> None:
     patches, looks = four_patches()
     none = Dwell(*(0 * of if of.dtype != bool else of & False for of in vars(patches.shown).values()))
-    found = _compared(Patches(patches.weight, patches.target, none), looks, surface([10, 30, 10]))
+    found = _compared(Patches(patches.weight, patches.target, none), looks)
     assert np.isnan(
         [found[f"fidelity_{name}"] for name in ("looks_kept_pct", "dwell_kept_pct", "order")]
     ).all()

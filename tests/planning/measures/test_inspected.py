@@ -125,9 +125,8 @@ def test_as_finely_is_what_neighbouring_pixels_cover_of_the_patch(take: Take, pl
     seen, fine = sees(take, steps.poses, target=True), np.zeros(len(cloud), bool)
     for row in range(len(steps)):
         moved = motion_by_difference(steps.poses, row, cloud.points, steps.velocity[row], steps.turn[row])
-        covered = covered_m(
-            steps.poses.positions[row], steps.poses.quat_xyzw[row], cloud.points, cloud.normals
-        )
+        pose = steps.poses.positions[row], steps.poses.quat_xyzw[row]
+        covered = covered_m(*pose, cloud.points, cloud.normals)
         fine |= seen[row] & (moved <= sharp) & (covered <= 1.1 * np.nan_to_num(inspected.standoff_m))
     wanted = inspected.need > 0
     assert inspected.projected and 0.05 < fine[wanted].mean() < 0.9
