@@ -18,7 +18,7 @@ class Choices:
     Parameters
     ----------
     standoff : str
-        Distance to the surface: scaled with the structure, or kept in metres.
+        Distance to the surface: scaled with the structure, or as the demonstrated millimetres a pixel ask.
     gsd : float
         Size of a pixel on the surface, m, to keep instead of the demonstrated distance.
     plane : bool
