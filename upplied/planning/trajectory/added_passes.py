@@ -32,6 +32,7 @@ _GAIN = 0.01  # share of the need that a pass must show, so that none hangs on a
 _TIME = 1.25  # times the demonstrated time and the ratio of the inspected areas: all passes together
 _MOST = 6  # passes
 _STRIP = 0.35  # stand-offs, over which it is counted along the flight how much is missed
+_PARALLEL = 3.0  # stand-offs, over which a pass beside the flight keeps its distance from it
 _EVEN = 0.35  # stand-offs, over which a pass and its directions are evened out
 _WITHIN = 0.85  # of the farthest from which the strip is shown finely enough: where the pass is flown
 _FARTHEST = 1.5  # stand-offs of the demonstration, beyond which no pass is flown
@@ -149,7 +150,9 @@ def _candidates(carried: Carried, view: View, missed: Ints, left: Floats) -> Ite
     aims = path.positions + usual * axis
     at = cKDTree(aims).query(points)[1]
     forward = np.gradient(path.positions, axis=0) if len(path) > 1 else np.zeros_like(axis)
-    side = np.einsum("kj,kj->k", points - aims[at], np.cross(axis, forward)[at])
+    across = np.cross(axis, forward)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    side = np.einsum("kj,kj->k", points - aims[at], across[at])
     sigma = _STRIP * usual / max(float(leg_lengths(path.positions).mean()) if len(path) > 1 else usual, 1e-6)
     farthest = np.minimum(view.farthest_m[missed], _FARTHEST * usual)
     for group in (side >= 0, side < 0, np.ones(len(missed), bool)):
@@ -167,6 +170,18 @@ def _candidates(carried: Carried, view: View, missed: Ints, left: Floats) -> Ite
             if last - first < 3:
                 first, last = max(first - 2, 0), min(last + 2, len(path) - 1)
             yield _moved(carried, sums, first, last, -leaning * axis, view)
+        off = np.zeros((len(path), 2))
+        np.add.at(off, at[group], np.column_stack([side[group] * left[group], left[group]]))
+        off = gaussian_filter1d(off, max(_PARALLEL / _STRIP * sigma, 1.0), axis=0, mode="constant")
+        beside = path.positions + (off[:, :1] / np.maximum(off[:, 1:], 1e-12)) * across
+        for first, last in sorted(spans):
+            within = slice(first, last + 1)
+            yield _Pass(
+                np.arange(first, last + 1),
+                beside[within],
+                beside[within] + usual * axis[within],
+                _seconds(carried, within, beside[within]),
+            )
 
 
 def _moved(carried: Carried, sums: Floats, first: int, last: int, lean: Floats, view: View) -> _Pass:
@@ -181,10 +196,15 @@ def _moved(carried: Carried, sums: Floats, first: int, last: int, lean: Floats, 
     away = away + lean[within]
     away = -optical_axis(_looking(-away, view))
     positions = strip[:, :3] + _WITHIN * strip[:, 6:7] * away
+    seconds = _seconds(carried, within, positions)
+    return _Pass(np.arange(first, last + 1), positions, strip[:, :3], seconds)
+
+
+def _seconds(carried: Carried, within: slice, positions: Floats) -> float:
+    """How long a pass over a stretch of the flight takes, as fast as the expert flew it."""
     flight = carried.take.inspection.flight.take(within)
     spent, flown = float(np.ptp(flight.t_s)), float(leg_lengths(flight.positions).sum())
-    seconds = spent * max(float(leg_lengths(positions).sum()) / max(flown, 1e-6), _PART)
-    return _Pass(np.arange(first, last + 1), positions, strip[:, :3], seconds)
+    return spent * max(float(leg_lengths(positions).sum()) / max(flown, 1e-6), _PART)
 
 
 def _looking(towards: Floats, view: View) -> Floats:

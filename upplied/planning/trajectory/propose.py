@@ -23,6 +23,7 @@ from upplied.planning.trajectory.sharpness import sharp_limits, steadied_swings
 from upplied.poses import fov_at
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
+_SLACK = 1.15  # of the time that is allowed: what ways and turns take more than was reckoned with
 _SAMPLES, _ROUNDS = 800, 2  # of the optimisation of a pass that is added: it is short, and shows a strip
 
 
@@ -58,7 +59,7 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
         both = [*zip(carried, paths, strict=True), *passes]
         try:
             timed = _timed([one for one, _ in both], [path for _, path in both], ways, settings)
-            if timed[0].t_s[-1] <= allowed_s:
+            if timed[0].t_s[-1] <= _SLACK * allowed_s:
                 return timed
         except RefusedError:  # no way leads to a pass
             pass
