@@ -118,6 +118,8 @@ def covered_m(position: Floats, quat: Floats, points: Floats, normals: Floats) -
 
 
 def test_as_finely_is_what_neighbouring_pixels_cover_of_the_patch(take: Take, plan: Trajectory) -> None:
+    middle = np.array([0.0, 0, 4.5])
+    plan = replace(plan, positions=middle + 0.8 * (plan.positions - middle))  # near enough for some of it
     planned = views(plan, take.pair.surface.target, take.inspection.camera, TRULY, take.pair.target_scene)
     found = shown_of(planned, [take], SETTINGS)
     inspected, cloud = found.inspected, found.inspected.cloud
