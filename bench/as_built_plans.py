@@ -38,7 +38,7 @@ from scipy.spatial import cKDTree
 from upplied.config import settings_for
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.plan import decided, plan_transfer
-from upplied.planning.visibility.path_views import TRULY, views
+from upplied.planning.visibility.observations import TRULY, views
 from upplied.records import Bools, Camera, Floats, Plan, Trajectory
 from upplied.scene import Scene, scene_of
 

@@ -28,9 +28,8 @@ from upplied.errors import UppliedError
 from upplied.planning.demonstration.attention import attention
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
-from upplied.planning.visibility.dwell import stations_at
 from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.path_views import TRULY, views
+from upplied.planning.visibility.observations import TRULY, stations_at, views
 from upplied.records import Bools, Cloud, Demonstration, Structure
 from upplied.samples.airframe import airframe, left_nacelle
 from upplied.samples.fleet import member, random_member

@@ -32,8 +32,7 @@ from scipy.optimize import minimize
 
 from upplied.config import Settings, settings_for
 from upplied.errors import UppliedError
-from upplied.planning.carry.evidence import evidence_of
-from upplied.planning.carry.forecast import CAPS, OFFSET, WEIGHTS
+from upplied.planning.carry.forecast import CAPS, OFFSET, WEIGHTS, evidence_of
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, takes_of
 from upplied.planning.plan import plan_transfer

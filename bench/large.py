@@ -161,7 +161,7 @@ def shards(catalog: Catalog) -> str:
     jobs = fleet.decide(catalog, ANOTHER).jobs
     cut = fleet.bundles(jobs, -(-len({job.target_id for job in jobs}) // SHARDS))
     manifest.write_shards(catalog, "large", cut)
-    kept, missing = fleet.kept(catalog, jobs, "large")
+    kept, missing = fleet.known_outcomes(catalog, jobs, "large")
     manifest.remove_shards(catalog, "large")
     return f"{len(cut)} shards of {len(cut[0])} pairs; {kept.total} kept, {len(missing)} missing"
 
@@ -213,7 +213,7 @@ def machine(catalog: Catalog, number: str, most: str, pairs: str) -> str:
     names = sorted(path.name for path in Path(location, manifest.FOLDER, "large").iterdir())
     for name in names[int(number) :: MACHINES][: int(most)]:
         jobs = manifest.read_shard(location, f"large/{name}")
-        _, missing = fleet.kept(catalog, jobs, "large")
+        _, missing = fleet.known_outcomes(catalog, jobs, "large")
         asked = missing[: int(pairs) or None]
         total.include(fleet.transfer(catalog, asked, "large", fleet.Resources(scale.WORKERS, Limits())))
     return str(total)

@@ -28,7 +28,7 @@ from made_flights import FAULTS, NAMED, Made, made
 
 from upplied.errors import InputError
 from upplied.inputs.logs import LogOptions, read_demonstration
-from upplied.poses import from_yaw_pitch
+from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Demonstration, Structure
 from upplied.samples.fleet import random_member
 from upplied.scene import scene_of
@@ -38,6 +38,7 @@ _REAL = ("airplane/b738_fr24", "ship/ferry_88m", "building/house_1_osrf", "wind_
 _TELL = {
     "fits-otherwise", "little-off-centre", "velocity", "aim-drifts", "aim-off", "near-structure",
     "looks-aside", "fast", "clock-stepped", "gaps", "hovering", "zoom",
+    "pitch-otherwise", "pitch-unset", "lens-differs", "jerky", "turns-fast",
 }  # fmt: skip
 
 
@@ -132,6 +133,35 @@ def _mirrored(log: Made, rng: np.random.Generator) -> Made:
     return replace(log, positions=log.positions @ mirror, quats=Rotation.from_matrix(turns).as_quat())
 
 
+def _pitched(factor: float) -> Callable[[Made, np.random.Generator], Made]:
+    def pitched(log: Made, rng: np.random.Generator) -> Made:
+        yaw, pitch = yaw_pitch(log.quats)
+        return replace(log, quats=from_yaw_pitch(yaw, factor * pitch))
+
+    return pitched
+
+
+def _scaled(factor: float) -> Callable[[Made, np.random.Generator], Made]:
+    return lambda log, rng: replace(log, positions=log.positions * factor)
+
+
+def _drifting(share: float) -> Callable[[Made, np.random.Generator], Made]:
+    def drifting(log: Made, rng: np.random.Generator) -> Made:
+        length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(log.positions, axis=0), axis=1))])
+        angle = rng.uniform(0, 2 * np.pi)
+        away = np.array([np.cos(angle), np.sin(angle), 0.0])
+        return replace(log, positions=log.positions + share * length[:, None] * away)
+
+    return drifting
+
+
+def _faster(factor: float) -> Callable[[Made, np.random.Generator], Made]:
+    def faster(log: Made, rng: np.random.Generator) -> Made:
+        return replace(log, t_ns=log.t_ns[0] + ((log.t_ns - log.t_ns[0]) / factor).astype(np.int64))
+
+    return faster
+
+
 SMALL: dict[str, Callable[[Made, np.random.Generator], Made]] = {
     "a heading that drifts by 20 deg": _heading(0, 20),
     "by 30 deg": _heading(0, 30),
@@ -142,6 +172,15 @@ SMALL: dict[str, Callable[[Made, np.random.Generator], Made]] = {
     "the path 3 m beside where it was": _beside(3.0),
     "5 m": _beside(5.0),
     "mirrored with its headings": _mirrored,
+    "a heading that is off by 15 deg": _heading(15, 15),
+    "the gimbal's pitch of the wrong sign": _pitched(-1.0),
+    "the gimbal's pitch missing": _pitched(0.0),
+    "scale 0.85": _scaled(0.85),
+    "scale 1.1": _scaled(1.1),
+    "drifting by 2 % of its path": _drifting(0.02),
+    "by 5 %": _drifting(0.05),
+    "the path 2 m beside where it was": _beside(2.0),
+    "three times as fast": _faster(3.0),
 }
 
 
@@ -158,11 +197,14 @@ def judged(log: Made, path: Path) -> tuple[str, set[str]]:
 def main() -> None:
     """Print the table."""
     number = int(sys.argv[1]) if len(sys.argv) > 1 else 30
+    chosen = set(sys.argv[2:])
     print(f"{'':36}{'refused':>8}{'warned':>8}{'passed':>8}   by which rules")
     rows = {"right": lambda log, rng: log} | SMALL | FAULTS
     total: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
         for name, spoil in rows.items():
+            if chosen and name not in chosen:
+                continue
             found: Counter[str] = Counter()
             rules: Counter[str] = Counter()
             for at in range(4 * number if name == "right" else number):

@@ -35,7 +35,7 @@ from upplied.fleet import planner, run  # noqa: E402
 from upplied.fleet.planner import Outcome  # noqa: E402
 from upplied.flows.server import private_server  # noqa: E402
 from upplied.planning.correspondence.memo import Memo  # noqa: E402
-from upplied.planning.surface.voxels import voxel_cloud  # noqa: E402
+from upplied.planning.surface.thinning import voxel_cloud  # noqa: E402
 from upplied.records import Cloud, Demonstration, Plan, Structure, Trajectory  # noqa: E402
 from upplied.samples.fleet import member, random_member  # noqa: E402
 from upplied.samples.pilot import fly  # noqa: E402

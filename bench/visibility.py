@@ -21,7 +21,7 @@ from real_data import real_folder, real_structure
 from upplied.config import CloudSettings
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.path_views import TRULY
+from upplied.planning.visibility.observations import TRULY
 from upplied.poses import look_at, matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Structure
 from upplied.samples.fleet import sample_structures

@@ -32,14 +32,17 @@ def fill(place: str, first: int, last: int, step: int) -> None:
     """Commit every `step`-th batch; print what it took, as JSON."""
     catalog = open_catalog(place)
     settings = settings_for("recommended")
-    times = []
+    times, work = [], []
     for batch in range(first, last, step):
         made = [planned(number, settings) for number in range(batch * BATCH, (batch + 1) * BATCH)]
-        began = time.perf_counter()
+        began, cpu = time.perf_counter(), time.thread_time()
         catalog.add_plans(made)
         times.append(time.perf_counter() - began)
+        work.append(time.thread_time() - cpu)
     del catalog
-    Path(place, f"writer-{first}.json").write_text(json.dumps({"longest": max(times), **spent()}))
+    Path(place, f"writer-{first}.json").write_text(
+        json.dumps({"longest": max(times), "dearest": max(work), **spent()})
+    )
 
 
 def planned(number: int, settings, again: int = 0) -> tuple[str, Plan, dict]:
@@ -142,6 +145,7 @@ def write(catalog: Catalog, commits: int, writers: int, empty: float) -> None:
         "CPU, s": sum(one["cpu"] for one in told),
         "wall, s": took,
         "longest commit, s": max(one["longest"] for one in told),
+        "dearest commit, CPU-s": max(one["dearest"] for one in told),
         "peak memory of a writer, MB": max(one["mb"] for one in told),
         "written, MB": size_mb(root) - empty,
         "live, MB": live_mb(catalog),

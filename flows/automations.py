@@ -8,13 +8,7 @@ from __future__ import annotations
 from datetime import timedelta
 
 from prefect import get_client
-from prefect.automations import (
-    Automation,
-    AutomationCore,
-    ChangeFlowRunState,
-    EventTrigger,
-    Posture,
-)
+from prefect.automations import Automation, AutomationCore, ChangeFlowRunState, EventTrigger, Posture
 from prefect.client.schemas.objects import StateType
 
 from .environment import SETTINGS

@@ -6,25 +6,21 @@ All of it is somebody else's engine. What is kept is the same, byte for byte, wh
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from prefect import get_run_logger, runtime
+from prefect import Task, get_run_logger, runtime
 from prefect.futures import PrefectFuture
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
-from upplied.errors import SettingsError
+from upplied.extras import extra
 from upplied.fleet import manifest
 
 from . import pool, tasks
 from .parameters import Resources
 from .progress import advancing, progress
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 FEW = 5  # of what was lost, in a state's message
 ELSEWHERE = 8  # processes of a cluster that shards are cut for, where nothing is said
@@ -43,10 +39,8 @@ class Planned:
     def include(self, other: Planned) -> None:
         """Add what came of more jobs."""
         self.result.include(other.result)
-        self.shards += other.shards
-        self.lost += other.lost
-        self.workers += other.workers
-        self.repeated += other.repeated
+        for name in ("shards", "lost", "workers", "repeated"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
 
     def attempted(self, shards: Mapping[str, fleet.Shard], attempts: Sequence[manifest.Attempt]) -> None:
         """Take in who worked on which shard, by their names, and whose work did not end."""
@@ -111,56 +105,49 @@ def _on_pool(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources, 
     )
     shards = fleet.bundles(jobs, size)
     asked = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
-    given: dict[str, Any] = {"catalog": str(catalog.location), "run_id": run_id, "resources": asked}
-    planned = Planned(shards=len(shards))
-    with (
-        _written(catalog, run_id, shards, planned) as names,
-        ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST)) as runner,
-    ):
-        submitted = [
-            runner.submit(
-                tasks.plan_on_pool,
-                {"name": fleet.shard_name(shard), "parameters": {**given, "shard": name}},
-            )
-            for shard, name in zip(shards, names, strict=True)
-        ]
-        planned.lost = _waited_for(shards, submitted)
-    return _completed(catalog, jobs, resources, run_id, planned)
+    given = {"catalog": str(catalog.location), "run_id": run_id, "resources": asked}
+    runner = ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST))
+    return _handed_out(catalog, jobs, shards, resources, run_id, runner, tasks.plan_on_pool, given)
 
 
 def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources, run_id: str) -> Planned:
     """Tasks on a cluster; what is lost with its process is planned here."""
     shards = fleet.shards(jobs, resources.workers or ELSEWHERE)
-    limits: dict[str, Any] = {"timeout_s": resources.timeout_s, "memory_gib": resources.memory_gib}
-    given: dict[str, Any] = {
-        "catalog": str(catalog.location),
-        "run_id": run_id,
-        "engine": resources.engine,
-        "limits": limits,
-    }
+    limits = resources.model_dump(include={"timeout_s", "memory_gib"})
+    given = {"catalog": str(catalog.location), "run_id": run_id, "engine": resources.engine, "limits": limits}
+    return _handed_out(
+        catalog, jobs, shards, resources, run_id, _cluster(resources), tasks.plan_elsewhere, given
+    )
+
+
+def _handed_out(
+    catalog: Catalog,
+    jobs: Sequence[fleet.Job],
+    shards: Sequence[fleet.Shard],
+    resources: Resources,
+    run_id: str,
+    runner: TaskRunner[Any],
+    task: Task[..., None],
+    given: dict[str, Any],
+) -> Planned:
+    """Shards, written where all machines read them, as tasks; what is kept is counted, the rest planned."""
     planned = Planned(shards=len(shards))
-    with _written(catalog, run_id, shards, planned) as names, _cluster(resources) as runner:
-        submitted = [
-            runner.submit(
-                tasks.plan_elsewhere, {"name": fleet.shard_name(shard), "shard": name, "given": given}
-            )
-            for shard, name in zip(shards, names, strict=True)
-        ]
-        planned.lost = _waited_for(shards, submitted)
-    return _completed(catalog, jobs, resources, run_id, planned)
-
-
-@contextmanager
-def _written(
-    catalog: Catalog, run_id: str, shards: Sequence[fleet.Shard], planned: Planned
-) -> Iterator[list[str]]:
-    """The shards where all machines can read them, as long as the block lasts; then who worked on them."""
     try:
-        yield (names := manifest.write_shards(catalog, run_id, shards))
-        by_name = dict(zip(names, shards, strict=True))
-        planned.attempted(by_name, manifest.attempts(catalog, run_id))
+        names = manifest.write_shards(catalog, run_id, shards)
+        named = dict(zip(names, shards, strict=True))
+        with runner:
+            submitted = [
+                runner.submit(task, {"name": fleet.shard_name(shard), "shard": name, "given": given})
+                for name, shard in named.items()
+            ]
+            planned.lost = _waited_for(shards, submitted)
+        planned.attempted(named, manifest.attempts(catalog, run_id))
     finally:
         manifest.remove_shards(catalog, run_id)
+    planned.result, missing = fleet.known_outcomes(catalog, jobs, run_id)
+    if missing:
+        planned.result.include(here(str(catalog.location), missing, resources, run_id))
+    return planned
 
 
 def _waited_for(shards: Sequence[fleet.Shard], submitted: Sequence[PrefectFuture[Any]]) -> list[str]:
@@ -175,20 +162,10 @@ def _waited_for(shards: Sequence[fleet.Shard], submitted: Sequence[PrefectFuture
     return lost
 
 
-def _completed(
-    catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources, run_id: str, planned: Planned
-) -> Planned:
-    """Count what was kept, by whomever, and plan here what was not."""
-    planned.result, missing = fleet.kept(catalog, jobs, run_id)
-    if missing:
-        planned.result.include(here(str(catalog.location), missing, resources, run_id))
-    return planned
-
-
 def _cluster(resources: Resources) -> TaskRunner[Any]:
     """A task runner on the running cluster, or on a small one of its own where no address is given."""
     processes = resources.workers or fleet.cores()
-    try:
+    with extra(resources.engine):
         if resources.engine == "dask":
             from prefect_dask import DaskTaskRunner
 
@@ -202,9 +179,3 @@ def _cluster(resources: Resources) -> TaskRunner[Any]:
             return RayTaskRunner(address=resources.address)
         alone = {"num_cpus": processes, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
         return RayTaskRunner(init_kwargs=alone)
-    except ImportError as error:
-        raise SettingsError(
-            f"engine {resources.engine}",
-            f"is not installed ({error.name})",
-            remedy=f"pip install upplied[{resources.engine}]",
-        ) from None

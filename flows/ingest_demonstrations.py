@@ -8,9 +8,9 @@ from prefect.states import State
 from . import tasks
 from .artifacts import ingested_artifacts
 from .lineage import asset, making, source
-from .parameters import FlightBounds, FlightRule, Location, said_of
+from .parameters import FlightBounds, FlightRule, Location, bound_options
 from .roots import check_roots
-from .states import ingested, told_in_words
+from .states import errors_in_words, ingested
 
 
 def run_name() -> str:
@@ -19,7 +19,7 @@ def run_name() -> str:
 
 
 @flow(name="ingest-demonstrations", flow_run_name=run_name)
-@told_in_words
+@errors_in_words
 def ingest_demonstrations(
     logs: list[Location],
     catalog: Location = "catalog",
@@ -42,5 +42,5 @@ def ingest_demonstrations(
         check_roots(logs=log)
     check_roots(catalog=catalog)
     read = making(tasks.ingest_demonstrations, asset(catalog, "demonstrations"), [*map(source, logs)])
-    files = read(catalog, logs, workers, allow, strict, said_of(bounds))
+    files = read(catalog, logs, workers, allow, strict, bound_options(bounds))
     return ingested(ingested_artifacts("ingest-demonstrations", files), files)

@@ -10,7 +10,7 @@ from .artifacts import ingested_artifacts
 from .lineage import asset, making, source
 from .parameters import Location
 from .roots import check_roots
-from .states import ended, told_in_words
+from .states import ended, errors_in_words
 
 
 def run_name() -> str:
@@ -19,7 +19,7 @@ def run_name() -> str:
 
 
 @flow(name="ingest-flights", flow_run_name=run_name)
-@told_in_words
+@errors_in_words
 def ingest_flights(
     logs: list[Location], catalog: Location = "catalog", reports: str = "reports", gaps: bool = True
 ) -> State:

@@ -8,13 +8,13 @@ from prefect.states import State
 from . import tasks
 from .artifacts import ingested_artifacts
 from .lineage import asset, making, source
-from .parameters import Location, StructureBounds, StructureRule, said_of
+from .parameters import Location, StructureBounds, StructureRule, bound_options
 from .roots import check_roots
-from .states import ingested, told_in_words
+from .states import errors_in_words, ingested
 
 
 @flow(name="ingest-structures", flow_run_name="structures of {manifest}")
-@told_in_words
+@errors_in_words
 def ingest_structures(
     manifest: Location,
     catalog: Location = "catalog",
@@ -37,5 +37,5 @@ def ingest_structures(
     """
     check_roots(catalog=catalog, manifest=manifest)
     read = making(tasks.ingest_structures, asset(catalog, "structures"), [source(manifest)])
-    files = read(catalog, manifest, workers, prune, allow, strict, said_of(bounds))
+    files = read(catalog, manifest, workers, prune, allow, strict, bound_options(bounds))
     return ingested(ingested_artifacts("ingest-structures", files), files)

@@ -33,7 +33,7 @@ def asset(location: str, name: str) -> Asset:
     name : str
         One of `MEANING`.
     """
-    place = location if "://" in location else f"file://{quote(str(Path(location).absolute()))}"
+    place = source(location)
     key = place if name == "reports" else f"{place.rstrip('/')}/{name}"
     return Asset(key=key, properties=AssetProperties(name=name, description=MEANING[name]))
 

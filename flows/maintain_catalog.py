@@ -12,11 +12,11 @@ from . import tasks
 from .artifacts import maintenance_artifact
 from .parameters import Location
 from .roots import check_roots
-from .states import told_in_words
+from .states import errors_in_words
 
 
 @flow(name="maintain-catalog", flow_run_name="maintain {catalog}")
-@told_in_words
+@errors_in_words
 def maintain_catalog(catalog: Location = "catalog", keep_days: Annotated[float, Field(ge=1)] = 30.0) -> State:
     """Merge small files, remove what nobody can ask for any more, and check every reference and hash.
 

@@ -55,13 +55,13 @@ StructureRule = Literal[tuple(sorted(STRUCTURE_RULES))]  # type: ignore[valid-ty
 StructureBounds = _bounds(StructureSettings, 0.0)
 
 
-def said_of(bounds: BaseModel) -> list[str]:
+def bound_options(bounds: BaseModel) -> list[str]:
     """Bounds as `--set` says them."""
     given = bounds.model_dump(exclude_unset=True, exclude_none=True)
     return [f"{name}={value!r}" for name, value in given.items()]
 
 
-def wish_of(
+def plan_request_of(
     presets: Sequence[Preset],
     changes: BaseModel,
     demonstrations: Sequence[str] | None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from prefect import flow
-from prefect.states import State
+from prefect.states import Completed, State
 
 from upplied import fleet
 from upplied.catalog import open_catalog
@@ -19,7 +19,7 @@ ALL_CORES = Resources()
 
 
 @flow(name="plan-shard")
-@states.told_in_words
+@states.errors_in_words
 def plan_shard(catalog: Location, run_id: str, shard: str, resources: Resources = ALL_CORES) -> State:
     """Plan those pairs of a shard that the catalog has no plan for yet.
 
@@ -33,7 +33,7 @@ def plan_shard(catalog: Location, run_id: str, shard: str, resources: Resources 
     """
     check_roots(catalog=catalog)
     jobs, worker = manifest.read_shard(catalog, shard), worker_of("pool")
-    _, missing = fleet.kept(open_catalog(catalog), jobs, run_id)
+    _, missing = fleet.known_outcomes(open_catalog(catalog), jobs, run_id)
     with manifest.attempt(catalog, shard, worker):
         result = here(catalog, missing, resources, run_id, worker)
-    return states.of_shard(str(result))
+    return Completed(message=str(result))

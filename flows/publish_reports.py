@@ -9,11 +9,11 @@ from . import tasks
 from .lineage import asset, making
 from .parameters import Location
 from .roots import check_roots
-from .states import ended, told_in_words
+from .states import ended, errors_in_words
 
 
 @flow(name="publish-reports", flow_run_name="publish to {folder}")
-@told_in_words
+@errors_in_words
 def publish_reports(folder: Location = "reports", catalog: Location = "catalog") -> State:
     """Publish the catalog as plain Parquet, an HTML page and pictures.
 

@@ -87,24 +87,19 @@ def show_results(console: Console) -> int:
         table.add_column(name, justify="right")
     for (demonstration, target), rows in transfers.groupby(["demonstration_id", "target_id"]):
         by = rows.set_index("preset")
-        coverage = [percent(by, preset) for preset in PRESETS]
-        frechet = [number(by, preset) for preset in PRESETS[:2]]
-        table.add_row(demonstration, target, *coverage, *frechet)
+        coverage = [shown(by, preset, "coverage_inspected_pct", "{:.1f} %") for preset in PRESETS]
+        table.add_row(demonstration, target, *coverage, *(shown(by, it, "frechet_z") for it in PRESETS[:2]))
     console.print(table)
     console.print(f"Open {REPORTS}/index.html, or: pd.read_parquet('{REPORTS}/transfers.parquet')")
     return int((transfers["status"] == "failed").any())
 
 
-def percent(by: pd.DataFrame, preset: str) -> str:
-    """What one preset shows of the inspected surface, or its status where it shows none."""
-    value = by["coverage_inspected_pct"].get(preset)
-    return by["status"].get(preset, "") if value is None or value != value else f"{value:.1f} %"
-
-
-def number(by: pd.DataFrame, preset: str) -> str:
-    """Frechet distance of one preset."""
-    value = by["frechet_z"].get(preset)
-    return "" if value is None or value != value else f"{value:.2f}"
+def shown(by: pd.DataFrame, preset: str, measure: str, form: str = "{:.2f}") -> str:
+    """A measure of one preset; where there is none of its coverage, its status."""
+    value = by[measure].get(preset)
+    if value is None or value != value:
+        return by["status"].get(preset, "") if measure == "coverage_inspected_pct" else ""
+    return form.format(value)
 
 
 if __name__ == "__main__":

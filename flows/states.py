@@ -20,7 +20,7 @@ LAST_WORDS = 3  # of what failed, in a state's message; the artifact has them al
 P = ParamSpec("P")
 
 
-def told_in_words(flow: Callable[P, State]) -> Callable[P, State]:
+def errors_in_words(flow: Callable[P, State]) -> Callable[P, State]:
     """A flow whose errors that a person can mend end it in their own words, not in a traceback."""
 
     @wraps(flow)
@@ -63,16 +63,6 @@ def ingested(summary: str, files: Sequence[dict[str, str]]) -> State:
     """The state of a run that read files: failed where none could be read."""
     failures = [item["reason"] for item in files if item["status"] == "failed"]
     return ended(summary, failures, bool(failures) and len(failures) == len(files))
-
-
-def of_shard(summary: str) -> State:
-    """The state of a shard: what failed is a row with its reason, and the run over the fleet tells of it."""
-    return Completed(message=summary)
-
-
-def troubles_of(runs: Sequence[State]) -> list[str]:
-    """What went wrong in runs within this one."""
-    return [run.message or run.name for run in runs if run.name != "Completed"]
 
 
 def ended(summary: str, problems: Sequence[str], all_failed: bool = False) -> State:

@@ -69,7 +69,7 @@ def ingest_structures(
     said: Sequence[str] = (),
 ) -> list[dict[str, str]]:
     """Every structure of a manifest into the catalog; a bad file stops itself alone."""
-    asked = fleet.Asked(tuple(allow), strict, structure_rules.changed(said))
+    asked = fleet.RuleOptions(tuple(allow), strict, structure_rules.changed(said))
     ingested = fleet.ingest_structures(open_catalog(catalog), manifest, workers, prune=prune, asked=asked)
     return [_plain(item) for item in ingested]
 
@@ -135,8 +135,11 @@ def plan_shard(name: str, run_id: str, shard: int) -> None:
 def plan_elsewhere(name: str, shard: str, given: dict[str, Any]) -> None:
     """Plan one shard in the process that an engine chose."""
     catalog, limits, worker = given["catalog"], fleet.Limits(**given["limits"]), worker_of(given["engine"])
+    jobs = shards.read_shard(
+        catalog, shard
+    )  # before anything is noted: a run that has ended took its shards away
     with shards.attempt(catalog, shard, worker):
-        fleet.plan_here(catalog, shards.read_shard(catalog, shard), given["run_id"], worker, limits)
+        fleet.plan_here(catalog, jobs, given["run_id"], worker, limits)
 
 
 def worker_of(engine: str) -> str:
@@ -153,9 +156,9 @@ def worker_of(engine: str) -> str:
 
 
 @task(name="plan-on-pool", task_run_name="{name}", cache_policy=NO_CACHE, retries=1)
-def plan_on_pool(name: str, parameters: dict[str, Any]) -> None:
+def plan_on_pool(name: str, shard: str, given: dict[str, Any]) -> None:
     """Plan one shard on a machine of the work pool; on another one if that is lost."""
-    pool.run_on_pool(name, parameters)
+    pool.run_on_pool(name, {**given, "shard": shard})
 
 
 @materialize(SOMEWHERE, name="publish-reports", task_run_name="publish to {folder}", **STORED)

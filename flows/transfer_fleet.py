@@ -17,9 +17,9 @@ from .engines import Planned, plan
 from .ingest_demonstrations import ingest_demonstrations
 from .ingest_structures import ingest_structures
 from .lineage import asset, making
-from .parameters import Changes, Id, Location, Presets, Resources, wish_of
+from .parameters import Changes, Id, Location, Presets, Resources, plan_request_of
 from .roots import check_roots
-from .states import ended, planned, told_in_words, troubles_of
+from .states import ended, errors_in_words, planned
 
 NO_CHANGES, ALL_CORES = Changes(), Resources()
 BOTH: Presets = ["recommended", "baseline"]
@@ -34,7 +34,7 @@ def run_name() -> str:
 
 
 @flow(name="transfer-fleet", flow_run_name=run_name)
-@told_in_words
+@errors_in_words
 def transfer_fleet(
     catalog: Location = "catalog",
     reports: str = "reports",
@@ -73,9 +73,9 @@ def transfer_fleet(
         read.append(ingest_structures(manifest, catalog, resources.workers, prune, return_state=True))
     if logs:
         read.append(ingest_demonstrations(logs, catalog, resources.workers, return_state=True))
-    plan_request = wish_of(presets, changes, demonstrations, targets, retry_failed, experiment or "")
+    plan_request = plan_request_of(presets, changes, demonstrations, targets, retry_failed, experiment or "")
     kept = open_catalog(catalog)
-    if unread := troubles_of(read):
+    if unread := [run.message or run.name for run in read if run.name != "Completed"]:
         try:
             kept.identity.required()
         except CatalogError as error:  # the first night: why there is no catalog is what was not read

@@ -109,8 +109,8 @@ def dask_cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[byte
 
 
 @contextmanager
-def ray_cluster(environment: dict[str, str]) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """A running Ray cluster of two worker processes; its address, and its head."""
+def ray_cluster(environment: dict[str, str]) -> Iterator[str]:
+    """A running Ray cluster of two worker processes; its address."""
     folder = tempfile.mkdtemp(prefix="ray-")  # a short path: its sockets lie in there
     address = f"127.0.0.1:{free_port()}"
     host, port = address.split(":")
@@ -136,7 +136,7 @@ def ray_cluster(environment: dict[str, str]) -> Iterator[tuple[str, subprocess.P
         while "Ray runtime started" not in (told := (Path(folder) / "ray.log").read_text()):
             assert head.poll() is None and time.monotonic() < deadline, told
             time.sleep(0.5)
-        yield address, head
+        yield address
     finally:
         cut_the_power(head.pid)
         head.wait()

@@ -15,8 +15,8 @@ ROOT = Path(__file__).parents[1]
 
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
-    "errors", "extras", "records", "config", "checks", "polylines", "vectors", "triangles", "poses", "discs",
-    "cameras", "disc_cells", "reconstruction", "scene", "supposed_scene", "threads", "provenance", "guard",
+    "errors", "extras", "records", "config", "checks", "polylines", "vectors", "poses", "discs", "cameras",
+    "overlap", "photographed", "reconstruction", "scene", "supposed_scene", "threads", "provenance", "guard",
 }  # fmt: skip
 ALLOWED = {
     "errors": set(),
@@ -24,13 +24,13 @@ ALLOWED = {
     "records": {"errors"},
     "config": {"errors"},
     "cameras": {"errors", "records"},
+    "overlap": {"polylines", "poses", "records", "scene"},
+    "photographed": {"overlap", "poses", "records", "scene"},
     "checks": {"errors", "records", "config"},
     "polylines": {"records"},
     "vectors": {"records"},
-    "triangles": {"records", "vectors"},
     "poses": {"errors", "records", "config", "checks", "polylines"},
     "discs": {"errors", "records", "vectors"},
-    "disc_cells": {"records"},
     "reconstruction": {"records", "vectors"},
     "scene": FOUNDATION,
     "supposed_scene": {"records", "discs", "scene"},

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -42,23 +42,46 @@ print(open3d().visualization.draw_plotly is before)
     assert done.stdout.split() == ["True"]
 
 
-def share_of_other_threads() -> float:
-    """Of the work of a scene, what other threads than the caller's do."""
+class Counted:
+    """A native scene that notes of each call on how many threads it is to compute."""
+
+    def __init__(self, native: Any, calls: dict[str, int]) -> None:
+        self._native, self._calls = native, calls
+
+    def __getattr__(self, name: str) -> Any:
+        if name.isupper():
+            return getattr(self._native, name)
+
+        def call(tensor: Any, threads: int = 0, **options: Any) -> Any:
+            self._calls[name] = options.pop("nthreads", threads)
+            return getattr(self._native, name)(tensor, nthreads=self._calls[name], **options)
+
+        return call
+
+
+def threads_of_each_call() -> dict[str, int]:
+    """On how many threads the library is told to compute, by its own name of each question to a scene."""
     shape = member("cube-v1").structure
-    scene = Scene(shape.vertices, shape.triangles)
-    starts, ends = np.random.default_rng(0).uniform(-60, 60, (2, 100_000, 3))
-    before = time.process_time(), time.thread_time()
-    for call in (scene.occluded, scene.cast, scene.hits):
-        call(starts, ends)
+    scene, calls = Scene(shape.vertices, shape.triangles), dict[str, int]()
+    scene._scene = Counted(scene._scene, calls)
+    starts, ends = np.random.default_rng(0).uniform(-60, 60, (2, 100, 3))
+    for question in (scene.occluded, scene.cast, scene.hits):
+        question(starts, ends)
     scene.distance(starts), scene.closest(starts)
-    process, thread = time.process_time() - before[0], time.thread_time() - before[1]
-    return 1 - thread / process
+    return calls
 
 
 def test_a_worker_casts_on_one_thread_and_its_parent_as_before() -> None:
+    questions = (
+        "test_occlusions",
+        "cast_rays",
+        "count_intersections",
+        "compute_distance",
+        "compute_closest_points",
+    )
     with Workers(1) as workers:
-        assert workers.run(share_of_other_threads) < 0.1
-    assert ray_threads() == 0
+        assert workers.run(threads_of_each_call) == dict.fromkeys(questions, 1)
+    assert ray_threads() == 0 and threads_of_each_call() == dict.fromkeys(questions, 0)
 
 
 def test_new_scenes_cast_on_as_many_threads_as_were_told() -> None:

@@ -91,6 +91,11 @@ def named_by_exif(model: str, focal_mm: float) -> str:
     return ""
 
 
+def named_by_drone(drone: str) -> str:
+    """The name of the camera that a drone carries; empty where none is listed."""
+    return next((name for name, entry in known_cameras().items() if drone in entry.get("drone", ())), "")
+
+
 def completed(camera: Camera, known: Camera) -> Camera:
     """A camera with what is known of its model where nothing was measured or said of it."""
     names = ("width_px", "height_px", "model", "trigger_s", "focus_m", "focal_mm", "f_number")

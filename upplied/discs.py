@@ -1,4 +1,7 @@
-"""Oriented discs that stand for a surface of which samples are known, and how far off they may be."""
+"""Oriented discs that stand for a surface of which samples are known, and how far off they may be.
+
+Distances are taken from cells of discs: the search trees of ray casters visit too many that overlap.
+"""
 
 from __future__ import annotations
 
@@ -108,3 +111,151 @@ def surfels(points: Floats, normals: Floats | None) -> tuple[Floats, Ints]:
     normals : array, shape (N, 3) or None
     """
     return Discs.of(points, normals).mesh()
+
+
+_WIDE = 4.0  # discs' radii that a cell is wide: some twenty discs lie in it
+_GROUP = 4  # cells along each edge of a group
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DiscCells(Record):
+    """Round discs sorted by the cube of space that holds their centres, and these by larger ones."""
+
+    points: Floats  # (N, 3) m, centres
+    normals: Floats  # (N, 3) unit
+    radius_m: Floats  # (N,)
+    index: Ints  # (N,) of each before it was sorted
+    first: Ints  # (C + 1,) disc of each cell
+    place: Floats  # (C, 3) m, middle of each cell's discs
+    spread_m: Floats  # (C,) no point of them is farther from it
+    group_first: Ints  # (G + 1,) cell of each group
+    group_place: Floats  # (G, 3) m
+    group_spread_m: Floats  # (G,)
+
+    @classmethod
+    def of(cls, points: Floats, normals: Floats, radius_m: Floats) -> DiscCells:
+        """The discs with such centres (N, 3), unit normals (N, 3) and radii (N,), m."""
+        wide = max(_WIDE * float(np.median(radius_m)), 1e-6 * float(np.ptp(points, axis=0).max()), 1e-12)
+        cell = np.floor((points - points.min(axis=0)) / wide).astype(np.int64)
+        group, within = np.divmod(cell, _GROUP)
+        count = group.max(axis=0) + 1
+        name = (group[:, 0] * count[1] + group[:, 1]) * count[2] + group[:, 2]
+        name = ((name * _GROUP + within[:, 0]) * _GROUP + within[:, 1]) * _GROUP + within[:, 2]
+        order = np.argsort(name, kind="stable")
+        first, group_first = _begins(name[order]), _begins(name[order] // _GROUP**3)
+        points, radius_m = (
+            np.ascontiguousarray(points[order], float),
+            np.ascontiguousarray(radius_m[order], float),
+        )
+        place, spread = _balls(points, radius_m, first)
+        cells = np.searchsorted(first, group_first)
+        return cls(
+            points,
+            np.ascontiguousarray(normals[order], float),
+            radius_m,
+            order,
+            first,
+            place,
+            spread,
+            cells,
+            *_balls(place, spread, cells),
+        )
+
+    def distance(self, places: Floats) -> Floats:
+        """Distance (P,), m, of each place (P, 3) from the nearest disc."""
+        return self._nearest(np.reshape(places, (-1, 3)))[0]
+
+    def closest(self, places: Floats) -> tuple[Floats, Ints]:
+        """The nearest point (P, 3), m, of any disc, and the number of that disc (P,)."""
+        places = np.reshape(places, (-1, 3))
+        disc = self._nearest(places)[1]
+        centre, normal = self.points[disc], self.normals[disc]
+        aside = places - centre
+        aside = aside - np.einsum("pi,pi->p", aside, normal)[:, None] * normal
+        length = np.maximum(np.linalg.norm(aside, axis=1), 1e-12)
+        return centre + aside * np.minimum(self.radius_m[disc] / length, 1.0)[:, None], self.index[disc]
+
+    def _nearest(self, places: Floats) -> tuple[Floats, Ints]:
+        discs = self.points, self.normals, self.radius_m
+        cells = self.first, self.place, self.spread_m
+        groups = self.group_first, self.group_place, self.group_spread_m
+        away, disc = _nearest(np.ascontiguousarray(places, float), *discs, *cells, *groups)
+        return away, disc
+
+
+def _begins(name: Ints) -> Ints:
+    """Where each run of equal names (N,) begins, and N."""
+    return np.append(np.flatnonzero(np.diff(name, prepend=-1)), len(name))
+
+
+@njit(cache=True)
+def _balls(points: Floats, radius: Floats, first: Ints) -> tuple[Floats, Floats]:
+    """Middle (C, 3) and radius (C,) of a ball about each run of smaller ones."""
+    place, spread = np.zeros((len(first) - 1, 3)), np.zeros(len(first) - 1)
+    for cell in range(len(place)):
+        for row in range(first[cell], first[cell + 1]):
+            for axis in range(3):
+                place[cell, axis] += points[row, axis] / (first[cell + 1] - first[cell])
+        for row in range(first[cell], first[cell + 1]):
+            away = np.sqrt(_square(points[row, 0], points[row, 1], points[row, 2], place, cell))
+            spread[cell] = max(spread[cell], away + radius[row])
+    return place, spread
+
+
+@njit(cache=True)
+def _square(at_x: float, at_y: float, at_z: float, points: Floats, row: int) -> float:
+    x, y, z = at_x - points[row, 0], at_y - points[row, 1], at_z - points[row, 2]
+    return x * x + y * y + z * z
+
+
+@njit(cache=True)
+def _nearest(
+    places: Floats,
+    points: Floats,
+    normals: Floats,
+    radius: Floats,
+    first: Ints,
+    place: Floats,
+    spread: Floats,
+    group_first: Ints,
+    group_place: Floats,
+    group_spread: Floats,
+) -> tuple[Floats, Ints]:
+    """What may hold the nearest disc is nearer than some disc is, and its spread: the nearest cell first."""
+    away, found = np.empty(len(places)), np.empty(len(places), np.int64)
+    from_group = np.empty(len(group_place))
+    for row in range(len(places)):
+        at_x, at_y, at_z = places[row]
+        near = 0
+        for group in range(len(group_place)):
+            from_group[group] = _square(at_x, at_y, at_z, group_place, group)
+            if from_group[group] < from_group[near]:
+                near = group
+        nearest, least = group_first[near], np.inf
+        for cell in range(group_first[near], group_first[near + 1]):
+            square = _square(at_x, at_y, at_z, place, cell)
+            if square < least:
+                nearest, least = cell, square
+        best, which = np.inf, first[nearest]
+        for turn in range(len(group_place) + 1):
+            group = near if turn == 0 else turn - 1
+            reach = best + group_spread[group]
+            if turn and from_group[group] > reach * reach:
+                continue
+            cells = (nearest, nearest + 1) if turn == 0 else (group_first[group], group_first[group + 1])
+            for cell in range(*cells):
+                reach = best + spread[cell]
+                if turn and (cell == nearest or _square(at_x, at_y, at_z, place, cell) > reach * reach):
+                    continue
+                for disc in range(first[cell], first[cell + 1]):
+                    x, y, z = at_x - points[disc, 0], at_y - points[disc, 1], at_z - points[disc, 2]
+                    square, reach = x * x + y * y + z * z, best + radius[disc]
+                    if square >= reach * reach:
+                        continue
+                    above = x * normals[disc, 0] + y * normals[disc, 1] + z * normals[disc, 2]
+                    aside = max(np.sqrt(max(square - above * above, 0.0)) - radius[disc], 0.0)
+                    distance = np.sqrt(above * above + aside * aside)
+                    if distance < best:
+                        best, which = distance, disc
+        away[row], found[row] = best, which
+    return away, found

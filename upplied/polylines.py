@@ -39,6 +39,12 @@ def interpolated(at: np.ndarray, where: np.ndarray, values: Floats) -> Floats:
     return np.column_stack([np.interp(at, where, column) for column in values.T])
 
 
+def pieces_of_legs(pieces: Ints) -> tuple[Ints, Floats]:
+    """The leg, and the share of it, at which each piece of legs divided into so many (L,) begins."""
+    leg = np.repeat(np.arange(len(pieces)), pieces)
+    return leg, (np.arange(len(leg)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[leg]
+
+
 def chosen_evenly(count: int, most: int) -> Ints:
     """Indices of at most so many of a number of things, spread evenly over them, both ends among them.
 

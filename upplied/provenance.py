@@ -22,12 +22,10 @@ _SOURCES = (
     "poses.py",
     "reconstruction.py",
     "records",
-    "disc_cells.py",
     "discs.py",
     "scene.py",
     "supposed_scene.py",
     "threads.py",
-    "triangles.py",
     "vectors.py",
 )
 #: Distributions whose results a plan depends on; of Open3D, whichever is installed.

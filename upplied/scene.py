@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 
 from upplied import reconstruction
-from upplied.disc_cells import DiscCells
-from upplied.discs import Discs, hexagons
+from upplied.discs import DiscCells, Discs, hexagons
 from upplied.extras import extra
 from upplied.records import Bools, Floats, Ints, Structure
 from upplied.threads import ray_threads

@@ -26,7 +26,7 @@ from upplied.outputs.sample_fleet import write_sample_fleet
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import inspected_states, takes_of
 from upplied.planning.plan import METHOD_VERSION, plan_transfer
-from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, views
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, views
 from upplied.records import SURFACE_STATES, Bools, Cloud, Demonstration, Plan, Structure, SurfaceStates
 from upplied.simulate import Wind, fly_trajectory, measure_flown
 

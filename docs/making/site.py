@@ -36,7 +36,7 @@ MODULES = {
         "upplied.planning.visibility.line_of_sight",
         "upplied.planning.demonstration.viewpoints",
         "upplied.planning.carry.affine",
-        "upplied.planning.carry.gauss_newton",
+        "upplied.planning.carry.published",
         "upplied.planning.airspace.detours",
         "upplied.planning.trajectory.retime",
         "upplied.planning.measures.measure",

@@ -79,10 +79,10 @@ def test_what_a_large_fleet_needs_on_several_machines() -> None:
 @pytest.mark.ci
 def test_what_writing_and_publishing_cost() -> None:
     printed = run("writing.py", "--plans", "400", "--writers", "2")
-    figures = {line[:32].strip(): float(line[32:]) for line in printed.splitlines()[1:8]}
+    figures = {line[:32].strip(): float(line[32:]) for line in printed.splitlines()[1:9]}
     assert figures["plans"] == 400
     assert 0 < figures["live, MB"] <= figures["written, MB"]
-    assert [line.split()[1] for line in printed.splitlines()[8:]] == ["all", "nothing", "one"]
+    assert [line.split()[1] for line in printed.splitlines()[9:]] == ["all", "nothing", "one"]
 
 
 @pytest.mark.slow
@@ -90,6 +90,19 @@ def test_what_writing_and_publishing_cost() -> None:
 def test_what_questions_to_a_catalog_cost() -> None:
     printed = run("catalog.py", "--plans", "4000")
     assert "one trajectory: " in printed and "commit 3 of 256 plans" in printed
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_what_visibility_costs_beside_the_rays_alone() -> None:
+    *_, last = run("visibility.py", "--poses", "20", "--samples", "300").splitlines()
+    assert last.split()[0] == "all" and int(last.split()[1]) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_how_much_of_what_is_rewritten_is_found() -> None:
+    assert "of 4 rewritten bytes and fields; 0 not" in run("custody.py", "--count", "4")
 
 
 @pytest.mark.slow

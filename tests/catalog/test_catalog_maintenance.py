@@ -15,10 +15,11 @@ import pytest
 from catalog_records import demonstration, key_of, plan, structure
 
 from upplied.catalog import compact, export_tables, history, open_catalog, vacuum, verify
+from upplied.catalog.database import Catalog
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store import delta, merging
-from upplied.catalog.verbs import adding, verification
+from upplied.catalog.verbs import verification
 from upplied.catalog.verbs.frames import decoded
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Cloud
@@ -125,13 +126,13 @@ def test_plans_are_looked_at_some_at_a_time_and_told_of_once(catalog, monkeypatc
     """A row of plans takes kilobytes, and there may be a million."""
     rewrite(catalog, "transfers", lambda rows: rows.assign(status="fine"))
     looked = []
-    broken = verification._broken
+    broken = verification.broken
 
     def noted(column, values):
         looked.append(len(values))
         return broken(column, values)
 
-    monkeypatch.setattr(verification, "_broken", noted)
+    monkeypatch.setattr(verification, "broken", noted)
     monkeypatch.setattr(delta, "_ROW_GROUP", 5)
     found = [str(f) for f in verify(catalog)]
     assert max(looked) == 5 and sum("and 7 more" in f and "'fine' is not" in f for f in found) == 1, found
@@ -180,7 +181,7 @@ def test_vacuum_keeps_the_stated_history(catalog):
 
 def test_vacuum_removes_what_stopped_writers_left_and_nothing_young(catalog, monkeypatch):
     with monkeypatch.context() as patched:
-        patched.setattr(adding, "_add", lambda *_: 1 / 0)
+        patched.setattr(Catalog, "add_rows", lambda *_: 1 / 0)
         for number in range(2):
             with pytest.raises(ZeroDivisionError):
                 catalog.add_plans([(key_of("lost", number), plan("t0", number), {})])

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import pandas as pd
 import pyarrow as pa
 import pytest
 
 from upplied.catalog.schema.columns import Column, Table
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.verbs.verification import _broken
+from upplied.catalog.verbs.verification import broken as broken_mask
 
 COLUMNS = [(table, column) for table in TABLES.values() for column in table.columns]
 #: Lengths and times that are places on an axis, and not sizes.
@@ -81,7 +80,9 @@ def test_a_constraint_in_words() -> None:
 
 
 def broken(values: list[object], kind: object, **how: object) -> list[bool]:
-    return _broken(Column("name", kind, "", "", **how), pd.Series(values)).tolist()  # type: ignore[arg-type]
+    array = pa.chunked_array([values], kind)
+    mask = broken_mask(Column("name", kind, "", "", **how), array)  # type: ignore[arg-type]
+    return [False] * len(values) if mask is None else mask.to_pylist()
 
 
 def test_values_beyond_what_a_column_allows_are_broken() -> None:

@@ -18,7 +18,7 @@ from catalog_records import demonstration, key_of, plan, structure
 
 from upplied.catalog import Catalog, compact, export_dataset, import_dataset, open_catalog, verify
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.chain import breaks, is_chained
+from upplied.catalog.store.chain import breaks
 from upplied.catalog.verbs.custody import chain_heads
 from upplied.errors import CatalogError, RefusedError, SettingsError
 from upplied.outputs.missions import MissionOptions
@@ -310,5 +310,5 @@ def test_a_hash_that_was_taken_off_is_told(older):
 
 
 def test_every_table_of_one_place_is_a_chain():
-    chained = {name for name, table in TABLES.items() if is_chained(table)}
+    chained = {name for name, table in TABLES.items() if table.is_chained}
     assert chained == {"decisions", "flights", "overruled", "settings", "requirements", "edits"}

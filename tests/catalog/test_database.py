@@ -216,7 +216,7 @@ def test_a_writer_stopped_between_points_and_row_leaves_nothing_to_see(catalog, 
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(adding, "_add", stopped)
+        patched.setattr(Catalog, "add_rows", stopped)
         with pytest.raises(KeyboardInterrupt):
             catalog.add_plans(plans(2))
     assert len(catalog.tables["waypoints"].read()) == 120

@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 
 from upplied.catalog import export_dataset, export_tables, import_dataset, open_catalog, verify
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs.decisions import recall
 from upplied.catalog.verbs.standing import standing_of
 from upplied.errors import RefusedError, SettingsError
 from upplied.outputs.render import undecided
@@ -110,7 +109,7 @@ def test_what_was_decided_against_is_not_given_out(catalog):
     with pytest.raises(RefusedError, match=r'rejected: the plan is rejected.*force=\["rejected"\]'):
         catalog.trajectory(second)
     assert len(catalog.trajectory(second, ["rejected"]).t_s) == 60
-    recall(catalog, catalog.transfer(first), "a new mast", TARGET_SHA, "the check")
+    catalog.recall(catalog.transfer(first), "a new mast", TARGET_SHA, "the check")
     assert broken(first) == ["recalled"]
     with pytest.raises(RefusedError, match="the plan is recalled"):
         catalog.trajectory(first)

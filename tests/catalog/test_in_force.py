@@ -13,12 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from upplied.catalog import Catalog, open_catalog
-from upplied.catalog.schema.decided import DECISION_STATES, DECISIONS
 from upplied.catalog.schema.rows import table_of
-from upplied.catalog.verbs import decisions, ordering, queries
+from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.verbs import ordering, queries
 from upplied.catalog.verbs.standing import standing_of
 from upplied.cli import main
 
+(DECISION_STATES,) = (column.allowed for column in TABLES["decisions"].columns if column.name == "state")
 START = datetime(2026, 1, 1, tzinfo=UTC)
 NAMES = ("first", "second")
 
@@ -88,7 +89,7 @@ def test_commits_order_decisions_and_no_clock_does(drawn, chance):
     class Table:
         @staticmethod
         def read(*_: object) -> pa.Table:
-            return table_of(DECISIONS, stored)
+            return table_of(TABLES["decisions"], stored)
 
     assert [row["decision_id"] for row in queries.decided(Table())] == [row["decision_id"] for row in rows]
 
@@ -152,7 +153,7 @@ def test_the_command_tells_what_is_in_force_with_all_its_columns_and_exits_with_
 
 def test_the_command_exits_with_1_while_a_recalled_plan_has_no_successor(catalog, capsys):
     row = catalog.transfer(key_of("first")[:20])
-    decisions.recall(catalog, row, "a new mast", structure("target", 1).sha256, "the check")
+    catalog.recall(row, "a new mast", structure("target", 1).sha256, "the check")
     code, rows, complaints = listed(catalog, capsys)
     assert code == 1 and [each["target_id"] for each in rows] == ["other"]
     assert "recalled:" in complaints and "a new mast" in complaints

@@ -11,7 +11,6 @@ import pytest
 from catalog_records import demonstration, key_of, plan, structure
 
 from upplied.catalog import Catalog, open_catalog, verify
-from upplied.catalog.verbs.decisions import standing
 from upplied.catalog.verbs.roster import Roster, check_name, key_path, new_key, roster_of
 from upplied.cli import main
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError, UppliedError
@@ -87,7 +86,7 @@ def test_each_word_of_a_release_is_signed(catalog, name):
     roster = roster_of(catalog)
     roster.add("Grace", new_key("Grace"))
     made = catalog.release(FIRST, "Grace", "for May")
-    row, order = standing(catalog).why[FIRST], {made: 0}
+    row, order = catalog.standing().why[FIRST], {made: 0}
     assert roster.fault(row, order) == ""
     roster.people.append(replace(roster.people[0], name="Grace2"))
     assert "is not signed by" in roster.fault({**row, name: f"{row[name]}2"}, order)
@@ -102,7 +101,7 @@ def test_who_was_retired_releases_no_longer_and_what_they_released_stays(catalog
         catalog.release(FIRST, "Grace")
     with pytest.raises(InputError, match="nobody who may release"):
         roster_of(catalog).retire("Grace", "")
-    row = standing(catalog).why[FIRST]
+    row = catalog.standing().why[FIRST]
     later = {row["decision_id"]: 5, "another": 6}
     assert roster_of(catalog).fault(row, later) == ""
     assert roster_of(catalog).fault({**row, "decision_id": "another"}, later) == "Grace may no longer release"

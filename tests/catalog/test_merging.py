@@ -45,8 +45,8 @@ def test_a_row_is_written_again_as_often_as_its_file_grows_sixteenfold(catalog):
     taken = merges(catalog)
     assert [len(files) for files in taken] == [16, 16]
     assert len({name for files in taken for name in files}) == 32, "a merged file was merged with small ones"
-    assert len(catalog.said_settings()) == 50
-    assert catalog.said_settings()["commit_version"].is_unique
+    assert len(catalog.declared_settings()) == 50
+    assert catalog.declared_settings()["commit_version"].is_unique
     assert len(catalog.tables["settings"].delta().file_uris()) == 20
     assert verify(catalog) == []
 
@@ -65,13 +65,13 @@ def test_nobody_who_writes_waits_for_a_merge(catalog, monkeypatch):
         for number in range(20):
             catalog.set("kind", "box", {"route.clearance_m": 2.0 + number}, "me")
         assert begun.wait(60)
-        assert len(catalog.said_settings()) == 20
+        assert len(catalog.declared_settings()) == 20
         assert merges(catalog) == []
     finally:
         free.set()
         settle()
     assert [len(files) for files in merges(catalog)] == [16]
-    assert len(catalog.said_settings()) == 20
+    assert len(catalog.declared_settings()) == 20
 
 
 def test_large_files_are_left_to_maintenance(catalog, monkeypatch):
@@ -90,7 +90,7 @@ def test_what_hinders_a_merge_hinders_nobody_who_writes(catalog, monkeypatch, ca
     for number in range(20):
         catalog.set("kind", "box", {"route.clearance_m": 2.0 + number}, "me")
     settle()
-    assert len(catalog.said_settings()) == 20
+    assert len(catalog.declared_settings()) == 20
     assert "were not merged" in caplog.text
 
 

@@ -15,7 +15,7 @@ from deltalake import DeltaTable
 from upplied.catalog import compact, export_dataset, export_tables, import_dataset, open_catalog, verify
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema import migrations, tables
-from upplied.catalog.schema.columns import REAL, TEXT, Column, Table
+from upplied.catalog.schema.columns import TYPES, Column, Table
 from upplied.catalog.store import delta, opening
 from upplied.catalog.verbs import adding
 from upplied.errors import CatalogError
@@ -125,7 +125,10 @@ def test_an_older_program_refuses_a_newer_catalog_in_words(tmp_path, monkeypatch
 
 
 def newer(table: Table) -> Table:
-    more = (Column("battery_wh", REAL, "Wh", "of a newer program"), Column("passport", TEXT, "", "also"))
+    more = (
+        Column("battery_wh", TYPES["real"], "Wh", "of a newer program"),
+        Column("passport", TYPES["text"], "", "also"),
+    )
     return replace(table, columns=(*table.columns, *more))
 
 

@@ -12,7 +12,7 @@ from catalog_records import demonstration, key_of, plan, structure
 from upplied import fleet
 from upplied.catalog import history, open_catalog, verify
 from upplied.catalog.database import Catalog
-from upplied.fleet import ingest, planner
+from upplied.fleet import planner, reading
 
 
 @pytest.fixture
@@ -104,11 +104,11 @@ def test_a_job_whose_inputs_changed_is_not_planned(catalog, monkeypatch, changed
 
 def test_files_are_taken_in_a_batch_at_a_time(monkeypatch):
     """What was read so far is kept where the rest is stopped."""
-    monkeypatch.setattr(ingest, "BATCH", 2)
+    monkeypatch.setattr(reading, "BATCH", 2)
     commits: list[list[str]] = []
     found = [(f"f{at}", structure(f"s{at}", at)) for at in range(5)]
     reads = iter([*found[:3], ("bad", "bad: is no mesh"), *found[3:]])
-    done = ingest._keep(
+    done = reading.stored(
         reads,
         {},
         lambda it: it.structure_id,
@@ -127,7 +127,7 @@ def test_as_it_is_set_little_is_lost_where_ingest_is_stopped(kind):
     )
     name = (lambda it: it.structure_id) if kind == "structures" else (lambda it: f"d{next(names)}")
     names, commits = iter(range(260)), []
-    ingest._keep(reads, {}, name, lambda items: commits.append(len(items)), lambda _: None)
+    reading.stored(reads, {}, name, lambda items: commits.append(len(items)), lambda _: None)
     assert sum(commits) == 260
     assert max(commits) <= 100
 
@@ -142,7 +142,7 @@ def test_files_are_not_read_far_ahead_of_what_is_kept():
                 handed.append(item)
                 yield item
 
-    found = ingest.each(str, Counted(range(300)), str, 1, lambda _: ingest.Ingested("", "unchanged"))
+    found = reading.each(str, Counted(range(300)), str, 1, lambda _: reading.Ingested("", "unchanged"))
     next(found)
     found.close()
     assert 1 <= len(handed) <= 100

@@ -101,6 +101,23 @@ def test_what_did_not_change_is_not_written_again(catalog, tmp_path, monkeypatch
     )
 
 
+def test_a_table_without_a_new_commit_is_not_read_again(catalog, tmp_path, monkeypatch):
+    place = tmp_path / "out"
+    catalog.set("kind", "box", {"route.clearance_m": 3.0}, "me")
+    export_tables(catalog, place)
+    with monkeypatch.context() as patched:
+        patched.setattr(Catalog, "declared_settings", lambda _: 1 / 0)
+        patched.setattr(Catalog, "flights", lambda _: 1 / 0)
+        catalog.add_structures([structure("t7", 7)])
+        assert export_tables(catalog, place)["settings"] == 1
+        patched.setattr(published, "_COLUMNS", "those of a newer program")
+        with pytest.raises(ZeroDivisionError):
+            export_tables(catalog, place)
+    catalog.set("kind", "box", {"route.clearance_m": 4.0}, "me")
+    assert export_tables(catalog, place)["settings"] == 2
+    assert list(pd.read_parquet(place / "settings.parquet")["value_json"]) == ["3.0", "4.0"]
+
+
 def test_a_changed_file_is_made_from_the_one_before_and_what_changed(catalog, tmp_path, monkeypatch):
     place = tmp_path / "out"
     export_tables(catalog, place)

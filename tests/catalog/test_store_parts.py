@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import threading
 import time
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -17,7 +19,7 @@ from upplied.catalog.store import locking
 from upplied.catalog.store.errors import explained, remedy_of
 from upplied.catalog.store.files import FileStore, replace_file, sync_path
 from upplied.catalog.store.identity import Heads
-from upplied.catalog.store.locking import locked
+from upplied.catalog.store.locking import locked, turn
 from upplied.catalog.store.opening import in_schema, opened
 from upplied.catalog.store.statistics import statistics
 from upplied.errors import CatalogError
@@ -110,38 +112,112 @@ def test_remedies_of_a_store_name_what_is_missing(monkeypatch: pytest.MonkeyPatc
     assert remedy_of(uri, "") == "bucket bucket was asked for at https://first; nothing was changed"
 
 
+class Clock:
+    """A clock that goes on when somebody waits, and by nothing else."""
+
+    def __init__(self) -> None:
+        self.waits: list[float] = []
+
+    def monotonic(self) -> float:
+        return sum(self.waits)
+
+    def sleep(self, seconds: float) -> None:
+        self.waits.append(seconds)
+
+
 def test_one_at_a_time_holds_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     order: list[str] = []
+    refused, free = threading.Event(), threading.Event()
+
+    class Waiting(Clock):
+        def sleep(self, seconds: float) -> None:
+            refused.set()
+            assert free.wait(60)
 
     def other() -> None:
         with locked(tmp_path / "place"):
             order.append("other")
 
+    monkeypatch.setattr(locking, "time", Waiting())
     with locked(tmp_path / "place"):
         waiting = threading.Thread(target=other)
         waiting.start()
-        time.sleep(0.3)
+        assert refused.wait(60)
         order.append("first")
+    free.set()
     waiting.join()
     assert order == ["first", "other"]
-    monkeypatch.setattr(locking, "PATIENCE_S", 0.15)
-    waited: list[float] = []
-    monkeypatch.setattr(locking.time, "sleep", waited.append)
+
+
+def test_a_folder_that_is_held_for_long_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(locking, "PATIENCE_S", 2.05)
+    monkeypatch.setattr(locking, "time", clock := Clock())
     with (
         locked(tmp_path / "place"),
         pytest.raises(CatalogError, match="been publishing there"),
         locked(tmp_path / "place"),
     ):
         raise AssertionError
-    assert waited, "it was refused before it had waited"
-    monkeypatch.undo()
-    monkeypatch.setattr(locking, "PATIENCE_S", 0.15)
+    assert clock.waits == [0.1] * 21  # the last look is later than that
+    clock.waits.clear()
     with locked(tmp_path / "place"):
-        pass
-    assert locking.PATIENCE_S == 0.15
+        assert not clock.waits
     (tmp_path / "file").write_text("")
     with pytest.raises(CatalogError, match="cannot be written"), locked(tmp_path / "file"):
         raise AssertionError
+
+
+def is_held(path: Path) -> bool:
+    with path.open("ab") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
+def until(condition: Callable[[], bool]) -> None:
+    for _ in range(6000):
+        if condition():
+            return
+        time.sleep(0.01)
+    raise AssertionError("it never came")
+
+
+def test_a_writer_that_comes_back_overtakes_nobody_who_waits(tmp_path: Path) -> None:
+    path, order = tmp_path / "heads" / "table.turn", list[str]()
+
+    def other() -> None:
+        with turn(path):
+            order.append("other")
+
+    with turn(path):
+        order.append("first")
+        waiting = threading.Thread(target=other)
+        waiting.start()
+        until(lambda: is_held(path.with_suffix(".next")))
+    with turn(path):
+        order.append("first again")
+    waiting.join()
+    assert order == ["first", "other", "first again"]
+    assert not is_held(path) and not is_held(path.with_suffix(".next"))
+
+
+def test_nobody_waits_for_ever_for_a_writer_that_was_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "table.turn"
+    with path.open("ab") as stopped:
+        fcntl.flock(stopped, fcntl.LOCK_EX)
+        with monkeypatch.context() as patched:
+            patched.setattr(locking, "_TURN_S", 0.05)
+            with turn(path):
+                assert is_held(path)  # by the other one, and the work goes on
+    until(lambda: not is_held(path) and not is_held(path.with_suffix(".next")))
+    with turn(tmp_path / "file" / "table.turn"):
+        (tmp_path / "plain").write_text("")
+    with turn(tmp_path / "plain" / "table.turn"):  # where nothing can be locked, nobody waits
+        pass
 
 
 def test_files_appear_whole_and_once(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ ELSEWHERE = {
     "tutorial.md": "docs/test_docs_site.py",
     "queries.md": "catalog/test_catalog_guide.py",
     "operating.md": "flows/test_operating.py",
+    "how-to/project.md": "docs/test_project_page.py",
 }
 #: Commands that are not run here, and why.
 NOT_RUN = {
@@ -64,7 +65,7 @@ def is_run(command: str) -> bool:
     return not command.startswith(tuple(NOT_RUN))
 
 
-PAGES = sorted(f"how-to/{path.name}" for path in (DOCS / "how-to").glob("*.md"))
+PAGES = sorted({f"how-to/{path.name}" for path in (DOCS / "how-to").glob("*.md")} - ELSEWHERE.keys())
 RUN = [(page, at) for page in PAGES for at, (_, text) in enumerate(blocks(page)) if is_run(commands(text)[0])]
 
 

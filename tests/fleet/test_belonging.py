@@ -10,7 +10,6 @@ from catalog_records import demonstration, structure
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs import adding
 from upplied.cli import main
 from upplied.errors import CatalogError, SettingsError
 
@@ -58,7 +57,7 @@ def test_every_value_is_told_with_where_it_comes_from(catalog, capsys):
     assert rows["transfer.gsd_m"]["from"] == "structure t1"
     assert rows["retime.max_speed_mps"]["from"] == "preset recommended"
     assert main(["set", "t1", "transfer.gsd_m=", "--by", "Ada", *where]) == 0
-    assert list(catalog.said_settings()["value_json"]) == ["3", "0.002", ""]
+    assert list(catalog.declared_settings()["value_json"]) == ["3", "0.002", ""]
 
 
 def test_the_preset_that_is_flown_belongs_to_things_and_those_for_comparison_are_refused(catalog, capsys):
@@ -78,7 +77,7 @@ def test_the_preset_that_is_flown_belongs_to_things_and_those_for_comparison_are
     assert {name for name in usual if now[name] != usual[name]} == {("t1", "recommended")}  # the clearance
     assert main(["set", "t1", "preset=", "route.clearance_m=", "--by", "Ada", *where]) == 0
     assert told("t1")[1] == "kind box" and keys(catalog) == usual
-    said = len(catalog.said_settings())
+    said = len(catalog.declared_settings())
     for preset in ("paper", "baseline"):
         capsys.readouterr()
         assert main(["set", "t1", f"preset={preset}", "--by", "Ada", *where]) != 0
@@ -90,7 +89,7 @@ def test_the_preset_that_is_flown_belongs_to_things_and_those_for_comparison_are
         catalog.set("kind", "box", {"preset": "best"}, "Ada")
     with pytest.raises(SettingsError, match="is unknown"):
         catalog.set("kind", "box", {"preset": 3}, "Ada")
-    assert len(catalog.said_settings()) == said
+    assert len(catalog.declared_settings()) == said
 
 
 def test_programs_that_know_no_preset_of_things_read_past_it(catalog):
@@ -98,7 +97,7 @@ def test_programs_that_know_no_preset_of_things_read_past_it(catalog):
     catalog.set("kind", "box", {"preset": "recommended", "route.clearance_m": 3.0}, "Ada")
     catalog.set("structure", "t1", {"preset": "recommended"}, "Ada")
     catalog.set("structure", "t1", {"preset": None}, "Ada")
-    rows = catalog.said_settings()
+    rows = catalog.declared_settings()
     older = rows[rows["scope"].isin(["kind", "structure"])]
     assert list(older["setting"]) == ["route.clearance_m"] and len(rows) == 4
     assert all(len(setting.split(".")) == 2 for setting in rows["setting"])
@@ -106,7 +105,7 @@ def test_programs_that_know_no_preset_of_things_read_past_it(catalog):
 
 def test_a_setting_of_a_newer_program_is_refused_by_its_name(catalog):
     row = {"setting_id": "x-0", "scope": "kind", "owner": "box", "setting": "route.battery_wh"}
-    adding.add_rows(catalog, "settings", [row | {"value_json": "7", "by": "Ada", "note": ""}])
+    catalog.add_rows("settings", [row | {"value_json": "7", "by": "Ada", "note": ""}])
     with pytest.raises(SettingsError, match=r"route\.battery_wh.*is unknown"):
         fleet.decide(catalog, BOTH)
 
@@ -164,4 +163,4 @@ def test_what_cannot_be_set_is_told_and_nothing_is_kept(catalog, scope, owner, v
         catalog.set(scope, owner, values, "Ada")
     with pytest.raises(SettingsError, match="Say --by NAME"):
         catalog.set("kind", "box", {"route.clearance_m": 3.0}, "")
-    assert not len(catalog.said_settings())
+    assert not len(catalog.declared_settings())

@@ -68,9 +68,9 @@ def test_a_failure_of_an_older_run_is_not_what_came_of_this_one(catalog):
     assert fleet.transfer(catalog, jobs, "last night", hasty).failed == 3
     again = fleet.decide(catalog, replace(REQUEST, retry_failed=True)).jobs
     assert [job.key for job in again] == [job.key for job in jobs]
-    result, missing = fleet.kept(catalog, again, "tonight")
+    result, missing = fleet.known_outcomes(catalog, again, "tonight")
     assert (result.total, missing) == (0, again)
-    result, missing = fleet.kept(catalog, again, "last night")
+    result, missing = fleet.known_outcomes(catalog, again, "last night")
     assert (result.failed, missing) == (3, [])
 
 

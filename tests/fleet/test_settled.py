@@ -51,7 +51,7 @@ def night(catalog: Catalog, plan_request: fleet.PlanRequest, run_id: str) -> fle
     jobs = fleet.decide(catalog, plan_request).jobs
     fleet.plan_here(str(catalog.location), jobs, run_id, "dask")
     fleet.plan_here(str(catalog.location), jobs[:1], run_id, "dask")
-    result, missing = fleet.kept(catalog, jobs, run_id)
+    result, missing = fleet.known_outcomes(catalog, jobs, run_id)
     assert missing == []
     return result
 
@@ -76,7 +76,7 @@ def test_an_old_failure_is_not_the_result_of_a_later_run(catalog, planned):
     again = fleet.PlanRequest(A.presets, retry_failed=True)
     jobs = fleet.decide(catalog, again).jobs
     assert [job.target_id for job in jobs] == ["t1"]
-    assert fleet.kept(catalog, jobs, "second") == (fleet.Result(), jobs)  # its machine was lost
+    assert fleet.known_outcomes(catalog, jobs, "second") == (fleet.Result(), jobs)  # its machine was lost
     assert night(catalog, again, "second").failed == 1
     assert len(planned) == 4
     rows = catalog.transfers(structure="t1", every=True)

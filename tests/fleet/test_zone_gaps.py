@@ -22,7 +22,7 @@ from upplied.outputs.logs import write_log
 from upplied.outputs.zones import zones
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.visibility.path_views import stations
+from upplied.planning.visibility.observations import stations
 from upplied.poses import matrices, yaw_pitch
 from upplied.proof.as_flown import looks_of
 from upplied.records import Camera, Plan, Surroundings, Trajectory

@@ -22,17 +22,26 @@ from processes import ended
 from upplied import fleet
 from upplied.cli import main
 from upplied.config import settings_for
-from upplied.errors import InputError, SettingsError
+from upplied.errors import CatalogError, InputError, SettingsError
 from upplied.fleet import manifest
-from upplied.flows import engines, pages, pool, states, watch
+from upplied.flows import engines, pages, pool, states, tasks, watch
 from upplied.flows.environment import ROOTS, SETTINGS, environment, home, profile
 from upplied.flows.roots import check_roots
 from upplied.flows.server import ServerError, free_port, offspring, private_server, stop
-from upplied.flows.states import told_in_words
+from upplied.flows.states import errors_in_words
 
 ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.filterwarnings("default")
+
+
+def test_a_task_that_comes_after_the_end_of_its_run_leaves_nothing_behind(tmp_path):
+    """A cluster whose connection to a run broke still works on its shards, which that run took away."""
+    given = {"catalog": str(tmp_path / "catalog"), "run_id": "night", "engine": "pool"}
+    given["limits"] = {"timeout_s": 60.0, "memory_gib": None}
+    with pytest.raises(CatalogError, match="cannot be read"):
+        tasks.plan_elsewhere.fn("boxes", "night/00000.parquet", given)
+    assert not (tmp_path / "catalog").exists()
 
 
 def test_pages_open_from_prefect_where_they_are_given_out(tmp_path, monkeypatch):
@@ -302,7 +311,7 @@ def test_a_flow_that_finds_no_space_or_right_ends_in_words():
     def full() -> None:
         raise OSError(errno.ENOSPC, "No space left on device", "reports/index.html")
 
-    assert told_in_words(full)().message == "reports/index.html: No space left on device"
+    assert errors_in_words(full)().message == "reports/index.html: No space left on device"
 
 
 def test_the_state_of_a_run_names_lost_workers_and_who_did_their_work():

@@ -166,7 +166,7 @@ print(transfer_fleet(reports="", resources={{"engine": "pool"}}, **asked, return
     assert not list((place / "catalog" / manifest.FOLDER).iterdir())
     rows = catalog.transfers(every=True)
     assert rows[rows["run_id"] == "night"]["key"].tolist() == [jobs[0].key]
-    result, missing = fleet.kept(catalog, jobs)
+    result, missing = fleet.known_outcomes(catalog, jobs)
     assert (result.ok, missing) == (1, jobs[1:])
 
 

@@ -9,7 +9,7 @@ from upplied.catalog import open_catalog
 from upplied.flows import tasks
 from upplied.flows.ingest_demonstrations import ingest_demonstrations
 from upplied.flows.ingest_structures import ingest_structures
-from upplied.flows.parameters import FlightBounds, said_of
+from upplied.flows.parameters import FlightBounds, bound_options
 from upplied.inputs.passport.settings import changed
 from upplied.outputs.logs import write_log
 from upplied.samples.fleet import member
@@ -42,8 +42,8 @@ def test_what_no_rule_or_bound_can_be_is_refused_when_it_is_said(what, wrong):
 
 
 def test_bounds_that_are_said_reach_the_reader():
-    assert changed(tuple(said_of(FlightBounds()))) == changed(())
-    said = said_of(FlightBounds(max_speed_mps=40, max_clock_steps=3))
+    assert changed(tuple(bound_options(FlightBounds()))) == changed(())
+    said = bound_options(FlightBounds(max_speed_mps=40, max_clock_steps=3))
     assert changed(tuple(said)) == changed(("max_speed_mps=40", "max_clock_steps=3"))
 
 

@@ -283,7 +283,7 @@ def test_satellite_fixes_with_an_imu(tmp_path: Path) -> None:
     keep = np.delete(np.arange(300), 7)
     assert_flown(found, Flight(flown.t_ns[keep], flown.positions[keep], flown.quat_xyzw[keep]), 1e-4, 1e-5)
     assert found.dropped == {"no fix": 1}
-    with pytest.raises(InputError, match="structure's place is not known"):
+    with pytest.raises(InputError, match="structure's place is unknown"):
         read_demonstration(write_log(tmp_path / "b.mcap", topics, FACTS))
     with pytest.raises(InputError, match="geoid_undulation_m"):
         read_demonstration(

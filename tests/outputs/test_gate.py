@@ -157,7 +157,7 @@ def test_speed_acceleration_height_time_and_coverage_have_their_rules():
     told |= {"released", "rejected", "recalled"}  # test_decisions.py
     told |= {"foreign", "altered"}  # test_custody.py
     told |= {"zoom"}  # test_zoom.py
-    assert told | {"finite", "height", "speed", "acceleration", "coverage"} == set(RULES)
+    assert told | {"finite", "height", "speed", "acceleration", "coverage", "photos", "overlap"} == set(RULES)
     assert "at [1.0, 2.0, 3.0] m" in str(Breach("ground", "z", "low", (1.0, 2.0, 3.0)))
 
 
@@ -271,7 +271,7 @@ def test_dji_passes_waypoints_within_a_distance_that_was_checked(tmp_path):
 
 
 def test_a_turn_on_the_spot_is_a_stop(tmp_path):
-    options = MissionOptions(drone="m30", home_m=(0.0, -30.0, 0.0))
+    options = MissionOptions(drone="m30", home_m=(0.0, -30.0, 0.0), photos="none")
     done = export(
         made_plan(turning_on_the_spot(), every=1), placed_box(), "dji-wpml", tmp_path / "a.kmz", options
     )

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import xml.etree.ElementTree as ET
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -189,7 +190,7 @@ def test_dji_asks_which_drone_flies(tmp_path):
 
 
 def test_litchi_has_its_46_columns_and_codes(tmp_path):
-    done, _ = written(tmp_path, "litchi", every=2)
+    done, _ = written(tmp_path, "litchi", MissionOptions(max_waypoints=25))
     assert len(done.paths) > 1
     for path, mission in zip(done.paths, done.missions, strict=True):
         rows = list(csv.reader(path.open()))
@@ -279,6 +280,7 @@ def test_turns_on_the_spot_are_holds_or_actions_and_no_waypoints_of_their_own(tm
     plan = made_plan(turning_on_the_spot(), every=1)
     options = MissionOptions(home_m=(0.0, -30.0, 0.0), drone="m30t", firmware="ardupilot")
     paths = {}
+    options = replace(options, photos="none")
     for name in ("mavlink", "litchi", "dji-wpml"):
         written = export(plan, placed_box(), name, tmp_path / f"m{FORMATS[name]}", options)
         paths[name], (mission,) = written.paths[0], written.missions
@@ -286,14 +288,14 @@ def test_turns_on_the_spot_are_holds_or_actions_and_no_waypoints_of_their_own(tm
     assert [float(row[4]) for row in rows if row[3] == "16"][1:].count(4.0) == 1
     table = list(csv.reader(paths["litchi"].read_text().splitlines()))[1:]
     assert len(table) == len(mission.stops) == len(mission) - 1
-    (turned,) = [row for row in table if row[10] == "4"]
-    assert turned[8:16] == ["1", "0", "4", turned[11], "5", "0", "1", "0"]
-    assert int(turned[11]) == round((30.0 - 150.0) % 360)
+    (turned,) = [row for row in table if row[8] == "4"]
+    assert turned[8:16] == ["4", turned[9], "5", "0", "0", "4000", "-1", "0"]
+    assert int(turned[9]) == round((30.0 - 150.0) % 360)
     with zipfile.ZipFile(paths["dji-wpml"]) as archive:
         text = archive.read("wpmz/waylines.wpml").decode()
     assert text.count("<Placemark>") == len(mission.stops)
     assert text.count(">rotateYaw<") == 1 and ">counterClockwise<" in text
-    assert text.count(">takePhoto<") == mission.photo.sum() == 4
+    assert text.count(">takePhoto<") == 0 and "<wpml:hoverTime>4.0<" in text
 
 
 def test_waypoints_say_whether_they_were_demonstrated_or_added(tmp_path):

@@ -19,7 +19,7 @@ from upplied.inputs.manifests import read_manifest
 from upplied.outputs.logs import write_log
 from upplied.planning.correspondence.registration import fitted, register
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.visibility.path_views import TRULY, views
+from upplied.planning.visibility.observations import TRULY, views
 from upplied.recommend.features import ShapeLibrary, joined, library_of, shape_features, unlikeness
 from upplied.recommend.foresee import agreement, foresee, inspected
 from upplied.recommend.ranking import recommend

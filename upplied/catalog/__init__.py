@@ -1,5 +1,6 @@
 """What is kept: structures, demonstrations and plans, in tables that many may fill at once."""
 
+# ruff: noqa: F401
 from __future__ import annotations
 
 import importlib
@@ -19,48 +20,26 @@ if TYPE_CHECKING:
     from upplied.catalog.verbs.tum import export_tum
     from upplied.catalog.verbs.verification import Finding, verify
 
-__all__ = [
-    "Cache",
-    "Catalog",
-    "Finding",
-    "PlannedTrajectory",
-    "Recipe",
-    "changed_structures",
-    "compact",
-    "diff",
-    "export_dataset",
-    "export_lerobot",
-    "export_tables",
-    "export_tum",
-    "history",
-    "import_dataset",
-    "open_catalog",
-    "published_tables",
-    "recipe",
-    "runs",
-    "vacuum",
-    "verify",
-]
-
-# Loaded when first asked for: the storage libraries take a moment.
-_HOME = {
-    "store.cache": ("Cache",),
-    "verbs.changes": ("changed_structures", "diff", "history", "runs"),
-    "database": ("Catalog", "open_catalog"),
-    "verbs.exporting": ("export_dataset",),
-    "verbs.importing": ("import_dataset",),
-    "verbs.lerobot": ("export_lerobot",),
-    "verbs.maintenance": ("compact", "vacuum"),
-    "verbs.published": ("export_tables", "published_tables"),
-    "verbs.queries": ("PlannedTrajectory",),
-    "verbs.recipes": ("Recipe", "recipe"),
-    "verbs.tum": ("export_tum",),
-    "verbs.verification": ("Finding", "verify"),
+# Where each name is, for a type checker above; loaded when first asked for: storage libraries take a moment.
+_NAMES = {
+    "store.cache": "Cache",
+    "verbs.changes": "changed_structures diff history runs",
+    "database": "Catalog open_catalog",
+    "verbs.exporting": "export_dataset",
+    "verbs.importing": "import_dataset",
+    "verbs.lerobot": "export_lerobot",
+    "verbs.maintenance": "compact vacuum",
+    "verbs.published": "export_tables published_tables",
+    "verbs.queries": "PlannedTrajectory",
+    "verbs.recipes": "Recipe recipe",
+    "verbs.tum": "export_tum",
+    "verbs.verification": "Finding verify",
 }
+_HOME = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names.split()}
+__all__ = [*_HOME]
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in _HOME.items():
-        if name in names:
-            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    if name in _HOME:
+        return getattr(importlib.import_module(_HOME[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

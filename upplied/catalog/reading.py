@@ -1,17 +1,19 @@
-"""What a catalog consists of, and what it is asked: tables, records, rows; `database` adds and decides."""
+"""What a catalog consists of, and the questions to it: tables, records, rows."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.dataset as ds
 
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.steps import PHOTO_COLUMNS, photo_columns
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.clock import Clock
@@ -20,17 +22,25 @@ from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.identity import Identity
 from upplied.catalog.store.labels import FaceLabels
 from upplied.catalog.store.looks import StoredLooks
-from upplied.catalog.store.meshes import MeshStore
 from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.steps import StepTable
-from upplied.catalog.store.surfaces import REMEDY, SUPPOSED, SurfaceStore
+from upplied.catalog.store.surfaces import PHOTOS, REMEDY, SUPPOSED, SurfaceStore
 from upplied.catalog.verbs import ordering, queries
 from upplied.catalog.verbs.current import Current
 from upplied.catalog.verbs.frames import When, frame
 from upplied.catalog.verbs.queries import PlannedTrajectory, Which
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
-from upplied.records import Bools, Demonstration, Plan, Structure, SupposedSurface, SurfaceStates, Trajectory
+from upplied.records import (
+    Bools,
+    Demonstration,
+    Photos,
+    Plan,
+    Structure,
+    SupposedSurface,
+    SurfaceStates,
+    Trajectory,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,13 +60,15 @@ class Reading:
             name: (StepTable if name in STEPS else StoredTable)(self.location, table, self.identity)
             for name, table in TABLES.items()
         }
-        self.meshes = MeshStore(self.location)
+        remedy = "delete it and add the structure again"
+        self.meshes = ContentStore(self.location, "meshes", Structure, remedy)
         self.surfaces = SurfaceStore(self.location)
         self.supposed_surfaces = ContentStore(self.location, SUPPOSED, SupposedSurface, REMEDY)
+        self.plan_photos = ContentStore(self.location, PHOTOS, Photos, REMEDY)
         self.flown_paths = ContentStore(self.location, "flown", Trajectory, "fly the plan again")
         self.labels = ContentStore(self.location, "labels", FaceLabels, "require the zones again")
         self.looks = ContentStore(self.location, "looks", StoredLooks, "add the flight again")
-        self._current = {name: Current(self.tables[name]) for name in ("structures", "demonstrations")}
+        self._newest = {name: Current(self.tables[name]) for name in ("structures", "demonstrations")}
         self.cache = Cache(cache if cache is not None else cache_folder(self.location))
 
     def __repr__(self) -> str:
@@ -192,6 +204,19 @@ class Reading:
         sha256 = self.transfer(transfer_id, ("inspected_sha256",))["inspected_sha256"]
         return self.surfaces.get(sha256) if sha256 else None
 
+    def photos(self, transfer_id: str) -> pd.DataFrame:
+        """The photos of a plan, one a row in the order of flight; none of a plan from a film.
+
+        Columns ``t_s``, ``x_m`` to ``z_m``, ``qx`` to ``qw`` (camera to structure), ``patches`` that it shows
+        sharply, ``gsd_mm`` and ``blur_px``, medians over these, and ``overlap_pct`` with the one before.
+        """
+        import pandas as pd
+
+        sha256 = self.transfer(transfer_id, ("photos_sha256",))["photos_sha256"]
+        found = self.plan_photos.get(sha256) if sha256 else None
+        columns: dict[str, Any] = {} if found is None else photo_columns(found)
+        return pd.DataFrame(columns, columns=list(PHOTO_COLUMNS))
+
     def supposed(self, transfer_id: str) -> SupposedSurface | None:
         """Surface of a plan's target that nobody scanned, where it is supposed to be; None where none is.
 
@@ -215,11 +240,29 @@ class Reading:
             Those of one plan, or round one structure.
         kind : {"flown", "simulated"}, optional
         """
-        return queries.flights(self.tables["flights"], transfer_id, structure, kind)
+        rows = self._of_plans("flights", transfer_id)
+        rows["kind"] = rows["kind"].where(rows["kind"] != "", "simulated")
+        if structure is not None:
+            rows = rows[rows["target_id"] == structure]
+        if kind is not None:
+            rows = rows[rows["kind"] == kind]
+        return rows.reset_index(drop=True)
 
     def overruled(self, transfer_id: str | None = None) -> pd.DataFrame:
         """Rules of the gate that a person overruled, in the order they were added; of one plan, or all."""
-        return queries.of_plans(self.tables["overruled"], transfer_id)
+        return self._of_plans("overruled", transfer_id)
+
+    def _of_plans(self, name: str, transfer_id: str | None) -> pd.DataFrame:
+        """Rows of a table that name plans, in the order they were added; of one plan, or all."""
+        where = None if transfer_id is None else pc.field("transfer_id") == transfer_id
+        return self.by_commit(name, where, ["transfer_id", "commit_version"])
+
+    def by_commit(
+        self, name: str, where: ds.Expression | None = None, order: Sequence[str] = ("commit_version",)
+    ) -> pd.DataFrame:
+        """Rows of a table that fit, in the order they were added."""
+        rows = frame(self.tables[name].read(where)).sort_values(list(order), kind="stable")
+        return rows.reset_index(drop=True)
 
     def flown(self, flight_sha256: str) -> Trajectory:
         """The path of one flight, by the hash in its row."""
@@ -234,7 +277,7 @@ class Reading:
             raise CatalogError(
                 f"transfer {transfer_id}",
                 "is not in the catalog",
-                suggested(transfer_id, queries.transfer_ids(self.tables["transfers"]), 0),
+                suggested(transfer_id, self._transfer_ids(), 0),
                 "see: upplied catalog transfers",
             )
         return ordering.standing(rows.rows_of(found))
@@ -243,7 +286,7 @@ class Reading:
         """The row of the current version of one structure or demonstration, retired or not."""
         column = TABLES[table].names[0]
         check_id(name, column.replace("_", " "))
-        found = self._current[table].row(name)
+        found = self._newest[table].row(name)
         if found is None:
             known = self.tables[table].read(None, [column])[column].to_pylist()
             what = f"{table.removesuffix('s')} {name}"
@@ -258,7 +301,23 @@ class Reading:
         CatalogError
             If there is none, or more than one.
         """
-        return queries.find_transfer(self.tables["transfers"], start)
+        check_id(start, "transfer id")
+        if len(self.tables["transfers"].read(pc.field("transfer_id") == start, ["transfer_id"])):
+            return start
+        every = self._transfer_ids()
+        matches = [name for name in every if name.startswith(start)]
+        if len(matches) == 1:
+            return matches[0]
+        what = f"transfer {start}"
+        if matches:
+            raise CatalogError(what, f"may be {len(matches)}: {', '.join(matches[:5])}")
+        known = suggested(start, every, 0)
+        raise CatalogError(what, "is not in the catalog", known, "see: upplied catalog transfers")
+
+    def _transfer_ids(self) -> list[str]:
+        return sorted(
+            self.tables["transfers"].read(None, ["transfer_id"])["transfer_id"].unique().to_pylist()
+        )
 
     def settled(
         self, keys: Iterable[str], *, retry_failed: bool = False, run_id: str = ""
@@ -275,18 +334,33 @@ class Reading:
             Failures are not settled, but for those of the run `run_id`.
         run_id : str
         """
-        return ordering.settled(self.tables["transfers"], keys, retry_failed, run_id)
+        wanted = list(dict.fromkeys(keys))
+        ids = ordering.ids_of(wanted)
+        plans = ordering.settled_plans(self.tables["transfers"], ids, retry_failed, run_id, ["reason"])
+        places = pc.index_in(ids, plans["transfer_id"].combine_chunks())
+        once: dict[tuple[str, str], tuple[str, str]] = {}  # few, of many plans
+        outcomes = [
+            once.setdefault(outcome, outcome)
+            for outcome in zip(plans["status"].to_pylist(), plans["reason"].to_pylist(), strict=True)
+        ]
+        return {
+            key: outcomes[at] for key, at in zip(wanted, places.to_pylist(), strict=True) if at is not None
+        }
 
     def unsettled(self, keys: pa.Array, *, retry_failed: bool = False) -> Bools:
         """Which of an array of keys are not `settled`, (N,); for as many as a large fleet has."""
-        return ordering.unsettled(self.tables["transfers"], keys, retry_failed)
+        ids = ordering.ids_of(keys)
+        plans = ordering.settled_plans(self.tables["transfers"], ids, retry_failed, "", [])
+        return ~pc.is_in(ids, plans["transfer_id"].combine_chunks()).to_numpy(zero_copy_only=False)
 
     def newest_plans(self, columns: Sequence[str]) -> pa.Table:
         """The newest plan of each demonstration, target and preset, and its id; repeated texts are kept once.
 
         Of retired demonstrations and targets as well.
         """
-        return ordering.newest_plans(self.tables["transfers"], columns)
+        read = ["transfer_id", *ordering.SLOT, *ordering.NEWEST, "status", *columns]
+        plans = ordering.in_order(self.tables["transfers"].narrow(list(dict.fromkeys(read))), newest=True)
+        return plans.filter(pc.equal(plans["purpose"], "")).select(["transfer_id", *columns])
 
     def create(self) -> Self:
         """Make the catalog where there is none yet; adding does so as well."""

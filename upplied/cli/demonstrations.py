@@ -46,7 +46,7 @@ SetOption = Annotated[
 ]
 StrictOption = Annotated[bool, Parameter(negative="", help="Refuse what is odd too.", show_default=False)]
 StructureOption = Annotated[
-    str, Parameter(help="What was flown, where no side-car says it.", show_default=False)
+    str, Parameter(help="The structure that was flown, where no side-car names it.", show_default=False)
 ]
 RegisterOption = Annotated[
     tuple[str, ...],
@@ -72,6 +72,12 @@ def add(
     stop: Annotated[
         float | None, Parameter(help="Of the inspection, s from the first pose.", show_default=False)
     ] = None,
+    kind: Annotated[
+        str, Parameter(help="Of the structure that a project brings: building, tower.", show_default=False)
+    ] = "",
+    unit_m: Annotated[
+        float | None, Parameter(help="Metres per unit of a model without scale.", show_default=False)
+    ] = None,
     dry_run: Annotated[
         bool, Parameter(negative="", help="Read and judge, store nothing.", show_default=False)
     ] = False,
@@ -93,30 +99,34 @@ def add(
     options = LogOptions(
         allow=tuple(allow), strict=strict, passport=changed(set_), publisher=publisher,
         structure_id=structure, points=_points(register), start_s=start, stop_s=stop,
+        kind=kind, unit_m=unit_m,
     )  # fmt: skip
     with progress("reading flights", len(find_logs(logs))) as advance:
         ingested = fleet.ingest_demonstrations(
             opened(catalog), logs, workers, lambda _: advance(), options=options, dry_run=dry_run
         )
-    code = ingested_report([*ingested, *passed_over(logs)])
-    names = [item.name for item in ingested if item.status in ("added", "unchanged")]
+    known = {Path(item.file).resolve() for item in ingested}
+    others = [item for item in passed_over(logs) if Path(item.file).resolve() not in known]
+    code = ingested_report([*ingested, *others])
+    stored = [item.name for item in ingested if item.status in ("added", "unchanged")]
+    names = [name for name in stored if name in set(opened(catalog).demonstrations()["demonstration_id"])]
     if not code and names:
         next_step(f"transfer {names[0]}", "carry it to every other structure of its kind", catalog)
     return code
 
 
 def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], ...]:
-    """Landmarks in the log's frame, as they are said."""
+    """Landmarks in the log's frame, as they are given."""
     from upplied.errors import SettingsError
 
-    found = []
-    for said in register:
-        name, _, place = said.partition("=")
+    points = []
+    for word in register:
+        name, _, place = word.partition("=")
         try:
-            found.append((name, tuple(float(part) for part in place.split(","))))
+            points.append((name, tuple(float(part) for part in place.split(","))))
         except ValueError:
-            raise SettingsError(f"--register {said[:60]}", "is no point", "NAME=X,Y,Z") from None
-    return tuple(found)
+            raise SettingsError(f"--register {word[:60]}", "is no point", "NAME=X,Y,Z") from None
+    return tuple(points)
 
 
 @app.command(name="list")
@@ -154,8 +164,7 @@ def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: Js
     rows = [{"measured": words, "value": value} for words, value in rows_of(passport)]
     show(f"{demonstration}: {passport['verdict']}", rows, False)
     for item in findings_of(passport):
-        said = f"{item}. {item.remedy}"
-        say(said)
+        say(f"{item}. {item.remedy}")
     return 0
 
 

@@ -48,9 +48,17 @@ class Flags:
     corner_m : float
         How far a vehicle that passes a waypoint without a stop may stray from it, m.
     photos : str
-        Where photos are taken.
+        Where photos are taken: where overlap and coverage need them, by distance, none, or a film instead.
     photo_distance_m : float
         Between photos by distance, m.
+    overlap : str
+        Of photos along and across, %, as 80/70.
+    trigger_s : float
+        Least time between two photos, s; none: what is known of the camera, else 2.
+    camera : str
+        That flies, by its name in cameras.toml; none: that of the demonstration.
+    file_format : str
+        Of the photos: raw ones take longer.
     endurance_s : float
         Of one battery, s: longer missions are split into sorties.
     reserve_pct : float
@@ -82,8 +90,12 @@ class Flags:
     tolerance_m: float = 0.1
     tolerance_deg: float = 3.0
     corner_m: float = 0.5
-    photos: Literal["viewpoints", "distance", "none"] = "viewpoints"
+    photos: Literal["viewpoints", "distance", "video", "none"] = "viewpoints"
     photo_distance_m: float = 2.0
+    overlap: str = ""
+    trigger_s: float | None = None
+    camera: str = ""
+    file_format: Literal["jpeg", "raw"] = "jpeg"
     endurance_s: float | None = None
     reserve_pct: float = 20.0
     max_waypoints: int | None = None

@@ -9,7 +9,7 @@ from upplied.cli.terminal import complain, console, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
-    from upplied.fleet import Asked
+    from upplied.fleet import RuleOptions
     from upplied.inputs.manifests import StructureEntry
     from upplied.inputs.rules import Verdict
     from upplied.records import Structure
@@ -21,7 +21,12 @@ def check_mesh(file: Path, png: Path | None, clean: bool = False) -> int:
 
 
 def check_entry(
-    manifest: Path, id: str, png: Path | None, catalog: Catalog | None, asked: Asked, clean: bool = False
+    manifest: Path,
+    id: str,
+    png: Path | None,
+    catalog: Catalog | None,
+    asked: RuleOptions,
+    clean: bool = False,
 ) -> int:
     """The same of one structure of a manifest, as declared there, among those of a catalog."""
     from upplied.errors import InputError

@@ -21,7 +21,7 @@ from upplied.cli.terminal import (
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
-    from upplied.fleet import Asked
+    from upplied.fleet import RuleOptions
 
 _SIZES = {"size_x_m": "length m", "size_y_m": "width m", "size_z_m": "height m"}
 AllowOption = Annotated[
@@ -160,11 +160,11 @@ def check(
     return int(any(item.status == "failed" for item in found))
 
 
-def _asked(allow: tuple[str, ...], strict: bool, said: tuple[str, ...]) -> Asked:
-    from upplied.fleet import Asked
+def _asked(allow: tuple[str, ...], strict: bool, said: tuple[str, ...]) -> RuleOptions:
+    from upplied.fleet import RuleOptions
     from upplied.inputs.structure_rules import changed
 
-    return Asked(tuple(allow), strict, changed(said))
+    return RuleOptions(tuple(allow), strict, changed(said))
 
 
 def _compared(location: str) -> Catalog | None:

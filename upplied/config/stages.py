@@ -219,7 +219,7 @@ class OptimiseSettings:
     clearance: float = 5.0
     axis: float = 0.5  # of looking a radian farther past what was inspected than the expert did, mean square
     turning: float = 0.005  # of turning the camera by as much again as the demonstration
-    leaving: float = 1.0  # of lying a stand-off from the carried flight, mean square
+    leaving: float = 0.5  # of lying a stand-off from the carried flight, mean square
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
     starts: int = 2  # that are optimised, of those that are tried
     rounds: int = 3  # of casting rays

@@ -3,6 +3,7 @@
 The command line calls these functions directly; the flows call the same ones from Prefect's tasks.
 """
 
+# ruff: noqa: F401
 from __future__ import annotations
 
 import importlib
@@ -12,15 +13,11 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from upplied.fleet.admission import Asked
+    from upplied.fleet.admission import RuleOptions
     from upplied.fleet.checking import check_structures
     from upplied.fleet.decisions import Decision, Job, PlanRequest, decide
-    from upplied.fleet.ingest import (
-        Ingested,
-        ingest_demonstrations,
-        ingest_structures,
-    )
-    from upplied.fleet.keeping import Result, kept
+    from upplied.fleet.ingest import Ingested, ingest_demonstrations, ingest_structures
+    from upplied.fleet.keeping import Result, known_outcomes
     from upplied.fleet.rechecking import Rechecked, recheck
     from upplied.fleet.run import (
         SHARD_TARGETS,
@@ -37,66 +34,28 @@ if TYPE_CHECKING:
     from upplied.fleet.workers import Limits
     from upplied.outputs.publish import publish
 
-__all__ = [
-    "SHARD_TARGETS",
-    "Asked",
-    "Decision",
-    "Ingested",
-    "Job",
-    "Limits",
-    "PlanRequest",
-    "Rechecked",
-    "Resources",
-    "Result",
-    "Run",
-    "Shard",
-    "bundles",
-    "check_structures",
-    "cores",
-    "decide",
-    "ingest_demonstrations",
-    "ingest_structures",
-    "kept",
-    "new_run_id",
-    "plan_here",
-    "publish",
-    "recheck",
-    "shard_name",
-    "shards",
-    "transfer",
-]
-
 logging.getLogger("upplied").addHandler(logging.NullHandler())
 
-# Loaded when first asked for: a process that plans needs neither what reads files nor what draws.
-_HOME = {
-    "upplied.fleet.admission": ("Asked",),
-    "upplied.fleet.checking": ("check_structures",),
-    "upplied.fleet.decisions": ("Decision", "Job", "PlanRequest", "decide"),
-    "upplied.fleet.ingest": ("Ingested", "ingest_demonstrations", "ingest_structures"),
-    "upplied.fleet.keeping": ("Result", "kept"),
-    "upplied.fleet.rechecking": ("Rechecked", "recheck"),
-    "upplied.fleet.run": (
-        "SHARD_TARGETS",
-        "Resources",
-        "Run",
-        "Shard",
-        "bundles",
-        "cores",
-        "plan_here",
-        "shard_name",
-        "shards",
-        "transfer",
-    ),
-    "upplied.fleet.workers": ("Limits",),
-    "upplied.outputs.publish": ("publish",),
+# Where each name is, for a type checker above; loaded when first asked for: a process that plans needs
+# neither what reads files nor what draws.
+_NAMES = {
+    "fleet.admission": "RuleOptions",
+    "fleet.checking": "check_structures",
+    "fleet.decisions": "Decision Job PlanRequest decide",
+    "fleet.ingest": "Ingested ingest_demonstrations ingest_structures",
+    "fleet.keeping": "Result known_outcomes",
+    "fleet.rechecking": "Rechecked recheck",
+    "fleet.run": "SHARD_TARGETS Resources Run Shard bundles cores plan_here shard_name shards transfer",
+    "fleet.workers": "Limits",
+    "outputs.publish": "publish",
 }
+_HOME = {name: f"upplied.{module}" for module, names in _NAMES.items() for name in names.split()}
+__all__ = ["new_run_id", *_HOME]
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in _HOME.items():
-        if name in names:
-            return getattr(importlib.import_module(module), name)
+    if name in _HOME:
+        return getattr(importlib.import_module(_HOME[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -23,7 +23,7 @@ from upplied.scene import scene_of
 
 
 @dataclass(frozen=True)
-class Asked:
+class RuleOptions:
     """What a person says of the rules for all structures of a manifest."""
 
     allow: tuple[str, ...] = ()  # overruled, by name

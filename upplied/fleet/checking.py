@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from upplied.catalog import Catalog
-from upplied.fleet.admission import Admission, Asked, shape_of
+from upplied.fleet.admission import Admission, RuleOptions, shape_of
 from upplied.fleet.ingest import Ingested, Progress, each
 from upplied.fleet.members import Member
 from upplied.inputs import meshes
@@ -20,7 +20,7 @@ def check_structures(
     workers: int = 0,
     progress: Progress = lambda ingested: None,
     catalog: Catalog | None = None,
-    asked: Asked | None = None,
+    asked: RuleOptions | None = None,
 ) -> list[Ingested]:
     """Read the structures of a manifest and say what is wrong; nothing is kept.
 
@@ -34,7 +34,7 @@ def check_structures(
     progress : callable
         Called once for each file that was read.
     catalog : Catalog, optional
-    asked : Asked, optional
+    asked : RuleOptions, optional
         Which rules are overruled, and their bounds.
 
     Returns
@@ -42,7 +42,7 @@ def check_structures(
     list of Ingested
         Each "good", "odd" (with what a person should look at) or "failed" (with the reason).
     """
-    entries = (asked or Asked()).of(read_manifest(manifest))
+    entries = (asked or RuleOptions()).of(read_manifest(manifest))
     found: list[Ingested | tuple[Ingested, tuple[Verdict, ...], Member]] = []
     for name, read in each(_checked, entries, lambda entry: entry.structure_id, workers):
         found.append(Ingested(name, "failed", read) if isinstance(read, str) else read)

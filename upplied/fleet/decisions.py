@@ -52,7 +52,7 @@ class SettingsOf:
     """The settings that a run plans each structure with: the preset's, its kind's, its own, the run's."""
 
     def __init__(self, catalog: Catalog, plan_request: PlanRequest) -> None:
-        self._said = belonging.said(catalog)
+        self._said = belonging.declared(catalog)
         self._zones = required.Zones(catalog)
         self._changes = plan_request.changes
         self._made: dict[tuple[str, str, str], Settings] = {}

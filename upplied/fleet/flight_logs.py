@@ -26,16 +26,7 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.polylines import leg_lengths
 from upplied.proof.align import Alignment
 from upplied.proof.as_flown import AsFlown, as_flown, looks_of
-from upplied.records import (
-    Bools,
-    Camera,
-    Cloud,
-    Demonstration,
-    Ints,
-    Plan,
-    Structure,
-    Trajectory,
-)
+from upplied.records import Bools, Camera, Cloud, Demonstration, Ints, Plan, Structure, Trajectory
 from upplied.scene import scene_of
 from upplied.supposed_scene import scene_for
 

@@ -10,7 +10,6 @@ from upplied.catalog import Catalog, Recipe, recipe
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.belonging import FLOWN
-from upplied.catalog.verbs.decisions import standing
 from upplied.catalog.verbs.looks import put_looks
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import digest
@@ -130,7 +129,7 @@ def _flown(catalog: Catalog, row: Row, wind: Wind, vehicle: Vehicle, seed: int) 
 def _through_gate(catalog: Catalog, row: Row, force: tuple[str, ...]) -> None:
     """Refuse a plan that breaks a rule of the gate; keep which rules were overruled."""
     asked = settings_of(row["settings_json"]).route.clearance_m
-    target, state = catalog.structure(row["target_id"]), standing(catalog).of(row["transfer_id"])
+    target, state = catalog.structure(row["target_id"]), catalog.standing().of(row["transfer_id"])
     found = [
         *gate.broken_by(plan_of(catalog, row), target, asked),
         *undecided(catalog, {**row, "state": state}),

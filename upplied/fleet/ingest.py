@@ -6,58 +6,33 @@ processes: a file that crashes a reader costs itself alone, and many are read at
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from upplied.catalog import Cache, Catalog
+from upplied.catalog import Cache, Catalog, open_catalog
 from upplied.config import digest
-from upplied.errors import InputError, UppliedError
-from upplied.fleet.admission import Admission, Asked
-from upplied.fleet.learn import gather, learnt_flight, learnt_structure
-from upplied.fleet.run import cores
-from upplied.fleet.workers import JobKilled, Workers, WorkersBroken
+from upplied.errors import InputError
+from upplied.fleet.admission import Admission, RuleOptions
+from upplied.fleet.learn import gather, learnt_structure
+from upplied.fleet.projects import facts_of, is_project, read_flight
+from upplied.fleet.reading import BATCH, Ingested, Progress, content_of, each, stored
 from upplied.inputs import logs as log_reader
 from upplied.inputs import meshes
 from upplied.inputs.concerns import nominal_problems
 from upplied.inputs.manifests import StructureEntry, read_manifest
-from upplied.inputs.passport.passport import findings_of
 from upplied.inputs.passport.rules import RULES
-from upplied.inputs.rules import check_allowed, from_json
+from upplied.inputs.rules import check_allowed
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.sources.door import Found, survey
-from upplied.records import Demonstration, Placement, Structure
-
-BATCH = 50  # files read before what they hold is committed together
-
-Item = TypeVar("Item")
-Read = TypeVar("Read")
-Kept = TypeVar("Kept", Structure, Demonstration)
-
-
-@dataclass(frozen=True)
-class Ingested:
-    """What became of one file."""
-
-    name: str  # the id, or the file where no id is known
-    status: (
-        str  # "added", "unchanged", "retired", "failed", "readable" (a trial), or "passed over": no flight
-    )
-    reason: str = ""
-    findings: tuple[str, ...] = ()  # what is odd about it, or was overruled, in words
-    file: str = ""
-    words: str = ""  # what it is, and as what it was taken
-
-
-Progress = Callable[[Ingested], None]
+from upplied.records import Placement, Structure
 
 
 def _silent(ingested: Ingested) -> None:
@@ -70,7 +45,7 @@ def ingest_structures(
     workers: int = 0,
     progress: Progress = _silent,
     prune: bool = False,
-    asked: Asked | None = None,
+    asked: RuleOptions | None = None,
 ) -> list[Ingested]:
     """Read the structures of a manifest and keep those that are new or changed.
 
@@ -85,7 +60,7 @@ def ingest_structures(
         Called with what became of each file.
     prune : bool
         Retire structures that the manifest no longer names, and with them their plans; history stays.
-    asked : Asked, optional
+    asked : RuleOptions, optional
         Which rules are overruled, and their bounds.
 
     Raises
@@ -93,21 +68,29 @@ def ingest_structures(
     InputError
         If the manifest itself cannot be read.
     """
-    entries = (asked or Asked()).of(read_manifest(manifest))
-    table = catalog.create().structures()
-    known = {row.structure_id: (row.sha256, row.site, row.notes) for row in table.itertuples()}
-    sizes = dict(zip(table["structure_id"], table[_SIZES].to_numpy(), strict=True))
-    stored = _Stored(known, sizes, catalog.cache)
-    read = partial(learnt_structure, *_place(catalog))
-    reads = each(read, entries, lambda entry: entry.structure_id, workers, stored.same)
-    by_id = {entry.structure_id: entry for entry in entries}
-    admitted = stored.noted(Admission(catalog).admitted(reads, by_id, BATCH), by_id)
-    ingested = _keep(admitted, known, lambda it: it.structure_id, catalog.add_structures, progress)
+    entries = (asked or RuleOptions()).of(read_manifest(manifest))
+    ingested, known = _added(catalog, entries, workers, progress)
     if prune:
-        gone = sorted(known.keys() - {entry.structure_id for entry in entries})
+        gone = sorted(known - {entry.structure_id for entry in entries})
         catalog.retire_structures(gone)
         ingested += [Ingested(name, "retired") for name in gone]
     return ingested
+
+
+def _added(
+    catalog: Catalog, entries: list[StructureEntry], workers: int, progress: Progress
+) -> tuple[list[Ingested], set[str]]:
+    """What became of the structures of these entries, and the ids that were known before."""
+    table = catalog.create().structures()
+    known = {row.structure_id: (row.sha256, row.site, row.notes) for row in table.itertuples()}
+    sizes = dict(zip(table["structure_id"], table[_SIZES].to_numpy(), strict=True))
+    before = _Stored(known, sizes, catalog.cache)
+    read = partial(learnt_structure, *_place(catalog))
+    reads = each(read, entries, lambda entry: entry.structure_id, workers, before.same)
+    by_id = {entry.structure_id: entry for entry in entries}
+    admitted = before.noted(Admission(catalog).admitted(reads, by_id, BATCH), by_id)
+    ingested = stored(admitted, known, lambda it: it.structure_id, catalog.add_structures, progress)
+    return ingested, set(known)
 
 
 def ingest_demonstrations(
@@ -125,10 +108,11 @@ def ingest_demonstrations(
     catalog, workers, progress
         As above.
     logs : paths
-        Logs, photogrammetry projects, missions, folders of photos, or folders of all of these; what
-        each is, its content tells (`upplied.inputs.sources.door`).
+        Logs, photogrammetry projects, missions, folders of photos, or folders of all of these; their content
+        decides what each is (`upplied.inputs.sources.door`). A project that names no structure brings its own
+        (`upplied.inputs.sources.project_files`).
     options : LogOptions, optional
-        What may be said of all of them; among it the rules of their passports that are overruled.
+        Facts about all of them; among them the rules of their passports that are overruled.
     dry_run : bool
         Read and judge, and keep nothing.
 
@@ -144,36 +128,50 @@ def ingest_demonstrations(
     """
     options = options or LogOptions()
     check_allowed(options.allow, RULES)
+    found = _surveyed([Path(log) for log in logs])
+    if not dry_run and any(map(is_project, found)):  # which may be the first to bring a structure
+        catalog.create()
     table = catalog.demonstrations()
-    if options.strict:  # what was taken with a warning is asked again
+    if options.strict:  # flights with warnings are judged again
         table = table[table["verdict"] != "warned"]
     known = {row.demonstration_id: (row.sha256,) for row in table.itertuples()}
-    placements = placements_of(catalog.structures())
-    read = partial(learnt_flight, *_place(catalog), placements, options=options)
-    same = partial(_same_log, known, placements, options)
-    found = _surveyed([Path(log) for log in logs])
-    flights = {str(one.path): one for one in found if one.is_flight}
-    reads = each(read, [one.path for one in flights.values()], str, workers, same)
-    add = (lambda read: None) if dry_run else catalog.add_demonstrations
-    ingested = _keep(reads, known, lambda it: it.demonstration_id, add, progress)
+    with ExitStack() as stack:
+        home = catalog
+        if dry_run:  # structures of projects go into a catalog that is thrown away
+            home = open_catalog(stack.enter_context(TemporaryDirectory(prefix="upplied-")))
+        add_structures = lambda entries: _added(home, entries, workers, _silent)[0]  # noqa: E731
+        found, structures, facts = facts_of(found, options, add_structures)
+        flights = {str(one.path): one for one in found if one.is_flight}
+        places = {name: _place(home) for name in facts}
+        placements = placements_of(catalog.structures())
+        if facts:
+            placements |= placements_of(home.structures())
+        read = partial(read_flight, places, _place(catalog), placements, facts, options)
+        same = partial(_same_log, known, placements, facts, options)
+        reads = each(read, [one.path for one in flights.values()], str, workers, same)
+        add = (lambda read: None) if dry_run else catalog.add_demonstrations
+        ingested = stored(reads, known, lambda it: it.demonstration_id, add, progress)
     if not dry_run:
         gather(catalog)
     status = {"added": "readable"} if dry_run else {}
-    named = [replace(one, status=status.get(one.status, one.status)) for one in ingested]
-    taken = dict(zip(flights, named, strict=True))
-    return [_told(one, taken.get(str(one.path))) for one in found if one.status in ("flight", "refused")]
+    named = [replace(one, status=status.get(one.status, one.status)) for one in (*structures, *ingested)]
+    by_file = dict(zip(flights, named[len(structures) :], strict=True))
+    listed = [
+        _listed(one, by_file.get(str(one.path))) for one in found if one.status in ("flight", "refused")
+    ]
+    return [*named[: len(structures)], *listed]
 
 
 def passed_over(logs: Iterable[str | Path]) -> list[Ingested]:
     """The files that are named, or lie in folders that are named, and are no flights nor parts of one."""
-    return [_told(one, None) for one in _surveyed([Path(log) for log in logs]) if one.status == "other"]
+    return [_listed(one, None) for one in _surveyed([Path(log) for log in logs]) if one.status == "other"]
 
 
-def _told(found: Found, taken: Ingested | None) -> Ingested:
+def _listed(found: Found, ingested: Ingested | None) -> Ingested:
     """What became of a file, with what it is."""
-    if taken is not None:
-        words = f"{found.words}: {taken.words}" if taken.words else found.words
-        return replace(taken, file=str(found.path), words=words)
+    if ingested is not None:
+        words = f"{found.words}: {ingested.words}" if ingested.words else found.words
+        return replace(ingested, file=str(found.path), words=words)
     refused = found.status == "refused"
     reason = f"{found.path}: {found.words}"
     return Ingested(found.path.name, "failed" if refused else "passed over", reason, file=str(found.path))
@@ -225,22 +223,22 @@ class _Stored:
     noted in the cache; where that is lost, a row is as its entry says if its words begin so.
     """
 
-    said: Mapping[str, tuple[str, ...]]  # hash, site and notes
+    content: Mapping[str, tuple[str, ...]]  # hash, site and notes
     size_m: Mapping[str, np.ndarray]
     cache: Cache
 
     def same(self, entry: StructureEntry) -> Ingested | None:
         """Whether file and entry are as they were; a nominal size that fails is for the reader to tell."""
         name = entry.structure_id
-        if name not in self.said:
+        if name not in self.content:
             return None
         box = np.stack([np.zeros(3), self.size_m[name]])
-        if nominal_problems(box, entry, ()) or meshes.fingerprint(entry) != self.said[name][0]:
+        if nominal_problems(box, entry, ()) or meshes.fingerprint(entry) != self.content[name][0]:
             return None
-        _, site, notes = self.said[name]
+        _, site, notes = self.content[name]
         begins = f"{notes}; ".startswith(f"{entry.notes}; ") or not entry.notes
         told = _Words(site, entry.notes if begins else notes)
-        words = self.cache.get(_WORDS, _Words, digest(self.said[name])) or told
+        words = self.cache.get(_WORDS, _Words, digest(self.content[name])) or told
         return Ingested(name, "unchanged") if words == _Words(entry.site, entry.notes) else None
 
     def noted(
@@ -250,7 +248,7 @@ class _Stored:
         for name, read in reads:
             if isinstance(read, Structure):
                 entry = entries[name]
-                self.cache.put(_WORDS, digest(_said(read)), _Words(entry.site, entry.notes))
+                self.cache.put(_WORDS, digest(content_of(read)), _Words(entry.site, entry.notes))
             yield name, read
 
 
@@ -265,98 +263,15 @@ class _Words:
 _WORDS = "words"
 
 
-def _said(read: Structure | Demonstration) -> tuple[str, ...]:
-    """What is new or changed where it differs; a demonstration's hash is of all its words."""
-    return (read.sha256, read.site, read.notes) if isinstance(read, Structure) else (read.sha256,)
-
-
 def _same_log(
-    known: Mapping[str, tuple[str, ...]], placements: Mapping[str, Placement], options: LogOptions, path: Path
+    known: Mapping[str, tuple[str, ...]],
+    placements: Mapping[str, Placement],
+    facts: Mapping[str, LogOptions],
+    options: LogOptions,
+    path: Path,
 ) -> Ingested | None:
-    """Whether a log and what is said of it are as they were."""
+    """Whether a log and the facts about it are as they were."""
     if not known:
         return None
-    name, sha256 = log_reader.fingerprint(path, options, placements)
+    name, sha256 = log_reader.fingerprint(path, facts.get(str(path), options), placements)
     return Ingested(name, "unchanged") if known.get(name) == (sha256,) else None
-
-
-def each(
-    read: Callable[[Item], Read],
-    items: Sequence[Item],
-    name: Callable[[Item], str],
-    workers: int,
-    same: Callable[[Item], Ingested | None] = lambda item: None,
-) -> Iterator[tuple[str, Read | Ingested | str]]:
-    """Name and record of each file, in order; where there is no record, the reason.
-
-    A file that is the `same` as before is not read; whatever hinders that look, the reader tells.
-    """
-    count = max(1, min(workers or cores(), len(items)))
-    with Workers(count) as pool, ThreadPoolExecutor(count) as threads:
-
-        def one(item: Item) -> tuple[str, Read | Ingested | str]:
-            with suppress(UppliedError, OSError, ValueError):
-                if (before := same(item)) is not None:
-                    return name(item), before
-            try:
-                return name(item), pool.run(read, item)
-            except WorkersBroken:
-                raise
-            except (JobKilled, UppliedError) as error:
-                return name(item), f"{name(item)}: {error}" if isinstance(error, JobKilled) else str(error)
-            except Exception as error:
-                return name(item), f"{name(item)}: {type(error).__name__}: {error}"
-
-        remaining = iter(items)
-        while batch := list(islice(remaining, BATCH)):
-            yield from threads.map(one, batch)
-
-
-def _findings(read: Structure | Demonstration) -> tuple[str, ...]:
-    """What is odd about it, or was overruled, in words."""
-    if isinstance(read, Demonstration):
-        return tuple(map(str, findings_of(read.passport)))
-    return tuple(map(str, from_json(read.verdicts_json)))
-
-
-def _words(read: Structure | Demonstration) -> str:
-    """As what a flight is taken."""
-    if not isinstance(read, Demonstration):
-        return ""
-    camera = f"camera {read.camera.hfov_deg:.0f} x {read.camera.vfov_deg:.0f} deg"
-    seconds = float(read.t_ns[-1] - read.t_ns[0]) * 1e-9
-    notes = f"; {read.notes}" if read.notes else ""
-    return (
-        f"{read.demonstration_id} of {read.structure_id}, {len(read)} poses, {seconds:.0f} s, {camera}{notes}"
-    )
-
-
-def _keep(
-    reads: Iterator[tuple[str, Kept | Ingested | str]],
-    known: Mapping[str, tuple[str, ...]],
-    identify: Callable[[Kept], str],
-    add: Callable[[list[Kept]], object],
-    progress: Progress,
-) -> list[Ingested]:
-    ingested: list[Ingested] = []
-    waiting: list[Kept] = []
-    seen: dict[str, str] = {}
-    for name, read in reads:
-        item = "" if isinstance(read, str) else read.name if isinstance(read, Ingested) else identify(read)
-        if isinstance(read, str):
-            ingested.append(Ingested(name, "failed", read))
-        elif (first := seen.setdefault(item, name)) is not name:
-            ingested.append(Ingested(name, "failed", f"{name}: its id {item!r} is that of {first}"))
-        elif isinstance(read, Ingested) or known.get(item) == _said(read):
-            ingested.append(Ingested(item, "unchanged"))
-        else:
-            words = _words(read)
-            ingested.append(Ingested(item, "added", findings=_findings(read), words=words))
-            waiting.append(read)
-        progress(ingested[-1])
-        if len(waiting) >= BATCH:
-            add(waiting)
-            waiting = []
-    if waiting:
-        add(waiting)
-    return ingested

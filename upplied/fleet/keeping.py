@@ -123,7 +123,7 @@ class Result:
         return counted + (f", {self.superseded} superseded" if self.superseded else "")
 
 
-def kept(catalog: Catalog, jobs: Sequence[Job], run_id: str = "") -> tuple[Result, list[Job]]:
+def known_outcomes(catalog: Catalog, jobs: Sequence[Job], run_id: str = "") -> tuple[Result, list[Job]]:
     """Counts of what the catalog holds of these jobs, whoever planned them, and the jobs it does not hold.
 
     Of failures those of the run `run_id` alone count, where it is said: earlier ones were to be tried again.

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 from upplied.catalog import Catalog, open_catalog, recipe
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import decisions
 from upplied.errors import UppliedError
 from upplied.fleet.run import cores
 from upplied.fleet.workers import JobKilled, Limits, Workers
@@ -61,11 +60,11 @@ def recheck(catalog: Catalog, limits: Limits | None = None) -> list[Rechecked]:
         for row in changed.to_dict("records"):
             target = catalog.newest("structures", row["target_id"])["sha256"]
             found = _judged(workers, catalog.location, {str(name): value for name, value in row.items()})
-            said = catalog.transfer(found.transfer_id), found.note, target, BY
+            judged = catalog.transfer(found.transfer_id), found.note, target, BY
             if found.recalled:
-                decisions.recall(catalog, *said)
+                catalog.recall(*judged)
             else:
-                decisions.rechecked(catalog, *said, found.supposed_sha256)
+                catalog.rechecked(*judged, found.supposed_sha256)
             done.append(found)
     return done
 

@@ -13,11 +13,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import chain, groupby, pairwise, zip_longest
+from operator import attrgetter
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.extras import required
 from upplied.fleet.decisions import Job
-from upplied.fleet.keeping import Keeper, Result, kept
+from upplied.fleet.keeping import Keeper, Result, known_outcomes
 from upplied.fleet.planner import Outcome, plan_job, prepare, this_process, without_path
 from upplied.fleet.workers import JobKilled, Limits, Workers
 
@@ -25,6 +26,7 @@ SHARD_TARGETS = 64  # that a task of an engine plans at most
 SHARDS_EACH = 8  # tasks to a worker where that makes smaller ones, so that all end at about the same time
 
 Shard = tuple[Job, ...]
+_PAIR = attrgetter("source_id", "target_id")
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,7 @@ def plan_here(
     catalog = open_catalog(location)
     keeper = Keeper(catalog, run_id, engine)
     workers = _beside(location, limits or Limits())
-    _, left = kept(catalog, jobs, run_id)
+    _, left = known_outcomes(catalog, jobs, run_id)
     try:
         for job in left:
             keeper.add(attempt(workers, job))
@@ -188,12 +190,8 @@ def _joined(units: Sequence[Shard]) -> Shard:
 
 
 def _by_target(jobs: Sequence[Job]) -> list[Shard]:
-    ordered = sorted(jobs, key=lambda job: (*_pair(job), job.demonstration_id, job.settings.preset, job.key))
-    return [tuple(group) for _, group in groupby(ordered, key=_pair)]
-
-
-def _pair(job: Job) -> tuple[str, str]:
-    return job.source_id, job.target_id
+    ordered = sorted(jobs, key=lambda job: (*_PAIR(job), job.demonstration_id, job.settings.preset, job.key))
+    return [tuple(group) for _, group in groupby(ordered, key=_PAIR)]
 
 
 def shard_name(shard: Shard) -> str:

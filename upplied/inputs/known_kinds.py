@@ -31,7 +31,7 @@ class KnownKind:
 KNOWN = (
     KnownKind(
         ("airliner", "airplane", "aeroplane", "aircraft", "plane", "jet"),
-        (4, 100), width=(0.5, 1.8), height=(0.08, 0.6),
+        (4, 100), width=(0.5, 1.8), height=(0.08, 0.6)
     ),
     KnownKind(("turbine", "windmill"), (8, 450), height=(1.0, math.inf)),
     KnownKind(("ship", "ferry", "tanker", "freighter", "vessel", "cruiser"), (5, 500), width=(0.03, 0.6)),

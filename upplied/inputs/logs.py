@@ -35,7 +35,7 @@ from upplied.inputs.passport.passport import passport_of
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.passport.settings import SHAPING, PassportSettings
 from upplied.inputs.rules import Verdict, broken
-from upplied.inputs.schemas import cameras, foxglove, geodetic, gimbal, inertial, px4, ros, tf, wind
+from upplied.inputs.schemas import cameras, geodetic, gimbal, px4, ros, tf, wind
 from upplied.inputs.sidecar import LogOptions, inspection, placed, stated
 from upplied.inputs.sources import door
 from upplied.inputs.sources.source import Source
@@ -46,20 +46,18 @@ from upplied.scene import scene_of
 
 __all__ = ["LogOptions", "read_demonstration"]
 
-# Neither changes what was flown; and what was not asked yet when logs were taken in leaves their hash alone.
-_UNSAID = ("demonstration_id", "allow", "strict", "passport")
+# Facts that change nothing of a flight, and those that came later and leave the hash of older logs alone.
+_UNHASHED = ("demonstration_id", "allow", "strict", "passport")
 _LATER = (
-    "publisher", "convention", "unit_m", "takeoff_alt_m", "points", "camera_model", "camera_file_format",
-    "camera_width_px", "camera_height_px", "camera_exposure_s", "camera_trigger_s", "camera_focus_m",
-    "camera_focal_mm", "camera_f_number",
+    "publisher", "convention", "unit_m", "takeoff_alt_m", "points", "body_T_antenna_position_m",
+    "camera_model", "camera_file_format", "camera_width_px", "camera_height_px", "camera_exposure_s",
+    "camera_trigger_s", "camera_focus_m", "camera_focal_mm", "camera_f_number",
 )  # fmt: skip
-_PHOTO_HEAD = (
-    1 << 17
-)  # bytes by which a photo is known: those of all of them would take longer than reading them
+_PHOTO_HEAD = 1 << 17  # bytes by which a photo is known: reading all of them would take longer than the rest
 
 FIELDS = {
     schema: paths
-    for family in (ros, foxglove, px4, geodetic, tf, gimbal, cameras, window, wind)
+    for family in (ros, px4, geodetic, tf, gimbal, cameras, window, wind)
     for schema, paths in family.FIELDS.items()
 }
 
@@ -80,7 +78,7 @@ def read_demonstration(
         name with the ending ``.toml`` is read with it.
     options : LogOptions, optional
     placements : mapping of structure id to Placement, optional
-        Where structures stand, for logs of satellite positions that do not say it themselves.
+        Where structures stand, for logs of satellite positions without it.
     structures : callable, optional
         Gives the structure of an id, or raises. With it the flight is measured against its structure and
         judged (`upplied.inputs.passport`); without, it is only read.
@@ -92,7 +90,7 @@ def read_demonstration(
     -------
     Demonstration
         Poses of the camera in the structure frame, m; `dropped`, `breaks`, `degraded` and `notes`
-        say what was wrong with the log.
+        hold what was wrong with the log.
 
     Raises
     ------
@@ -121,8 +119,8 @@ def fingerprint(
 ) -> tuple[str, str]:
     """The id and the hash that `read_demonstration` would give; no message is read.
 
-    The hash differs where what is said of the flight stands among the messages of a damaged log:
-    such a log is read to be known.
+    The hash differs where facts about the flight stand among the messages of a damaged log: such a log is
+    read to be known.
 
     Raises
     ------
@@ -138,16 +136,16 @@ def fingerprint(
 
 
 def _digest(log: str, facts: LogOptions) -> str:
-    """Of the bytes of the log and of all that is said of it."""
-    said = {
+    """Of the bytes of the log and of all facts about it."""
+    hashed = {
         name: value
         for name, value in vars(facts).items()
-        if name not in _UNSAID and (value or name not in _LATER)
+        if name not in _UNHASHED and (value or name not in _LATER)
     }
     shaped = {name: getattr(facts.passport, name) for name in SHAPING}
     if shaped != {name: getattr(PassportSettings(), name) for name in SHAPING}:
-        said["shaped"] = shaped
-    return digest({"log": log, "said": said})
+        hashed["shaped"] = shaped
+    return digest({"log": log, "said": hashed})
 
 
 def _demonstration(
@@ -158,27 +156,30 @@ def _demonstration(
     structures: Callable[[str], Structure] | None,
     flight: bool,
 ) -> tuple[Demonstration, LogOptions]:
-    """The procedure: what is known, then poses from end to end."""
+    """The procedure: the facts, then poses from end to end; and the facts as they are hashed."""
     what, tables = str(path), source.tables
     if flight:
         _check_flown(source.metadata, what)
-    # What is known besides: side-car, metadata, options; and what the kind of file says of itself.
-    said, notes = inspection(path, source.metadata, options)
-    facts = stated(said, source.defaults)
-    _check_structure(facts, path)
-    structure = None if structures is None else structures(facts.structure_id)
-    said, facts = (placed(each, placements.get(facts.structure_id)) for each in (said, facts))
+    # Facts beside the messages: side-car, metadata, options; then the defaults of the kind of file.
+    declared, notes = inspection(path, source.metadata, options)
+    if not declared.structure_id:
+        name = "inspection.toml in it" if path.is_dir() else path.with_suffix(".toml").name
+        remedy = f"write it into {name}, table [inspection], or give --structure"
+        raise InputError(what, "does not name the structure that was flown", "a structure_id", remedy)
+    structure = None if structures is None else structures(declared.structure_id)
+    declared = placed(declared, placements.get(declared.structure_id))
+    facts = stated(declared, source.defaults)
     camera, camera_frame, more, zoom = cameras.camera_of(tables, facts, what)
     tree = tf.tree_of(tables, facts)
     # One source of poses: a topic, or the transforms.
     track, topic, chosen = _source(tables, tree, facts, camera_frame, what)
-    # The inspection alone; what is no pose dropped and counted.
-    track, cut, told = window.inspected(steady(timed(track)), tables, facts, what)
-    track = clean(track, facts, f"{what}, {topic}")
-    check_one(track, facts, f"{what}, {topic}")
-    facts, placing = registered(facts, track, structure, f"{what}, {topic}")
-    track = _in_metres(track, facts, f"{what}, {topic}")
-    track = converted(track, facts.convention) if facts.convention else track
+    where = f"{what}, {topic}"
+    # The inspection alone; samples that are no pose are dropped and counted.
+    track, cut, given = window.inspected(steady(timed(track)), tables, facts, what)
+    track = clean(track, facts, where)
+    check_one(track, facts, where)
+    facts, placing = registered(facts, track, structure, where)
+    track = converted(_in_metres(track, facts, where), facts.convention)
     through = partial(cameras.through, camera, zoom, track, what=what)
     camera, fov_deg = through(facts)
     track = replace(track, fov_deg=fov_deg)
@@ -187,81 +188,68 @@ def _demonstration(
     # From the body to the camera, from the log's frame to the structure's.
     def to_camera(logged: Track) -> Track:
         seen = camera_poses(logged, facts, tree, camera_frame, pointing)
-        return in_structure_frame(in_frame(seen, facts, tree, f"{what}, {topic}"), facts)
+        seen = in_structure_frame(in_frame(seen, facts, tree, where), facts)
+        return converted(seen, facts.convention, of_camera=True)
 
     flown = to_camera(track)
-    if structure is not None and not told and len(flown) > 1:
+    if structure is not None and not given and len(flown) > 1:
         parts = phases(flown, scene_of(structure), SEEN * camera.max_range_m)
         if parts is not None:
             since_s = (flown.t_ns - flown.t_ns[0]) * 1e-9
             inside = (since_s >= parts.start_s) & (since_s <= parts.stop_s)
             track, flown = track.take(np.isin(track.t_ns, flown.t_ns[inside])), flown.take(inside)
             cut = [f"the inspection was found in the log: {parts}"]
-    check_dropped(flown, facts, f"{what}, {topic}")
+    check_dropped(flown, facts, where)
     _check_length(flown, facts, what)
     gap_s = silence_s(flown, facts.gap_s)
     kept, pace = paced(flown, gap_s, facts.passport)
     if flight:
         kept = flown
-    broken, how = breaks(kept, gap_s)
+    first_after, how = breaks(kept, gap_s)
     pacing = [] if flight else pace.words
     notes += [*source.notes, *filter(None, [placing]), *more, *chosen, *cut, *kept.notes, *how, *pacing]
     if source.stills and not camera.trigger_s and len(kept) > 1:
         camera = replace(camera, trigger_s=float(np.diff(kept.t_ns).min() * 1e-9))
     passport: Mapping[str, Any] = {}
     if structure is not None:
-        overruled = _overruled(
-            facts,
-            {
-                "zoom-untimed": through,
-                "several-publishers": lambda said: _one_body(tables, track, said, what),
-                "frame-unconnected": lambda said: in_frame(track, said, tree, what),
-            },
-        )
+        of_reader: dict[str, Callable[[LogOptions], object]] = {
+            "zoom-untimed": through,
+            "several-publishers": lambda asked: _one_body(tables, track, asked, what),
+            "frame-unconnected": lambda asked: in_frame(track, asked, tree, what),
+        }
         reading = Reading(
-            source,
-            track,
-            flown,
-            kept,
-            pace,
-            camera,
-            to_camera,
-            gap_s,
-            tuple(notes),
-            overruled,
-            None if facts.convention else ros.velocity(_named(tables, topic)),
-            inertial.turning(tables),
-        )
+            source, track, flown, kept, pace, camera, to_camera, gap_s, tuple(notes),
+            _overruled(facts, of_reader), None if facts.convention else ros.velocity(_named(tables, topic)),
+            ros.turning(tables), cameras.lens_ratio(zoom, facts),
+        )  # fmt: skip
         passport = passport_of(reading, structure, facts, what)
-    track = kept
-    found = Demonstration(
+    demonstration = Demonstration(
         demonstration_id=facts.demonstration_id,
         structure_id=facts.structure_id,
-        t_ns=track.t_ns,
-        positions=track.positions,
-        quat_xyzw=normalised(track.quat_xyzw),
+        t_ns=kept.t_ns,
+        positions=kept.positions,
+        quat_xyzw=normalised(kept.quat_xyzw),
         camera=camera,
-        fov_deg=track.fov_deg,
+        fov_deg=kept.fov_deg,
         operator=facts.operator,
         site=facts.site,
         about=facts.about,
-        breaks=broken,
+        breaks=first_after,
         degraded=bool(source.losses),
-        dropped=dict(sorted(track.dropped.items())),
-        clock=track.clock,
+        dropped=dict(sorted(kept.dropped.items())),
+        clock=kept.clock,
         topic=topic,
         notes="; ".join([*filter(None, [facts.notes]), *notes, *source.losses]),
         passport=passport,
-        wind=wind.wind_of(tables, track, facts.structure_heading_deg),
+        wind=wind.wind_of(tables, kept, facts.structure_heading_deg),
         stills=source.stills,
     )
-    return found, said
+    return demonstration, declared
 
 
 def _named(tables: Sequence[Table], topic: str) -> Table | None:
     """The odometry of a topic, that of most messages where several publish."""
-    found = [table for table in tables if table.channel.topic == topic]
-    return max(found, key=len, default=None)
+    return max((table for table in tables if table.channel.topic == topic), key=len, default=None)
 
 
 def _one_body(tables: Sequence[Table], track: Track, facts: LogOptions, what: str) -> None:
@@ -269,16 +257,16 @@ def _one_body(tables: Sequence[Table], track: Track, facts: LogOptions, what: st
     check_one(track, facts, what)
 
 
-def _overruled(facts: LogOptions, asked: Mapping[str, Callable[[LogOptions], object]]) -> tuple[Verdict, ...]:
-    """Of the rules that the reader asks, those that are broken and overruled."""
-    found = []
-    for rule, ask in asked.items():
+def _overruled(facts: LogOptions, rules: Mapping[str, Callable[[LogOptions], object]]) -> tuple[Verdict, ...]:
+    """Of the rules of the reader, those that are broken and overruled."""
+    verdicts = []
+    for rule, check in rules.items():
         if rule in facts.allow:
             try:
-                ask(replace(facts, allow=()))
+                check(replace(facts, allow=()))
             except InputError as error:
-                found.append(replace(broken(RULES[rule], error.found), overruled=True))
-    return tuple(found)
+                verdicts.append(replace(broken(RULES[rule], error.found), overruled=True))
+    return tuple(verdicts)
 
 
 def _in_context(error: InputError, path: Path, source: Source) -> InputError:
@@ -301,18 +289,8 @@ def _source(
     return tf.samples(tree, facts, camera_frame, what), tree.topic, notes
 
 
-def _check_structure(facts: LogOptions, path: Path) -> None:
-    if not facts.structure_id:
-        raise InputError(
-            str(path),
-            "does not say which structure was flown",
-            "a structure_id",
-            f"write it into {path.with_suffix('.toml').name}, table [inspection], or give it as an option",
-        )
-
-
 def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -> None:
-    """Refuse what says of itself that no vehicle flew it."""
+    """Refuse a file whose own metadata mark it as one that no vehicle flew."""
     for name, values in metadata:
         plan = name == "plan" and "structure_id" in values
         if plan or (name == "inspection" and values.get("simulated", "").lower() == "true"):
@@ -321,15 +299,13 @@ def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -
 
 
 def _in_metres(track: Track, facts: LogOptions, what: str) -> Track:
-    """The track with its lengths in metres; a reconstruction knows no unit of its own (NaN)."""
+    """The track with its lengths in metres; a reconstruction has no unit of its own (NaN)."""
     if facts.unit_m is None or track.parent == geodetic.STRUCTURE:
         return track
     if not facts.unit_m > 0:
+        found, rule = "has the scale of a reconstruction, which has no unit", "unit_m: metres per unit of it"
         raise InputError(
-            what,
-            "has the scale of a reconstruction, which is none of its own",
-            "unit_m: how long one unit of it is",
-            "write unit_m into the side-car, as the mesh of the project has it",
+            what, found, rule, "write unit_m into the side-car, as the mesh of the project has it"
         )
     return replace(track, positions=track.positions * facts.unit_m)
 
@@ -338,16 +314,14 @@ def _check_length(track: Track, facts: LogOptions, what: str) -> None:
     seconds = float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0
     if len(track) < 2 or seconds < facts.min_duration_s:
         dropped = f" ({reasons(track)} dropped)" if track.dropped else ""
+        found, rule = f"holds {len(track)} poses over {seconds:.2f} s{dropped}", f"{facts.min_duration_s} s"
         raise InputError(
-            what,
-            f"holds {len(track)} poses over {seconds:.2f} s{dropped}",
-            f"at least 2 poses and {facts.min_duration_s} s",
-            "lower min_duration_s if this is the whole flight",
+            what, found, f"at least 2 poses and {rule}", "lower min_duration_s if this is all of it"
         )
 
 
 def _sha256_of(path: Path, kind: str) -> str:
-    """Of the bytes of a file; where several tell of a flight, of all of them, photos by their heads."""
+    """Of the bytes of a file; where several hold a flight, of all of them, photos by their heads."""
     names = door.parts_of(path, kind)
     whole = hashlib.sha256()
     for name in names:

@@ -170,12 +170,9 @@ def _inside(folder: Path, name: str, what: str, allow_outside: bool) -> Path:
         return folder / path
     root = folder.resolve()
     if path.is_absolute() or not (root / path).resolve().is_relative_to(root):
-        raise InputError(
-            what,
-            f"the path {name[:120]!r} leaves the manifest's folder",
-            "paths relative to the manifest, inside its folder",
-            "move the file there, or allow outside paths explicitly",
-        )
+        found = f"the path {name[:120]!r} leaves the manifest's folder"
+        rule = "paths relative to the manifest, inside its folder"
+        raise InputError(what, found, rule, "move the file there, or allow outside paths explicitly")
     return folder / path
 
 
@@ -185,11 +182,8 @@ def _placement(given: Mapping[str, Any], what: str) -> Placement | None:
     if len(missing) == len(parts):
         return None
     if missing:
-        raise InputError(
-            what,
-            f"has no {' and no '.join(missing)}",
-            "lat, lon, alt and heading (deg of +X, clockwise from north) are given together or not at all",
-        )
+        rule = "lat, lon, alt and heading (deg of +X, clockwise from north) are given together or not at all"
+        raise InputError(what, f"has no {' and no '.join(missing)}", rule)
     datum = given.get("datum", "ellipsoid")
     return Placement(given["lat"], given["lon"], given["alt"], given["heading"], datum)
 

@@ -119,23 +119,16 @@ def structure_frame(raw: RawMesh, entry: StructureEntry) -> Floats:
     """The vertices (V, 3) in metres in the structure frame, in double precision throughout."""
     unit = raw.unit_m if entry.unit_m is None else entry.unit_m
     if unit is None or not 0 < unit < np.inf:
-        raise InputError(
-            str(entry.path),
-            "does not declare its units" if unit is None else f"declares a unit of {unit} m",
-            "units = file only for formats that do",
-            "declare m, cm, mm, in, ft or metres per unit",
-        )
+        problem = "does not declare its units" if unit is None else f"declares a unit of {unit} m"
+        allowed = "units = file only for formats that do"
+        raise InputError(str(entry.path), problem, allowed, "declare m, cm, mm, in, ft or metres per unit")
     limit = min(_FARTHEST_M / (unit * entry.scale), _FARTHEST_M**2)
     near = np.abs(raw.vertices) <= limit
     used = used_vertices(raw.triangles, len(near)) if len(raw.triangles) else slice(None)
     far = raw.vertices[used][~near[used] & np.isfinite(raw.vertices[used])]
     if len(far):
-        raise InputError(
-            str(entry.path),
-            f"has a coordinate of {far[0]:.3g} units",
-            f"at most {_FARTHEST_M:g} m",
-            "check the units, or export it again",
-        )
+        found, rule = f"has a coordinate of {far[0]:.3g} units", f"at most {_FARTHEST_M:g} m"
+        raise InputError(str(entry.path), found, rule, "check the units, or export it again")
     local = np.where(near, raw.vertices, np.nan) - np.asarray(entry.local_origin)
     return (local @ turn(entry.up, entry.forward).T) * (unit * entry.scale)
 
@@ -217,12 +210,8 @@ def _cloud(
         len(places) < 4
         or np.linalg.matrix_rank(places - places.mean(axis=0), 1e-9 * np.abs(places).max()) < 2
     ):
-        raise InputError(
-            str(entry.path),
-            f"holds no triangles and {len(places)} points",
-            "a mesh, or at least four points that do not lie on a line",
-            "export the surface again",
-        )
+        rule, remedy = "a mesh, or at least four points that do not lie on a line", "export the surface again"
+        raise InputError(str(entry.path), f"holds no triangles and {len(places)} points", rule, remedy)
     kept = np.flatnonzero(finite)[np.sort(first)]
     points = vertices[kept]
     given = None if raw.normals is None else raw.normals[kept] @ turn(entry.up, entry.forward).T
@@ -247,20 +236,13 @@ def _check_left(triangles: Ints, entry: StructureEntry) -> None:
 def _check_surface(structure: Structure, entry: StructureEntry) -> None:
     what = f"{entry.path} ({entry.structure_id})"
     if structure.is_scan and structure.surface == "drawn":
-        raise InputError(
-            what,
-            "is a point cloud and declared to be drawn",
-            "a cloud is a scan",
-            "leave out surface; where its points are exact, state surface_error_m",
-        )
+        remedy = "leave out surface; where its points are exact, state surface_error_m"
+        raise InputError(what, "is a point cloud and declared to be drawn", "a cloud is a scan", remedy)
     stated, most = structure.surface_error_m, _COARSEST * structure.diagonal_m
     if stated is not None and stated > most:
-        raise InputError(
-            what,
-            f"surface_error_m is {stated:g} m, of a structure of {structure.diagonal_m:.3g} m",
-            f"at most {most:.3g} m, a tenth of its size",
-            "give it in metres, or leave it out",
-        )
+        found = f"surface_error_m is {stated:g} m, of a structure of {structure.diagonal_m:.3g} m"
+        rule = f"at most {most:.3g} m, a tenth of its size"
+        raise InputError(what, found, rule, "give it in metres, or leave it out")
 
 
 def _declared(raw: RawMesh, entry: StructureEntry) -> dict:

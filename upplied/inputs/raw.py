@@ -56,11 +56,8 @@ class Source:
         folder = self.path.parent.resolve()
         name = unquote(uri)
         if "://" in name or "\0" in name or not (folder / name).resolve().is_relative_to(folder):
-            raise self.error(
-                f"refers to {name[:120]!r}, outside its folder",
-                "buffers in the file itself or in its folder",
-                "export it as one file (.glb)",
-            )
+            found, remedy = f"refers to {name[:120]!r}, outside its folder", "export it as one file (.glb)"
+            raise self.error(found, "buffers in the file itself or in its folder", remedy)
         data = read_regular(folder / name, MAX_BYTES, f"{self.path}, its buffer {name[:120]!r}")
         self._hash.update(data)
         return data
@@ -103,11 +100,9 @@ class Assembly:
         """One piece, placed by a matrix (4, 4); a mirroring one turns the winding."""
         self._left -= 1 + max(len(triangles), len(vertices) // 3)
         if self._left < 0:
-            raise self._source.error(
-                "places its parts so often that it grows out of all proportion",
-                "at most a million triangles, or one per four bytes of the file",
-                "export it flattened",
-            )
+            problem = "places its parts so often that it grows out of all proportion"
+            rule = "at most a million triangles, or one per four bytes of the file"
+            raise self._source.error(problem, rule, "export it flattened")
         if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
             found = f"part {name[:60]!r}: triangles refer to vertices that do not exist"
             raise self._source.error(found, f"indices from 0 to {len(vertices) - 1}")
@@ -131,9 +126,7 @@ class Assembly:
 
 
 def flatten(
-    source: Source,
-    roots: list[tuple[Node, Floats]],
-    children: Callable[[Node], list[tuple[Node, Floats]]],
+    source: Source, roots: list[tuple[Node, Floats]], children: Callable[[Node], list[tuple[Node, Floats]]]
 ) -> Iterator[tuple[Node, Floats]]:
     """Every node of a tree with its transform (4, 4) to the scene, depth first, in order.
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Literal
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, Literal, TypeVar
 
 from upplied.errors import InputError, SettingsError
 
 Severity = Literal["refuse", "warn"]
+Settings = TypeVar("Settings", bound=Any)
 
 
 @dataclass(frozen=True)
@@ -107,3 +108,27 @@ def to_json(verdicts: Iterable[Verdict]) -> str:
 def from_json(text: str | None) -> tuple[Verdict, ...]:
     """The verdicts that were stored; none where nothing was."""
     return tuple(Verdict(**item) for item in json.loads(text or "[]"))
+
+
+def with_bounds(settings: Settings, assignments: Iterable[str], prefix: str) -> Settings:
+    """Settings with bounds that are given as ``name=value``, with or without a prefix.
+
+    Raises
+    ------
+    SettingsError
+        If a name is unknown, or a value no number from 0 to 1e9.
+    """
+    known = {item.name: item for item in fields(settings)}
+    values: dict[str, float] = {}
+    for text in assignments:
+        name, _, value = text.removeprefix(prefix).partition("=")
+        if name not in known:
+            raise SettingsError(f"setting {name!r}", "is unknown", f"one of {', '.join(known)}")
+        try:
+            number = int(value) if known[name].type == "int" else float(value)
+        except ValueError:
+            number = -1
+        if not 0 <= number < 1e9:
+            raise SettingsError(f"setting {name}", f"got {value!r}", "a number from 0 to 1e9")
+        values[name] = number
+    return replace(settings, **values)

@@ -17,8 +17,7 @@ from scipy.spatial import cKDTree
 
 from upplied.polylines import chosen_evenly
 from upplied.records import Bools, Floats, Ints, Record, Structure
-from upplied.triangles import points_on_triangles, triangle_areas
-from upplied.vectors import neighbour_spacing
+from upplied.vectors import neighbour_spacing, points_on_triangles, triangle_areas
 
 CLASSES = ("structure", "ground", "clutter", "neighbour")
 _SAMPLES = 150_000  # points that stand for a surface

@@ -1,6 +1,6 @@
-"""What is known of a flight besides its messages: side-car, metadata record and options.
+"""Facts about a flight besides its messages: side-car, metadata record and options.
 
-A recorder cannot know which structure was flown or how the camera is mounted. That is told by a
+A recorder cannot know which structure was flown or how the camera is mounted. That stands in a
 metadata record named ``inspection`` in the log, or by a TOML file next to it (``flight.mcap`` ->
 ``flight.toml``, table ``[inspection]``). Facts: the side-car wins over the metadata, the metadata
 over the options. What to read (topic, start, stop) is the caller's choice: there options win.
@@ -19,6 +19,7 @@ from typing import Any
 from upplied.cameras import FILE_FORMATS, known_cameras
 from upplied.checks import check_id
 from upplied.errors import InputError
+from upplied.inputs.manifest_keys import DATUMS, Parser, array, choice, number, points, text
 from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings
 from upplied.records import Placement
 
@@ -32,7 +33,7 @@ Vector = tuple[float, ...]
 
 @dataclass(frozen=True)
 class LogOptions:
-    """What may be said of a log; None or "" where nothing is said.
+    """Facts about a log; None or "" where nothing is declared.
 
     The same names are the keys of the metadata record and of the side-car's ``[inspection]``,
     except for the last block, which belongs to the reader. All lengths in m, angles in degrees.
@@ -65,17 +66,16 @@ class LogOptions:
     structure_heading_deg: float | None = None  # of +X, clockwise from north
     structure_datum: str = ""  # of the altitude: "ellipsoid" or "amsl"
     geoid_undulation_m: float | None = None  # ellipsoid minus mean sea level, where datums differ
-    takeoff_alt_m: float | None = (
-        None  # of the place of take-off, in the structure's datum: heights may count from it
-    )
+    takeoff_alt_m: float | None = None  # of the place of take-off, in the structure's datum
     unit_m: float | None = (
-        None  # what one unit of the log's lengths is: a reconstruction has a scale of its own
+        None  # metres per unit of the log's lengths: a reconstruction has a scale of its own
     )
     # What the poses are of, and the camera.
     convention: str = ""  # in which the poses are written, where it is not what the schema says
     body_frame: str = ""  # "camera" (x forward), "optical" (z forward) or "body" (x forward, with a mount)
     body_T_camera_position_m: Vector | None = None
     body_T_camera_quat_xyzw: Vector | None = None
+    body_T_antenna_position_m: Vector | None = None  # of the satellite receiver, whose positions are logged
     camera_frame_id: str = ""  # name of the camera's optical frame in TF
     camera_min_range_m: float | None = None
     camera_max_range_m: float | None = None
@@ -101,44 +101,50 @@ class LogOptions:
 
 
 _READER_ONLY = ("gap_s", "max_dropped", "min_duration_s", "allow", "strict", "passport")
-_VECTORS = {
-    "structure_position_m": 3,
-    "structure_quat_xyzw": 4,
-    "body_T_camera_position_m": 3,
-    "body_T_camera_quat_xyzw": 4,
+_VECTOR = array((3,), "3 finite numbers")
+_KEYS: dict[str, Parser] = {
+    "structure_id": check_id,
+    "demonstration_id": check_id,
+    "start_s": number(-1e7, 1e7),
+    "stop_s": number(-1e7, 1e7),
+    "start_ns": number(0, 2**63 - 1, whole=True),
+    "end_ns": number(0, 2**63 - 1, whole=True),
+    "structure_position_m": _VECTOR,
+    "structure_quat_xyzw": array((4,), "a unit quaternion x y z w"),
+    "points": points,
+    "structure_lat_deg": number(-90, 90),
+    "structure_lon_deg": number(-180, 360),
+    "structure_alt_m": number(-1000, 20_000),
+    "structure_heading_deg": number(-360, 360),
+    "structure_datum": choice(DATUMS),
+    "geoid_undulation_m": number(-200, 200),
+    "takeoff_alt_m": number(-1000, 20_000),
+    "unit_m": number(1e-6, 1e6),
+    "convention": choice(CONVENTIONS),
+    "body_frame": choice(BODY_FRAMES),
+    "body_T_camera_position_m": _VECTOR,
+    "body_T_camera_quat_xyzw": array((4,), "a unit quaternion x y z w"),
+    "body_T_antenna_position_m": _VECTOR,
+    "camera_hfov_deg": number(1, 360),
+    "camera_vfov_deg": number(1, 180),
+    "camera_min_range_m": number(0, 10_000),
+    "camera_max_range_m": number(0.01, 100_000),
+    "camera_model": choice(tuple(known_cameras())),
+    "camera_file_format": choice(FILE_FORMATS),
+    "camera_width_px": number(16, 100_000),
+    "camera_height_px": number(16, 100_000),
+    "camera_exposure_s": number(1e-6, 1),
+    "camera_trigger_s": number(0.01, 3600),
+    "camera_focus_m": number(0, 1000),
+    "camera_focal_mm": number(0.1, 10_000),
+    "camera_f_number": number(0.5, 100),
+    "gap_s": number(1e-3, 3600),
+    "max_dropped": number(0, 1),
+    "min_duration_s": number(0, 1e6),
 }
-_POINTS = 1000  # that anybody would name
-_INTEGERS = ("start_ns", "end_ns")
-_TEXTS = tuple(item.name for item in fields(LogOptions) if item.default == "")
 _NAMES = tuple(item.name for item in fields(LogOptions) if item.name not in _READER_ONLY)
+_TEXT = text(MAX_TEXT)
 _FAR_M = 1e7
-_BOUNDS: dict[str, tuple[float, float]] = {
-    "structure_lat_deg": (-90, 90),
-    "structure_lon_deg": (-180, 360),
-    "camera_hfov_deg": (1, 360),
-    "camera_vfov_deg": (1, 180),
-    "camera_min_range_m": (0, 10_000),
-    "camera_max_range_m": (0.01, 100_000),
-    "camera_width_px": (16, 100_000),
-    "camera_height_px": (16, 100_000),
-    "camera_exposure_s": (1e-6, 1),
-    "camera_trigger_s": (0.01, 3600),
-    "camera_focus_m": (0, 1000),
-    "camera_focal_mm": (0.1, 10_000),
-    "camera_f_number": (0.5, 100),
-    "structure_alt_m": (-1000, 20_000),
-    "structure_heading_deg": (-360, 360),
-    "geoid_undulation_m": (-200, 200),
-    "takeoff_alt_m": (-1000, 20_000),
-    "unit_m": (1e-6, 1e6),
-    "start_s": (-1e7, 1e7),
-    "stop_s": (-1e7, 1e7),
-    "start_ns": (0, 2**63 - 1),
-    "end_ns": (0, 2**63 - 1),
-    "gap_s": (1e-3, 3600),
-    "max_dropped": (0, 1),
-    "min_duration_s": (0, 1e6),
-}
 
 
 def inspection(
@@ -166,7 +172,7 @@ def inspection(
     InputError
         If a value has the wrong form, or the side-car holds an unknown key.
     """
-    facts, notes = _checked(options, "options"), []
+    facts, notes = _checked(options), []
     for name, values in metadata:
         if name == "inspection":
             facts = _merged(facts, values, f"{path}: metadata inspection", strict=False)
@@ -174,18 +180,18 @@ def inspection(
     if sidecar.is_file():
         facts = _merged(facts, _read_toml(sidecar), str(sidecar), strict=True)
     for item in fields(LogOptions):
-        said, used = getattr(options, item.name), getattr(facts, item.name)
-        if item.name in _CHOICES and said not in ("", None):
-            facts = replace(facts, **{item.name: said})
-        elif said not in ("", None) and said != used:
-            notes.append(f"{item.name} {said} was overruled by the log's own {used}")
+        option, used = getattr(options, item.name), getattr(facts, item.name)
+        if item.name in _CHOICES and option not in ("", None):
+            facts = replace(facts, **{item.name: option})
+        elif option not in ("", None) and option != used:
+            notes.append(f"{item.name} {option} was overruled by the log's own {used}")
     if not facts.demonstration_id:
         facts = replace(facts, demonstration_id=safe_id(path.stem))
     return facts, notes
 
 
 def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
-    """The facts with the structure's place on the Earth, where they do not tell it themselves."""
+    """The facts with the structure's place on the Earth, where they do not have it themselves."""
     if placement is None or facts.structure_lat_deg is not None:
         return facts
     return replace(
@@ -199,9 +205,10 @@ def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
 
 
 def stated(facts: LogOptions, defaults: Mapping[str, Any]) -> LogOptions:
-    """The facts with what a kind of file says of itself, where nobody says otherwise."""
-    unsaid = {name: value for name, value in defaults.items() if getattr(facts, name) in ("", None)}
-    return replace(facts, **unsaid)
+    """The facts with the defaults of a kind of file, where nothing else is declared."""
+    return replace(
+        facts, **{name: value for name, value in defaults.items() if not _given(getattr(facts, name))}
+    )
 
 
 def safe_id(text: str) -> str:
@@ -232,86 +239,36 @@ def _merged(facts: LogOptions, values: Mapping[str, Any], what: str, strict: boo
     version = values.get("schema_version", "1")
     if str(version) != "1":
         raise InputError(what, f"has schema_version {str(version)[:20]!r}", "schema_version 1")
-    changes = {}
-    for name, value in values.items():
-        if name in _NAMES:
-            if value not in ("", None):
-                changes[name] = _value(name, value, what)
-        elif strict and name != "schema_version":
-            raise InputError(what, f"has an unknown key {str(name)[:60]!r}", f"one of {', '.join(_NAMES)}")
-    return _checked(replace(facts, **changes), what)
+    unknown = [str(name) for name in values if name not in (*_NAMES, "schema_version")]
+    if unknown and strict:
+        raise InputError(what, f"has an unknown key {unknown[0][:60]!r}", f"one of {', '.join(_NAMES)}")
+    return replace(
+        facts, **{name: _parsed(name, values[name], what) for name in _NAMES if _given(values.get(name))}
+    )
 
 
-def _value(name: str, value: Any, what: str) -> Any:
-    try:
-        if isinstance(value, bool):
-            raise TypeError
-        if name == "points":
-            return tuple((str(key), tuple(float(part) for part in place)) for key, place in value.items())
-        if name in _VECTORS:
-            return tuple(float(part) for part in (value.split() if isinstance(value, str) else value))
-        if name in _INTEGERS:
-            return int(value)
-        if name in _TEXTS:
-            if not isinstance(value, str) or len(value) > MAX_TEXT:
-                raise TypeError
-            return value
-        return float(value)
-    except (TypeError, ValueError, OverflowError, AttributeError):
-        form = (
-            "a table of names and three numbers each"
-            if name == "points"
-            else f"{_VECTORS[name]} numbers"
-            if name in _VECTORS
-            else f"text of at most {MAX_TEXT} characters"
-            if name in _TEXTS
-            else "a number"
-        )
-        raise InputError(f"{what}, {name}", f"got {str(value)[:80]!r}", form) from None
+def _given(value: Any) -> bool:
+    return not isinstance(value, str | tuple | None) or bool(value)
 
 
-def _checked(facts: LogOptions, what: str) -> LogOptions:
-    for name, size in _VECTORS.items():
-        _check_vector(name, getattr(facts, name), size, what)
-    for name, point in facts.points[:_POINTS]:
-        _check_vector(f"points, {name[:60]}", point, 3, what)
-    for name in ("structure_id", "demonstration_id"):
-        if getattr(facts, name):
-            check_id(getattr(facts, name), f"{what}, {name}")
-    for item in fields(facts):
-        value = getattr(facts, item.name)
-        if isinstance(value, float) and not math.isfinite(value):
-            raise InputError(f"{what}, {item.name}", f"got {value}", "a finite number")
-        low, high = _BOUNDS.get(item.name, (-math.inf, math.inf))
-        if isinstance(value, float | int) and not low <= value <= high:
-            raise InputError(f"{what}, {item.name}", f"got {value}", f"{low} to {high}")
-    if facts.convention and facts.convention not in CONVENTIONS:
-        raise InputError(
-            f"{what}, convention", f"got {facts.convention[:40]!r}", f"one of {', '.join(CONVENTIONS)}"
-        )
-    if facts.camera_model and facts.camera_model not in (names := known_cameras()):
-        found = f"got {facts.camera_model[:60]!r}"
-        raise InputError(f"{what}, camera_model", found, f"one of {', '.join(names)}")
-    if facts.camera_file_format not in ("", *FILE_FORMATS):
-        found = f"got {facts.camera_file_format[:40]!r}"
-        raise InputError(f"{what}, camera_file_format", found, f"one of {', '.join(FILE_FORMATS)}")
-    if facts.body_frame not in ("", *BODY_FRAMES):
-        raise InputError(
-            f"{what}, body_frame", f"got {facts.body_frame[:40]!r}", f"one of {', '.join(BODY_FRAMES)}"
-        )
-    if facts.structure_datum not in ("", "ellipsoid", "amsl"):
-        raise InputError(
-            f"{what}, structure_datum", f"got {facts.structure_datum[:40]!r}", "ellipsoid or amsl"
-        )
-    return facts
+def _parsed(name: str, value: Any, what: str) -> Any:
+    what = f"{what}, {name}"
+    value = _KEYS.get(name, _TEXT)(value, what)
+    if name == "points":
+        value = tuple(value.items())
+    vectors = (
+        [point for _, point in value] if name == "points" else [value] if isinstance(value, tuple) else []
+    )
+    if any(abs(part) > _FAR_M for vector in vectors for part in vector):
+        raise InputError(what, f"got {str(value)[:80]}", f"numbers up to {_FAR_M:g}")
+    if name.endswith("quat_xyzw") and abs(math.hypot(*value) - 1) > 1e-2:
+        raise InputError(what, f"has length {math.hypot(*value):.3f}", "a unit quaternion x y z w")
+    return value
 
 
-def _check_vector(name: str, vector: Vector | None, size: int, what: str) -> None:
-    if vector is None:
-        return
-    if len(vector) != size or not all(abs(part) <= _FAR_M for part in vector):  # NaN is not
-        raise InputError(f"{what}, {name}", f"got {str(vector)[:80]}", f"{size} finite numbers")
-    if size == 4 and abs(math.hypot(*vector) - 1) > 1e-2:
-        raise InputError(
-            f"{what}, {name}", f"has length {math.hypot(*vector):.3f}", "a unit quaternion x y z w"
-        )
+def _checked(options: LogOptions) -> LogOptions:
+    """The options, each value as a side-car could have it."""
+    given = {name: getattr(options, name) for name in (*_KEYS, *_NAMES) if _given(getattr(options, name))}
+    given["points"] = dict(options.points)
+    changes = {name: _parsed(name, value, "options") for name, value in given.items() if _given(value)}
+    return replace(options, **changes)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
-from upplied.errors import SettingsError
-from upplied.inputs.rules import Rule
+from upplied.inputs.rules import Rule, with_bounds
 
 
 @dataclass(frozen=True)
@@ -77,8 +76,8 @@ RULES = {
 }  # fmt: skip
 
 
-def changed(said: Iterable[str]) -> StructureSettings:
-    """The defaults, with bounds that are said as ``name=value``.
+def changed(assignments: Iterable[str]) -> StructureSettings:
+    """The defaults, with bounds that are given as ``name=value``.
 
     Raises
     ------
@@ -90,17 +89,4 @@ def changed(said: Iterable[str]) -> StructureSettings:
     >>> changed(["size_ratio=10"]).size_ratio
     10.0
     """
-    known = [item.name for item in fields(StructureSettings)]
-    values: dict[str, float] = {}
-    for text in said:
-        name, _, value = text.partition("=")
-        name = name.removeprefix("structures.")
-        if name not in known:
-            raise SettingsError(f"setting {name!r}", "is unknown", f"one of {', '.join(known)}")
-        try:
-            values[name] = float(value)
-        except ValueError:
-            values[name] = -1.0
-        if not 0 < values[name] < 1e9:
-            raise SettingsError(f"setting {name}", f"got {value!r}", "a number above 0, at most 1e9")
-    return replace(StructureSettings(), **values)
+    return with_bounds(StructureSettings(), assignments, "structures.")

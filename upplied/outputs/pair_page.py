@@ -12,7 +12,16 @@ import pandas as pd
 
 from upplied.outputs.along import Profile
 from upplied.outputs.display import packed
-from upplied.outputs.pairs import NOT_FLYABLE, PRESETS, Pair, change, number, said_of, shown_status, stamp
+from upplied.outputs.pairs import (
+    NOT_FLYABLE,
+    PRESETS,
+    Pair,
+    bound_options,
+    change,
+    number,
+    shown_status,
+    stamp,
+)
 from upplied.outputs.verdicts import verdict
 from upplied.records import Demonstration, Floats, Measures
 
@@ -116,7 +125,7 @@ def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str
     return {
         "preset": preset,
         "status": status,
-        "decided": said_of(row),
+        "decided": bound_options(row),
         "counterparts": _text(row.get("counterpart_summary")),
         "parts": _parts(row.get("counterparts")),
         "told_by": _text(row.get("parts_told_by")),

@@ -218,7 +218,7 @@ def _changed(row: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def said_of(row: Mapping[str, Any]) -> str:
+def bound_options(row: Mapping[str, Any]) -> str:
     """What was decided about a plan, by whom and when, in words."""
     state = str(row.get("state") or "")
     if not state or state == "draft":

@@ -12,7 +12,6 @@ from typing import Any
 from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import is_foreign
 from upplied.catalog.verbs.custody import FOREIGN_PLAN, alterations, chain_heads, heads_in_words
-from upplied.catalog.verbs.decisions import standing
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.errors import CatalogError, UppliedError
 from upplied.outputs import figures
@@ -154,7 +153,7 @@ def undecided(source: Source, row: Any) -> list[Breach]:
     found = [Breach("foreign", FOREIGN_PLAN[0])] if is_foreign(row) else []
     if state == "released":
         if isinstance(source, Catalog):
-            wrong = alterations(source, [row["transfer_id"]], standing(source))
+            wrong = alterations(source, [row["transfer_id"]], source.standing())
             found += [Breach("altered", f"it is not what was released: {one}") for one in wrong.values()]
         return found
     if state in ("rejected", "recalled"):

@@ -292,6 +292,7 @@ def plan_of(source: Source, row: Any) -> Plan:
         surface=source.surface(str(row["transfer_id"])) if done else None,
         inspected=source.inspected(str(row["transfer_id"])),
         supposed=source.supposed(str(row["transfer_id"])),
+        photos_sha256=str(row.get("photos_sha256") or ""),
     )
 
 

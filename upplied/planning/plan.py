@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from upplied.cameras import least_interval
 from upplied.config import Settings, digest
 from upplied.errors import RefusedError, SettingsError
+from upplied.photographed import photographed
 from upplied.planning.carry.carried import carry
 from upplied.planning.carry.counterparts import (
     counterparts_of,
@@ -15,16 +19,19 @@ from upplied.planning.carry.counterparts import (
     undecided,
 )
 from upplied.planning.carry.forecast import forecast_of, unlikely
+from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by
 from upplied.planning.carry.missing_parts import missing_of
 from upplied.planning.correspondence.memo import METHOD_VERSION, Memo, no_memo
 from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
 from upplied.planning.measures.evaluate import added_to, judge
+from upplied.planning.measures.photos import photos_of
 from upplied.planning.measures.verdict import in_the_way, odd_shape, shortfalls
 from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,
+    photos_from,
     registration_from,
     required_in,
     structure_in,
@@ -35,7 +42,7 @@ from upplied.planning.surface.frames import (
 from upplied.planning.surface.sizes import odd_size, wrong_size
 from upplied.planning.trajectory.propose import propose
 from upplied.provenance import method
-from upplied.records import Demonstration, Measures, Plan, Structure
+from upplied.records import Bools, Demonstration, Floats, Measures, Photos, Plan, Structure, Trajectory
 from upplied.records.required import RequiredSurface
 from upplied.threads import one_thread
 
@@ -98,6 +105,7 @@ def plan_transfer(
         surface=surface_from(there, plan.surface),
         inspected=surface_from(here, plan.inspected),
         supposed=supposed_from(there, plan.supposed),
+        photos=photos_from(there, plan.photos),
         registration=registration_from(here, there, plan.registration),
     )
 
@@ -115,8 +123,8 @@ def _begun(demonstration: Demonstration, source: Structure, target: Structure, s
     sizes = wrong_size(source, target, settings)
     if sizes and settings.verdict.enforce:
         return replace(plan, status="refused", reason="; ".join(sizes))
-    said = () if sizes else odd_size(source, target, settings)
-    return replace(plan, warnings=said, not_flyable="; ".join(sizes))
+    warnings = () if sizes else odd_size(source, target, settings)
+    return replace(plan, warnings=warnings, not_flyable="; ".join(sizes))
 
 
 def _on_pair(
@@ -133,17 +141,17 @@ def _on_pair(
         pair = study(source, target, settings, memo, siblings)
     except RefusedError as refusal:  # a part that was named is ambiguous
         return replace(plan, status="refused", reason=str(refusal)), ()
-    found = pair.fit_for(settings).registration
-    told = pair.surface.told
+    registration = pair.fit_for(settings).registration
+    labelled = pair.surface.told
     plan = replace(
         plan,
-        registration=found,
+        registration=registration,
         counterpart_summary=pair.surface.correspondences.summary,
-        parts_told_by="" if told is None else told.sibling_id,
+        parts_told_by="" if labelled is None else labelled.sibling_id,
     )
     least = settings.registration.least_probability
-    if not found.accepted and least is None:
-        return replace(plan, status="refused", reason=found.reason), ()
+    if not registration.accepted and least is None:
+        return replace(plan, status="refused", reason=registration.reason), ()
     # What did the expert look at, and from which viewpoints? (Algorithm 2, lines 1 to 13)
     takes = takes_of(demonstration, pair, settings, memo)
     plan = replace(plan, inspected=inspected_states(takes[0]))
@@ -157,12 +165,12 @@ def _on_pair(
         measures=Measures(acceptance_probability=likely.probability),
     )
     if least is not None and likely.probability < least:
-        return replace(plan, status="refused", reason=unlikely(likely, least, found)), takes
+        return replace(plan, status="refused", reason=unlikely(likely, least, registration)), takes
     # Which part of the target is it, and how certain is that?
     counterparts = counterparts_of(takes, settings)
     known = replace(plan.measures, counterpart_probability=least_probability(counterparts))
-    said = *plan.warnings, *doubts(counterparts), *missing_of(counterparts)
-    plan = replace(plan, counterparts=counterparts, measures=known, warnings=said)
+    warnings = *plan.warnings, *doubts(counterparts), *missing_of(counterparts)
+    plan = replace(plan, counterparts=counterparts, measures=known, warnings=warnings)
     if unsure := undecided(counterparts, settings):
         return replace(plan, status="refused", reason=unsure), takes
     return plan, takes
@@ -192,13 +200,13 @@ def decided(
     if plan.status != "ok":
         return plan, ()
     inputs = demonstration, source, target, settings, memo
-    found = _on_pair(plan, *inputs)
-    if siblings and _in_doubt(*found):
+    alone = _on_pair(plan, *inputs)
+    if siblings and _in_doubt(*alone):
         # A sibling is asked where the two leave a doubt, and heard where it leaves none.
-        told = _on_pair(plan, *inputs, siblings)
-        if told[0].parts_told_by and told[0].status == "ok" and not doubts(told[0].counterparts):
-            return told
-    return found
+        labelled = _on_pair(plan, *inputs, siblings)
+        if labelled[0].parts_told_by and labelled[0].status == "ok" and not doubts(labelled[0].counterparts):
+            return labelled
+    return alone
 
 
 def _planned(
@@ -222,6 +230,10 @@ def _planned(
     except RefusedError as refusal:
         reason = "; ".join((str(refusal), *in_the_way(takes[0].pair)))
         return replace(plan, status="refused", reason=reason, warnings=(), not_flyable="")
+    if (
+        demonstration.stills
+    ):  # A flight of photos becomes one: as many as its camera takes, where they are needed.
+        trajectory, is_viewpoint, demonstrated_s = _photographed(takes, settings, trajectory, demonstrated_s)
     # How good is it? The same measures for every preset.
     measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings)
     measures = replace(
@@ -230,8 +242,8 @@ def _planned(
         counterpart_probability=plan.measures.counterpart_probability,
     )
     # May it be flown? What falls short is refused, or says so where it is for comparison.
-    found = shortfalls(trajectory, measures, takes, settings)
-    short = "; ".join((*([plan.not_flyable] if plan.not_flyable else []), *found))
+    reasons = shortfalls(trajectory, measures, takes, settings)
+    short = "; ".join((*([plan.not_flyable] if plan.not_flyable else []), *reasons))
     warnings = (*plan.warnings, *warnings, *odd_shape(measures, settings))
     if short and settings.verdict.enforce:
         return replace(plan, status="refused", reason=short, measures=measures, warnings=warnings)
@@ -246,7 +258,24 @@ def _planned(
         surface=surface,
         supposed=takes[0].pair.supposed,
         warnings=warnings,
+        photos=_photos(trajectory, is_viewpoint, takes, settings) if demonstration.stills else None,
     )
+
+
+def _photographed(
+    takes: Sequence[Take], settings: Settings, trajectory: Trajectory, demonstrated_s: Floats
+) -> tuple[Trajectory, Bools, Floats]:
+    """The path with its photos for viewpoints, no two nearer in time than the camera takes them."""
+    camera, pair = takes[0].inspection.camera, takes[0].pair
+    asked = InspectedSurface.together([inspected_by(take, settings) for take in takes])
+    surface = asked.cloud.at(asked.need > 0)
+    found = photographed(trajectory, camera, pair.target_scene, surface, least_interval(camera)[0])
+    return found.path, found.photo, np.interp(found.planned_s, trajectory.t_s, demonstrated_s)
+
+
+def _photos(path: Trajectory, photo: Bools, takes: Sequence[Take], settings: Settings) -> Photos:
+    pair, camera = takes[0].pair, takes[0].inspection.camera
+    return photos_of(path, photo, pair.surface.target, camera, pair.target_scene, settings.inspection)
 
 
 def transfer_key(

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.geometry.frechet import frechet
 from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.path_views import TRULY, stations
+from upplied.planning.visibility.observations import TRULY, stations
 from upplied.polylines import arc_length, chosen_evenly, interpolated
 from upplied.poses import in_a_row, interpolate
 from upplied.proof.align import Alignment, silence_s, silences

@@ -10,7 +10,7 @@ from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.roadmap import Roadmap, links
 from upplied.planning.measures.attainable import seen_from
 from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.path_views import TRULY
+from upplied.planning.visibility.observations import TRULY
 from upplied.polylines import chosen_evenly
 from upplied.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory

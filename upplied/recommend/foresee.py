@@ -16,7 +16,7 @@ from upplied.planning.correspondence.describe import place_of
 from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
 from upplied.planning.geometry.boxes import diagonal_of, in_source_frame
 from upplied.planning.surface.parts import labels_of, parts_of
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Views
 from upplied.polylines import chosen_evenly
 from upplied.recommend.sight import in_sight
 from upplied.records import Camera, Cloud, Floats, Ints, Record, Registration
@@ -65,7 +65,7 @@ def inspected(cloud: Cloud, views: Views) -> Inspected:
     cloud : Cloud
         Of the structure, with normals and areas.
     views : Views
-        Of that cloud, as `upplied.planning.visibility.path_views.TRULY` sees it.
+        Of that cloud, as `upplied.planning.visibility.observations.TRULY` sees it.
     """
     assert cloud.area_m2 is not None
     total, label, parts = views.total, labels_of(cloud), parts_of(cloud)

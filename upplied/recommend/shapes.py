@@ -14,7 +14,7 @@ from upplied.catalog import Catalog
 from upplied.config import digest, settings_for
 from upplied.planning.correspondence.memo import content_key, surface_key
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.visibility.path_views import TRULY, Views, views
+from upplied.planning.visibility.observations import TRULY, Views, views
 from upplied.recommend.features import (
     FEATURES_VERSION,
     ShapeFeatures,

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from upplied.planning.geometry.boxes import spacing
-from upplied.planning.visibility.path_views import TRULY
+from upplied.planning.visibility.observations import TRULY
 from upplied.records import Bools, Camera, Cloud, Floats, Ints
 
 _OWN_SURFACE = 0.5  # of the spacing: discs so near to a sample are its own surface

@@ -18,7 +18,15 @@ from upplied.records.planning import (
     Visibility,
     Waypoints,
 )
-from upplied.records.plans import SURFACE_STATES, Counterpart, Measures, Plan, SupposedSurface, SurfaceStates
+from upplied.records.plans import (
+    SURFACE_STATES,
+    Counterpart,
+    Measures,
+    Photos,
+    Plan,
+    SupposedSurface,
+    SurfaceStates,
+)
 from upplied.records.structures import Frame, Placement, Structure, StructureInFrame, Surroundings
 
 __all__ = [
@@ -34,6 +42,7 @@ __all__ = [
     "Frame",
     "Ints",
     "Measures",
+    "Photos",
     "Placement",
     "Plan",
     "Record",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from upplied.records.base import Bools, Floats, Ints, Record
+from upplied.records.base import Bools, Floats, Ints, Record, Rows
 from upplied.records.flights import Trajectory
 from upplied.records.planning import Registration
 
@@ -102,6 +102,19 @@ class SupposedSurface(Record):
     error_m: float  # how far the surface may be from there
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Photos(Rows):
+    """The photos of a plan whose demonstration was one of photos, in the order of flight."""
+
+    t_s: Floats  # (K,) from the start of the plan
+    positions: Floats  # (K, 3) m, target frame
+    quat_xyzw: Floats  # (K, 4) unit, camera to structure
+    patches: Ints  # (K,) samples of the target's surface that each shows sharply
+    gsd_mm: Floats  # (K,) ground sample distance, median over these; NaN where there are none
+    blur_px: Floats  # (K,) motion during the exposure, likewise
+    overlap_pct: Floats  # (K,) of what it shows, the share that the one before shows too; NaN for the first
+
+
 @dataclass(frozen=True, repr=False)
 class Counterpart(Record):
     """What on the target corresponds to one part that was inspected."""
@@ -147,6 +160,8 @@ class Plan(Record):
     surface_sha256: str = ""  # of `surface`, where that was stored already and is left out here
     inspected_sha256: str = ""  # of `inspected`, likewise
     supposed_sha256: str = ""  # of `supposed`, likewise
+    photos: Photos | None = None  # at its viewpoints, where the demonstration was one of photos
+    photos_sha256: str = ""  # of `photos`, likewise
 
     @property
     def n_viewpoints(self) -> int:

@@ -13,7 +13,6 @@ import numpy as np
 
 from upplied.catalog import Catalog
 from upplied.catalog.verbs import required
-from upplied.catalog.verbs.decisions import standing
 from upplied.catalog.verbs.standing import unit_of
 from upplied.checks import check_id
 from upplied.errors import InputError, UppliedError
@@ -22,7 +21,7 @@ from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
 from upplied.outputs.along import profile
 from upplied.outputs.display import display_mesh, display_states, nearest_samples, packed, structure_data
 from upplied.outputs.pair_page import path_data
-from upplied.outputs.pairs import number, said_of
+from upplied.outputs.pairs import bound_options, number
 from upplied.outputs.reports import trajectory_of
 from upplied.poses import from_yaw_pitch, optical_axis
 from upplied.proof.asking import Asking
@@ -91,7 +90,7 @@ class Session:
             "demonstration": row["demonstration_id"],
             "target": row["target_id"],
             "kind": self.editing.recipe.target.kind,
-            "state": said_of({str(name): value for name, value in now.items()}),
+            "state": bound_options({str(name): value for name, value in now.items()}),
             "structure": self._structure,
             "camera": {"hfov_deg": camera.hfov_deg, "vfov_deg": camera.vfov_deg},
             "usual_m": self.editing.clearance_m(Asked()),
@@ -187,7 +186,7 @@ class Session:
         return {"told": f"{target.structure_id}: {name} asks for {len(zones)} zone(s)"}
 
     def _last(self) -> str:
-        return standing(self.catalog).last.get(unit_of(self.editing.recipe.row), "")
+        return self.catalog.standing().last.get(unit_of(self.editing.recipe.row), "")
 
     # --- what the answers are made of ----------------------------------------------------------
 

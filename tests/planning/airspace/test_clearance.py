@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from upplied.planning.airspace.clearance import at_least, legs_below, path_clearance
+from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.records import Floats
 from upplied.scene import Scene
 
@@ -89,18 +89,6 @@ def test_a_long_path_along_a_wall_costs_little() -> None:
     path = np.column_stack([np.linspace(-200, 200, 5), np.full(5, 3.0), np.zeros(5)])
     assert path_clearance(wall, path).distance_m == pytest.approx(3, abs=1e-4)
     assert sum(calls) < 2500
-
-
-@pytest.mark.parametrize("near", [0.3, 4.0])
-def test_points_asked_together_are_answered_as_each_alone(near: float) -> None:
-    """Of a walk, whose neighbours lie together, and of points anywhere."""
-    rng = np.random.default_rng(7)
-    sheet = Scene(np.array([[0.0, -5, -5], [0, 5, -5], [0, 0, 9]]), TRIANGLE, 1)
-    walk = np.cumsum(rng.normal(0, near, (1000, 3)), axis=0)
-    for points in (walk, rng.uniform(-30, 30, (1000, 3)), walk[:20], np.repeat(walk[:3], 40, axis=0)):
-        alone = sheet.distance(points) >= 5.0
-        np.testing.assert_array_equal(at_least(sheet, points, 5.0), alone)
-    assert 0 < (sheet.distance(walk) >= 5.0).mean() < 1
 
 
 def test_legs_of_a_path_are_judged_as_legs_anywhere() -> None:

@@ -11,7 +11,7 @@ import pytest
 from upplied.config import settings_for
 from upplied.errors import RefusedError, SettingsError
 from upplied.planning.carry.affine import registered_map
-from upplied.planning.carry.carried import Carried, _refuse_without_counterpart, carry
+from upplied.planning.carry.carried import Carried, _about_inspected, _refuse_without_counterpart, carry
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, takes_of
@@ -57,6 +57,21 @@ def test_the_simple_ways_are_carried_beside_it() -> None:
     np.testing.assert_allclose(
         rigid.positions - flight.positions, np.tile(there - here, (len(flight), 1)), atol=0.05
     )
+
+
+def test_a_part_that_lies_elsewhere_is_followed() -> None:
+    """By a map that brings the middle of what was inspected onto that of its counterparts."""
+    here = take("recommended")
+    fit, shift = here.pair.surface, np.array([3.0, -2.0, 1.0])
+    match = fit.correspondences
+    moved = replace(match, target_points=match.target_points + shift)
+    there = replace(here, pair=replace(here.pair, surface=replace(fit, correspondences=moved)))
+    (before,), (after,) = (_about_inspected(one, np.diag([2.0, 1, 1])) for one in (here, there))
+    points = np.array([[0.0, 0, 0], [1, 2, 3]])
+    assert after.points(points) == pytest.approx(before.points(points) + shift)
+    nothing = replace(here.inspection.attention, weight=np.zeros(len(fit.source)))
+    idle = replace(here, inspection=replace(here.inspection, attention=nothing))
+    assert _about_inspected(idle, np.eye(3)) == []
 
 
 @pytest.mark.parametrize("preset", ["paper", "baseline"])

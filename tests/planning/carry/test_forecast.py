@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from upplied.config import Settings, settings_for
-from upplied.planning.carry.evidence import Evidence
-from upplied.planning.carry.forecast import CAPS, WEIGHTS, forecast_of, in_words, probability_of
+from upplied.planning.carry.forecast import CAPS, WEIGHTS, Evidence, forecast_of, in_words, probability_of
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.plan import plan_transfer

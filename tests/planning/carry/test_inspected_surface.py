@@ -10,7 +10,7 @@ from upplied.planning.carry.inspected_surface import (
     coverage,
     inspected_surface,
 )
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Views
 from upplied.records import Cloud, Correspondences, Trajectory
 
 HERE = Cloud(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [4, 0, 0]]), area_m2=np.arange(1.0, 6.0))

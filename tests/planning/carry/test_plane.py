@@ -10,7 +10,7 @@ import pytest
 
 from upplied.config import TransferSettings
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.carry.planar import at_height, plane_height
+from upplied.planning.carry.on_target import at_height, plane_height
 from upplied.planning.correspondence.pair import Pair
 from upplied.records import Surroundings, Trajectory, Waypoints
 from upplied.scene import Scene

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import upplied.planning.trajectory.complete as completing
 from upplied.config import settings_for
-from upplied.planning.carry.reference import demonstrated_on_target, standing
+from upplied.planning.carry.on_target import demonstrated_on_target, standing
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.geometry.frechet import frechet, zscored

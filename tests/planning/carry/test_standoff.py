@@ -132,18 +132,7 @@ def test_viewpoints_speak_by_equal_shares_of_their_pictures() -> None:
     middle = np.arange(15.0).reshape(5, 3)
     single = Counted(weight, points, middle, wanted).at(np.array([3, 0, 2, 4]))
     assert single.in_metres and np.array_equal(single.seen, middle[[3, 0], None])
-    path = np.random.default_rng(1).normal(size=(5, 3))
-    assert single.ratio(path) == pytest.approx(np.linalg.norm(middle[[3, 0]] - path[[3, 0]], axis=1) / [6, 3])
-
-
-def test_the_share_that_keeps_its_stand_off() -> None:
-    seen = np.zeros((5, 3, 3))
-    found = Standoff(np.arange(5), seen, np.full(5, 10.0))
-    path = np.column_stack([[7.99, 8.001, 10.0, 11.999, 12.01], np.zeros((5, 2))])
-    assert found.ratio(path) == pytest.approx(path[:, 0] / 10)
-    assert found.share(path) == pytest.approx(3 / 5)
-    nothing = Standoff(np.empty(0, np.int64), np.empty((0, 1, 3)), np.empty(0))
-    assert nothing.share(path) == 1.0 and nothing.usual_m == 0.0
+    assert Standoff(np.empty(0, np.int64), np.empty((0, 1, 3)), np.empty(0)).usual_m == 0.0
 
 
 @pytest.mark.parametrize("normals", [True, False])

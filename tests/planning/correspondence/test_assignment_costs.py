@@ -46,10 +46,9 @@ def cost(source: Parts, target: Parts, partner: Sequence[int]) -> float:
             continue
         mine, theirs = source.high[a] - source.low[a], target.high[b] - target.low[b]
         ratio = np.abs(np.log(np.maximum(mine, 1.0) / np.maximum(theirs, 1.0)))
-        coarse = np.abs(np.log(np.maximum(mine, 5.0) / np.maximum(theirs, 5.0)))
         size = abs(np.log(source.area[a] / target.area[b]))
         distance = apart(source, a, target, b)
-        if ratio.max() >= np.log(3) or coarse.max() >= np.log(1.8) or distance >= 0.2 or size >= np.log(3):
+        if ratio.max() >= np.log(1.8) or distance >= 0.2 or size >= np.log(3):
             return np.inf
         total += distance
     for a, c in itertools.combinations(range(len(partner)), 2):
@@ -141,9 +140,10 @@ def test_boxes_of_like_extents_are_alike(size: list[float], alike: bool) -> None
 
 
 def test_small_extents_are_compared_to_a_floor() -> None:
-    """An extent of 0.5 counts as 1 of 100 in the coarse test, and as 5 in the fine one."""
-    agrees = [0.5, 6, 6], [2.9, 6, 6]
+    """An extent of 0.5 counts as 1 of 100; beyond 1.8 times that the surfaces are asked, beyond 3 none is."""
+    agrees = [0.5, 6, 6], [1.7, 6, 6]
     assert counterparts(match_parts(one_box(agrees[0]), one_box(agrees[1]), DIAGONAL, never), 1) == [1]
+    assert counterparts(match_parts(one_box(agrees[0]), one_box([2.9, 6, 6]), DIAGONAL, never), 1) == []
     thick = one_box([3.1, 6, 6])
     assert counterparts(match_parts(one_box(agrees[0]), thick, DIAGONAL, lambda *_: True), 1) == []
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from upplied.planning.correspondence.displacement import brought_onto
+from upplied.planning.correspondence.coherent_point_drift import brought_onto
 from upplied.records import Cloud
 
 

@@ -12,8 +12,7 @@ from made_clouds import boxes
 
 from upplied.config import Settings, settings_for
 from upplied.planning.correspondence import pair, registration
-from upplied.planning.correspondence.fit import Fit
-from upplied.planning.correspondence.fit_settings import surface_settings, voxel_settings
+from upplied.planning.correspondence.fit import Fit, surface_settings, voxel_settings
 from upplied.planning.correspondence.memo import content_key, no_memo, remembering, surface_key
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.correspondence.registration import Declared

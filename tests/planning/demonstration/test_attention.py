@@ -16,7 +16,7 @@ from upplied.planning.surface.frames import structure_in
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.path_views import TRULY, Views, views
+from upplied.planning.visibility.observations import TRULY, Views, views
 from upplied.poses import look_at, matrices
 from upplied.records import Camera, Cloud, Demonstration, Floats, Frame, Ints, Structure, Trajectory
 from upplied.samples.fleet import member

@@ -12,7 +12,7 @@ from winding import turning_deg_per_m
 
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.planning.demonstration.denoise import smoothed
-from upplied.planning.demonstration.pauses import pauses
+from upplied.planning.demonstration.stations import pauses
 from upplied.poses import from_yaw_pitch, look_at, matrices, normalised, optical_axis, yaw_pitch
 from upplied.records import Floats, Trajectory
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.planning.demonstration.pauses import pauses, steadied
+from upplied.planning.demonstration.stations import pauses, steadied
 from upplied.records import Floats, Trajectory
 
 

@@ -15,8 +15,8 @@ from upplied.planning.measures.fidelity import (
     order_kept,
     turned_rad,
 )
-from upplied.planning.visibility.dwell import Dwell
 from upplied.planning.visibility.moments import Moments, moments
+from upplied.planning.visibility.observations import Dwell
 from upplied.records import Bools, Cloud, Floats, Trajectory
 from upplied.vectors import sphere
 

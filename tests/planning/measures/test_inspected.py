@@ -9,16 +9,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
-from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.carry.inspected_surface import inspected_by
 from upplied.planning.correspondence.pair import study_pair
-from upplied.planning.demonstration.repetition import Take, takes_of
-from upplied.planning.demonstration.sharp_looks import look_limits
+from upplied.planning.demonstration.repetition import Take, look_limits, takes_of
 from upplied.planning.measures.fidelity import bent_rad, fidelity, order_kept, turned_rad
-from upplied.planning.measures.inspected import inspected_measures, shown_of
+from upplied.planning.measures.measure import inspected_measures, shown_of
 from upplied.planning.measures.resolution import resolution
 from upplied.planning.visibility.moments import moments, rates
-from upplied.planning.visibility.path_views import TRULY, Views, stations, views
+from upplied.planning.visibility.observations import TRULY, Views, stations, views
 from upplied.poses import interpolate, look_at
 from upplied.records import Bools, Floats, Trajectory
 from upplied.samples.box import box

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from upplied.planning.carry.inspected_surface import InspectedSurface, coverage, inspected_surface
-from upplied.planning.measures.inspected import Shown, surface_states
-from upplied.planning.measures.measure import measure, path_length, peaks
-from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, stations, views
+from upplied.planning.measures.measure import Shown, measure, path_length, peaks, surface_states
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, stations, views
 from upplied.poses import interpolate, look_at
 from upplied.records import Camera, Cloud, Correspondences, Floats, Trajectory
 from upplied.scene import Scene

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from upplied.config import focal_px, settings_for
-from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.carry.inspected_surface import inspected_by
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, takes_of
 from upplied.planning.measures.resolution import resolution
-from upplied.planning.visibility.path_views import TRULY, views
+from upplied.planning.visibility.observations import TRULY, views
 from upplied.records import Trajectory
 from upplied.samples.box import box
 from upplied.samples.pilot import fly

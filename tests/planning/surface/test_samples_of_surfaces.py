@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial import ConvexHull, cKDTree
 
 from upplied.config import CloudSettings
-from upplied.planning.surface.poisson import shares, thin
 from upplied.planning.surface.samples import surface_samples
+from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Cloud, Structure
 from upplied.scene import scene_of
 

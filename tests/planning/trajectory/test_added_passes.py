@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from upplied.config import Settings, settings_for
-from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.carried import Carried, carry
 from upplied.planning.correspondence.pair import study_pair

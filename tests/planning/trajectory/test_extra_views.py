@@ -118,7 +118,7 @@ DEAR = Price(6.0, lambda off: (np.atleast_2d(off) ** 2).sum(axis=1), 0.25, 1.0)
 @pytest.mark.parametrize("share", [0.98, 1.02])
 def test_a_place_is_taken_where_it_shows_more_than_it_costs(share: float) -> None:
     """Five metres aside of sixty, there and back on twice as much path each, and 0.2 rad turned."""
-    price = 2 / 3 * (2 * 5) / 60 * 5**2 + 2 * 0.25 * 0.2 + 1e-3
+    price = 2 / 3 * (2 * 5) / 60 * 5**2 + 2 * 0.25 * 0.2 + 5e-3
     found = _taken(bent_line(), places((2, [0, 4, 3], 0.2, 0, [True])), np.array([share * price]), DEAR)
     tent = np.clip(1 - np.abs(np.array([0.0, 10, 30, 60]) - 30) / 10, 0, 1)
     taken = share > 1
@@ -128,7 +128,7 @@ def test_a_place_is_taken_where_it_shows_more_than_it_costs(share: float) -> Non
 
 def test_a_level_camera_turns_by_its_heading_and_a_steep_one_by_less() -> None:
     steep = Flown(bent_line().positions, np.zeros(4), np.full(4, np.arccos(0.5)))
-    turned = 2 * 0.25 * np.hypot(0.5 * 0.6, 0.1) + 2 / 3 * 2 / 60 + 1e-3
+    turned = 2 * 0.25 * np.hypot(0.5 * 0.6, 0.1) + 2 / 3 * 2 / 60 + 5e-3
     for share in (0.99, 1.01):
         one = places((1, [1, 0, 0], 0.6, np.arccos(0.5) - 0.1, [True]))
         found = _taken(steep, one, np.array([share * turned]), DEAR)
@@ -190,7 +190,7 @@ def test_a_turn_on_the_path_comes_and_goes_as_steadily_as_the_camera_turns() -> 
     one = places((10, [0, 0, 0], 0.5, 0, [True]))
     found = _taken(path, one, np.array([1.0]), free)
     np.testing.assert_allclose(found.yaw, 0.5 * np.clip(1 - np.abs(x - 10) / 5, 0, 1))
-    for left, taken in ((0.25, False), (0.252, True)):  # there and back
+    for left, taken in ((0.254, False), (0.256, True)):  # there and back
         assert _taken(path, one, np.array([left]), free).yaw.any() == taken
 
 

@@ -10,8 +10,7 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.optimise import Problem, Start, optimise
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.terms.leaving import Leaving
-from upplied.planning.trajectory.terms.shape import Shape
+from upplied.planning.trajectory.terms.path import Leaving, Shape
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Cloud, Surroundings

@@ -12,12 +12,8 @@ from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms import Term
 from upplied.planning.trajectory.terms.axis import Axis, aims, angles, axes
-from upplied.planning.trajectory.terms.clearance import Clearance
 from upplied.planning.trajectory.terms.coverage import Coverage
-from upplied.planning.trajectory.terms.leaving import Leaving
-from upplied.planning.trajectory.terms.shape import Shape
-from upplied.planning.trajectory.terms.standoff import StandoffKept
-from upplied.planning.trajectory.terms.turning import Turning
+from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Cloud, Surroundings

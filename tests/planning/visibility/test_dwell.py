@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.planning.visibility.dwell import dwell, sphere, stations_at, widened
 from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Views, dwell, sphere, stations_at, widened
 from upplied.poses import look_at
 from upplied.records import Cloud, Floats, Trajectory
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from upplied.config import VisibilitySettings
-from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, stations, views
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, stations, views
 from upplied.poses import angle_between, from_yaw_pitch
 from upplied.records import Camera, Cloud, Trajectory
 

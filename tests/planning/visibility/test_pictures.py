@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.config import focal_px
 from upplied.planning.visibility.moments import Moments
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Views
 from upplied.planning.visibility.pictures import pictures
 from upplied.records import Camera, Cloud, Floats, Trajectory
 

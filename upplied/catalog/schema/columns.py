@@ -7,8 +7,16 @@ from functools import cached_property
 
 import pyarrow as pa
 
-TEXT, REAL, WHOLE, TRUTH = pa.string(), pa.float64(), pa.int64(), pa.bool_()
-MOMENT = pa.timestamp("us", tz="UTC")
+TYPES = {
+    "text": pa.string(),
+    "real": pa.float64(),
+    "whole": pa.int64(),
+    "truth": pa.bool_(),
+    "moment": pa.timestamp("us", tz="UTC"),
+}
+MOMENT = TYPES["moment"]
+#: Hash of a row, and that of the row before it in a table whose rows follow each other.
+ROW_SHA256, BEFORE_SHA256 = "row_sha256", "before_sha256"
 
 
 @dataclass(frozen=True)
@@ -27,14 +35,14 @@ class Column:
     @property
     def constraint(self) -> str:
         """What is allowed, in words."""
-        said = ["required"] if self.required else []
+        parts = ["required"] if self.required else []
         if self.allowed:
-            said.append("one of " + ", ".join(self.allowed))
+            parts.append("one of " + ", ".join(self.allowed))
         if self.low is not None and self.high is not None:
-            said.append(f"{self.low:g} to {self.high:g}")
+            parts.append(f"{self.low:g} to {self.high:g}")
         elif self.low is not None:
-            said.append(f"at least {self.low:g}")
-        return ", ".join(said)
+            parts.append(f"at least {self.low:g}")
+        return ", ".join(parts)
 
     @property
     def field(self) -> pa.Field:
@@ -62,35 +70,7 @@ class Table:
         """The names of the columns, in order."""
         return [column.name for column in self.columns]
 
-
-def identity(name: str, meaning: str) -> Column:
-    """A text that every row has."""
-    return Column(name, TEXT, "", meaning, required=True)
-
-
-COMMIT = identity("commit_id", "name of the commit that wrote the row")
-COMMIT_VERSION = Column(
-    "commit_version",
-    WHOLE,
-    "1",
-    "number of that commit: of two rows the one with the larger number is the newer, whatever clocks say; "
-    "-1 in rows of schema version 1",
-    required=True,
-    low=-1,
-)
-ROW_SHA256 = Column(
-    "row_sha256", TEXT, "", "hash of all that the row says; empty in rows of before schema version 3"
-)
-BEFORE_SHA256 = Column(
-    "before_sha256",
-    TEXT,
-    "",
-    "`row_sha256` of the row before it, which is part of its own: no row can be changed or taken away unseen",
-)
-ADDED = "by the clock of the place, never before what was added earlier"
-
-
-def committed(when: str, chained: bool = True) -> tuple[Column, ...]:
-    """The columns that say by which commit a row came, when, in words, and after which row."""
-    moment = Column("added_at", MOMENT, "UTC", f"{when}, {ADDED}", required=True)
-    return COMMIT, moment, COMMIT_VERSION, ROW_SHA256, *((BEFORE_SHA256,) if chained else ())
+    @property
+    def is_chained(self) -> bool:
+        """Whether the rows follow each other by their hashes."""
+        return BEFORE_SHA256 in self.names

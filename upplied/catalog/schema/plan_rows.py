@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from upplied.catalog.schema.rows import Row, json_text
 from upplied.catalog.schema.steps import added_of, pose_arrays, poses_sha256, step_table, zoom_of
-from upplied.catalog.schema.tables import WAYPOINTS
+from upplied.catalog.schema.tables import TABLES
 from upplied.config import Settings, settings_for
 from upplied.errors import CatalogError
 from upplied.records import Bools, Counterpart, Measures, Plan, Registration, Trajectory
@@ -126,6 +126,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         "surface_sha256": plan.surface_sha256,
         "inspected_sha256": plan.inspected_sha256,
         "supposed_sha256": plan.supposed_sha256,
+        "photos_sha256": plan.photos_sha256,
     }
 
 
@@ -140,7 +141,7 @@ def waypoint_table(name: str, plan: Plan) -> pa.Table:
         "is_viewpoint": _viewpoint_flags(plan),
         "origin": plan.origin,
     }
-    return step_table(WAYPOINTS, columns, path.positions, path.quat_xyzw, path.fov_deg)
+    return step_table(TABLES["waypoints"], columns, path.positions, path.quat_xyzw, path.fov_deg)
 
 
 def plan_of(row: Row, waypoints: pa.Table) -> Plan:
@@ -164,6 +165,7 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
         warnings=tuple(json.loads(row["warnings"] or "[]")),
         flyable=bool(row["flyable"]),
         not_flyable=row["not_flyable"] or "",
+        photos_sha256=row["photos_sha256"] or "",
     )
 
 

@@ -16,7 +16,7 @@ from upplied.catalog.schema.columns import BEFORE_SHA256, MOMENT, ROW_SHA256
 _TEXT = pa.large_string()
 _COLON = pa.scalar(":", _TEXT)
 _ROWS = 4096  # hashed at a time: a row of plans takes kilobytes
-_OWN = (ROW_SHA256.name, BEFORE_SHA256.name)
+_OWN = (ROW_SHA256, BEFORE_SHA256)
 
 
 def content_hashes(rows: pa.Table) -> list[str]:

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
-from upplied.catalog.schema.tables import POSES
+from upplied.catalog.schema.tables import TABLES
 from upplied.polylines import leg_lengths
 from upplied.records import (
     Camera,
@@ -185,7 +185,7 @@ def pose_table(demonstration: Demonstration) -> pa.Table:
         "t_ns": np.asarray(demonstration.t_ns, np.int64),
     }
     flown = demonstration
-    return step_table(POSES, columns, flown.positions, flown.quat_xyzw, flown.fov_deg)
+    return step_table(TABLES["poses"], columns, flown.positions, flown.quat_xyzw, flown.fov_deg)
 
 
 def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 
 from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.tables import TABLES
-from upplied.records import Bools, Floats, Ints
+from upplied.records import Bools, Floats, Ints, Photos
 from upplied.records.plans import ORIGINS
 
 _POSITION = ("x_m", "y_m", "z_m")
@@ -91,12 +91,16 @@ def poses_sha256(
     added: Bools | None = None,
 ) -> str:
     """Hash of poses as they are stored, the same on every machine; `added` is part of it where any is."""
-    hashed = hashlib.sha256()
     added = None if added is None or not added.any() else added
-    parts: list[Any] = [t, np.asarray(positions, float), stored_quats(quat_xyzw)]
-    for part in [*parts, *(part for part in (flags, fov_deg, added) if part is not None)]:
-        values = np.ascontiguousarray(part)
-        hashed.update(values.astype(values.dtype.newbyteorder("<"), copy=False).tobytes())
+    return _sha256_of([t, np.asarray(positions, float), stored_quats(quat_xyzw), flags, fov_deg, added])
+
+
+def _sha256_of(parts: Sequence[Any]) -> str:
+    hashed = hashlib.sha256()
+    for part in parts:
+        if part is not None:
+            values = np.ascontiguousarray(part)
+            hashed.update(values.astype(values.dtype.newbyteorder("<"), copy=False).data)
     return hashed.hexdigest()
 
 
@@ -117,29 +121,51 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
     added = added_of(steps)
     numbers, (positions, quats), zooms = steps["seq"].to_numpy(), pose_arrays(steps), zoom_of(steps)
     starts = _starts(steps, (key, "commit_id"))
-    firsts = steps.select([key, "commit_id"]).take(pa.array(starts, pa.int64()))
+    if not len(starts):
+        return
+    firsts = steps.select([key, "commit_id"]).take(pa.array(starts))
     names = zip(*(column.to_pylist() for column in firsts.columns), strict=True)
-    for owner, start, stop in zip(names, starts, [*starts, len(steps)][1:], strict=True):
-        own = slice(start, stop)
-        if not np.array_equal(numbers[own], np.arange(stop - start)):
+    stops = np.append(starts[1:], len(steps))
+    wrong = numbers != np.arange(len(steps)) - np.repeat(starts, stops - starts)
+    late = np.diff(times, prepend=0) <= 0
+    late[starts] = False
+    seen = np.zeros(len(steps), bool) if zooms is None else ~np.isnan(zooms).all(axis=1)
+    misnumbered, unordered, zooming = (np.logical_or.reduceat(each, starts) for each in (wrong, late, seen))
+    quats = stored_quats(quats)
+    for at, owner in enumerate(names):
+        own = slice(starts[at], stops[at])
+        if misnumbered[at]:
             yield owner[0], "the steps are not numbered 0, 1, 2 ..."
-        elif np.any(np.diff(times[own]) <= 0):
+        elif unordered[at]:
             yield owner[0], "time does not increase"
         else:
-            flagged = None if flags is None else flags[own]
-            zoomed = None if zooms is None or np.isnan(zooms[own]).all() else zooms[own]
-            marked = None if added is None else added[own]
-            if poses_sha256(times[own], positions[own], quats[own], flagged, zoomed, marked) != sha256[owner]:
+            poses = [times[own], positions[own], quats[own], None if flags is None else flags[own]]
+            zoom = zooms[own] if zooms is not None and zooming[at] else None
+            marked = added[own] if added is not None and added[own].any() else None
+            if _sha256_of([*poses, zoom, marked]) != sha256[owner]:
                 yield owner[0], "the steps do not match the hash in their row"
 
 
-def _starts(rows: pa.Table, names: tuple[str, ...]) -> list[int]:
+def _starts(rows: pa.Table, names: tuple[str, ...]) -> Ints:
     """Where one of these texts is another one than in the row before."""
     if not len(rows):
-        return []
+        return np.empty(0, np.int64)
     differs = np.zeros(len(rows), bool)
     differs[0] = True
     for name in names:
         column = rows[name]
         differs[1:] |= pc.not_equal(column.slice(1), column.slice(0, len(rows) - 1)).to_numpy()
-    return [int(at) for at in np.flatnonzero(differs)]
+    return np.flatnonzero(differs)
+
+
+#: Of the photos of a plan, `Catalog.photos`.
+PHOTO_COLUMNS = (
+    "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "patches", "gsd_mm", "blur_px", "overlap_pct",
+)  # fmt: skip
+
+
+def photo_columns(photos: Photos) -> dict[str, Any]:
+    """The columns of a plan's photos by name."""
+    poses = (*photos.positions.T, *photos.quat_xyzw.T)
+    shown = (photos.patches, photos.gsd_mm, photos.blur_px, photos.overlap_pct)
+    return dict(zip(PHOTO_COLUMNS, (photos.t_s, *poses, *shown), strict=True))

@@ -15,12 +15,7 @@ import pyarrow.compute as pc
 from upplied.catalog.schema.columns import BEFORE_SHA256, ROW_SHA256, Table
 from upplied.catalog.schema.row_hashes import content_hashes, link
 
-_HASH, _BEFORE = ROW_SHA256.name, BEFORE_SHA256.name
-
-
-def is_chained(table: Table) -> bool:
-    """Whether the rows of a table follow each other."""
-    return _BEFORE in table.names
+_HASH, _BEFORE = ROW_SHA256, BEFORE_SHA256
 
 
 def sealed(rows: pa.Table, stored: pa.Table | None) -> pa.Table:
@@ -76,7 +71,7 @@ def breaks(table: Table, parts: Iterable[pa.Table]) -> Iterator[tuple[str, str]]
     chain: list[pa.Table] = []
     for part in parts:
         yield from changed_rows(table, part)
-        if is_chained(table):
+        if table.is_chained:
             chain.append(part)
     if chain:
         yield from _loose(table.names[0], pa.concat_tables(chain, promote_options="default"))
@@ -84,7 +79,7 @@ def breaks(table: Table, parts: Iterable[pa.Table]) -> Iterator[tuple[str, str]]
 
 def changed_rows(table: Table, rows: pa.Table) -> Iterator[tuple[str, str]]:
     """Rows, with all their columns, that do not match their own hashes: which, and what is wrong."""
-    before = rows[_BEFORE].to_pylist() if is_chained(table) else [None] * len(rows)
+    before = rows[_BEFORE].to_pylist() if table.is_chained else [None] * len(rows)
     names, stated = rows[table.names[0]].to_pylist(), rows[_HASH].to_pylist()
     for name, content, said, one in zip(names, content_hashes(rows), stated, before, strict=True):
         if said and said != (content if one is None else link(one, content)):

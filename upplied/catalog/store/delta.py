@@ -31,7 +31,7 @@ from deltalake.transaction import AddAction
 
 from upplied.catalog.schema.columns import BEFORE_SHA256, ROW_SHA256, Table
 from upplied.catalog.schema.migrations import SCHEMA_VERSION, needed, upgraded
-from upplied.catalog.store.chain import is_chained, sealed
+from upplied.catalog.store.chain import sealed
 from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.errors import explained
 from upplied.catalog.store.files import FileStore, sync_path
@@ -115,7 +115,7 @@ class StoredTable(TableLog):
         self, columns: list[str], where: ds.Expression | None = None, version: int | None = None
     ) -> pa.Table:
         """As `read`, for questions over every row: texts that repeat are kept once (dictionaries)."""
-        parts = [_encoded(rows) for rows in self.batches(columns, where, version)]
+        parts = [encoded(rows) for rows in self.batches(columns, where, version)]
         return pa.concat_tables(parts).unify_dictionaries()
 
     def batches(
@@ -133,11 +133,17 @@ class StoredTable(TableLog):
         if dataset is None:
             return
         present = [name for name in wanted.names if name in dataset.schema.names]
+        for batch in self._scanned(dataset, where, present):
+            yield upgraded(self.declared, in_schema(batch, wanted)).select(columns)
+
+    def _scanned(
+        self, dataset: ds.Dataset, where: ds.Expression | None = None, columns: list[str] | None = None
+    ) -> Iterator[pa.Table]:
         # A row of plans takes kilobytes: few are read ahead. With threads up to a gibibyte is decoded ahead
         # of whoever asks (Acero's backpressure starts there), whatever the readahead says; and with buffers
         # filled beforehand, which spares round trips to an object store, as long as nobody asks.
         scanner = dataset.scanner(
-            columns=present,
+            columns=columns,
             fragment_scan_options=ds.ParquetFragmentScanOptions(pre_buffer=not self._files.local),
             filter=where,
             batch_size=_ROW_GROUP,
@@ -145,10 +151,9 @@ class StoredTable(TableLog):
             fragment_readahead=1,
             use_threads=False,
         )
-        with closing(scanner.to_batches()) as found:
-            while (batch := explained(self.uri, partial(next, found, None))) is not None:
-                rows = in_schema(pa.table(batch), wanted)
-                yield upgraded(self.declared, rows).select(columns)
+        with closing(scanner.to_batches()) as batches:
+            while (batch := explained(self.uri, partial(next, batches, None))) is not None:
+                yield pa.table(batch)
 
     def whole(self, where: ds.Expression | None = None) -> pa.Table:
         """The rows that fit, with the columns that only a newer program knows as well."""
@@ -160,12 +165,7 @@ class StoredTable(TableLog):
     def whole_batches(self) -> Iterator[pa.Table]:
         """All rows with all their columns, some at a time."""
         dataset = self.dataset()
-        if dataset is None:
-            return
-        scanner = dataset.scanner(batch_size=_ROW_GROUP, batch_readahead=1, fragment_readahead=1)
-        with closing(scanner.to_batches()) as found:
-            while (batch := explained(self.uri, partial(next, found, None))) is not None:
-                yield self._complete(pa.table(batch))
+        return iter(()) if dataset is None else map(self._complete, self._scanned(dataset))
 
     def _complete(self, found: pa.Table) -> pa.Table:
         unknown = [field for field in found.schema if field.name not in self.declared.names]
@@ -285,7 +285,7 @@ class StoredTable(TableLog):
                 numbered = numbered.set_column(
                     numbered.schema.get_field_index(name), field, pa.repeat(stamp, len(rows))
                 )
-            numbered = sealed(numbered, self._chain(delta) if is_chained(self.declared) else None)
+            numbered = sealed(numbered, self._chain(delta) if self.declared.is_chained else None)
             added = self.new_file(numbered)
             about = {"rows": str(len(rows)), STATED: self._unstated(delta.version())}
             said = CommitProperties(about, max_commit_retries=30, app_transactions=[Transaction(_ORDER, now)])
@@ -309,7 +309,7 @@ class StoredTable(TableLog):
     def _chain(self, delta: DeltaTable) -> pa.Table:
         """The rows that the next ones follow: all of each where none has a hash yet."""
         rows = self.rows_of(delta)
-        found = rows.to_table([ROW_SHA256.name, BEFORE_SHA256.name, "commit_version"])
+        found = rows.to_table([ROW_SHA256, BEFORE_SHA256, "commit_version"])
         return found if pc.any(pc.greater(found[0], "")).as_py() else self._complete(rows.to_table())
 
     def _unstated(self, version: int) -> str:
@@ -320,7 +320,7 @@ class StoredTable(TableLog):
         return self._stated[1]
 
 
-def _encoded(rows: pa.Table) -> pa.Table:
+def encoded(rows: pa.Table) -> pa.Table:
     """Rows with their texts as dictionaries, but for those that name a row each.
 
     Copied: a column as it was read keeps ten times its bytes in memory, those it was decoded in.

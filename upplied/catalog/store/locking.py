@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -13,7 +14,6 @@ from upplied.errors import CatalogError
 PATIENCE_S = 1800.0  # a publication of a large fleet takes minutes
 _LOOK_S = 0.1
 _TURN_S = 5.0  # of a writer that holds its turn for longer nobody waits: it was stopped, or is far away
-_NEXT_S = 0.005
 
 
 @contextmanager
@@ -34,16 +34,55 @@ def locked(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def turn(path: Path) -> Iterator[None]:
-    """Wait for the others who do the same, for some seconds at most; a courtesy, which nothing depends on."""
-    handle = -1
+    """Wait for the others who do the same, for some seconds at most; a courtesy, which nothing depends on.
+
+    Nobody overtakes: the first who waits holds a second lock until it has the first, and whoever comes back
+    for another turn needs that second lock too. The kernel wakes them, so that a loaded machine, on which a
+    look now and then would mostly find the turn taken, makes nobody wait longer than the others work.
+    """
+    waiting = _Waiting(path)
+    waiting.start()
+    waiting.ended.wait(_TURN_S)
     try:
-        with suppress(OSError):
-            handle = _opened(path)
-            _taken(handle, _TURN_S, _NEXT_S)
         yield
     finally:
-        if handle >= 0:
-            os.close(handle)
+        waiting.leave()
+
+
+class _Waiting(threading.Thread):
+    """Waits in the kernel, which knows no patience; whoever gives up leaves it behind."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(name=f"turn of {path.name}", daemon=True)
+        self._paths = (path.with_suffix(".next"), path)
+        self._handles: list[int] = []
+        self._left = False
+        self._lock = threading.Lock()
+        self.ended = threading.Event()
+
+    def run(self) -> None:
+        with suppress(OSError, ImportError):
+            import fcntl
+
+            for path in self._paths:
+                self._handles.append(handle := _opened(path))
+                fcntl.flock(handle, fcntl.LOCK_EX)
+            os.close(self._handles.pop(0))
+        with self._lock:
+            self.ended.set()
+            if self._left:
+                self._close()
+
+    def leave(self) -> None:
+        """Let the next one in, now or as soon as this one would have had its turn."""
+        with self._lock:
+            self._left = True
+            if self.ended.is_set():
+                self._close()
+
+    def _close(self) -> None:
+        while self._handles:
+            os.close(self._handles.pop())
 
 
 def _opened(path: Path) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.dataset as ds
 from deltalake import DeltaTable
 
@@ -43,6 +44,14 @@ class TableLog:
         threads may outlive the interpreter that it calls back into.
         """
         return delta.to_pyarrow_dataset(filesystem=self._files.filesystem())
+
+    def rows_in(self, delta: DeltaTable, names: list[str]) -> ds.Dataset:
+        """The rows of some data files of a version, a newer program's columns among them.
+
+        (The dataset of all files states the range of every column of every file, which costs far more.)
+        """
+        schema = pa.schema(delta.schema().to_arrow())
+        return ds.dataset(names, schema, "parquet", self._files.filesystem())
 
     def delta(self) -> DeltaTable | None:
         """The table itself, as of its newest commit, for maintenance; None where there is none."""

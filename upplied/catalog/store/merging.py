@@ -74,7 +74,7 @@ def _merge_oldest(table: StoredTable, delta: DeltaTable, size_bytes: int) -> int
 def _merged(table: StoredTable, delta: DeltaTable, chosen: dict[str, int]) -> int:
     if len(chosen) < 2:
         return 0
-    rows = _rows_of(table, delta, set(chosen))
+    rows = table.rows_in(delta, list(chosen)).to_table()
     rows = rows.sort_by([(name, "ascending") for name in table.declared.order])
     now = int(time.time() * 1000)
     added = replace(table.new_file(rows), data_change=False)
@@ -102,7 +102,7 @@ def _of_a_size(table: StoredTable, delta: DeltaTable) -> dict[str, int]:
         classes.setdefault(int(math.log(max(file["num_records"] or 1, 1), _MANY)), []).append(file)
     many = next((files[:_MANY] for _, files in sorted(classes.items()) if len(files) >= _MANY), [])
     rows = sum(file["num_records"] or 0 for file in many)
-    if rows and rows * _row_bytes(table, delta) > _TIDIED_BYTES:
+    if rows and rows * _row_bytes(table, delta, [file["path"] for file in many]) > _TIDIED_BYTES:
         return {}
     return {file["path"]: file["size_bytes"] for file in many}
 
@@ -115,9 +115,10 @@ def _files(delta: DeltaTable) -> list[dict[str, Any]]:
 
 def _small(table: StoredTable, delta: DeltaTable, size_bytes: int) -> list[tuple[str, int, float]]:
     """Files less than half of the largest that is made, oldest first: name, size, and share of that."""
-    row_bytes = _row_bytes(table, delta)
+    files = _files(delta)
+    row_bytes = _row_bytes(table, delta, [file["path"] for file in files])
     found = []
-    for file in _files(delta):
+    for file in files:
         size, rows = file["size_bytes"], file["num_records"] or 0
         share = max(size / size_bytes, rows * row_bytes / DECODED_BYTES)
         if share < 0.5:
@@ -125,14 +126,7 @@ def _small(table: StoredTable, delta: DeltaTable, size_bytes: int) -> list[tuple
     return found
 
 
-def _row_bytes(table: StoredTable, delta: DeltaTable) -> float:
-    """What a row takes in memory, bytes, told from some."""
-    some = table.rows_of(delta).head(_ROWS_WEIGHED)
+def _row_bytes(table: StoredTable, delta: DeltaTable, names: list[str]) -> float:
+    """What a row takes in memory, bytes, estimated from some."""
+    some = table.rows_in(delta, names[:1]).head(_ROWS_WEIGHED)
     return some.nbytes / max(len(some), 1)
-
-
-def _rows_of(table: StoredTable, delta: DeltaTable, names: set[str]) -> pa.Table:
-    """All rows of some data files, in the table's own schema: a newer program's columns are kept."""
-    dataset = table.rows_of(delta)
-    parts = [part for part in dataset.get_fragments() if part.path.rsplit("/", 1)[-1] in names]
-    return pa.concat_tables([part.to_table(schema=dataset.schema) for part in parts])

@@ -17,6 +17,7 @@ from upplied.records import Floats, Ints, Record, SurfaceStates
 
 REMEDY = "take it from a backup, or plan it again"
 SUPPOSED = "supposed"  # folder of what was never scanned of targets, by content
+PHOTOS = "photos"  # of the photos of plans, likewise
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,4 +1,4 @@
-"""Settings that belong to kinds and structures: said once, inherited, and part of what a plan is named by.
+"""Settings that belong to kinds and structures: set once, inherited, and part of a plan's key.
 
 What a run asks for comes over what a structure says, that over what its kind says, that over the preset. They
 are for the plans that are to be flown (`recommended`); plans for comparison keep the settings of their
@@ -16,7 +16,7 @@ import pandas as pd
 
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import json_text
-from upplied.catalog.verbs import adding, required
+from upplied.catalog.verbs.required import Requiring, Zones
 from upplied.config import PRESETS, settings_for
 from upplied.errors import CatalogError, SettingsError
 
@@ -27,16 +27,16 @@ Changes = dict[str, dict[str, Any]]  # stage -> setting -> value
 Owner = tuple[str, str]  # scope and owner
 
 FLOWN = "recommended"  # the preset that they are for
-ZONES = "required.zones"  # follows from what is required, and is not said
+ZONES = "required.zones"  # follows from requirements, and is not set
 PRESET = "preset"  # which of them: it has no stage, and changes nothing within one
 # Its rows stand apart: programs that know no such setting read the other scopes alone.
 APART = {"kind": "preset of kind", "structure": "preset of structure"}
 _SCOPES = {apart: scope for scope, apart in APART.items()}
 
 
-def said(catalog: Reading) -> dict[Owner, Changes]:
-    """What kinds and structures say now."""
-    found: dict[Owner, Changes] = {}
+def declared(catalog: Reading) -> dict[Owner, Changes]:
+    """The settings of kinds and structures now."""
+    owners: dict[Owner, Changes] = {}
     table = rows.rows_of(catalog.tables["settings"].read())
     for row in sorted(table, key=lambda row: row["commit_version"]):
         stage, _, name = row["setting"].rpartition(".")
@@ -44,11 +44,11 @@ def said(catalog: Reading) -> dict[Owner, Changes]:
         if scope in _SCOPES:
             stage, name = "", PRESET
         owner = _SCOPES.get(scope, scope), str(row["owner"])
-        values = found.setdefault(owner, {}).setdefault(stage, {})
+        values = owners.setdefault(owner, {}).setdefault(stage, {})
         values.pop(name, None)
         if row["value_json"]:
             values[name] = _tuples(json.loads(row["value_json"]))
-    return found
+    return owners
 
 
 def changes_for(
@@ -56,75 +56,95 @@ def changes_for(
 ) -> Changes:
     """The changes to a preset for one structure: its kind's, over them its own, over them those of a run."""
     parts = [known.get(("kind", kind), {}), known.get(("structure", structure_id), {})]
-    made: Changes = {}
+    changes: Changes = {}
     for part in [*(parts if preset == FLOWN else []), asked]:
         for stage, values in part.items():
             if not stage:  # the preset, which is the one that is flown
                 continue
-            made[stage] = {**made.get(stage, {}), **values}
-    return made
+            changes[stage] = {**changes.get(stage, {}), **values}
+    return changes
 
 
-def say(catalog: Reading, scope: str, owner: str, values: Mapping[str, Any], by: str, note: str = "") -> int:
-    """See `Catalog.set`."""
-    if not by.strip():
-        raise SettingsError("a setting", "says not who set it", "a name", "say --by NAME")
-    structures = catalog.structures()
-    known = structures["kind" if scope == "kind" else "structure_id"]
-    if scope not in ("kind", "structure") or owner not in set(known):
-        some = ", ".join(sorted(set(known))[:8])
-        raise CatalogError(f"{scope} {owner}", "is not in the catalog", f"such as {some}" if some else "")
-    commit = adding.new_commit_id(catalog)
-    made: list[rows.Row] = []
-    for setting, value in values.items():
-        stage, dot, name = setting.partition(".")
-        if setting == PRESET:
-            _check_preset(value)
-        elif not dot:
-            raise SettingsError(f"setting {setting!r}", "cannot be read", "STAGE.NAME")
-        if setting == ZONES:
-            raise SettingsError(f"setting {ZONES}", "follows from requirements", "", "say: upplied require")
-        if value is None:
-            value_json = ""
-            if setting != PRESET and not hasattr(getattr(settings_for(FLOWN), stage, None), name):
-                settings_for(FLOWN, **{stage: {name: None}})  # which says what there is instead
-        else:
-            if setting != PRESET:
-                settings_for(FLOWN, **{stage: {name: _tuples(value)}})
-            value_json = json_text(value)
-        made.append(
-            {
-                "setting_id": f"{commit}-{len(made)}",
-                "scope": APART[scope] if setting == PRESET else scope,
-                "owner": owner,
-                "setting": f"{PRESET}.name" if setting == PRESET else setting,
-                "value_json": value_json,
-                "by": by.strip(),
-                "note": note,
-            }
-        )
-    return adding.add_rows(catalog, "settings", made)
+class OwnSettings(Requiring):
+    """A catalog whose kinds and structures have settings; see `upplied.catalog.Catalog`."""
 
+    def set(self, scope: str, owner: str, values: Mapping[str, Any], by: str, note: str = "") -> int:
+        """Set settings of a kind or a structure, which its plans are then made with.
 
-def settings_of(catalog: Reading, structure_id: str) -> pd.DataFrame:
-    """See `Catalog.settings_of`."""
-    kind = str(catalog.newest("structures", structure_id)["kind"])
-    known = said(catalog)
-    whole = settings_for(FLOWN, **changes_for(known, FLOWN, kind, structure_id, {}))
-    found = []
-    for stage, values in {"": {PRESET: whole.preset}, **asdict(whole)}.items():
-        for name, value in (values if isinstance(values, dict) else {}).items():
-            source = f"preset {FLOWN}"
-            for scope, owner in (("kind", kind), ("structure", structure_id)):
-                if name in known.get((scope, owner), {}).get(stage, {}):
-                    source = f"{scope} {owner}"
-            found.append({"setting": f"{stage}.{name}".lstrip("."), "value": value, "from": source})
-    zones = required.Zones(catalog).of(kind, structure_id)
-    if zones:
-        row = next(row for row in found if row["setting"] == ZONES)
-        row["value"] = ", ".join(f"{zone['zone']} ({zone['set']} {zone['version']})" for zone in zones)
-        row["from"] = ", ".join(dict.fromkeys(zone["asked_by"] for zone in zones))
-    return pd.DataFrame(found, columns=["setting", "value", "from"])
+        Parameters
+        ----------
+        scope : {"kind", "structure"}
+        owner : str
+            The kind, or the id of the structure.
+        values : mapping
+            Setting to value, as ``{"route.clearance_m": 3.0}``; None takes it back.
+        by : str
+            Who sets them.
+        note : str
+        """
+        if not by.strip():
+            raise SettingsError("a setting", "has nobody who sets it", "a name", "say --by NAME")
+        structures = self.structures()
+        known = structures["kind" if scope == "kind" else "structure_id"]
+        if scope not in ("kind", "structure") or owner not in set(known):
+            some = ", ".join(sorted(set(known))[:8])
+            raise CatalogError(f"{scope} {owner}", "is not in the catalog", f"such as {some}" if some else "")
+        commit = self.new_commit_id()
+        new: list[rows.Row] = []
+        for setting, value in values.items():
+            stage, dot, name = setting.partition(".")
+            if setting == PRESET:
+                _check_preset(value)
+            elif not dot:
+                raise SettingsError(f"setting {setting!r}", "cannot be read", "STAGE.NAME")
+            if setting == ZONES:
+                raise SettingsError(
+                    f"setting {ZONES}", "follows from requirements", "", "say: upplied require"
+                )
+            if value is None:
+                value_json = ""
+                if setting != PRESET and not hasattr(getattr(settings_for(FLOWN), stage, None), name):
+                    settings_for(FLOWN, **{stage: {name: None}})  # which says what there is instead
+            else:
+                if setting != PRESET:
+                    settings_for(FLOWN, **{stage: {name: _tuples(value)}})
+                value_json = json_text(value)
+            new.append(
+                {
+                    "setting_id": f"{commit}-{len(new)}",
+                    "scope": APART[scope] if setting == PRESET else scope,
+                    "owner": owner,
+                    "setting": f"{PRESET}.name" if setting == PRESET else setting,
+                    "value_json": value_json,
+                    "by": by.strip(),
+                    "note": note,
+                }
+            )
+        return self.add_rows("settings", new)
+
+    def declared_settings(self) -> pd.DataFrame:
+        """Every setting that was declared for kinds and structures, in the order of commits."""
+        return self.by_commit("settings")
+
+    def settings_of(self, structure_id: str) -> pd.DataFrame:
+        """Every setting that plans of a structure are made with, its value and where that comes from."""
+        kind = str(self.newest("structures", structure_id)["kind"])
+        known = declared(self)
+        whole = settings_for(FLOWN, **changes_for(known, FLOWN, kind, structure_id, {}))
+        settings = []
+        for stage, values in {"": {PRESET: whole.preset}, **asdict(whole)}.items():
+            for name, value in (values if isinstance(values, dict) else {}).items():
+                source = f"preset {FLOWN}"
+                for scope, owner in (("kind", kind), ("structure", structure_id)):
+                    if name in known.get((scope, owner), {}).get(stage, {}):
+                        source = f"{scope} {owner}"
+                settings.append({"setting": f"{stage}.{name}".lstrip("."), "value": value, "from": source})
+        zones = Zones(self).of(kind, structure_id)
+        if zones:
+            row = next(row for row in settings if row["setting"] == ZONES)
+            row["value"] = ", ".join(f"{zone['zone']} ({zone['set']} {zone['version']})" for zone in zones)
+            row["from"] = ", ".join(dict.fromkeys(zone["asked_by"] for zone in zones))
+        return pd.DataFrame(settings, columns=["setting", "value", "from"])
 
 
 def _check_preset(value: object) -> None:

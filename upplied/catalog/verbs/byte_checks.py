@@ -47,7 +47,7 @@ def stored_contents(catalog: Reading) -> dict[str, Folder]:
     surfaces = catalog.surfaces
     stores: tuple[ContentStore[Any], ...] = (
         *(catalog.meshes, surfaces.states, surfaces.samples, catalog.supposed_surfaces),
-        *(catalog.flown_paths, catalog.looks, catalog.labels),
+        *(catalog.plan_photos, catalog.flown_paths, catalog.looks, catalog.labels),
     )
     return {store.folder: _folder(store) for store in stores}
 

@@ -12,7 +12,7 @@ from upplied.catalog.schema import plan_rows
 from upplied.catalog.schema.columns import ROW_SHA256
 from upplied.catalog.schema.row_hashes import content_hashes
 from upplied.catalog.schema.rows import ADDED, Row
-from upplied.catalog.store.chain import changed_rows, head_of, is_chained
+from upplied.catalog.store.chain import changed_rows, head_of
 from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.owned import step_faults
 from upplied.catalog.verbs.roster import roster_of
@@ -55,7 +55,7 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) 
     found = {}
     for plan, wrong in step_faults(catalog, "waypoints", rows):
         found[plan] = wrong
-    for row in rows.select(["transfer_id", "waypoints_sha256", ROW_SHA256.name]).to_pylist():
+    for row in rows.select(["transfer_id", "waypoints_sha256", ROW_SHA256]).to_pylist():
         plan, decision = row["transfer_id"], released[row["transfer_id"]]
         if decision["decision_id"] in changed:
             found[plan] = f"its release {changed[decision['decision_id']]}"
@@ -97,7 +97,7 @@ def chain_heads(catalog: Reading) -> dict[str, str]:
     """
     columns = catalog.tables
     found = {name: head_of(rows) for name, table in columns.items()
-             if is_chained(table.declared) and len(rows := table.whole())}  # fmt: skip
+             if table.declared.is_chained and len(rows := table.whole())}  # fmt: skip
     return {name: sha256 for name, sha256 in found.items() if sha256}
 
 

@@ -12,6 +12,7 @@ import os
 import re
 from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,29 +68,13 @@ def describe(place: Path, about: dict[str, Any]) -> None:
     }
     lines = [f"- {count} rows in `{table}.parquet`" for table, count in about["rows"].items()]
     whom = f" Please name: {about['attribution']}." if about["attribution"] else ""
-    readme = _README.format(name=about["name"], rows="\n".join(lines), licence=about["licence"], whom=whom)
+    text = resources.files(__package__).joinpath("texts", "dataset.md").read_text(encoding="utf-8")
+    readme = text.format(name=about["name"], rows="\n".join(lines), licence=about["licence"], whom=whom)
     replace_file(place / "README.md", readme.encode())
     replace_file(place / "LICENCE.txt", f"{about['licence']}\n{about['attribution']}\n".encode())
     replace_file(place / "DATA_DICTIONARY.md", data_dictionary().encode())
     files = {_relative(place, path): _sha256(path) for path in sorted(place.rglob("*")) if path.is_file()}
     replace_file(place / _DATASET, json.dumps({**about, "files": files}, indent=2).encode())
-
-
-_README = """\
-# {name}
-
-Expert demonstrations of inspection flights, and what they became on other structures.
-
-{rows}
-- the meshes of the structures in `meshes/`, what each plan sees of its target in `surfaces/` and `samples/`,
-  what of it was never scanned in `supposed/`, named by their hash
-
-Every table is plain Parquet: `pandas.read_parquet("transfers.parquet")`. DATA_DICTIONARY.md explains each
-column and its unit. Rows name the hashes of the log, the meshes, the settings and the versions of method and
-program that they came from; `dataset.json` holds the hash of every file here.
-
-Licence: {licence}.{whom}
-"""
 
 
 def check_files(place: Path) -> set[str]:

@@ -8,21 +8,18 @@ knew of, so the second does not count, and whoever made it is told.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 import pyarrow.compute as pc
 
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import adding, custody, ordering, queries
-from upplied.catalog.verbs.frames import frame
+from upplied.catalog.verbs import custody, ordering, queries
+from upplied.catalog.verbs.belonging import OwnSettings
 from upplied.catalog.verbs.roster import check_name, roster_of, signature
 from upplied.catalog.verbs.standing import Standing, standing_of, unit_of
 from upplied.errors import RefusedError, SettingsError
 from upplied.provenance import code_version
-
-if TYPE_CHECKING:
-    from upplied.catalog.reading import Reading
 
 #: Rules that a release keeps unless it is forced by their names, and why.
 RELEASE_RULES = {
@@ -35,184 +32,200 @@ RELEASE_RULES = {
 _LONGEST = 2000  # letters of a name or note: it stands on pages
 
 
-def decisions(catalog: Reading, transfer_id: str | None = None) -> pd.DataFrame:
-    """See `Catalog.decisions`."""
-    table = catalog.tables["decisions"]
-    where = None if transfer_id is None else pc.field("transfer_id") == transfer_id
-    found = frame(table.read(where)).sort_values("commit_version", kind="stable")
-    return found.reset_index(drop=True)
+class Deciding(OwnSettings):
+    """A catalog of plans that people decide about; see `upplied.catalog.Catalog`."""
 
+    def decisions(self, transfer_id: str | None = None) -> pd.DataFrame:
+        """What was decided about plans, in the order of commits; about one, or all."""
+        where = None if transfer_id is None else pc.field("transfer_id") == transfer_id
+        return self.by_commit("decisions", where)
 
-def standing(catalog: Reading) -> Standing:
-    """What follows from all decisions of a catalog."""
-    return standing_of(queries.decided(catalog.tables["decisions"]))
+    def standing(self) -> Standing:
+        """What follows from all decisions."""
+        return standing_of(queries.decided(self.tables["decisions"]))
 
+    def in_force(self, *, structure: str | None = None, kind: str | None = None) -> pd.DataFrame:
+        """The plans in force, as `transfers` has them, with two columns more.
 
-def in_force(catalog: Reading, **asked: Any) -> pd.DataFrame:
-    """See `Catalog.in_force`."""
-    found = catalog.transfers(in_force=True, **asked)
-    newest = catalog.transfers(columns=["transfer_id", *ordering.PAIR, "status"], **asked)
-    newest = newest[newest["status"] == "ok"].rename(columns={"transfer_id": "newer_draft"})
-    found = found.merge(newest.drop(columns="status"), how="left", on=ordering.PAIR)
-    same = (found["newer_draft"] == found["transfer_id"]) | (found["purpose"] != "")
-    found["newer_draft"] = found["newer_draft"].where(~same).fillna("")
-    hashes = catalog.structures().set_index("structure_id")["sha256"]
-    judged = standing(catalog).judged
-    now = [judged.get(unit_of(row)) == hashes.get(row["target_id"]) for row in found.to_dict("records")]
-    found["target_changed"] = [not same for same in now]
-    altered = custody.alterations(catalog, found["transfer_id"].tolist(), standing(catalog))
-    found["altered"] = found["transfer_id"].map(altered).fillna("").astype(object)
-    return found
+        `newer_draft` is the newest plan of the same pair and preset where that is another one, and
+        `target_changed` tells that the structure is not as it was when the plan was last judged.
+        """
+        asked: dict[str, Any] = {"structure": structure, "kind": kind}
+        plans = self.transfers(in_force=True, **asked)
+        newest = self.transfers(columns=["transfer_id", *ordering.PAIR, "status"], **asked)
+        newest = newest[newest["status"] == "ok"].rename(columns={"transfer_id": "newer_draft"})
+        plans = plans.merge(newest.drop(columns="status"), how="left", on=ordering.PAIR)
+        same = (plans["newer_draft"] == plans["transfer_id"]) | (plans["purpose"] != "")
+        plans["newer_draft"] = plans["newer_draft"].where(~same).fillna("")
+        hashes = self.structures().set_index("structure_id")["sha256"]
+        standing = self.standing()
+        now = [
+            standing.judged.get(unit_of(row)) == hashes.get(row["target_id"])
+            for row in plans.to_dict("records")
+        ]
+        plans["target_changed"] = [not same for same in now]
+        altered = custody.alterations(self, plans["transfer_id"].tolist(), standing)
+        plans["altered"] = plans["transfer_id"].map(altered).fillna("").astype(object)
+        return plans
 
+    def recalled(self, *, structure: str | None = None) -> pd.DataFrame:
+        """Plans that were recalled and in whose place nobody released another."""
+        now = self.standing()
+        left = {
+            row["transfer_id"]
+            for plan, row in now.why.items()
+            if now.state[plan] == "recalled" and now.last[unit_of(row)] == row["decision_id"]
+        }
+        every = self.transfers(every=True, structure=structure, ids=sorted(left))
+        used = set(self.structures()["structure_id"])
+        return every[every["target_id"].isin(used)].reset_index(drop=True)
 
-def foremost(catalog: Reading, columns: Sequence[str]) -> pd.DataFrame:
-    """The newest plans, but the one in force in the place of the newest of its pair and preset.
+    def foremost(self, columns: Sequence[str]) -> pd.DataFrame:
+        """The newest plans, but the one in force in the place of the newest of its pair and preset.
 
-    A plan in force whose demonstration is retired stays.
-    """
-    read = list(dict.fromkeys([*columns, *ordering.PAIR, "purpose"]))
-    newest, force = catalog.transfers(columns=read), catalog.transfers(in_force=True, columns=read)
-    force = force[force["purpose"] == ""]
-    if not len(force):
-        return newest
-    pair = pd.MultiIndex.from_frame(newest[ordering.PAIR])
-    left = newest[~pair.isin(pd.MultiIndex.from_frame(force[ordering.PAIR]))]
-    every = pd.concat([left, force]) if len(left) else force
-    return every.sort_values(ordering.PAIR, kind="stable").reset_index(drop=True)
+        A plan in force whose demonstration is retired stays.
+        """
+        read = list(dict.fromkeys([*columns, *ordering.PAIR, "purpose"]))
+        newest = self.transfers(columns=read)
+        if not self.standing().in_force:  # else every plan would be read once more to find none
+            return newest
+        force = self.transfers(in_force=True, columns=read)
+        force = force[force["purpose"] == ""]
+        pair = pd.MultiIndex.from_frame(newest[ordering.PAIR])
+        left = newest[~pair.isin(pd.MultiIndex.from_frame(force[ordering.PAIR]))]
+        every = pd.concat([left, force]) if len(left) else force
+        return every.sort_values(ordering.PAIR, kind="stable").reset_index(drop=True)
 
+    def review(self, transfer_id: str, by: str, note: str = "") -> str:
+        """Say that somebody looked at a plan and found nothing against it; the name of the decision."""
+        return self._decide(self._plan(transfer_id), "reviewed", by, note)
 
-def recalled(catalog: Reading, structure: str | None = None) -> pd.DataFrame:
-    """See `Catalog.recalled`."""
-    now = standing(catalog)
-    left = {
-        row["transfer_id"]
-        for plan, row in now.why.items()
-        if now.state[plan] == "recalled" and now.last[unit_of(row)] == row["decision_id"]
-    }
-    every = catalog.transfers(every=True, structure=structure, ids=sorted(left))
-    used = set(catalog.structures()["structure_id"])
-    return every[every["target_id"].isin(used)].reset_index(drop=True)
+    def reject(self, transfer_id: str, by: str, note: str = "") -> str:
+        """Say that a plan must not be flown; where it was in force, none is then."""
+        return self._decide(self._plan(transfer_id), "rejected", by, note)
 
+    def release(
+        self, transfer_id: str, by: str, note: str = "", force: Sequence[str] = (), after: str | None = None
+    ) -> str:
+        """Put a plan in force for its demonstration and target, until a person releases another.
 
-def review(catalog: Reading, transfer_id: str, by: str, note: str = "") -> str:
-    """See `Catalog.review`."""
-    row = _plan(catalog, transfer_id)
-    return _decide(catalog, row, "reviewed", by, note)
+        Parameters
+        ----------
+        transfer_id : str
+        by : str
+            Who releases it.
+        note : str
+        force : sequence of str
+            Rules that are overruled: preset, verdict, rejected, recalled, changed.
+        after : str, optional
+            The last decision about the pair that the person knew of; none: the last there is now.
 
+        Returns
+        -------
+        str
+            The name of the decision.
 
-def reject(catalog: Reading, transfer_id: str, by: str, note: str = "") -> str:
-    """See `Catalog.reject`."""
-    row = _plan(catalog, transfer_id)
-    return _decide(catalog, row, "rejected", by, note)
+        Raises
+        ------
+        RefusedError
+            If the plan has no path, is an experiment, breaks a rule that is not overruled, or somebody
+            else decided about the pair meanwhile.
+        """
+        row = self._plan(transfer_id)
+        custody.check_releasable(self, row)
+        now = self.standing()
+        roster_of(self).check_may_release(by.strip())
+        forced = self._check_release(row, now.of(transfer_id), tuple(force))
+        unit = unit_of(row)
+        known = now.last.get(unit, "") if after is None else after
+        about = {"after": known, "forced": "; ".join(forced), "target_sha256": self._target_sha256(row)}
+        name = self._decide(row, "released", by, note, **about)
+        again = self.standing()
+        if name in again.void:
+            there = again.in_force.get(unit)
+            found = "somebody decided about this pair meanwhile"
+            found += (
+                "" if there is None else f": {there['by']} released {there['transfer_id']}, which is in force"
+            )
+            raise RefusedError(
+                f"release of {transfer_id}", found, "who releases knows what was decided before", "look again"
+            )
+        return name
 
+    def recall(self, row: Row, note: str, target_sha256: str, by: str) -> str:
+        """Take a plan out of force whose changed structure it is not safe round; the decision's name."""
+        return self._decide(row, "recalled", by, note, target_sha256=target_sha256)
 
-def release(
-    catalog: Reading,
-    transfer_id: str,
-    by: str,
-    note: str = "",
-    force: Sequence[str] = (),
-    after: str | None = None,
-) -> str:
-    """See `Catalog.release`."""
-    row = _plan(catalog, transfer_id)
-    custody.check_releasable(catalog, row)
-    now = standing(catalog)
-    roster_of(catalog).check_may_release(by.strip())
-    forced = _check_release(catalog, row, now.of(transfer_id), tuple(force))
-    unit = unit_of(row)
-    known = now.last.get(unit, "") if after is None else after
-    said = {"after": known, "forced": "; ".join(forced), "target_sha256": _target_sha256(catalog, row)}
-    made = _decide(catalog, row, "released", by, note, **said)
-    again = standing(catalog)
-    if made in again.void:
-        there = again.in_force.get(unit)
-        found = "somebody decided about this pair meanwhile"
-        found += (
-            "" if there is None else f": {there['by']} released {there['transfer_id']}, which is in force"
-        )
-        raise RefusedError(
-            f"release of {transfer_id}", found, "who releases knows what was decided before", "look again"
-        )
-    return made
+    def rechecked(self, row: Row, note: str, target_sha256: str, by: str, supposed_sha256: str = "") -> str:
+        """Keep that a plan in force was judged on its changed structure, and stays in force.
 
+        `supposed_sha256` is that of what of the changed structure was never scanned (`Catalog.supposed`).
+        """
+        judged = {"target_sha256": target_sha256, "supposed_sha256": supposed_sha256}
+        return self._decide(row, "rechecked", by, note, **judged)
 
-def recall(catalog: Reading, row: Row, note: str, target_sha256: str, by: str) -> str:
-    """Take a plan out of force whose structure changed so that it is not safe there; the decision's name."""
-    return _decide(catalog, row, "recalled", by, note, target_sha256=target_sha256)
+    def _plan(self, transfer_id: str) -> Row:
+        row = self.transfer(transfer_id)
+        if row["status"] != "ok" or not row["n_waypoints"]:
+            found = f"has no path: it is {row['status']}: {row['reason']}"
+            raise RefusedError(f"plan {transfer_id}", found, "what is decided about can be flown")
+        return row
 
+    def _check_release(self, row: Row, state: str, force: tuple[str, ...]) -> list[str]:
+        """The rules that are broken and overruled, in words; refuses where others are broken."""
+        unknown = sorted(set(force) - set(RELEASE_RULES))
+        if unknown:
+            raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RELEASE_RULES)}")
+        what = f"release of {row['transfer_id']}"
+        purpose = row["purpose"] or ""
+        if purpose.startswith("experiment "):
+            raise RefusedError(
+                what,
+                f"it is of the {purpose}",
+                "an experiment is never in force",
+                "plan it without --experiment",
+            )
+        broken = []
+        if row["preset"] != "recommended" and not purpose:
+            broken.append(("preset", f"it is of preset {row['preset']}"))
+        if not row["flyable"]:
+            broken.append(("verdict", row["not_flyable"] or "it was planned before anybody asked"))
+        if state in ("rejected", "recalled"):
+            broken.append((state, f"it was {state}"))
+        if row["target_sha256"] and row["target_sha256"] != self._target_sha256(row):
+            broken.append(("changed", f"{row['target_id']} changed since it was planned"))
+        left = [(rule, found) for rule, found in broken if rule not in force]
+        if left:
+            rule, found = left[0]
+            more = "".join(f"; {rule}: {found}" for rule, found in left[1:])
+            raise RefusedError(what, f"{found}{more}", RELEASE_RULES[rule], f"or overrule it: --force {rule}")
+        return [f"{rule}: {found}" for rule, found in broken]
 
-def rechecked(
-    catalog: Reading, row: Row, note: str, target_sha256: str, by: str, supposed_sha256: str = ""
-) -> str:
-    """Keep that a plan in force was judged on its changed structure, and stays in force.
+    def _target_sha256(self, row: Row) -> str:
+        return str(self.newest("structures", row["target_id"])["sha256"])
 
-    `supposed_sha256` is that of what of the changed structure was never scanned (`Catalog.supposed`).
-    """
-    said = {"target_sha256": target_sha256, "supposed_sha256": supposed_sha256}
-    return _decide(catalog, row, "rechecked", by, note, **said)
-
-
-def _plan(catalog: Reading, transfer_id: str) -> Row:
-    row = catalog.transfer(transfer_id)
-    if row["status"] != "ok" or not row["n_waypoints"]:
-        found = f"has no path: it is {row['status']}: {row['reason']}"
-        raise RefusedError(f"plan {transfer_id}", found, "what is decided about can be flown")
-    return row
-
-
-def _check_release(catalog: Reading, row: Row, state: str, force: tuple[str, ...]) -> list[str]:
-    """The rules that are broken and overruled, in words; refuses where others are broken."""
-    unknown = sorted(set(force) - set(RELEASE_RULES))
-    if unknown:
-        raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RELEASE_RULES)}")
-    what = f"release of {row['transfer_id']}"
-    purpose = row["purpose"] or ""
-    if purpose.startswith("experiment "):
-        raise RefusedError(
-            what, f"it is of the {purpose}", "an experiment is never in force", "plan it without --experiment"
-        )
-    broken = []
-    if row["preset"] != "recommended" and not purpose:
-        broken.append(("preset", f"it is of preset {row['preset']}"))
-    if not row["flyable"]:
-        broken.append(("verdict", row["not_flyable"] or "it was planned before anybody asked"))
-    if state in ("rejected", "recalled"):
-        broken.append((state, f"it was {state}"))
-    if row["target_sha256"] and row["target_sha256"] != _target_sha256(catalog, row):
-        broken.append(("changed", f"{row['target_id']} changed since it was planned"))
-    left = [(rule, found) for rule, found in broken if rule not in force]
-    if left:
-        rule, found = left[0]
-        more = "".join(f"; {rule}: {found}" for rule, found in left[1:])
-        raise RefusedError(what, f"{found}{more}", RELEASE_RULES[rule], f"or overrule it: --force {rule}")
-    return [f"{rule}: {found}" for rule, found in broken]
-
-
-def _target_sha256(catalog: Reading, row: Row) -> str:
-    return str(catalog.newest("structures", row["target_id"])["sha256"])
-
-
-def _decide(catalog: Reading, row: Row, state: str, by: str, note: str, **said: str) -> str:
-    """Add a decision; its name."""
-    for what, text in (("name", by), ("note", note)):
-        if len(text) > _LONGEST:
-            raise SettingsError(f"{what} of a decision", f"has {len(text)} letters", f"at most {_LONGEST}")
-    if not by.strip():
-        raise SettingsError("a decision", "says not who decided", "a name", "say --by NAME")
-    check_name(by.strip())
-    name = adding.new_commit_id(catalog)
-    made = {
-        "decision_id": name,
-        **{key: row[key] or "" for key in ("transfer_id", "demonstration_id", "target_id", "purpose")},
-        "state": state,
-        "by": by.strip(),
-        "note": note,
-        "plan_sha256": row["waypoints_sha256"],
-        "plan_row_sha256": custody.seals(catalog, [row["transfer_id"]])[row["transfer_id"]],
-        "code_version": code_version(),
-        **said,
-    }
-    made["signature"] = signature(roster_of(catalog), made)
-    adding.add_rows(catalog, "decisions", [made])
-    return name
+    def _decide(self, row: Row, state: str, by: str, note: str, **about: str) -> str:
+        """Add a decision; its name."""
+        for what, text in (("name", by), ("note", note)):
+            if len(text) > _LONGEST:
+                raise SettingsError(
+                    f"{what} of a decision", f"has {len(text)} letters", f"at most {_LONGEST}"
+                )
+        if not by.strip():
+            raise SettingsError("a decision", "has nobody who decides it", "a name", "say --by NAME")
+        check_name(by.strip())
+        name = self.new_commit_id()
+        decision = {
+            "decision_id": name,
+            **{key: row[key] or "" for key in ("transfer_id", "demonstration_id", "target_id", "purpose")},
+            "state": state,
+            "by": by.strip(),
+            "note": note,
+            "plan_sha256": row["waypoints_sha256"],
+            "plan_row_sha256": custody.seals(self, [row["transfer_id"]])[row["transfer_id"]],
+            "code_version": code_version(),
+            **about,
+        }
+        decision["signature"] = signature(roster_of(self), decision)
+        self.add_rows("decisions", [decision])
+        return name

@@ -18,10 +18,10 @@ from upplied.catalog.schema import codec
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import file_name
 from upplied.catalog.store.files import replace_file
-from upplied.catalog.store.surfaces import SUPPOSED, SURFACES
+from upplied.catalog.store.surfaces import PHOTOS, SUPPOSED, SURFACES
 from upplied.catalog.verbs.dataset_files import describe, new_folder
 from upplied.catalog.verbs.owned import checked_steps
-from upplied.catalog.verbs.plain import write_tables
+from upplied.catalog.verbs.published import write
 from upplied.catalog.verbs.tum import write_splits
 from upplied.errors import CatalogError, InputError
 
@@ -70,16 +70,17 @@ def export_dataset(
     wanted = {*plans["source_id"], *plans["target_id"], *demonstrations["structure_id"]}
     wanted |= {*plans["parts_told_by"].dropna()} - {""}
     structures = _only(catalog.structures(every=True), "structure_id", wanted)
-    counts = write_tables(
-        place,
-        {
-            "structures": iter([_table("structures", structures)]),
-            "demonstrations": iter([_table("demonstrations", demonstrations)]),
-            "poses": checked_steps(catalog, "poses", demonstrations),
-            "transfers": iter([_table("transfers", plans)]),
-            "waypoints": checked_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0]),
-        },
-    )
+    tables = {
+        "structures": iter([_table("structures", structures)]),
+        "demonstrations": iter([_table("demonstrations", demonstrations)]),
+        "poses": checked_steps(catalog, "poses", demonstrations),
+        "transfers": iter([_table("transfers", plans)]),
+        "waypoints": checked_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0]),
+    }
+    try:
+        counts = {name: write(place / f"{name}.parquet", TABLES[name], rows) for name, rows in tables.items()}
+    except OSError as error:
+        raise CatalogError(str(place), f"cannot be written: {error}", "", "free space or rights") from None
     for sha256 in sorted(set(structures["mesh_sha256"])):
         replace_file(place / "meshes" / f"{sha256}.parquet", codec.encode(catalog.meshes.get(sha256)))
     for sha256 in sorted({sha256 for column in SURFACES for sha256 in plans[column]} - {""}):
@@ -90,9 +91,9 @@ def export_dataset(
             path = place / folder / file_name(hashed)
             if not path.exists():
                 replace_file(path, codec.encode(samples.get(hashed) if record is None else record))
-    for sha256 in sorted({*plans["supposed_sha256"]} - {""}):
-        surface = codec.encode(catalog.supposed_surfaces.get(sha256))
-        replace_file(place / SUPPOSED / file_name(sha256), surface)
+    for folder, store in ((SUPPOSED, catalog.supposed_surfaces), (PHOTOS, catalog.plan_photos)):
+        for sha256 in sorted({*plans[f"{folder}_sha256"]} - {""}):
+            replace_file(place / folder / file_name(sha256), codec.encode(store.get(sha256)))
     write_splits(catalog, place, plans.to_dict("records"))
     about = {"name": name, "licence": licence, "attribution": attribution, "rows": counts}
     describe(place, about)

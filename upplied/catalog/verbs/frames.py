@@ -17,13 +17,19 @@ if TYPE_CHECKING:
 When = datetime | str
 
 
+class Units(dict[str, str]):
+    """The unit of each column; never changed, so that pandas, which copies it at every step, need not."""
+
+    def __deepcopy__(self, memo: object) -> Units:
+        return self
+
+
 def frame(table: pa.Table) -> pd.DataFrame:
     """A DataFrame; the unit of each column is in ``frame.attrs["units"]``."""
-    made = table.to_pandas()
-    made.attrs["units"] = {
-        field.name: field.metadata[b"unit"].decode() for field in table.schema if field.metadata
-    }
-    return made
+    rows = table.to_pandas()
+    units = {field.name: field.metadata[b"unit"].decode() for field in table.schema if field.metadata}
+    rows.attrs["units"] = Units(units)
+    return rows
 
 
 def decoded(table: pa.Table) -> pa.Table:

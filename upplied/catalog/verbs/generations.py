@@ -31,6 +31,16 @@ class Generation:
     versions: dict[str, int] = field(default_factory=dict)  # of the catalog's tables, at least
     rows: dict[str, int] = field(default_factory=dict)
     parts: dict[str, str] = field(default_factory=dict)  # file -> what it was made from
+    columns: str = ""  # hash of what the program knew of the tables; empty where an older one made it
+
+    def says_same(self, name: str, before: Generation | None) -> bool:
+        """Whether a table is, by its version, as it was when the generation before was published."""
+        return (
+            before is not None
+            and (before.catalog, before.columns) == (self.catalog, self.columns)
+            and before.versions.get(name, -1) == self.versions[name]
+            and f"{name}.parquet" in before.parts
+        )
 
 
 def check(place: Path, before: Generation, now: Generation, transfers: int) -> None:
@@ -135,10 +145,9 @@ def current(place: Path) -> Generation | None:
     """What is published there; None where nothing is, or an older program published it."""
     path = place / "tables" / "current" / _SAID
     try:
-        said: Any = json.loads(path.read_text("utf-8"))
-        return Generation(
-            str(said["catalog"]), dict(said["versions"]), dict(said["rows"]), dict(said["parts"])
-        )
+        known: Any = json.loads(path.read_text("utf-8"))
+        versions, rows, parts = (dict(known[name]) for name in ("versions", "rows", "parts"))
+        return Generation(str(known["catalog"]), versions, rows, parts, str(known.get("columns", "")))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError) as error:

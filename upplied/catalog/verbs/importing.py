@@ -22,14 +22,13 @@ from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import file_name
 from upplied.catalog.store.opening import in_schema
-from upplied.catalog.store.surfaces import SUPPOSED, SURFACES, Samples, States
-from upplied.catalog.verbs import adding
+from upplied.catalog.store.surfaces import PHOTOS, SUPPOSED, SURFACES, Samples, States
 from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, checked_bytes, name_of
 from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
-from upplied.catalog.verbs.verification import broken_values
+from upplied.catalog.verbs.verification import Values
 from upplied.checks import check_id
 from upplied.errors import CatalogError
-from upplied.records import Demonstration, Measures, Plan, Structure, SupposedSurface
+from upplied.records import Demonstration, Measures, Photos, Plan, Structure, SupposedSurface
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
@@ -74,11 +73,12 @@ def import_dataset(
     listed = check_files(place)
     tables = {name: _read(place, name) for name in EXCHANGED}
     for name in ("structures", "demonstrations", "transfers"):
-        frame = tables[name].to_pandas()
-        for finding in broken_values(name, [frame]):
+        values = Values(name)
+        values.look_at(tables[name])
+        for finding in values.findings():
             raise CatalogError(f"{place}: {finding.what}", finding.found)
-        for column in _IDS & set(frame.columns):
-            for value in frame[column].unique():
+        for column in _IDS & set(tables[name].column_names):
+            for value in tables[name][column].unique().to_pylist():
                 check_id(value, f"{place}: {name}.{column}")
     steps = {name: _by_owner(tables[name]) for name in ("poses", "waypoints")}
     structures = [_structure(place, listed, row) for row in _newest(tables["structures"])]
@@ -108,10 +108,12 @@ def import_dataset(
             row[column] = _surface(catalog, place, listed, row[column])
         if sha256 := row["supposed_sha256"]:
             catalog.supposed_surfaces.put(_kept(place, listed, SUPPOSED, SupposedSurface, sha256))
+        if sha256 := row["photos_sha256"]:
+            catalog.plan_photos.put(_kept(place, listed, PHOTOS, Photos, sha256))
     return {
         "structures": catalog.add_structures(new_structures),
         "demonstrations": catalog.add_demonstrations(new_demonstrations),
-        "transfers": adding.adopt_plans(catalog, plans, steps["waypoints"]),
+        "transfers": catalog.adopt_plans(plans, steps["waypoints"]),
     }
 
 

@@ -55,7 +55,7 @@ def put_looks(
 
 
 def looks_at(catalog: Reading, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:
-    """See `Catalog.looks_at`."""
+    """How each flight round a structure saw the patch nearest to a place; see `Catalog.looks_at`."""
     place = np.asarray(place_m, float)
     if place.shape != (3,) or not np.isfinite(place).all():
         raise SettingsError("place", f"is {place_m}", "three coordinates, m, structure frame")

@@ -26,8 +26,8 @@ CACHE_BYTES = 20 << 30
 
 
 @dataclass(frozen=True)
-class Kept:
-    """What maintenance did."""
+class Removed:
+    """What maintenance removed."""
 
     orphan_commits: dict[str, int]  # of steps, of writers that were stopped, by table
     surfaces_removed: int  # that no plan names
@@ -44,7 +44,7 @@ def compact(catalog: Catalog) -> dict[str, int]:
     return {name: merge(table, TARGET_BYTES) for name, table in catalog.tables.items()}
 
 
-def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CACHE_BYTES) -> Kept:
+def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CACHE_BYTES) -> Removed:
     """Remove what nobody can ask for any more.
 
     That is: data files that were merged or whose version is older than `keep_days`; points that
@@ -73,7 +73,7 @@ def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
         return len(removed)
 
     steps = [(name, table.files) for name, table in catalog.tables.items() if isinstance(table, StepTable)]
-    return Kept(
+    return Removed(
         {name: _drop_unnamed(catalog, files, [(STEPS[name], "commit_id")], before) for name, files in steps},
         _drop_surfaces(catalog, before),
         {name: table.change(remove) or 0 for name, table in catalog.tables.items()},
@@ -86,9 +86,12 @@ def _drop_surfaces(catalog: Catalog, before: datetime) -> int:
     """Surfaces that stopped planners left; one that is kept again meanwhile counts as young."""
     shown = [("transfers", column) for column in SURFACES]
     supposed = [(table, "supposed_sha256") for table in ("transfers", "decisions")]
-    return _drop_unnamed(catalog, catalog.surfaces.states.files, shown, before) + _drop_unnamed(
-        catalog, catalog.supposed_surfaces.files, supposed, before
+    kept = (
+        (catalog.surfaces.states, shown),
+        (catalog.supposed_surfaces, supposed),
+        (catalog.plan_photos, [("transfers", "photos_sha256")]),
     )
+    return sum(_drop_unnamed(catalog, store.files, columns, before) for store, columns in kept)
 
 
 def _drop_unnamed(

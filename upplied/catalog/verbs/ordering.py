@@ -13,7 +13,7 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.store.delta import StoredTable
-from upplied.records import Bools, Ints
+from upplied.records import Ints
 
 PAIR = ["demonstration_id", "target_id", "preset"]
 SLOT = [*PAIR, "purpose"]  # of these, the newest plan is current
@@ -75,35 +75,13 @@ def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
     return [row for row in plans if row["transfer_id"] not in current]
 
 
-def settled(
-    table: StoredTable, keys: Iterable[str], retry_failed: bool, run_id: str
-) -> dict[str, tuple[str, str]]:
-    """See `Catalog.settled`."""
-    asked = list(dict.fromkeys(keys))
-    found = _settled(table, _ids(asked), retry_failed, run_id, ["reason"])
-    place = pc.index_in(_ids(asked), found["transfer_id"].combine_chunks())
-    said: dict[tuple[str, str], tuple[str, str]] = {}  # few, of many plans
-    outcomes = [
-        said.setdefault(outcome, outcome)
-        for outcome in zip(found["status"].to_pylist(), found["reason"].to_pylist(), strict=True)
-    ]
-    return {key: outcomes[at] for key, at in zip(asked, place.to_pylist(), strict=True) if at is not None}
-
-
-def unsettled(table: StoredTable, keys: pa.Array, retry_failed: bool) -> Bools:
-    """See `Catalog.unsettled`."""
-    asked = _ids(keys)
-    found = _settled(table, asked, retry_failed, "", [])
-    return ~pc.is_in(asked, found["transfer_id"].combine_chunks()).to_numpy(zero_copy_only=False)
-
-
-def _ids(keys: Sequence[str] | pa.Array) -> pa.Array:
+def ids_of(keys: Sequence[str] | pa.Array) -> pa.Array:
     """The names of the plans with these keys."""
     texts = keys if isinstance(keys, pa.Array) else pa.array(keys, pa.string())
     return pc.utf8_slice_codeunits(texts, 0, plan_rows.ID_DIGITS)
 
 
-def _settled(
+def settled_plans(
     table: StoredTable, asked: pa.Array, retry_failed: bool, run_id: str, more: list[str]
 ) -> pa.Table:
     """The plans of these ids that are current of their pair, preset and purpose."""
@@ -122,13 +100,6 @@ def _settled(
         done = pc.not_equal(found["status"], "failed")
         held = pc.and_(held, pc.or_(done, pc.equal(found["run_id"], run_id)) if ours else done)
     return found.filter(held)
-
-
-def newest_plans(table: StoredTable, columns: Sequence[str]) -> pa.Table:
-    """See `Catalog.newest_plans`."""
-    read = ["transfer_id", *SLOT, *NEWEST, "status", *columns]
-    found = in_order(table.narrow(list(dict.fromkeys(read))), newest=True)
-    return found.filter(pc.equal(found["purpose"], "")).select(["transfer_id", *columns])
 
 
 def standing(same_plan: list[Row]) -> Row:

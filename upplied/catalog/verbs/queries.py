@@ -21,10 +21,9 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.verbs.frames import When, decoded, frame, moment, until
+from upplied.catalog.verbs.frames import Units, When, decoded, frame, moment, until
 from upplied.catalog.verbs.ordering import NEWEST, SLOT, in_order, retired
 from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_states
-from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Floats, Trajectory
 
@@ -108,7 +107,7 @@ def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
         more = completed(tables["transfers"], found, rest, len(table), which.version)
         found = pd.concat([found.reset_index(drop=True), frame(decoded(more))], axis=1)
     made = found[list(wanted)].reset_index(drop=True)
-    made.attrs["units"] = {c.name: c.unit for c in declared.columns if c.name in made}
+    made.attrs["units"] = Units((c.name, c.unit) for c in declared.columns if c.name in made)
     return made
 
 
@@ -149,27 +148,6 @@ def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
     return sorted(found, key=lambda row: row["commit_version"])
 
 
-def find_transfer(table: StoredTable, start: str) -> str:
-    """See `Catalog.find_transfer`."""
-    check_id(start, "transfer id")
-    if len(table.read(pc.field("transfer_id") == start, ["transfer_id"])):
-        return start
-    every = transfer_ids(table)
-    found = [name for name in every if name.startswith(start)]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise CatalogError(f"transfer {start}", f"may be {len(found)}: {', '.join(found[:5])}")
-    known = suggested(start, every, 0)
-    raise CatalogError(f"transfer {start}", "is not in the catalog", known, "see: upplied catalog transfers")
-
-
-def transfer_ids(table: StoredTable) -> list[str]:
-    """The ids of all plans, sorted."""
-    known = table.read(None, ["transfer_id"])["transfer_id"].unique()
-    return sorted(known.to_pylist())
-
-
 def steps(table: StoredTable, row: Row) -> pa.Table:
     """The waypoints or poses that one row owns, in order.
 
@@ -193,26 +171,6 @@ def steps(table: StoredTable, row: Row) -> pa.Table:
     for _, wrong in unlike(declared.name, found, hashes):
         raise CatalogError(what, wrong, "", remedy)
     return found
-
-
-def of_plans(table: StoredTable, transfer_id: str | None) -> pd.DataFrame:
-    """Rows of a table that name plans, in the order they were added; of one plan, or all."""
-    where = None if transfer_id is None else pc.field("transfer_id") == transfer_id
-    found = frame(table.read(where)).sort_values(["transfer_id", "commit_version"], kind="stable")
-    return found.reset_index(drop=True)
-
-
-def flights(
-    table: StoredTable, transfer_id: str | None, structure: str | None, kind: str | None
-) -> pd.DataFrame:
-    """See `Catalog.flights`."""
-    found = of_plans(table, transfer_id)
-    found["kind"] = found["kind"].where(found["kind"] != "", "simulated")
-    if structure is not None:
-        found = found[found["target_id"] == structure]
-    if kind is not None:
-        found = found[found["kind"] == kind]
-    return found.reset_index(drop=True)
 
 
 def versions(

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from upplied.catalog.schema.rows import Row, json_text
-from upplied.catalog.verbs import adding
-from upplied.catalog.verbs.frames import frame
+from upplied.catalog.store.labels import labelled
+from upplied.catalog.verbs.adding import Adding
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import CatalogError, SettingsError
@@ -24,43 +24,73 @@ _MOST_LOOKS = 1000
 _MOST_ZONES = 1000
 
 
-def require(
-    catalog: Reading,
-    scope: str,
-    owner: str,
-    name: str,
-    zones: Sequence[Mapping[str, Any]],
-    by: str,
-    note: str = "",
-) -> int:
-    """See `Catalog.require`."""
-    check_id(name, "name of requirements")
-    if not by.strip():
-        raise SettingsError(f"requirements {name}", "say not who asks", "a name", "say --by NAME")
-    structures = catalog.structures()
-    known = structures["kind" if scope == "kind" else "structure_id"]
-    if scope not in ("kind", "structure") or owner not in set(known):
-        raise CatalogError(f"{scope} {owner}", "is not in the catalog")
-    checked = [_zone(name, zone) for zone in zones]
-    kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
-    kind = owner if scope == "kind" else kinds[owner]
-    for zone in checked:
-        if zone.get("on") and kinds.get(zone["on"]) != kind:
-            what = f"requirements {name}, zone {zone['zone'][:60]}"
-            raise SettingsError(what, f"is on {zone['on'][:60]!r}", f"a structure of kind {kind}")
-    if len(zones) > _MOST_ZONES or len({zone["zone"] for zone in checked}) < len(zones):
-        rule = f"{_MOST_ZONES} zones at most, each once"
-        raise SettingsError(f"requirements {name}", "name a zone twice, or too many", rule)
-    row = {
-        "requirement_id": adding.new_commit_id(catalog),
-        "scope": scope,
-        "owner": owner,
-        "name": name,
-        "zones_json": json_text(checked) if zones else "",
-        "by": by.strip(),
-        "note": note,
-    }
-    return adding.add_rows(catalog, "requirements", [row])
+class Requiring(Adding):
+    """A catalog that holds what must be seen of structures; see `upplied.catalog.Catalog`."""
+
+    def require(
+        self,
+        scope: str,
+        owner: str,
+        name: str,
+        zones: Sequence[Mapping[str, Any]],
+        by: str,
+        note: str = "",
+    ) -> int:
+        """Say which zones of a structure, or of all of a kind, must be seen: the next version of a set.
+
+        Parameters
+        ----------
+        scope : {"kind", "structure"}
+        owner : str
+            The kind, or the id of the structure.
+        name : str
+            Of the set.
+        zones : sequence of mapping
+            Each with `zone` (its name), `where` (landmarks, part_0, "box X Y Z X Y Z", "ball X Y Z R", m,
+            "labels HASH LABEL" of `add_labels`), `on`, and what is asked: `looks`, `gsd_mm`,
+            `incidence_deg`, `max_age_days`. None takes the set back.
+        by : str
+            Who asks.
+        note : str
+        """
+        check_id(name, "name of requirements")
+        if not by.strip():
+            raise SettingsError(f"requirements {name}", "say not who asks", "a name", "say --by NAME")
+        structures = self.structures()
+        known = structures["kind" if scope == "kind" else "structure_id"]
+        if scope not in ("kind", "structure") or owner not in set(known):
+            raise CatalogError(f"{scope} {owner}", "is not in the catalog")
+        checked = [_zone(name, zone) for zone in zones]
+        kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
+        kind = owner if scope == "kind" else kinds[owner]
+        for zone in checked:
+            if zone.get("on") and kinds.get(zone["on"]) != kind:
+                what = f"requirements {name}, zone {zone['zone'][:60]}"
+                raise SettingsError(what, f"is on {zone['on'][:60]!r}", f"a structure of kind {kind}")
+        if len(zones) > _MOST_ZONES or len({zone["zone"] for zone in checked}) < len(zones):
+            rule = f"{_MOST_ZONES} zones at most, each once"
+            raise SettingsError(f"requirements {name}", "name a zone twice, or too many", rule)
+        row = {
+            "requirement_id": self.new_commit_id(),
+            "scope": scope,
+            "owner": owner,
+            "name": name,
+            "zones_json": json_text(checked) if zones else "",
+            "by": by.strip(),
+            "note": note,
+        }
+        return self.add_rows("requirements", [row])
+
+    def add_labels(self, structure_id: str, labels: Sequence[str]) -> str:
+        """Keep the label of each face of a structure's mesh, in their order; returns the hash.
+
+        A zone is then ``labels HASH LABEL``: the faces that have it.
+        """
+        return self.labels.put(labelled(self.structure(structure_id), labels))
+
+    def requirements(self, every: bool = False) -> pd.DataFrame:
+        """Sets of requirements, the newest version of each; with `every`, older and taken back ones too."""
+        return _newest(self, None, every)
 
 
 def _zone(name: str, zone: Mapping[str, Any]) -> Row:
@@ -101,12 +131,9 @@ class Zones:
     def __init__(self, catalog: Reading, version: int | None = None) -> None:
         self._by_owner: dict[tuple[str, str], list[Row]] = {}
         for row in _newest(catalog, version).to_dict("records"):
-            said = {
-                "set": row["name"],
-                "version": row["version"],
-                "asked_by": f"{row['scope']} {row['owner']}",
-            }
-            zones = [{**said, **zone} for zone in json.loads(row["zones_json"])]
+            owner = f"{row['scope']} {row['owner']}"
+            about = {"set": row["name"], "version": row["version"], "asked_by": owner}
+            zones = [{**about, **zone} for zone in json.loads(row["zones_json"])]
             self._by_owner.setdefault((row["scope"], row["owner"]), []).extend(zones)
         table = catalog.structures()[["structure_id", "sha256"]] if self._by_owner else pd.DataFrame()
         self._sha256 = dict(table.itertuples(index=False)) if len(table) else {}
@@ -121,11 +148,11 @@ class Zones:
 
     def named(self, kind: str, structure_id: str) -> str:
         """Hash of what a plan of the structure depends on by them; empty where nothing is asked."""
-        asked = [
+        parts = [
             [zone["where"], self._sha256.get(zone.get("on", ""), ""), *map(zone.get, PLANNED)]
             for zone in self.of(kind, structure_id)
         ]
-        return digest(sorted(asked, key=json_text)) if asked else ""
+        return digest(sorted(parts, key=json_text)) if parts else ""
 
 
 #: What a zone asks for that a plan is made by.
@@ -146,25 +173,20 @@ def zones_named(catalog: Reading, kind: str, structure_id: str, name: str) -> li
         zones = Zones(catalog, version)
         if zones.named(kind, structure_id) == name:
             return zones.of(kind, structure_id)
-    found = f"that plans were made by ({name[:12]}) are not asked for any more"
-    raise CatalogError(f"zones of {structure_id}", found, "", "plan it again: upplied transfer")
-
-
-def requirements(catalog: Reading, every: bool = False) -> pd.DataFrame:
-    """See `Catalog.requirements`."""
-    return _newest(catalog, None, every)
+    what = f"that plans were made by ({name[:12]}) are not required any more"
+    raise CatalogError(f"zones of {structure_id}", what, "", "plan it again: upplied transfer")
 
 
 def _newest(catalog: Reading, version: int | None = None, every: bool = False) -> pd.DataFrame:
-    found = frame(catalog.tables["requirements"].read()).sort_values("commit_version", kind="stable")
+    sets = catalog.by_commit("requirements")
     owners = ["scope", "owner", "name"]
     if version is not None:
-        found = found[found["commit_version"] <= version].copy()
-    found["version"] = found.groupby(owners).cumcount() + 1
+        sets = sets[sets["commit_version"] <= version].copy()
+    sets["version"] = sets.groupby(owners).cumcount() + 1
     if not every:
-        found = found.drop_duplicates(owners, keep="last")
-        found = found[found["zones_json"] != ""]
-    return found.reset_index(drop=True)
+        sets = sets.drop_duplicates(owners, keep="last")
+        sets = sets[sets["zones_json"] != ""]
+    return sets.reset_index(drop=True)
 
 
 def zones_of(catalog: Reading, kind: str, structure_id: str) -> list[Row]:

@@ -12,16 +12,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from upplied.catalog.schema.decided import DECIDED
-
 if TYPE_CHECKING:
     import pandas as pd
 
 Row = dict[str, Any]
 Unit = tuple[str, str, str]  # demonstration, target, purpose: of each, one plan is in force
 
-#: Columns of `transfers` that follow from the decisions.
-DERIVED = tuple(column.name for column in DECIDED)
+#: Columns of `transfers` that follow from the decisions whenever they are read, and are never stored.
+DERIVED = ("state", "state_at", "state_by", "state_note")
 
 
 @dataclass

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
+from functools import reduce
 from itertools import starmap
 from typing import TYPE_CHECKING
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from upplied.catalog.schema.columns import ROW_SHA256, Column
 from upplied.catalog.schema.plan_rows import settings_text
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.chain import breaks, is_chained
-from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.chain import breaks
+from upplied.catalog.store.delta import StoredTable, encoded
 from upplied.catalog.store.opening import HASHED_KEY
 from upplied.catalog.store.surfaces import SURFACES
 from upplied.catalog.verbs.byte_checks import (
@@ -27,7 +27,6 @@ from upplied.catalog.verbs.byte_checks import (
     stored_contents,
 )
 from upplied.catalog.verbs.custody import alterations
-from upplied.catalog.verbs.decisions import standing
 from upplied.catalog.verbs.owned import as_frame, step_faults
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.catalog.verbs.standing import DERIVED
@@ -44,7 +43,14 @@ _HELD = {
     "demonstrations": ["demonstration_id", "structure_id", "commit_id", "n_poses", "poses_sha256"],
     "transfers": [
         *("transfer_id", "demonstration_id", "source_id", "target_id", "commit_id", "n_waypoints"),
-        *("waypoints_sha256", "settings_json", "settings_sha256", *SURFACES, "supposed_sha256"),
+        *(
+            "waypoints_sha256",
+            "settings_json",
+            "settings_sha256",
+            *SURFACES,
+            "supposed_sha256",
+            "photos_sha256",
+        ),
     ],
     "flights": ["flight_id", "transfer_id", "flight_sha256", "looks_sha256"],
     "decisions": ["decision_id", "transfer_id", "supposed_sha256"],
@@ -80,25 +86,22 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
         taken away since is a finding.
     """
     catalog.identity.required()
-    found = list(starmap(Finding, readable(lambda: changed_files(catalog))))
-    held: dict[str, pa.Table] = {}
-    unreadable: list[Finding] = []
-    for name, columns in _HELD.items():
-        try:
-            held[name] = catalog.tables[name].narrow(columns)
-        except CatalogError as error:
-            unreadable.append(_unreadable(error))
     short = [head for head in heads if len(head) < _LEAST_DIGITS]
     if short:
         raise SettingsError(f"head {short[0]!r}", "is too short", f"at least {_LEAST_DIGITS} digits")
+    found = list(starmap(Finding, readable(lambda: changed_files(catalog))))
+    held: dict[str, pa.Table] = {}
+    unreadable: list[Finding] = []
+    of_rows: list[Finding] = []
+    for name, columns in _HELD.items():
+        try:
+            held[name], findings = _every_row(catalog.tables[name], columns)
+            of_rows += findings
+        except CatalogError as error:
+            unreadable.append(_unreadable(error))
     if unreadable:  # what refers to a table that cannot be read cannot be judged
         return [*found, *unreadable]
-    for name in _HELD:
-        table = catalog.tables[name]
-        derived = DERIVED if name == "transfers" else ()
-        columns = [column for column in table.declared.names if column not in derived]
-        found += _read(broken_values(name, (rows.to_pandas() for rows in table.batches(columns))))
-        found += _read(_changed_rows(table))
+    found += of_rows
     found += _lost_heads(catalog, heads)
     found += _read(_not_as_released(catalog))
     found += _references(held)
@@ -113,7 +116,7 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
 
 def _not_as_released(catalog: Catalog) -> Iterator[Finding]:
     """Plans in force that are not what was released."""
-    now = standing(catalog)
+    now = catalog.standing()
     plans = [row["transfer_id"] for row in now.in_force.values()]
     for plan, wrong in alterations(catalog, plans, now).items():
         yield Finding(f"plan {plan}, which is in force", wrong)
@@ -121,37 +124,45 @@ def _not_as_released(catalog: Catalog) -> Iterator[Finding]:
 
 def _lost_heads(catalog: Catalog, heads: Collection[str]) -> Iterator[Finding]:
     """Heads that were noted earlier and that no row has."""
-    chained = [table for table in catalog.tables.values() if is_chained(table.declared)] if heads else []
-    known = [sha256 for table in chained for sha256 in table.read(None, [ROW_SHA256.name])[0].to_pylist()]
+    chained = [table for table in catalog.tables.values() if table.declared.is_chained] if heads else []
+    known = [sha256 for table in chained for sha256 in table.read(None, [ROW_SHA256])[0].to_pylist()]
     for head in heads:
         if not any((sha256 or "").startswith(head) for sha256 in known):
             yield Finding(f"head {head}", "no row has this hash: rows were taken away or changed")
 
 
-def _changed_rows(table: StoredTable) -> Iterator[Finding]:
-    """Rows that do not match their hashes, lack them, or are fewer than were added."""
+def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[Finding]]:
+    """Some columns of all rows, and what is wrong with these, each row read once.
+
+    Values that their columns do not allow, and rows that do not match their hashes, lack them, or are fewer
+    than were added.
+    """
     added, delta = rows_added(table), table.delta()
     since = "" if delta is None else delta.metadata().configuration.get(HASHED_KEY, "")
     key, name = table.declared.names[0], table.declared.name
-    bare: list[str] = []
+    values, bare = Values(name, skipped=DERIVED if name == "transfers" else ()), list[str]()
+    held = [encoded(table.declared.schema.empty_table().select(columns))]
     count = 0
 
     def parts() -> Iterator[pa.Table]:
         nonlocal count
         for rows in table.whole_batches():
             count += len(rows)
+            held.append(encoded(rows.select(columns)))
+            values.look_at(rows)
             if since.isdigit():
                 late = pc.greater_equal(rows["commit_version"], int(since))
-                lacking = pc.equal(pc.coalesce(rows[ROW_SHA256.name], ""), "")
+                lacking = pc.equal(pc.coalesce(rows[ROW_SHA256], ""), "")
                 bare.extend(rows.filter(pc.and_(late, lacking))[key].to_pylist())
             yield rows
 
-    for row, wrong in breaks(table.declared, parts()):
-        yield Finding(f"{name} {row}", wrong)
-    for row in bare:
-        yield Finding(f"{name} {row}", "has no hash: it was changed after it was written")
+    changed = [Finding(f"{name} {row}", wrong) for row, wrong in breaks(table.declared, parts())]
+    findings = [*values.findings(), *changed]
+    findings += [Finding(f"{name} {row}", "has no hash: it was changed after it was written") for row in bare]
     if count < added:
-        yield Finding(name, f"has {count} rows, and {added} were added: some were taken away")
+        lost = f"has {count} rows, and {added} were added: some were taken away"
+        findings.append(Finding(name, lost))
+    return pa.concat_tables(held).unify_dictionaries(), findings
 
 
 def _unreadable(error: CatalogError) -> Finding:
@@ -166,32 +177,50 @@ def _read(findings: Iterable[Finding]) -> Iterator[Finding]:
         yield _unreadable(error)
 
 
-def broken_values(name: str, parts: Iterable[pd.DataFrame]) -> Iterator[Finding]:
-    """Values of the rows of a table, some at a time, against the constraints of their columns."""
-    broken: dict[str, tuple[str, Column, list[pd.Series]]] = {}  # column -> first value, and what has such
-    for frame in parts:
-        for column in TABLES[name].columns:
-            if column.name not in frame:
-                continue
-            bad = _broken(column, frame[column.name])
-            if bad.any():
-                first = str(frame[column.name][bad].iloc[0])
-                broken.setdefault(column.name, (first, column, []))[2].append(frame[frame.columns[0]][bad])
-    for first, column, keys in broken.values():
-        found = f"{first!r} is not {column.constraint}, in {_some(pd.concat(keys))}"
-        yield Finding(f"{name}.{column.name}", found)
+class Values:
+    """Values of the rows of a table, some rows at a time, against the constraints of their columns."""
+
+    def __init__(self, table: str, skipped: Collection[str] = ()) -> None:
+        self._table = table
+        self._columns = [column for column in TABLES[table].columns if column.name not in skipped]
+        self._broken: dict[
+            str, tuple[str, list[str]]
+        ] = {}  # column -> first value, and the rows that have such
+
+    def look_at(self, rows: pa.Table) -> None:
+        """Take in some rows; columns that they lack are not judged."""
+        for column in self._columns:
+            bad = broken(column, rows[column.name]) if column.name in rows.column_names else None
+            if bad is not None and pc.any(bad).as_py():
+                first = str(rows[column.name].filter(bad)[0].as_py())
+                names = self._broken.setdefault(column.name, (first, []))[1]
+                names += rows.column(0).filter(bad).to_pylist()
+
+    def findings(self) -> Iterator[Finding]:
+        """What was broken, by column."""
+        for column in self._columns:
+            if column.name in self._broken:
+                first, names = self._broken[column.name]
+                found = f"{first!r} is not {column.constraint}, in {_some(names)}"
+                yield Finding(f"{self._table}.{column.name}", found)
 
 
-def _broken(column: Column, values: pd.Series) -> pd.Series:
-    missing = values.isna() | (values == "" if pa.types.is_string(column.type) else False)
-    bad = missing if column.required else missing & False
-    if column.allowed:
-        bad = bad | ~(values.isin(column.allowed) | missing)
+def broken(column: Column, values: pa.ChunkedArray) -> pa.ChunkedArray | None:
+    """Which values a column does not allow; None where it allows any."""
+    masks = []
+    if column.required or column.allowed:
+        missing = values.is_null(nan_is_null=True)
+        if pa.types.is_string(values.type):
+            missing = pc.or_(missing, pc.equal(values.fill_null(""), ""))
+        masks += [missing] if column.required else []
+        if column.allowed:
+            known = pc.is_in(values, pa.array(column.allowed, values.type))
+            masks.append(pc.and_(pc.invert(known), pc.invert(missing)))
     if column.low is not None:
-        bad = bad | (values < column.low)
+        masks.append(pc.less(values, column.low).fill_null(False))
     if column.high is not None:
-        bad = bad | (values > column.high)
-    return bad
+        masks.append(pc.greater(values, column.high).fill_null(False))
+    return reduce(pc.or_, masks) if masks else None
 
 
 def _references(held: dict[str, pa.Table]) -> Iterator[Finding]:
@@ -203,12 +232,10 @@ def _references(held: dict[str, pa.Table]) -> Iterator[Finding]:
         ("transfers", "target_id", "structures"),
         *((table, "transfer_id", "transfers") for table in ("flights", "decisions", "overruled")),
     ):
-        known = _texts(held[to].column(0))
-        named = _texts(held[table][column])
-        for name in sorted(named.filter(pc.invert(pc.is_in(named, known))).to_pylist()):
-            yield Finding(
-                f"{table}.{column}", f"{name} is not in {to}; named by {_owners(held[table], column, name)}"
-            )
+        known, named = _texts(held[to].column(0)), _texts(held[table][column])
+        missing = sorted(named.filter(pc.invert(pc.is_in(named, known))).to_pylist())
+        for name, owners in _owners(held[table], column, missing).items():
+            yield Finding(f"{table}.{column}", f"{name} is not in {to}; named by {_some(owners)}")
 
 
 def _texts(column: pa.ChunkedArray) -> pa.Array:
@@ -217,9 +244,14 @@ def _texts(column: pa.ChunkedArray) -> pa.Array:
     return found.dictionary if pa.types.is_dictionary(found.type) else found
 
 
-def _owners(rows: pa.Table, column: str, value: str) -> str:
-    """The rows that say this, by name."""
-    return _some(rows.filter(pc.equal(rows[column], value)).column(0).to_pandas())
+def _owners(rows: pa.Table, column: str, values: list[str]) -> dict[str, list[str]]:
+    """The names of the rows that have each of some values."""
+    texts = rows[column].cast(pa.string())
+    own = rows.filter(pc.is_in(texts, pa.array(values, pa.string())))
+    owners: dict[str, list[str]] = {value: [] for value in values}
+    for value, name in zip(own[column].to_pylist(), own.column(0).to_pylist(), strict=True):
+        owners[value].append(name)
+    return owners
 
 
 def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
@@ -235,25 +267,29 @@ def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[
 
 def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
     """What is kept by its content and is damaged or not there, and whose it is."""
-    place, told = catalog.location.rstrip("/"), set()
+    place, named = catalog.location.rstrip("/"), set()
     for name, rows, column in (
         ("meshes", held["structures"], "mesh_sha256"),
         *(("surfaces", held["transfers"], column) for column in SURFACES),
         ("supposed", held["transfers"], "supposed_sha256"),
+        ("photos", held["transfers"], "photos_sha256"),
         ("supposed", held["decisions"].drop_columns("decision_id"), "supposed_sha256"),
         ("flown", held["flights"].drop_columns("flight_id"), "flight_sha256"),
         ("looks", held["flights"].drop_columns("flight_id"), "looks_sha256"),
     ):
-        for sha256 in filter(None, _texts(rows[column]).to_pylist()):
-            file, wrong = fault_of(contents, name, sha256)
-            if wrong:
-                told.add(file)
-                whose = "the mesh of" if name == "meshes" else "of"
-                yield Finding(f"{place}/{file}", f"{wrong}; {whose} {_owners(rows, column, sha256)}")
+        faults = {
+            sha256: fault_of(contents, name, sha256) for sha256 in _texts(rows[column]).to_pylist() if sha256
+        }
+        wrong = {sha256: fault for sha256, fault in faults.items() if fault[1]}
+        for sha256, owners in _owners(rows, column, list(wrong)).items():
+            file, words = wrong[sha256]
+            named.add(file)
+            whose = "the mesh of" if name == "meshes" else "of"
+            yield Finding(f"{place}/{file}", f"{words}; {whose} {_some(owners)}")
     for name, kept in contents.items():
-        for sha256, wrong in kept.faults.items():
-            if wrong and (file := f"{name}/{sha256}.parquet") not in told:
-                yield Finding(f"{place}/{file}", wrong)
+        for sha256, words in kept.faults.items():
+            if words and (file := f"{name}/{sha256}.parquet") not in named:
+                yield Finding(f"{place}/{file}", words)
 
 
 def _settings(transfers: pa.Table) -> Iterator[Finding]:
@@ -272,7 +308,7 @@ def _settings(transfers: pa.Table) -> Iterator[Finding]:
             yield Finding(f"settings {sha256[:12]}", f"do not match it; of {_some(rows['transfer_id'])}")
 
 
-def _some(names: pd.Series) -> str:
-    listed = [str(name) for name in names.unique()]
+def _some(names: Iterable[str]) -> str:
+    listed = [str(name) for name in dict.fromkeys(names)]
     more = f" and {len(listed) - _NAMED} more" if len(listed) > _NAMED else ""
     return ", ".join(listed[:_NAMED]) + more

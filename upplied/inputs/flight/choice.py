@@ -1,4 +1,4 @@
-"""Which topic of a log tells the poses: the one sensible answer, or an error that lists them all."""
+"""The topic of a log that holds the poses: the only sensible one, or an error that lists them all."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
 from upplied.inputs.flight.publishers import chosen
 from upplied.inputs.flight.tracks import Track, at_times
-from upplied.inputs.schemas import foxglove, geodetic, px4, ros, tf
+from upplied.inputs.schemas import geodetic, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table, joined
 from upplied.poses import angle_between
 
 Samples = Callable[[Table, Sequence[Table], LogOptions], Track]
 READERS: dict[str, Samples] = {
-    schema: family.samples for family in (ros, foxglove, px4, geodetic) for schema in family.SOURCES
+    schema: family.samples for family in (ros, px4, geodetic) for schema in family.SOURCES
 }
 
 # What was asked of the aircraft, and what went into its estimate: neither is where it flew.
@@ -39,35 +39,32 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
     InputError
         If there is none, or several that contradict each other; it lists all with their rates.
     """
-    found = _by_topic([table for table in tables if table.schema in READERS])
+    sources = _by_topic([table for table in tables if table.schema in READERS])
     if facts.topic and not any(table.channel.topic == facts.topic for table in tables):
         raise InputError(
             what, f"has no poses on topic {facts.topic!r}", listed(_all(tables)), "name one of these"
         )
     if facts.topic:
-        found = [table for table in found if table.channel.topic == facts.topic]
+        sources = [table for table in sources if table.channel.topic == facts.topic]
     if facts.schema:
-        found = [table for table in found if table.schema == facts.schema.replace("/msg/", "/")]
-    usable = [table for table in found if len(table) > 1]
-    if found and not usable:
-        raise nothing(found, what)
+        sources = [table for table in sources if table.schema == facts.schema.replace("/msg/", "/")]
+    usable = [table for table in sources if len(table) > 1]
+    if sources and not usable:
+        raise nothing(sources, what)
     if not facts.topic:
         usable = _narrowed(usable, facts)
     if 1 < len(usable) <= _MOST:
         usable = _agreeing(usable, tables, facts)
     if len(usable) > 1:
-        raise InputError(
-            what,
-            f"holds {len(usable)} sources of poses that differ: {listed(_all(tables))}",
-            "one source",
-            "choose one by topic, and by schema where a topic has several",
-        )
+        found = f"holds {len(usable)} sources of poses that differ: {listed(_all(tables))}"
+        remedy = "choose one by topic, and by schema where a topic has several"
+        raise InputError(what, found, "one source", remedy)
     if not usable:
         return None, []
-    others = len(found) > 1 and not facts.topic
+    others = len(sources) > 1 and not facts.topic
     same = (usable[0].channel.topic, usable[0].schema)
     table = chosen([it for it in tables if (it.channel.topic, it.schema) == same], facts, what)
-    return table, [f"poses of {table.channel.topic}, one of {len(found)} sources"] if others else []
+    return table, [f"poses of {table.channel.topic}, one of {len(sources)} sources"] if others else []
 
 
 def listed(tables: Sequence[Table]) -> str:
@@ -87,8 +84,8 @@ def nothing(tables: Sequence[Table], what: str) -> InputError:
         for table in tables
         for reason, number in table.dropped.items()
     ]
-    found = f" ({'; '.join(problems[:10])})" if problems else ""
-    return InputError(what, f"{NOTHING}{found}", "poses of the aircraft or of its camera")
+    reasons = f" ({'; '.join(problems[:10])})" if problems else ""
+    return InputError(what, f"{NOTHING}{reasons}", "poses of the aircraft or of its camera")
 
 
 def _all(tables: Sequence[Table]) -> list[Table]:
@@ -117,7 +114,7 @@ def _narrowed(tables: list[Table], facts: LogOptions) -> list[Table]:
 
 
 def _agreeing(usable: list[Table], tables: Sequence[Table], facts: LogOptions) -> list[Table]:
-    """The densest source alone where all others tell the same poses, else all of them."""
+    """The densest source alone where all others hold the same poses, else all of them."""
     usable = sorted(usable, key=len, reverse=True)
     tracks: list[Track | None] = []
     for table in usable:

@@ -12,9 +12,10 @@ from upplied.errors import InputError
 from upplied.inputs.flight.clock import steady
 from upplied.inputs.flight.tracks import AT_THE_ENDS, Track, are_unit
 from upplied.inputs.sidecar import LogOptions
+from upplied.inputs.tables import Table
 from upplied.polylines import leg_lengths
 from upplied.poses import normalised
-from upplied.records import Bools, Ints
+from upplied.records import Bools, Floats, Ints
 
 MAX_SPAN_NS = 24 * 3600 * 10**9
 MAX_POSITION_M = 1e7
@@ -44,15 +45,26 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
         If more than the allowed share was dropped, or nothing is left.
     """
     track = steady(timed(track))
-    track = track.keep(_finite(track), "not a number")
-    track = track.keep(
-        np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M, "position off the Earth"
-    )
+    finite = np.isfinite(np.column_stack([track.positions, track.quat_xyzw])).all(axis=1)
+    track = track.keep(np.asarray(finite), "not a number")
+    near = np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M
+    track = track.keep(near, "position off the Earth")
     track = track.keep(are_unit(track.quat_xyzw), "quaternion not of unit length")
     track = _with_attitude(track)
     track = _without_spikes(_unrepeated(track.take(np.argsort(track.t_ns, kind="stable"))))
     check_dropped(track, limits, what)
     return replace(track, quat_xyzw=normalised(track.quat_xyzw))
+
+
+def attitude_track(
+    table: Table, stamps: tuple[Ints, str], quat_xyzw: Floats, limits: LogOptions, good: Bools | None = None,
+    epoch: Ints | None = None,
+) -> Track:  # fmt: skip
+    """A clean track of the attitudes (N, 4) alone of a table; however many are dropped is allowed."""
+    nowhere = np.zeros((len(table), 3))
+    track = Track(stamps[0], nowhere, quat_xyzw, table.log_ns, clock=stamps[1], epoch=epoch)
+    track = track if good is None else track.take(good)
+    return clean(track, replace(limits, max_dropped=1.0), table.channel.topic)
 
 
 def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
@@ -63,20 +75,14 @@ def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
     InputError
         With the reasons and their numbers.
     """
-    lost = sum(
-        n
-        for reason, n in track.dropped.items()
-        if reason not in (REPEATED, UNSET) and not reason.endswith(AT_THE_ENDS)
-    )
+    harmless = {name for name in track.dropped if name in (REPEATED, UNSET) or name.endswith(AT_THE_ENDS)}
+    lost = sum(number for reason, number in track.dropped.items() if reason not in harmless)
     if not len(track):
         raise InputError(what, f"holds no usable pose ({reasons(track) or 'no message'})", "at least 2 poses")
     if lost > limits.max_dropped * (lost + len(track)):
-        raise InputError(
-            what,
-            f"{lost} of {lost + len(track)} samples are unusable ({reasons(track)})",
-            f"at most {limits.max_dropped:.0%}",
-            "record the flight again, or raise max_dropped if what is left is good",
-        )
+        found = f"{lost} of {lost + len(track)} samples are unusable ({reasons(track)})"
+        remedy = "record the flight again, or raise max_dropped if the rest is good"
+        raise InputError(what, found, f"at most {limits.max_dropped:.0%}", remedy)
 
 
 def reasons(track: Track) -> str:
@@ -103,11 +109,6 @@ def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
     }
     words = [f"{number} {kind}{'s' if number > 1 else ''}" for kind, number in counts.items() if number]
     return np.flatnonzero(gaps | jumps | resets) + 1, words
-
-
-def _finite(track: Track) -> Bools:
-    finite: Bools = np.isfinite(np.column_stack([track.positions, track.quat_xyzw]))
-    return np.asarray(finite.all(axis=1))
 
 
 def _with_attitude(track: Track) -> Track:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
-from upplied.inputs.flight.tracks import Track, at_times
+from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track, at_times
 from upplied.inputs.schemas.geodetic import STRUCTURE, structure_R_enu
 from upplied.inputs.schemas.gimbal import Gimbal
 from upplied.inputs.schemas.px4 import turned
@@ -16,8 +16,6 @@ from upplied.inputs.schemas.tf import Tree
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Bools, Floats, Ints
 
-# Optical frames (ROS, REP-103) are z forward, x right, y down; ours is x forward, y left, z up.
-OPTICAL_R_CAMERA = Rotation.from_matrix([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 _NOWHERE = np.zeros(3)
 NO_MOUNT = "no camera mount in the log: the camera is taken to look along the body's x axis"
 
@@ -27,8 +25,8 @@ def camera_poses(
 ) -> Track:
     """Poses of the camera (x forward, y left, z up) from poses of whatever the log tracks.
 
-    What is tracked is told by `facts.body_frame`. For a body, the camera is where the first of
-    these says: the attitude of a gimbal, a mount in the facts, the transforms from the body to
+    What is tracked is stated by `facts.body_frame`. For a body, the camera is placed by the first of
+    these: the attitude of a gimbal, a mount in the facts, the transforms from the body to
     the camera's optical frame, and at last the body itself, with the camera looking ahead.
     """
     frame = facts.body_frame or _frame_of(track.child, camera_frame, facts)
@@ -39,7 +37,7 @@ def camera_poses(
     offset, turn = _given(facts)
     if gimbal is not None:
         return _on_gimbal(track, gimbal, offset, turn, facts)
-    if facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None:
+    if _is_mounted(facts):
         return mounted(track, offset, turn)
     camera_frame = camera_frame or tree.camera()
     if body := _body(track, tree, camera_frame):
@@ -61,12 +59,9 @@ def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
     if not tree.path(track.parent, wanted):
         if "frame-unconnected" in facts.allow:
             return _noted(track, f"no transform from {track.parent} to {wanted}: allowed")
-        raise InputError(
-            what,
-            f"gives poses in the frame {track.parent!r}, the structure is placed in {wanted!r}",
-            "frame-unconnected: one frame, or transforms between them",
-            "place the structure in the frame of the poses",
-        )
+        found = f"gives poses in the frame {track.parent!r}, the structure is placed in {wanted!r}"
+        rule = "frame-unconnected: one frame, or transforms between them"
+        raise InputError(what, found, rule, "place the structure in the frame of the poses")
     fixed = tree.fixed(track.parent, wanted)
     if fixed is not None:
         return _under(track, np.tile(fixed[0], (len(track), 1)), fixed[1], wanted)
@@ -77,7 +72,8 @@ def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
 
 def in_structure_frame(track: Track, facts: LogOptions) -> Track:
     """Poses in the frame of the structure, from its pose in the log's frame."""
-    if track.parent == STRUCTURE or not _is_placed(facts):
+    placed = facts.structure_position_m is not None or facts.structure_quat_xyzw is not None
+    if track.parent == STRUCTURE or not placed:
         return track
     position = np.array(facts.structure_position_m or _NOWHERE)
     turn = Rotation.from_quat(facts.structure_quat_xyzw or (0.0, 0.0, 0.0, 1.0)).inv()
@@ -97,9 +93,12 @@ def mounted(track: Track, position: Floats, rotation: Rotation) -> Track:
 
 
 def _frame_of(tracked: str, camera_frame: str, facts: LogOptions) -> str:
-    given = facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
     optical = "optical" in tracked or (tracked and tracked == camera_frame)
-    return "optical" if optical and not given else "body"
+    return "optical" if optical and not _is_mounted(facts) else "body"
+
+
+def _is_mounted(facts: LogOptions) -> bool:
+    return facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
 
 
 def _given(facts: LogOptions) -> tuple[Floats, Rotation]:
@@ -161,10 +160,6 @@ def _under(track: Track, positions: Floats, rotation: Rotation, parent: str) -> 
         quat_xyzw=(rotation * Rotation.from_quat(track.quat_xyzw)).as_quat(),
         parent=parent,
     )
-
-
-def _is_placed(facts: LogOptions) -> bool:
-    return facts.structure_position_m is not None or facts.structure_quat_xyzw is not None
 
 
 def _noted(track: Track, note: str) -> Track:

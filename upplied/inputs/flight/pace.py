@@ -22,31 +22,29 @@ _LEAST_MPS = 0.5  # of a transit
 
 @dataclass(frozen=True)
 class Pace:
-    """What was found of a flight's time, s and m."""
+    """A flight's time, s and m."""
 
-    span_s: float  # from the first pose to the last, as recorded
-    recorded_s: float  # of it, without the gaps
-    gaps: int  # longer than the reader's bound
-    long_gaps: int  # that were flown as a transit
-    longest_gap_s: float
-    skipped_m: float  # from one end of the gaps to the other
-    cut_gap_s: float
-    hover_s: float  # standing still, longer than the cap
-    cut_hover_s: float
-    frozen_s: float  # without any change of the pose at all
+    span_s: float = 0.0  # from the first pose to the last, as recorded
+    recorded_s: float = 0.0  # of it, without the gaps
+    gaps: int = 0  # longer than the reader's bound
+    long_gaps: int = 0  # that were flown as a transit
+    longest_gap_s: float = 0.0
+    skipped_m: float = 0.0  # from one end of the gaps to the other
+    cut_gap_s: float = 0.0
+    hover_s: float = 0.0  # standing still, longer than the cap
+    cut_hover_s: float = 0.0
+    frozen_s: float = 0.0  # without any change of the pose at all
 
     @property
     def words(self) -> list[str]:
         """What was done, for the notes."""
-        said = []
+        words = []
         if self.long_gaps:
-            said.append(
-                f"{self.long_gaps} gaps of up to {self.longest_gap_s:.0f} s: pieces joined by transits,"
-                f" {self.cut_gap_s:.0f} s less"
-            )
+            gaps = f"{self.long_gaps} gaps of up to {self.longest_gap_s:.0f} s"
+            words.append(f"{gaps}: pieces joined by transits, {self.cut_gap_s:.0f} s less")
         if self.cut_hover_s:
-            said.append(f"hovering of {self.hover_s:.0f} s in all: {self.cut_hover_s:.0f} s of it cut")
-        return said
+            words.append(f"hovering of {self.hover_s:.0f} s in all: {self.cut_hover_s:.0f} s of it cut")
+        return words
 
 
 def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track, Pace]:

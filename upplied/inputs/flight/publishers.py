@@ -1,4 +1,4 @@
-"""Several bodies on one topic: told by the frames they name, by their channels, or by where they are."""
+"""Several bodies on one topic: separated by the frames they name, by their channels, or by their places."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ _LOOK = 400  # samples together
 _PLACES = 5  # of the flight, at which it is looked
 _SMOOTH = 1.6  # two steps on lead nearly twice as far where one body flies
 _SHORTER = 0.25  # two paths are one tangled up where they are this much shorter apart
+_RULE = "several-publishers: one body"
 REMEDY = "name one by publisher: the name of its frame, or #7 for the channel 7"
 
 
@@ -27,7 +28,7 @@ def chosen(tables: Sequence[Table], facts: LogOptions, what: str) -> Table:
     Raises
     ------
     InputError
-        If several channels tell of different places at the same time.
+        If several channels hold different places at the same time.
     """
     if facts.publisher.startswith("#"):
         named = [table for table in tables if f"#{table.channel.channel_id}" == facts.publisher]
@@ -37,12 +38,8 @@ def chosen(tables: Sequence[Table], facts: LogOptions, what: str) -> Table:
     both = [min(end, other) - start for (_, end), (start, other) in pairwise(spans)]
     if any(overlap > 1e9 for overlap in both) and "several-publishers" not in facts.allow:
         listed = ", ".join(f"#{table.channel.channel_id} ({len(table)} messages)" for table in full)
-        raise InputError(
-            f"{what}, {full[0].channel.topic}",
-            f"{len(full)} publishers at the same time: channels {listed}",
-            "several-publishers: one body",
-            REMEDY,
-        )
+        found = f"{len(full)} publishers at the same time: channels {listed}"
+        raise InputError(f"{what}, {full[0].channel.topic}", found, _RULE, REMEDY)
     return joined(list(tables))
 
 
@@ -59,12 +56,8 @@ def check_one(track: Track, facts: LogOptions, what: str) -> None:
     starts = np.linspace(0, max(len(track) - _LOOK, 0), _PLACES).astype(int)
     tangled = [_tangled(track.positions[start : start + _LOOK]) for start in np.unique(starts)]
     if np.mean(tangled) >= 0.4:
-        raise InputError(
-            what,
-            "holds the poses of several bodies in turn: the path jumps to and fro between them",
-            "several-publishers: one body",
-            f"{REMEDY}; else record them on topics of their own",
-        )
+        found = "holds the poses of several bodies in turn: the path jumps to and fro between them"
+        raise InputError(what, found, _RULE, f"{REMEDY}; else record them on topics of their own")
 
 
 def _tangled(path: Floats) -> bool:

@@ -34,23 +34,21 @@ def registered(
     if not facts.points or structure is None:
         return facts, ""
     if track.parent == STRUCTURE:
-        raise InputError(what, "gives places on the Earth", "points in a frame of the log's own",
-                         "correct the structure's placement instead")  # fmt: skip
+        rule = "points in a frame of the log's own"
+        raise InputError(what, "gives places on the Earth", rule, "correct the structure's placement instead")
     names = [name for name, _ in facts.points]
     unknown = [name for name in names if name not in structure.landmarks]
     if unknown or len(names) < _LEAST:
         found = f"no landmark {', '.join(unknown)}" if unknown else f"{len(names)} points"
         known = ", ".join(sorted(structure.landmarks)) or "it has none"
-        raise InputError(
-            what, f"registers by {found}", f"at least {_LEAST} landmarks of the structure: {known}"
-        )
+        rule = f"at least {_LEAST} landmarks of the structure: {known}"
+        raise InputError(what, f"registers by {found}", rule)
     logged = np.array([place for _, place in facts.points], float)
     wanted = np.array([structure.landmarks[name] for name in names], float)
     spread = np.linalg.svd(logged - logged.mean(axis=0), compute_uv=False)
     if spread[1] < _FLAT * max(spread[0], 1e-9):
-        raise InputError(
-            what, "registers by points on one line", "points that span a plane", "add one beside the line"
-        )
+        rule = "points that span a plane"
+        raise InputError(what, "registers by points on one line", rule, "add one beside the line")
     free = facts.unit_m is not None and not facts.unit_m > 0
     scale, turn, shift = _similarity(
         logged * (1.0 if free or facts.unit_m is None else facts.unit_m), wanted, free
@@ -65,7 +63,7 @@ def registered(
     quat = Rotation.from_matrix(turn.T).as_quat()
     placed = replace(
         facts, unit_m=unit, structure_position_m=tuple((-turn.T @ shift).tolist()),
-        structure_quat_xyzw=tuple(quat.tolist()), frame_id="",
+        structure_quat_xyzw=tuple(quat.tolist()), frame_id=""
     )  # fmt: skip
     return placed, f"registered by {len(names)} points at a scale of {unit or 1.0:.6g}: off by {listed}"
 

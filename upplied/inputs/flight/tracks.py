@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from upplied.errors import InputError
 from upplied.inputs.tables import Table
+from upplied.polylines import interpolated
 from upplied.poses import normalised
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -55,11 +57,9 @@ class Track(Record):
     def during(self, known: Bools, what: str) -> Track:
         """The samples for which something else is known; missing at the ends it is no fault of the log."""
         inner = np.flatnonzero(known)
-        ends = np.ones(len(self), bool)
+        ends = np.full(len(self), bool(len(inner)))
         if len(inner):
             ends[inner[0] : inner[-1] + 1] = False
-        else:
-            ends[:] = False
         return self.keep(~ends, f"no {what}{AT_THE_ENDS}").keep(known[~ends], f"no {what}")
 
     def take(self, index: Ints | Bools) -> Track:
@@ -134,33 +134,52 @@ def at_times(track: Track, t_ns: Ints, gap_s: float) -> tuple[Floats, Floats]:
     if not good.any():
         return positions, quats
     origin = track.t_ns[0]
-    known, asked = (track.t_ns - origin) * 1e-9, (t_ns[good] - origin) * 1e-9
-    positions[good] = np.column_stack(
-        [np.interp(asked, known, track.positions[:, axis]) for axis in range(3)]
-    )
+    known, wanted = (track.t_ns - origin) * 1e-9, (t_ns[good] - origin) * 1e-9
+    positions[good] = interpolated(wanted, known, track.positions)
     turns = Slerp(known, Rotation.from_quat(track.quat_xyzw))
-    quats[good] = normalised(turns(np.clip(asked, known[0], known[-1])).as_quat())
+    quats[good] = normalised(turns(np.clip(wanted, known[0], known[-1])).as_quat())
     return positions, quats
 
 
-_AXES, _TURNS = ("x", "y", "z"), ("x", "y", "z", "w")
+# Optical frames (ROS, REP-103) are z forward, x right, y down; ours is x forward, y left, z up.
+OPTICAL_R_CAMERA = Rotation.from_matrix([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
 
-def pose_paths(position: str, rotation: str) -> tuple[str, ...]:
-    """The seven paths of a pose whose parts are named x y z and x y z w."""
-    return (*(f"{position}.{axis}" for axis in _AXES), *(f"{rotation}.{turn}" for turn in _TURNS))
+class PoseShape(NamedTuple):
+    """Paths of a pose in a message: its stamp, its two parts, and the names of its frames."""
+
+    stamp: str
+    position: str
+    rotation: str
+    parent: str
+    child: str = ""
+
+    @property
+    def values(self) -> tuple[str, ...]:
+        """The seven numbers of the pose."""
+        turns = (f"{self.rotation}.{axis}" for axis in "xyzw")
+        return (*(f"{self.position}.{axis}" for axis in "xyz"), *turns)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """All paths that are read."""
+        named = (f"{self.stamp}.sec", f"{self.stamp}.nanosec", self.parent, self.child)
+        return (*filter(None, named), *self.values)
+
+    def track(self, table: Table) -> Track:
+        """All poses of a table, of whatever frames."""
+        times, clock = source_times(table, stamps(table, self.stamp))
+        values = table.stack(*self.values)
+        return Track(times, values[:, :3], values[:, 3:], table.log_ns, clock=clock)
 
 
-def pose_track(
-    table: Table, stamp: str, position: str, rotation: str, parent: str, child: str = "", only: str = ""
-) -> Track:
+def pose_track(table: Table, shape: PoseShape, only: str = "") -> Track:
     """The track of a table that holds one pose a row; poses of other frames than most are dropped.
 
     Parameters
     ----------
     table : Table
-    stamp, position, rotation, parent, child : str
-        Paths of the stamp, the two parts of the pose and the names of its frames.
+    shape : PoseShape
     only : str
         Name of the frame, parent or child, whose poses are meant where there are several.
 
@@ -169,51 +188,37 @@ def pose_track(
     InputError
         If there are several bodies, and none is named.
     """
-    times, clock = source_times(table, stamps(table, stamp))
-    parents, children = names(table, parent), names(table, child)
-    values = table.stack(*pose_paths(position, rotation))
-    track = Track(
-        times, values[:, :3], values[:, 3:], table.log_ns, clock=clock, dropped=Counter(table.dropped)
-    )
+    track = replace(shape.track(table), dropped=Counter(table.dropped))
     if not len(table):
         return track
-    groups = groups_of(parents, children)
+    groups = groups_of(table, shape)
     if named := {pair: rows for pair, rows in groups.items() if only and only.lstrip("/") in pair}:
         track = track.take(np.sort(np.concatenate(list(named.values()))))
         return replace(track, parent=next(iter(named))[0], child=next(iter(named))[1])
     most = max(groups, key=lambda pair: len(groups[pair]))
-    bodies = Counter({pair[1]: 0 for pair in groups})
+    bodies = Counter[str]()
     for pair, rows in groups.items():
         bodies[pair[1]] += len(rows)
-    if len([name for name, number in bodies.items() if number > _FEW_POSES_SHARE * len(table)]) > 1:
+    if sum(number > _FEW_POSES_SHARE * len(table) for number in bodies.values()) > 1:
         listed = ", ".join(f"{name or 'without a name'} ({number})" for name, number in bodies.most_common(8))
-        raise InputError(
-            table.channel.topic,
-            f"holds the poses of several bodies: {listed}",
-            "several-publishers: one body",
-            "name one by publisher",
-        )
+        found, rule = f"holds the poses of several bodies: {listed}", "several-publishers: one body"
+        raise InputError(table.channel.topic, found, rule, "name one by publisher")
     if len(groups) > 1:
-        good = np.zeros(len(table), bool)
-        good[groups[most]] = True
-        track = track.keep(good, "other frame")
+        track = track.keep(np.isin(np.arange(len(table)), groups[most]), "other frame")
     return replace(track, parent=most[0], child=most[1])
 
 
-def groups_of(parents: np.ndarray, children: np.ndarray) -> dict[tuple[str, str], Ints]:
+def groups_of(table: Table, shape: PoseShape) -> dict[tuple[str, str], Ints]:
     """The rows (k,) of each pair of frames."""
+    parents, children = names(table, shape.parent), names(table, shape.child)
     if (parents == parents[0]).all() and (children == children[0]).all():
         return {(parents[0], children[0]): np.arange(len(parents))}
     rows: dict[tuple[str, str], list[int]] = {}
     for row, pair in enumerate(zip(parents.tolist(), children.tolist(), strict=True)):
         rows.setdefault(pair, []).append(row)
-    return {pair: np.array(found) for pair, found in rows.items()}
+    return {pair: np.array(of_pair) for pair, of_pair in rows.items()}
 
 
 def names(table: Table, path: str) -> np.ndarray:
     """The names of frames in a column, without a leading slash; empty where there are none."""
-    texts = table.texts(path)
-    known = {name: name.lstrip("/") for name in set(texts.tolist())}
-    if len(known) == 1:
-        return np.full(len(table), next(iter(known.values())), object)
-    return np.array([known[name] for name in texts.tolist()], object)
+    return np.array([name.lstrip("/") for name in table.texts(path).tolist()], object)

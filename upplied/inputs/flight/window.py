@@ -1,4 +1,4 @@
-"""Which part of a log is the inspection.
+"""The part of a log that is the inspection.
 
 In this order: start and stop from options, side-car or metadata; the log's own `foxglove.Event`
 of the phase ``inspection`` (or the only event that lasts); else what `upplied.inputs.flight.whole` finds
@@ -18,11 +18,12 @@ from upplied.inputs.tables import Table
 from upplied.records import Bools
 
 _EVENT = "foxglove.Event"
+_NAMES = ("metadata", "event_type.name")
 FIELDS = {
     _EVENT: (
         "start_time.sec", "start_time.nanosec", "end_time.sec", "end_time.nanosec",
         "timestamp.sec", "timestamp.nanosec", "duration.sec", "duration.nanosec",
-        "metadata", "event_type.name",
+        *_NAMES,
     ),
 }  # fmt: skip
 
@@ -32,7 +33,7 @@ Span = tuple[int, int]
 def inspected(
     track: Track, tables: Sequence[Table], facts: LogOptions, what: str
 ) -> tuple[Track, list[str], bool]:
-    """The samples of the inspection, in words how they were told from the rest, and whether anybody said it.
+    """The samples of the inspection, in words how they were cut out, and whether start or stop were given.
 
     Raises
     ------
@@ -42,25 +43,22 @@ def inspected(
     first = int(track.t_ns.min()) if len(track) else 0
     given = (facts.start_s, facts.stop_s, facts.start_ns, facts.end_ns)
     if any(value is not None for value in given):
-        spans, told = [_given(facts, first)], "start and stop as given"
+        start = facts.start_ns if facts.start_s is None else first + int(facts.start_s * 1e9)
+        stop = facts.end_ns if facts.stop_s is None else first + int(facts.stop_s * 1e9)
+        spans = [(-(2**63) if start is None else start, 2**63 - 1 if stop is None else stop)]
+        words = "start and stop as given"
     elif spans := _events(tables):
-        told = f"{len(spans)} events in the log"
+        words = f"{len(spans)} events in the log"
     else:
         return track, [], False
     inside = _inside(track, spans)
     if not inside.any():
-        raise InputError(
-            what, f"has no pose within {told}", f"times within {_seconds(track)}", "correct start and stop"
-        )
+        seconds = f"0 to {(int(track.t_ns.max()) - first) * 1e-9:.1f} s" if len(track) else "none"
+        rule = f"times within {seconds}"
+        raise InputError(what, f"has no pose within {words}", rule, "correct start and stop")
     if inside.all():
         return track, [], True
-    return track.take(inside), [f"cut to {told}: {int(inside.sum())} of {len(track)} samples"], True
-
-
-def _given(facts: LogOptions, first: int) -> Span:
-    start = facts.start_ns if facts.start_s is None else first + int(facts.start_s * 1e9)
-    stop = facts.end_ns if facts.stop_s is None else first + int(facts.stop_s * 1e9)
-    return (-(2**63) if start is None else start, 2**63 - 1 if stop is None else stop)
+    return track.take(inside), [f"cut to {words}: {int(inside.sum())} of {len(track)} samples"], True
 
 
 def _inside(track: Track, spans: list[Span]) -> Bools:
@@ -86,20 +84,9 @@ def _events(tables: Sequence[Table]) -> list[Span]:
             stop = start + lasts
         if start is None or stop is None:
             continue
-        named = _named(table)
+        named = ["inspection" in f"{a} {b}".lower() for a, b in zip(*map(table.texts, _NAMES), strict=True)]
         for index in np.flatnonzero(stop > start):
             spans.append((int(start[index]), int(stop[index])))
             if named[index]:
                 labelled.append(spans[-1])
     return labelled or (spans if len(spans) == 1 else [])
-
-
-def _named(table: Table) -> list[bool]:
-    words = [""] * len(table)
-    for path in ("metadata", "event_type.name"):
-        words = [f"{word} {value}" for word, value in zip(words, table.texts(path), strict=True)]
-    return ["inspection" in word.lower() for word in words]
-
-
-def _seconds(track: Track) -> str:
-    return f"0 to {(int(track.t_ns.max()) - int(track.t_ns.min())) * 1e-9:.1f} s" if len(track) else "none"

@@ -67,11 +67,8 @@ def _check_content(source: Source, suffix: str) -> None:
         raise source.error(f"is {refused.upper()}, which is not read", _known(), REFUSED[refused])
     if suffix not in READERS:
         raise source.error(f"has the suffix .{suffix[:20]}", _known(), "export it in one of these formats")
-    raise source.error(
-        f"is named .{suffix} but holds {content.upper()}",
-        "suffix and content agree",
-        f"name it .{content}, or export it again" if content in READERS else "export it again",
-    )
+    remedy = f"name it .{content}, or export it again" if content in READERS else "export it again"
+    raise source.error(f"is named .{suffix} but holds {content.upper()}", "suffix and content agree", remedy)
 
 
 def _checked(source: Source, raw: RawMesh) -> RawMesh:

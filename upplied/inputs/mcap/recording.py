@@ -1,55 +1,55 @@
 """The container of a log: an MCAP file's channels, metadata and messages, within bounds.
 
-A sound log is read through its chunk index, so that chunks without a wanted channel are never
-touched. One whose index cannot be used is read from front to back (`upplied.inputs.mcap.salvage`).
-Records are read by `mcap`; its `SeekingReader` is not used, since the first damaged chunk ends it, it
-unpacks a chunk that stands in the summary, and it sorts by time what is wanted as recorded.
+The file is walked once, from record to record; of chunks and messages only their place is noted, and chunks
+without a wanted channel are never unpacked. Where the walk meets damage the next chunk is looked for, so that
+damage costs the chunks it hit and no more. Records are read by `mcap`; its `SeekingReader` is not used, since
+the first damaged chunk ends it, it unpacks a chunk that stands in the summary, and it sorts by time.
 """
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from mcap.records import Channel as ChannelRecord
-from mcap.records import Chunk, ChunkIndex, McapRecord, Message, Metadata, MetadataIndex, Schema, Statistics
+from mcap.records import Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema, Statistics
 
 from upplied.errors import InputError
-from upplied.inputs.mcap.salvage import scan
-from upplied.inputs.mcap.stream import DAMAGE, Budget, DamagedError, Guard, records_in
+from upplied.inputs.mcap.stream import DAMAGE, OPCODES, Budget, DamagedError, records_in, unpacked
 from upplied.inputs.tables import Channel
 
-# Bounds on what a log may hold: so much, plus so much for each byte of the file.
+# Bounds on the content of a log: so much, plus so much for each byte of the file.
 MAX_UNPACKED = (2**30, 200)  # bytes after decompression
 MAX_RECORDS = (5_000_000, 0.5)  # of all channels
 MAX_MESSAGES = (500_000, 0.125)  # of the wanted channels, and rows in their tables
 MAX_NAME = 500  # characters of a topic or schema
-MAX_RECORD_BYTES = 16 * 2**20  # of a schema, channel, metadata or index record
+MAX_RECORD_BYTES = 16 * 2**20  # of a schema, channel, metadata or statistics record
 MAGIC = b"\x89MCAP0\r\n"
-_FOOTER_BYTES = 9 + 20 + len(MAGIC)
+_MESSAGE, _CHUNK, _INDEX = 5, 6, 7
+_READ = frozenset([2, 3, 4, 11, 12, 15])  # footer, schema, channel, statistics, metadata, end of the data
+_ANCHORS = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")  # the compression's name in a chunk
+_ANCHOR_AT = 9 + 28  # from the start of the chunk's record
+_WINDOW = 2**20
 
 Sink = list[tuple[int, int, bytes]]  # log time, publish time (ns) and payload of each message
 
 
-class _NoIndexError(DamagedError):
-    """The log was written without an index, as recorders may."""
-
-
 class Ref(NamedTuple):
-    """Where the record of a chunk, or of a message of this channel outside of chunks, lies."""
+    """Place of a chunk's record, or of a message outside of chunks."""
 
     start: int
     stop: int
-    channel_ids: frozenset[int] = frozenset()  # that it holds, where known
+    channel_ids: Set[int] = frozenset()  # of its messages, where known
 
 
 @dataclass
 class Recording:
-    """What an MCAP file holds; `losses` say in words what could not be read."""
+    """The content of an MCAP file; `losses` name in words what could not be read."""
 
     path: Path
     size: int
@@ -58,10 +58,14 @@ class Recording:
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     chunks: list[Ref] = field(default_factory=list)
     loose: list[Ref] = field(default_factory=list)  # messages outside of chunks
-    counts: Mapping[int, int] = field(default_factory=dict)  # messages by channel, as the statistics say
+    counts: Mapping[int, int] = field(default_factory=dict)  # messages by channel, by the statistics
     losses: list[str] = field(default_factory=list)
     read_to: int = 0  # byte at which a salvaged log ends
     lost_bytes: int = 0  # of damaged chunks
+
+    def unsummarised(self) -> None:
+        """Forget which channels a chunk holds: without a summary any chunk may define one."""
+        self.chunks = [Ref(ref.start, ref.stop) for ref in self.chunks]
 
     def budget(self) -> Budget:
         """How often a reader of all its records may read."""
@@ -90,20 +94,18 @@ class Recording:
         shown = [f"{c.topic} ({c.schema_short or 'no schema'})" for c in channels if c]
         return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
 
-    def add(self, record: McapRecord, start: int = 0, stop: int = 0) -> None:
-        """Keep a record of the file, or of a chunk; messages and chunks by where they lie."""
+    def add(self, record: McapRecord) -> None:
+        """Note a record of the file, or of a chunk."""
         if isinstance(record, Schema | ChannelRecord):
             names = (record.name, record.encoding) if isinstance(record, Schema) else (record.topic,)
             if max(map(len, names)) > MAX_NAME:
                 raise DamagedError("a name of more than 500 characters")
-            kept: dict = self.schemas if isinstance(record, Schema) else self.channels
-            kept.setdefault(record.id, record)
+            known: dict = self.schemas if isinstance(record, Schema) else self.channels
+            known.setdefault(record.id, record)
         elif isinstance(record, Metadata):
             self.metadata.append((record.name, record.metadata))
-        elif isinstance(record, Chunk):
-            self.chunks.append(Ref(start, stop))
-        elif isinstance(record, Message):
-            self.loose.append(Ref(start, stop, frozenset([record.channel_id])))
+        elif isinstance(record, Statistics):
+            self.counts = record.channel_message_counts
 
     def read(self, sink_of: Callable[[Channel], Sink | None]) -> Iterator[None]:
         """Collect the messages of the channels that get a sink; yields after each chunk.
@@ -111,18 +113,20 @@ class Recording:
         Damaged chunks are skipped and named in `losses`.
         """
         sinks, most, budget = _Sinks(self, sink_of), self.limit(MAX_MESSAGES), self.budget()
-        lost, unpacked = Counter[str](), 0
+        lost, size = Counter[str](), 0
         with self.path.open("rb") as stream:
             for ref in [*self.chunks, *self.loose]:
                 if ref.channel_ids and all(sinks[channel_id] is None for channel_id in ref.channel_ids):
                     continue
                 try:
-                    record = _record_at(stream, ref, self.size, budget)
-                    inside: Iterable[McapRecord] = (record,)
+                    stream.seek(ref.start)
+                    record = next(records_in(stream.read(ref.stop - ref.start), budget))
+                    inside = iter([record])
                     if isinstance(record, Chunk):
-                        inside = records_in(record, budget)
-                        unpacked += record.uncompressed_size
-                        self.check(unpacked, MAX_UNPACKED, "bytes after decompression")
+                        content = unpacked(record)
+                        size += len(content)
+                        self.check(size, MAX_UNPACKED, "bytes after decompression")
+                        inside = records_in(content, budget)
                     for inner in inside:
                         if not isinstance(inner, Message):
                             self.add(inner)
@@ -130,9 +134,9 @@ class Recording:
                             sink.append((inner.log_time, inner.publish_time, inner.data))
                             if len(sink) > most:
                                 break
-                except DAMAGE as error:
+                except (*DAMAGE, StopIteration) as error:
                     lost[str(error) or type(error).__name__] += 1
-                    self.lost_bytes += min(ref.stop - ref.start, self.size)
+                    self.lost_bytes += ref.stop - ref.start
                 self.check(self.limit(MAX_RECORDS) - budget.reads // 8, MAX_RECORDS, "records")
                 yield
         for reason, number in lost.items():
@@ -176,7 +180,7 @@ class _Sinks(dict[int, "Sink | None"]):
 
 
 def open_recording(path: Path) -> Recording:
-    """What an MCAP file holds, through its index or else by reading it from front to back.
+    """The content of an MCAP file, of a damaged one what is left of it.
 
     Raises
     ------
@@ -184,64 +188,104 @@ def open_recording(path: Path) -> Recording:
         If it is missing, empty or no MCAP file.
     """
     try:
-        size = path.stat().st_size
-        if not path.is_file():
-            raise InputError(str(path), "is no file", "an MCAP log")
         with path.open("rb") as stream:
-            start = stream.read(10)
-            if not start.startswith(MAGIC):
+            start = stream.read(len(MAGIC))
+            if start != MAGIC:
                 found = "does not start as an MCAP file" if start else "is empty"
                 raise InputError(str(path), found, "an MCAP log", "copy it again from the recorder")
+            size = path.stat().st_size
             recording = Recording(path, size, read_to=size)
-            try:
-                _read_summary(stream, recording)
-            except _NoIndexError:
-                recording.metadata.clear()  # the scan meets them again
-                scan(stream, recording, "")
-            except DAMAGE as error:
-                recording = Recording(path, size, read_to=size)
-                why = str(error) if isinstance(error, DamagedError) else "the summary cannot be read"
-                scan(stream, recording, why)
+            _walk(stream, recording)
             return recording
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None
 
 
-def _read_summary(stream: BinaryIO, recording: Recording) -> None:
-    footer_at = recording.size - _FOOTER_BYTES
-    stream.seek(max(footer_at, 0))
-    tail = stream.read(_FOOTER_BYTES)
-    if footer_at < len(MAGIC) or tail[-8:] != MAGIC or tail[0] != 2:
-        raise DamagedError("the log was not closed")
-    start, crc = int.from_bytes(tail[9:17], "little"), int.from_bytes(tail[25:29], "little")
-    if start == 0:
-        raise _NoIndexError
-    if not len(MAGIC) <= start < footer_at or footer_at - start > 16 * MAX_RECORD_BYTES:
-        raise DamagedError("the summary is not where the log says")
-    stream.seek(start)
-    if crc and zlib.crc32(tail[:25], zlib.crc32(stream.read(footer_at - start))) != crc:
-        raise DamagedError("the summary fails its CRC")
-    refs, metadata, budget = {}, list[Ref](), recording.budget()
-    for record in Guard(stream, start, footer_at, budget).records():
-        if isinstance(record, ChunkIndex):
-            first = record.chunk_start_offset
-            refs[first] = Ref(first, first + record.chunk_length, frozenset(record.message_index_offsets))
-        elif isinstance(record, Statistics):
-            recording.counts = record.channel_message_counts
-        elif isinstance(record, MetadataIndex):
-            metadata.append(Ref(record.offset, record.offset + record.length))
-        elif isinstance(record, Schema | ChannelRecord):
+def _walk(stream: BinaryIO, recording: Recording) -> None:
+    """Note every record from front to back; what stands in the summary, only where that is whole."""
+    at, size, budget = len(MAGIC), recording.size, recording.budget()
+    summary: list[McapRecord] = []
+    ids: set[int] = set()  # of the channels in the last chunk
+    end: DataEnd | None = None
+    while at < size:
+        stream.seek(at)
+        head = stream.read(11)  # kind, length, and the channel that messages and indexes begin with
+        opcode, stop, channel_id = head[0], at + 9 + int.from_bytes(head[1:9], "little"), head[9:]
+        try:
+            if opcode not in OPCODES or len(head) < 9 or stop > size:
+                raise DamagedError("a record reaches beyond the end of the log")
+            if opcode == _CHUNK:
+                recording.chunks.append(Ref(at, stop, ids := set()))
+            elif opcode == _INDEX:
+                ids.add(int.from_bytes(channel_id, "little"))
+            elif opcode == _MESSAGE:
+                recording.loose.append(Ref(at, stop, {int.from_bytes(channel_id, "little")}))
+            elif opcode in _READ:
+                if stop - at > MAX_RECORD_BYTES:
+                    raise DamagedError("a record is larger than any of its kind")
+                stream.seek(at)
+                record = next(records_in(stream.read(stop - at), budget))
+                if isinstance(record, Footer):
+                    return _close(stream, recording, record, at, summary)
+                if end is not None:
+                    summary.append(record)
+                elif isinstance(record, DataEnd):
+                    end = record
+                    if recording.loose and end.data_section_crc not in (0, _crc(stream, 0, at)):
+                        recording.losses.append("the data fails its CRC")
+                else:
+                    recording.add(record)
+            recording.check(len(recording.chunks) + len(recording.loose), MAX_RECORDS, "records")
+            at = stop
+        except (*DAMAGE, StopIteration):
+            following = None if end is not None else _next_chunk(stream, at + 1, size)
+            if following is None:
+                break
+            recording.losses.append(f"{following - at} bytes lost at byte {at}")
+            recording.lost_bytes += following - at
+            at = following
+    recording.unsummarised()
+    if end is None:
+        recording.read_to = at
+        recording.losses.append(f"the log was not closed; read up to byte {at} of {size}")
+    else:
+        recording.losses.append("the log was not closed, though its data is whole")
+
+
+def _close(
+    stream: BinaryIO, recording: Recording, footer: Footer, at: int, summary: list[McapRecord]
+) -> None:
+    """Take the summary where the footer, which begins at a byte, and its checksum are whole."""
+    start, crc = footer.summary_start, footer.summary_crc
+    stream.seek(at + 29)
+    if stream.read(len(MAGIC) + 1) != MAGIC:
+        recording.losses.append("the log was not closed, though its data is whole")
+    elif start and (not len(MAGIC) <= start <= at or (crc and crc != _crc(stream, start, at + 25))):
+        recording.losses.append("the summary fails its CRC, though the data is whole")
+    else:
+        for record in summary:
             recording.add(record)
-    if not refs or not recording.channels:
-        raise _NoIndexError
-    for ref in metadata:
-        recording.add(_record_at(stream, ref, recording.size, budget))
-    recording.chunks = [refs[start] for start in sorted(refs)]
+        if recording.channels and summary:
+            return
+    recording.unsummarised()
 
 
-def _record_at(stream: BinaryIO, ref: Ref, size: int, budget: Budget) -> McapRecord:
-    if not 0 <= ref.start < ref.stop <= size:
-        raise DamagedError("a record reaches beyond the end of the log")
-    for record in Guard(stream, ref.start, ref.stop, budget).records():
-        return record
-    raise DamagedError("no record is where the index says")
+def _crc(stream: BinaryIO, start: int, stop: int) -> int:
+    stream.seek(start)
+    crc = 0
+    for at in range(start, stop, _WINDOW):
+        crc = zlib.crc32(stream.read(min(_WINDOW, stop - at)), crc)
+    return crc
+
+
+def _next_chunk(stream: BinaryIO, start: int, size: int) -> int | None:
+    """Where the next whole compressed chunk begins, or None."""
+    for first in range(start, size, _WINDOW):
+        stream.seek(first)
+        window = stream.read(_WINDOW + _ANCHOR_AT + 16)
+        for hit in _ANCHORS.finditer(window):
+            begin = hit.start() - _ANCHOR_AT
+            length = int.from_bytes(window[begin + 1 : begin + 9], "little")
+            if begin >= 0 and window[begin] == _CHUNK and first + begin + 9 + length <= size:
+                return first + begin
+    return None

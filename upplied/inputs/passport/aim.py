@@ -1,4 +1,4 @@
-"""Where the camera looks beside the nearest surface over the flight: a heading that drifts or is off.
+"""The camera's aim beside the nearest surface: a heading that drifts or is off, a wrong pitch.
 
 Who inspects looks at the surface before the camera, now a little to the left and now to the right. A
 heading that drifts turns that steadily to one side; one that is off holds it on one side from end to end.
@@ -9,31 +9,35 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from upplied.polylines import chosen_evenly
+from upplied.poses import optical_axis
 from upplied.records import Floats
 from upplied.scene import Scene
 
 _POSES = 300  # spread evenly over the flight
 _LEVEL = 0.5  # least horizontal part of a direction that has a heading
-_LEAST = 60  # poses that tell of a heading
+_LEAST = 60  # poses that have a heading
 _CLOSE_DEG = 12.0  # of the line: farther is a look at something else
 _SHARE = 0.7  # of the poses that the line must explain
-_ROUNDS = 5  # of fitting again, what lies far off counting less
+_ROUNDS = 5  # of fitting again, outliers counting less
 _WIDTH_DEG = 10.0  # beyond which it counts less
+_PITCHES_DEG = 8.0  # standard deviation of pitch and of the surface's elevation that is compared
 
 
 @dataclass(frozen=True)
 class Aim:
-    """The straight line through the aim over time; both zero where there is none."""
+    """The straight line through the aim over time, both zero where there is none; and the pitch."""
 
-    drift_deg: float = 0.0  # from end to end, to the left of the nearest surface
-    off_deg: float = 0.0  # in the middle
+    aim_drift_deg: float = 0.0  # from end to end, to the left of the nearest surface
+    aim_off_deg: float = 0.0  # in the middle
+    pitch_fit_pct: float = float("nan")  # correlation of the pitch with the elevation of the nearest surface
+    pitch_span_deg: float = float("nan")  # of the pitch, nine tenths of the poses
+    pitch_want_deg: float = 0.0  # elevation of the nearest surface, up or down, 75th percentile
 
 
 def aim_of(positions: Floats, quat_xyzw: Floats, scene: Scene) -> Aim:
-    """How far the camera looks to the left of the nearest surface, and how that changes, deg.
+    """The camera's heading and pitch beside the nearest surface.
 
     Parameters
     ----------
@@ -43,22 +47,31 @@ def aim_of(positions: Floats, quat_xyzw: Floats, scene: Scene) -> Aim:
         Of the structure.
     """
     some = chosen_evenly(len(positions), _POSES)
-    ahead = Rotation.from_quat(quat_xyzw[some]).apply([1.0, 0.0, 0.0])
+    ahead = optical_axis(quat_xyzw[some])
     near = scene.closest(positions[some])[0] - positions[some]
-    length = np.maximum(np.linalg.norm(near, axis=1), 1e-9)
-    level = (np.hypot(*ahead[:, :2].T) > _LEVEL) & (np.hypot(*near[:, :2].T) > _LEVEL * length)
-    if level.sum() < _LEAST:
-        return Aim()
+    near /= np.maximum(np.linalg.norm(near, axis=1, keepdims=True), 1e-9)
+    pitch, want = (np.degrees(np.arcsin(np.clip(part[:, 2], -1, 1))) for part in (ahead, near))
+    fit = float("nan")
+    if len(some) >= _LEAST and min(np.std(pitch), np.std(want)) > _PITCHES_DEG:
+        fit = 100 * float(np.corrcoef(pitch, want)[0, 1])
+    span = float(np.ptp(np.percentile(pitch, [5, 95]))) if len(some) >= _LEAST else float("nan")
+    level = (np.hypot(*ahead[:, :2].T) > _LEVEL) & (np.hypot(*near[:, :2].T) > _LEVEL)
     across = near[:, 0] * ahead[:, 1] - near[:, 1] * ahead[:, 0]
     left = np.degrees(np.arctan2(across, (ahead[:, :2] * near[:, :2]).sum(axis=1)))[level]
-    time = np.linspace(-0.5, 0.5, len(some))[level]
-    rows = np.column_stack([time, np.ones(len(time))])
-    weight = np.ones(len(time))
+    line = _line(np.linspace(-0.5, 0.5, len(some))[level], left)
+    return Aim(*line, fit, span, float(np.percentile(np.abs(want), 75)))
+
+
+def _line(time: Floats, left: Floats) -> tuple[float, float]:
+    """Slope and middle of the line that most angles (K,), deg, lie on; zeros where there is none."""
+    if len(time) < _LEAST:
+        return 0.0, 0.0
+    rows, weight = np.column_stack([time, np.ones(len(time))]), np.ones(len(time))
     for _ in range(_ROUNDS):
         line = np.linalg.lstsq(rows * weight[:, None], left * weight, rcond=None)[0]
         weight = 1 / np.sqrt(np.maximum(np.abs(left - rows @ line) / _WIDTH_DEG, 1.0))
     near_line = np.abs(left - rows @ line) < _CLOSE_DEG
     thirds = [near_line[(time >= at) & (time < at + 1 / 3)] for at in (-0.5, -1 / 6, 1 / 6 - 1e-9)]
     if near_line.mean() < _SHARE or any(len(third) < _LEAST // 6 or third.mean() < 0.5 for third in thirds):
-        return Aim()
-    return Aim(float(line[0]), float(line[1]))
+        return 0.0, 0.0
+    return float(line[0]), float(line[1])

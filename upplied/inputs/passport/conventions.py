@@ -14,11 +14,11 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upplied.inputs.flight.mounts import OPTICAL_R_CAMERA
-from upplied.inputs.flight.tracks import Track, are_unit
+from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track, are_unit
 from upplied.inputs.flight.whole import MIDDLE
 from upplied.inputs.passport.sight import inside
 from upplied.inputs.schemas.px4 import FRD_R_FLU, NED_R_ENU
+from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Floats
 from upplied.scene import Scene
 
@@ -37,12 +37,13 @@ class Convention:
     change: Change
     remedy: str = ""  # empty: `convention` with its name
     rare: float = 0.0  # by how much better it must fit than a mistake that is met more often
+    of_camera: bool = False  # it is about the camera's poses, not about those that were logged
 
     @property
     def advice(self) -> str:
         """What to write into the side-car if it is so."""
-        said = self.remedy or f'convention = "{self.name}"'
-        return f"if it is so, write {said} into the side-car" if "=" in said else said
+        remedy = self.remedy or f'convention = "{self.name}"'
+        return f"if it is so, write {remedy} into the side-car" if "=" in remedy else remedy
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,11 @@ def _moved(positions: Floats, quats: Floats, offset: Floats) -> Poses:
     return positions + offset, quats
 
 
+def _pitched(positions: Floats, quats: Floats) -> Poses:
+    yaw, pitch = yaw_pitch(quats)
+    return positions, from_yaw_pitch(yaw, -pitch)
+
+
 def _inverse(positions: Floats, quats: Floats) -> Poses:
     turns = Rotation.from_quat(quats).inv()
     return -turns.apply(positions), turns.as_quat()
@@ -99,7 +105,7 @@ _Y_UP = Rotation.from_euler("x", 90, degrees=True)
 _CYCLIC = Rotation.from_matrix([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 _UNITS = {
     "feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimetres": 0.001, "kilometres": 1000.0,
-    "metres read as feet": 1 / 0.3048,
+    "metres read as feet": 1 / 0.3048
 }  # fmt: skip
 
 #: What `convention` in a side-car may say, in the order of how often it is met.
@@ -109,7 +115,7 @@ NAMED: dict[str, Convention] = {
         Convention(
             "ned",
             "north, east, down and forward, right, down",
-            lambda p, q: (NED_R_ENU.apply(p), (NED_R_ENU * Rotation.from_quat(q) * FRD_R_FLU).as_quat()),
+            lambda p, q: (NED_R_ENU.apply(p), (NED_R_ENU * Rotation.from_quat(q) * FRD_R_FLU).as_quat())
         ),
         Convention("ned-flu", "north, east, down, but forward, left, up",
                    partial(_turned, left=NED_R_ENU)),
@@ -138,12 +144,15 @@ NAMED: dict[str, Convention] = {
                    partial(_under, matrix=np.diag([1.0, 1.0, -1.0]), poses=False)),
         *(Convention(name.replace(" ", "-"), f"lengths in {name}", partial(_scaled, factor=factor))
           for name, factor in _UNITS.items()),
+        Convention("pitch-sign", "the camera's pitch of the other sign", _pitched, rare=0.03, of_camera=True),
     )
 }  # fmt: skip
 
 
-def converted(track: Track, name: str) -> Track:
-    """The track, read in another convention than its schema's."""
+def converted(track: Track, name: str, of_camera: bool = False) -> Track:
+    """The track, read in another convention than its schema's; as it is where the convention is not of it."""
+    if not name or NAMED[name].of_camera != of_camera:
+        return track
     good = are_unit(track.quat_xyzw)
     positions, quats = track.positions.copy(), track.quat_xyzw.copy()
     positions[good], quats[good] = NAMED[name].change(positions[good], quats[good])
@@ -184,10 +193,13 @@ def best_fits(
         return share, []
     tried: list[tuple[Convention, Poses]] = []
     for item in NAMED.values():
-        positions, quats = item.change(thin.positions, thin.quat_xyzw)
-        changed = to_camera(replace(thin, positions=positions, quat_xyzw=quats))
-        tried.append((item, (changed.positions, changed.quat_xyzw)))
-    tried += [(item, item.change(*given)) for item in (*_MOUNTS, *_turns(), *_offsets(given, scene))]
+        if not item.of_camera:
+            positions, quats = item.change(thin.positions, thin.quat_xyzw)
+            changed = to_camera(replace(thin, positions=positions, quat_xyzw=quats))
+            tried.append((item, (changed.positions, changed.quat_xyzw)))
+    of_camera = [item for item in NAMED.values() if item.of_camera]
+    of_camera += [*_MOUNTS, *_turns(), *_offsets(given, scene)]
+    tried += [(item, item.change(*given)) for item in of_camera]
     whole = [(item, poses) for item, poses in tried if len(poses[0]) == len(given[0])]
     shares = fits(
         np.stack([p for _, (p, _) in whole]), np.stack([q for _, (_, q) in whole]), scene, ground_m, reach_m

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
-from upplied.errors import SettingsError
+from upplied.inputs.rules import with_bounds
 
 #: In which a log may be written, see `upplied.inputs.passport.conventions`.
 CONVENTIONS = (
     "ned", "ned-flu", "nwu-frd", "w-first", "inverse-quaternion", "inverse-pose", "swapped-xy",
     "swapped-xy-poses", "mirrored-x", "mirrored-y", "mirrored-x-poses", "mirrored-y-poses", "y-up",
     "z-forward", "z-down", "feet", "inches", "centimetres", "millimetres", "kilometres",
-    "metres-read-as-feet",
+    "metres-read-as-feet", "pitch-sign",
 )  # fmt: skip
 
 #: Bounds that change what is kept of a flight, and so what is planned from it; the others only judge.
@@ -41,12 +41,10 @@ class PassportSettings:
     odd_off_centre_m: float = 1.2  # of 150 right flights none is so by more than 0.2 m with as much certainty
     # Of 200 right flights none drifts by more than 10.7 deg or looks aside by more than 9.4.
     aim_drift_deg: float = 15.0  # by which the camera turns off the nearest surface from end to end
-    aim_off_deg: float = 15.0  # by which it looks aside of it all the time
-    least_motion_fit_pct: float = (
-        60.0  # mean cosine: other axes give 0 or less, public recordings 98.6 and more
-    )
+    aim_off_deg: float = 11.0  # by which it looks aside of it all the time
+    least_motion_fit_pct: float = 60.0  # mean cosine: other axes give 0 or less, recordings 98.6 and more
     least_felt_turn_pct: float = -50.0  # mirrored poses give -100, right ones 100, others neither
-    motion_ratio: float = 1.3  # of speeds, either way; a foot is 3.3 times shorter than a metre
+    motion_ratio: float = 1.08  # of speeds, either way; public recordings keep within 1.01
     max_speed_mps: float = 25.0  # in 99 % of the flight, over half a second
     odd_speed_mps: float = 12.0
     max_acceleration_mps2: float = 30.0
@@ -55,9 +53,13 @@ class PassportSettings:
     odd_turn_degps: float = 100.0  # and within 49
     most_roll_deg: float = 60.0  # of the camera, in the middle of its poses
     odd_roll_deg: float = 15.0
+    least_pitch_fit_pct: float = -50.0  # correlation of the pitch with the elevation of the surface
+    least_pitch_span_deg: float = 1.0  # of a pitch that changes at all
+    most_pitch_want_deg: float = 10.0  # elevation of the nearest surface to which it should have changed
     odd_step_s: float = 2.0  # between poses, but for photos
     odd_year: int = 2100
     clock_ratio: float = 1.1  # of the source's clock and the recorder's, either way
+    leap_slack_s: float = 0.5  # round the leap seconds between GPS time, or atomic time, and UTC
     max_clock_steps: int = 5
     zoom_pct: float = 3.0  # of the field of view
     long_gap_s: float = 5.0  # a longer silence is flown as a transit
@@ -68,25 +70,12 @@ class PassportSettings:
     least_read_pct: float = 50.0  # of a damaged log
 
 
-def changed(said: tuple[str, ...]) -> PassportSettings:
-    """The defaults with bounds that are said as ``name=value``.
+def changed(assignments: tuple[str, ...]) -> PassportSettings:
+    """The defaults with bounds that are given as ``name=value``.
 
     Raises
     ------
     SettingsError
         If a name is unknown, or a value no number.
     """
-    known = {item.name: item for item in fields(PassportSettings)}
-    values: dict[str, float] = {}
-    for text in said:
-        name, _, value = text.partition("=")
-        name = name.removeprefix("passport.")
-        if name not in known:
-            raise SettingsError(f"setting {name!r}", "is unknown", f"one of {', '.join(known)}")
-        try:
-            values[name] = int(value) if known[name].type == "int" else float(value)
-        except ValueError:
-            raise SettingsError(f"setting {name}", f"got {value!r}", "a number") from None
-        if not 0 <= values[name] < 1e9:
-            raise SettingsError(f"setting {name}", f"got {value!r}", "0 to 1e9")
-    return replace(PassportSettings(), **values)  # type: ignore[arg-type]
+    return with_bounds(PassportSettings(), assignments, "passport.")

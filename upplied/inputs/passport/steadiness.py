@@ -28,6 +28,7 @@ class Steadiness:
     spikes: int = 0
     roll_deg: float = float("nan")  # of the camera, median size
     clock_ratio: float = float("nan")  # of the time by the source's clock and by the recorder's
+    clock_ahead_s: float = float("nan")  # of the source's clock before the recorder's, median
     step_s: float = 0.0  # usual
 
 
@@ -44,12 +45,10 @@ def steadiness(logged: Track, flown: Track, gap_s: float) -> Steadiness:
         Steps of longer silences tell nothing.
     """
     off_m, lasting = _off(flown, gap_s)
-    ratio = float("nan")
-    spans = (
-        [float(np.ptp(clock)) * 1e-9 for clock in (logged.t_ns, logged.log_ns)] if len(logged) else [0.0, 0.0]
-    )
-    if min(spans) > _LEAST and not logged.clock_steps:
-        ratio = spans[0] / spans[1]
+    ratio = ahead_s = float("nan")
+    spans = [float(np.ptp(clock)) * 1e-9 for clock in (logged.t_ns, logged.log_ns) if len(clock)]
+    if min(spans, default=0.0) > _LEAST and not logged.clock_steps:
+        ratio, ahead_s = spans[0] / spans[1], float(np.median(logged.t_ns - logged.log_ns)) * 1e-9
     dropped = logged.dropped.get("far off its neighbours", 0)
     return Steadiness(
         jumps=int(lasting.sum()),
@@ -57,6 +56,7 @@ def steadiness(logged: Track, flown: Track, gap_s: float) -> Steadiness:
         spikes=int(((off_m > 0) & ~lasting).sum() + 1) // 2 + dropped,
         roll_deg=_roll_deg(flown.quat_xyzw),
         clock_ratio=ratio,
+        clock_ahead_s=ahead_s,
         step_s=float(np.median(np.diff(flown.t_ns))) * 1e-9 if len(flown) > 1 else 0.0,
     )
 

@@ -19,7 +19,7 @@ from upplied.records import Camera, Floats, Ints
 _CALIBRATION = ("width", "height", "k", "K", "distortion_model")
 FIELDS = {
     "sensor_msgs/CameraInfo": (
-        "header.stamp.sec", "header.stamp.nanosec", "header.frame_id", *_CALIBRATION,
+        "header.stamp.sec", "header.stamp.nanosec", "header.frame_id", *_CALIBRATION
     ),
     "foxglove.CameraCalibration": ("timestamp.sec", "timestamp.nanosec", "frame_id", *_CALIBRATION),
 }  # fmt: skip
@@ -101,7 +101,7 @@ def camera_of(
         Name of its optical frame, where known.
     notes : list of str
     zoom : Zoom or None
-        Its field of view in time, where the log measured it and nothing else is said.
+        Its field of view in time, where the log measured it.
 
     Raises
     ------
@@ -121,31 +121,32 @@ def camera_of(
         )
     camera, frame, zoom = next(iter(found.values()), (Camera(), "", None))
     notes = [] if found else [NO_CALIBRATION]
-    given: dict[str, Any] = {
-        "hfov_deg": facts.camera_hfov_deg,
-        "vfov_deg": facts.camera_vfov_deg,
-        "min_range_m": facts.camera_min_range_m,
-        "max_range_m": facts.camera_max_range_m,
-        **{name: getattr(facts, f"camera_{name}") for name in _OPTICS},
-    }
-    given = {name: value for name, value in given.items() if value is not None}
-    for name in ("width_px", "height_px"):
-        if name in given:
-            given[name] = int(given[name])
+    names = ("hfov_deg", "vfov_deg", "min_range_m", "max_range_m", *_OPTICS)
+    declared: dict[str, Any] = {name: getattr(facts, f"camera_{name}") for name in names}
+    declared = {name: value for name, value in declared.items() if value is not None}
+    declared |= {name: int(declared[name]) for name in ("width_px", "height_px") if name in declared}
     if facts.camera_model:
         model = known_camera(facts.camera_model, facts.camera_file_format or "jpeg")
         camera = completed(camera, model) if found else model
-    camera = replace(camera, **given)
+    camera = replace(camera, **declared)
     if camera.focus_m > camera.min_range_m and facts.camera_min_range_m is None:
         camera = replace(camera, min_range_m=camera.focus_m)
     if camera.min_range_m >= camera.max_range_m:
-        found_range = f"{camera.min_range_m} to {camera.max_range_m} m"
-        raise InputError(f"{what}, camera range", f"got {found_range}", "the least range below the greatest")
-    said = facts.camera_hfov_deg is not None
-    if said and zoom is not None and zoom.spread_pct > facts.passport.zoom_pct:
+        limits = f"{camera.min_range_m} to {camera.max_range_m} m"
+        raise InputError(f"{what}, camera range", f"got {limits}", "the least range below the greatest")
+    if facts.camera_hfov_deg is not None and zoom is not None and zoom.spread_pct > facts.passport.zoom_pct:
         changes = f"from {zoom.hfov_deg.max():.1f} to {zoom.hfov_deg.min():.1f} deg"
         notes.append(f"{ZOOM_UNHEARD} {changes}: {camera.hfov_deg:g} deg all the time, as declared")
-    return camera, facts.camera_frame_id.lstrip("/") or frame, notes, None if said else zoom
+    return camera, facts.camera_frame_id.lstrip("/") or frame, notes, zoom
+
+
+def lens_ratio(zoom: Zoom | None, facts: LogOptions) -> float:
+    """The declared field of view over that of the log's calibration; NaN where one of them is missing."""
+    if zoom is None or facts.camera_hfov_deg is None or not len(zoom.hfov_deg):
+        return float("nan")
+    return facts.camera_hfov_deg / float(
+        np.clip(facts.camera_hfov_deg, zoom.hfov_deg.min(), zoom.hfov_deg.max())
+    )
 
 
 def through(
@@ -168,27 +169,25 @@ def through(
         If the field of view changes, but no clock says at which pose (`zoom-untimed`). Where that is
         allowed, the narrowest counts for the whole flight.
     """
-    if zoom is None or not len(track):
+    if zoom is None or facts.camera_hfov_deg is not None or not len(track):
         return camera, None
     fov_deg = zoom.at(track)
     if fov_deg is None:
         if zoom.spread_pct > facts.passport.zoom_pct and "zoom-untimed" not in facts.allow:
-            raise InputError(
-                what,
-                f"zoom-untimed: the field of view changes from {zoom.hfov_deg.max():.1f} to "
-                f"{zoom.hfov_deg.min():.1f} deg, by a clock that is not that of the poses",
-                f"one field of view, within {facts.passport.zoom_pct:g} %, or one clock",
-                "record with one clock, or --allow zoom-untimed: the narrowest then counts",
+            change = f"from {zoom.hfov_deg.max():.1f} to {zoom.hfov_deg.min():.1f} deg"
+            found = (
+                f"zoom-untimed: the field of view changes {change}, by another clock than that of the poses"
             )
+            rule = f"one field of view, within {facts.passport.zoom_pct:g} %, or one clock"
+            remedy = "record with one clock, or --allow zoom-untimed: the narrowest then counts"
+            raise InputError(what, found, rule, remedy)
         fov_deg = np.column_stack([zoom.hfov_deg, zoom.vfov_deg])
     if facts.camera_vfov_deg is not None:
         fov_deg = np.column_stack([fov_deg[:, 0], np.full(len(fov_deg), camera.vfov_deg)])
     narrow = fov_deg[np.argmin(fov_deg[:, 0])]
     camera = replace(camera, hfov_deg=float(narrow[0]), vfov_deg=float(narrow[1]))
-    changes = len(fov_deg) == len(track) and fov_deg[:, 0].max() > narrow[0] * (
-        1 + facts.passport.zoom_pct / 100
-    )
-    return camera, fov_deg if changes else None
+    widest = narrow[0] * (1 + facts.passport.zoom_pct / 100)
+    return camera, fov_deg if len(fov_deg) == len(track) and fov_deg[:, 0].max() > widest else None
 
 
 def _fov_deg(pixels: float, focal_px: float, model: str) -> float:

@@ -16,10 +16,11 @@ import pymap3d
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
-from upplied.inputs.flight.clean import clean
-from upplied.inputs.flight.tracks import Track, are_unit, at_times, source_times, stamps
+from upplied.inputs.flight.clean import attitude_track
+from upplied.inputs.flight.tracks import Track, are_unit, source_times, stamps
 from upplied.inputs.schemas import gimbal, px4
-from upplied.inputs.schemas.inertial import FELT
+from upplied.inputs.schemas.geoid import undulation_m
+from upplied.inputs.schemas.ros import IMU
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.poses import from_yaw_pitch
@@ -34,13 +35,10 @@ FIELDS = {
         "timestamp", "timestamp_sample", "lat", "lon", "alt", "alt_ellipsoid", "alt_takeoff",
         "lat_lon_valid", "alt_valid", "lat_lon_reset_counter", "alt_reset_counter",
     ),
-    "sensor_msgs/Imu": (
-        "header.stamp.sec", "header.stamp.nanosec", "header.frame_id", "orientation_covariance", *_TURN,
-        *FELT,
-    ),
 }  # fmt: skip
 SOURCES = ("sensor_msgs/NavSatFix", "foxglove.LocationFix", "px4_msgs/VehicleGlobalPosition")
 TAKEOFF = "takeoff"  # a datum: heights count from there
+_NAMES = {"ellipsoid": "ellipsoid", "amsl": "mean sea level", TAKEOFF: "place of take-off"}
 STRUCTURE = "structure"  # name of the frame of these tracks: no further placing is needed
 MAX_DISTANCE_M = 20_000.0
 _NO_FIX = -1
@@ -58,15 +56,16 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     _check_placed(table, facts)
     times, clock, place, datum = _fixes(table, facts)
     lat, lon, alt = np.where(np.abs(place) < 1e7, place, np.nan).T
-    lift, own = _lifts(datum, facts, table)
+    lift, own, words = _lifts(datum, facts, table)
     east, north, up = pymap3d.geodetic2enu(
         np.clip(lat, -90, 90), lon, alt + lift,
-        facts.structure_lat_deg, facts.structure_lon_deg, (facts.structure_alt_m or 0.0) + own,
+        facts.structure_lat_deg, facts.structure_lon_deg, (facts.structure_alt_m or 0.0) + own
     )  # fmt: skip
     enu = np.column_stack([east, north, up])
     _check_near(enu, table)
     track = Track(times, enu, np.full((len(table), 4), np.nan), table.log_ns, "enu", "base_link", clock)
-    track = replace(track.during(_valid(table), "fix"), notes=(f"altitudes above the {_named(datum)}",))
+    notes = (f"altitudes above the {_NAMES[datum]}", *words)
+    track = replace(track.during(_valid(table), "fix"), notes=notes)
     return placed(_with_attitude(track, table, tables, facts), facts)
 
 
@@ -90,23 +89,20 @@ def _check_placed(table: Table, facts: LogOptions) -> None:
     wanted = ("structure_lat_deg", "structure_lon_deg", "structure_alt_m", "structure_heading_deg")
     missing = [name for name in wanted if getattr(facts, name) is None]
     if missing:
-        raise InputError(
-            table.channel.topic,
-            f"gives positions on the Earth, but the structure's place is not known ({', '.join(missing)})",
-            "latitude, longitude, altitude and heading of the structure",
-            "write them into the side-car",
-        )
+        found = f"gives positions on the Earth, but the structure's place is unknown ({', '.join(missing)})"
+        rule = "latitude, longitude, altitude and heading of the structure"
+        raise InputError(table.channel.topic, found, rule, "write them into the side-car")
 
 
 def _check_near(enu: Floats, table: Table) -> None:
     distance = np.linalg.norm(enu, axis=1)
     if np.isfinite(distance).any() and np.nanmedian(distance) > MAX_DISTANCE_M:
-        raise InputError(
-            table.channel.topic,
-            f"lies {np.nanmedian(distance) / 1000:.0f} km from the structure",
+        found = f"lies {np.nanmedian(distance) / 1000:.0f} km from the structure"
+        rule, remedy = (
             f"within {MAX_DISTANCE_M / 1000:.0f} km",
             "check the structure's latitude and longitude",
         )
+        raise InputError(table.channel.topic, found, rule, remedy)
 
 
 def _fixes(table: Table, facts: LogOptions) -> tuple[Ints, str, Floats, str]:
@@ -127,65 +123,66 @@ def _valid(table: Table) -> Bools:
     return fixed & px4.flag(table, "lat_lon_valid") & px4.flag(table, "alt_valid")
 
 
-def _lifts(datum: str, facts: LogOptions, table: Table) -> tuple[float, float]:
-    """What to add to the altitudes of the log and of the structure for one datum, the ellipsoid if known."""
+def _lifts(datum: str, facts: LogOptions, table: Table) -> tuple[float, float, tuple[str, ...]]:
+    """What to add to the altitudes of the log and of the structure for one datum, and in words by what."""
     wanted = facts.structure_datum or "ellipsoid"
     if datum == wanted:
-        return 0.0, 0.0
+        return 0.0, 0.0, ()
     if datum == TAKEOFF:
         if facts.takeoff_alt_m is None:
-            raise InputError(
-                table.channel.topic,
-                "gives heights above the place of take-off alone",
-                "the altitude of that place, in the structure's datum",
-                "write takeoff_alt_m into the side-car",
-            )
-        return facts.takeoff_alt_m, 0.0
-    if facts.geoid_undulation_m is None:
-        raise InputError(
-            table.channel.topic,
-            f"gives altitudes above the {_named(datum)}, the structure stands above the {_named(wanted)}",
-            "one datum, or geoid_undulation_m",
-            "give geoid_undulation_m, the height of mean sea level above the ellipsoid there",
-        )
-    undulation = facts.geoid_undulation_m
-    return (0.0, undulation) if datum == "ellipsoid" else (undulation, 0.0)
+            found, rule = "gives heights above the place of take-off alone", "the altitude of that place"
+            remedy = "write takeoff_alt_m, in the structure's datum, into the side-car"
+            raise InputError(table.channel.topic, found, rule, remedy)
+        return facts.takeoff_alt_m, 0.0, ()
+    undulation, words = facts.geoid_undulation_m, "as declared"
+    if undulation is None:
+        assert facts.structure_lat_deg is not None and facts.structure_lon_deg is not None
+        undulation, words = undulation_m(facts.structure_lat_deg, facts.structure_lon_deg)
+    if undulation is None:
+        found = f"gives altitudes above the {_NAMES[datum]}, the structure stands above the {_NAMES[wanted]}"
+        rule = "one datum, or the height of mean sea level above the ellipsoid there"
+        raise InputError(table.channel.topic, found, rule, f"give geoid_undulation_m, or a grid: {words}")
+    note = (f"mean sea level {undulation:.1f} m above the ellipsoid, {words}",)
+    return (0.0, undulation, note) if datum == "ellipsoid" else (undulation, 0.0, note)
 
 
 def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     turns = px4.attitude(tables, facts) if table.schema.startswith("px4") else _imu(tables, facts)
     if turns is not None:
-        _, quats = at_times(turns, track.t_ns, facts.gap_s)
-        return replace(track, quat_xyzw=quats).during(np.isfinite(quats[:, 0]), "attitude")
-    level = "the attitude is taken to be level"
+        return _from_antenna(px4.with_attitude(track, turns, facts), facts)
     heading = table.numbers("heading")[_valid(table)]
     if np.isfinite(heading).any():
         heading = np.where(np.abs(heading) < 1e3, heading, np.nan)
         quats = from_yaw_pitch(np.pi / 2 - heading, np.zeros(len(heading)))
-        return replace(track, quat_xyzw=quats, notes=(*track.notes, f"heading of the fix: {level}"))
-    if gimbal.earth_fixed(tables):
+        note = "heading of the fix: the attitude is taken to be level"
+        return _from_antenna(replace(track, quat_xyzw=quats, notes=(*track.notes, note)), facts)
+    if gimbal.earth_fixed(tables) and facts.body_T_antenna_position_m is None:
         return replace(track, quat_xyzw=np.tile([0.0, 0, 0, 1], (len(track), 1)))
-    raise InputError(
-        table.channel.topic,
-        "gives positions, but nothing in the log gives the attitude",
-        "sensor_msgs/Imu with an orientation, a heading, or a gimbal's attitude",
-        "record the attitude too",
+    found, rule = (
+        "gives positions, but the log holds no attitude of the vehicle",
+        "an IMU's orientation, a heading",
     )
+    rule += "" if facts.body_T_antenna_position_m else ", or a gimbal's attitude"
+    raise InputError(table.channel.topic, found, rule, "record the attitude too")
+
+
+def _from_antenna(track: Track, facts: LogOptions) -> Track:
+    """Positions of the body from those of its antenna, where that is said to lie off the body's origin."""
+    if facts.body_T_antenna_position_m is None:
+        return track
+    arms, good = np.zeros((len(track), 3)), are_unit(track.quat_xyzw)
+    arms[good] = Rotation.from_quat(track.quat_xyzw[good]).apply(facts.body_T_antenna_position_m)
+    return replace(track, positions=track.positions - arms)
 
 
 def _imu(tables: Sequence[Table], facts: LogOptions) -> Track | None:
     """The densest orientation of an IMU; REP-145 marks a missing one by a covariance of -1."""
-    found = []
+    tracks = []
     for table in tables:
-        if table.schema == "sensor_msgs/Imu" and len(table):
-            times, clock = source_times(table, stamps(table, "header.stamp"))
+        if table.schema == IMU and len(table):
             quats = table.stack(*_TURN)
             good = are_unit(quats) & (table.vectors("orientation_covariance", 9)[:, 0] != -1)
             if good.mean() > 0.5:
-                track = Track(times, np.zeros((len(table), 3)), quats, table.log_ns, clock=clock)
-                found.append(clean(track.take(good), replace(facts, max_dropped=1.0), table.channel.topic))
-    return max(found, key=len, default=None)
-
-
-def _named(datum: str) -> str:
-    return {"amsl": "mean sea level", TAKEOFF: "place of take-off"}.get(datum, datum)
+                times = source_times(table, stamps(table, "header.stamp"))
+                tracks.append(attitude_track(table, times, quats, facts, good))
+    return max(tracks, key=len, default=None)

@@ -1,18 +1,18 @@
-"""Where a gimbal points: MAVLink's GIMBAL_DEVICE_ATTITUDE_STATUS as PX4 and MAVROS publish it.
+"""Attitude of a gimbal: MAVLink's GIMBAL_DEVICE_ATTITUDE_STATUS as PX4 and MAVROS publish it.
 
 The gimbal's frame is forward, right, down. Its yaw counts from north or from the heading of the
-vehicle, as the flags say; pitch and roll always count from the horizon.
+vehicle, by the flags; pitch and roll always count from the horizon.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upplied.inputs.flight.clean import clean
+from upplied.inputs.flight.clean import attitude_track
 from upplied.inputs.flight.tracks import Track, at_times, source_times, stamps
 from upplied.inputs.schemas import px4
 from upplied.inputs.sidecar import LogOptions
@@ -55,24 +55,18 @@ def gimbal(tables: Sequence[Table], facts: LogOptions) -> Gimbal | None:
         return None
     table = max(found, key=len)
     if table.schema.startswith("px4"):
-        times, clock = px4.stamps_us(table)
-        quats = px4.xyzw(table)
+        times, quats = px4.stamps_us(table), px4.xyzw(table)
     else:
-        times, clock = source_times(table, stamps(table, "header.stamp"))
-        quats = table.stack(*_Q)
+        times, quats = source_times(table, stamps(table, "header.stamp")), table.stack(*_Q)
     north = _from_north(table)
     most = bool(north.mean() >= 0.5)
-    track = Track(times, np.zeros((len(table), 3)), quats, table.log_ns, clock=clock).take(north == most)
-    return Gimbal(
-        clean(track, replace(facts, max_dropped=1.0), table.channel.topic), most, table.channel.topic
-    )
+    return Gimbal(attitude_track(table, times, quats, facts, north == most), most, table.channel.topic)
 
 
 def earth_fixed(tables: Sequence[Table]) -> bool:
-    """Whether a gimbal in the log tells its orientation without the vehicle's."""
-    return any(
-        table.schema in FIELDS and len(table) > 1 and _from_north(table).mean() >= 0.5 for table in tables
-    )
+    """Whether a gimbal in the log holds its orientation without the vehicle's."""
+    gimbals = [table for table in tables if table.schema in FIELDS and len(table) > 1]
+    return any(_from_north(table).mean() >= 0.5 for table in gimbals)
 
 
 def _from_north(table: Table) -> Bools:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
-from upplied.inputs.flight.clean import clean
+from upplied.inputs.flight.clean import attitude_track
 from upplied.inputs.flight.tracks import Track, are_unit, at_times, source_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
@@ -47,8 +47,12 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     """
     if table.schema == "px4_msgs/VehicleOdometry":
         return _odometry(table)
-    track = _local(table)
-    return with_attitude(track, tables, facts)
+    track, turns = _local(table), attitude(tables, facts)
+    if turns is None:
+        found = "has no attitude, and the log holds no px4_msgs/VehicleAttitude"
+        remedy = "record vehicle_attitude, or vehicle_odometry, too"
+        raise InputError(table.channel.topic, found, "position and attitude", remedy)
+    return with_attitude(track, turns, facts)
 
 
 def attitude(tables: Sequence[Table], facts: LogOptions) -> Track | None:
@@ -57,28 +61,12 @@ def attitude(tables: Sequence[Table], facts: LogOptions) -> Track | None:
     if not found:
         return None
     table = max(found, key=len)
-    times, clock = stamps_us(table)
-    nowhere, epoch = np.zeros((len(table), 3)), table.integers("quat_reset_counter")
-    track = Track(times, nowhere, enu_flu(xyzw(table)), table.log_ns, clock=clock, epoch=epoch)
-    return clean(track, replace(facts, max_dropped=1.0), table.channel.topic)
+    epoch = table.integers("quat_reset_counter")
+    return attitude_track(table, stamps_us(table), enu_flu(xyzw(table)), facts, epoch=epoch)
 
 
-def with_attitude(track: Track, tables: Sequence[Table], facts: LogOptions) -> Track:
-    """A track of positions with the attitude of the same moments, interpolated on the sphere.
-
-    Raises
-    ------
-    InputError
-        If the log has no attitude.
-    """
-    turns = attitude(tables, facts)
-    if turns is None:
-        raise InputError(
-            "px4_msgs/VehicleLocalPosition",
-            "has no attitude, and the log holds no px4_msgs/VehicleAttitude",
-            "position and attitude",
-            "record vehicle_attitude, or vehicle_odometry, too",
-        )
+def with_attitude(track: Track, turns: Track, facts: LogOptions) -> Track:
+    """A track of positions with the attitude of the same moments, interpolated on the sphere."""
     _, quats = at_times(turns, track.t_ns, facts.gap_s)
     return replace(track, quat_xyzw=quats).during(np.isfinite(quats[:, 0]), "attitude")
 

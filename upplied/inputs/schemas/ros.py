@@ -1,7 +1,8 @@
-"""Poses of ROS: stamped poses, odometry and single transforms, in ROS 2 and in ROS 1.
+"""Poses of ROS 2, ROS 1 and Foxglove's schemas (protobuf, JSON, ROS 2), and what witnesses beside them.
 
-ROS says ENU and x forward, y left, z up (REP-103, REP-105), quaternions x y z w: nothing is
-converted. MAVROS publishes these too, already turned from the autopilot's NED and FRD.
+ROS has ENU and x forward, y left, z up (REP-103, REP-105), quaternions x y z w: nothing is converted.
+MAVROS publishes these too, already turned from the autopilot's NED and FRD. Foxglove states no axes; its
+poses are taken as those of ROS.
 """
 
 from __future__ import annotations
@@ -9,36 +10,47 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
-from upplied.inputs.flight.tracks import Track, pose_paths, pose_track, source_times, stamps
+from upplied.inputs.flight.tracks import PoseShape, Track, pose_track, source_times, stamps
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
 
-_HEADER = ("header.stamp.sec", "header.stamp.nanosec", "header.frame_id")
-_PLACES = {  # schema -> position, rotation, path of the child frame's name
-    "geometry_msgs/PoseStamped": ("pose.position", "pose.orientation", ""),
-    "geometry_msgs/PoseWithCovarianceStamped": ("pose.pose.position", "pose.pose.orientation", ""),
-    "nav_msgs/Odometry": ("pose.pose.position", "pose.pose.orientation", "child_frame_id"),
-    "geometry_msgs/TransformStamped": ("transform.translation", "transform.rotation", "child_frame_id"),
-}
-SOURCES = tuple(_PLACES)
+_HEADER, _FOXGLOVE = ("header.stamp", "header.frame_id"), ("timestamp", "frame_id")
+_POSE, _COVARIANT = ("pose.position", "pose.orientation"), ("pose.pose.position", "pose.pose.orientation")
+_SHAPES = {  # schema -> paths of stamp, position, rotation, parent and child
+    schema: PoseShape(stamp, *place, parent, child)
+    for schema, (stamp, parent), place, child in (
+        ("geometry_msgs/PoseStamped", _HEADER, _POSE, ""),
+        ("geometry_msgs/PoseWithCovarianceStamped", _HEADER, _COVARIANT, ""),
+        ("nav_msgs/Odometry", _HEADER, _COVARIANT, "child_frame_id"),
+        ("geometry_msgs/TransformStamped", _HEADER, ("transform.translation", "transform.rotation"),
+         "child_frame_id"),
+        ("foxglove.PoseInFrame", _FOXGLOVE, _POSE, ""),
+        ("foxglove.Odometry", _FOXGLOVE, _POSE, "child_frame_id"),
+    )
+}  # fmt: skip
+SOURCES = tuple(_SHAPES)
+IMU = "sensor_msgs/Imu"
 _MOTION = tuple(f"twist.twist.{part}.{axis}" for part in ("linear", "angular") for axis in "xyz")
-FIELDS = {
-    schema: (*_HEADER, *pose_paths(position, rotation), *((child,) if child else ()))
-    for schema, (position, rotation, child) in _PLACES.items()
-}
+_INERTIAL = tuple(f"{part}.{axis}" for part in ("angular_velocity", "linear_acceleration") for axis in "xyz")
+FIELDS = {schema: shape.paths for schema, shape in _SHAPES.items()}
 FIELDS["nav_msgs/Odometry"] += _MOTION
+FIELDS[IMU] = (
+    "header.stamp.sec", "header.stamp.nanosec", "header.frame_id", "orientation_covariance",
+    *(f"orientation.{axis}" for axis in "xyzw"), *_INERTIAL,
+)  # fmt: skip
+_GRAVITY_MPS2 = (6.0, 14.0)  # mean of an accelerometer: others had it taken out, or are none
 
 
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     """The poses of one channel."""
-    position, rotation, child = _PLACES[table.schema]
-    return pose_track(table, "header.stamp", position, rotation, "header.frame_id", child, facts.publisher)
+    return pose_track(table, _SHAPES[table.schema], facts.publisher)
 
 
 def velocity(table: Table | None) -> tuple[Ints, Floats] | None:
-    """When (N,), ns, and the velocity (N, 6), m/s and rad/s, that odometry says; None where it says none."""
+    """When (N,), ns, and the velocity (N, 6), m/s and rad/s, of odometry; None where it has none."""
     if table is None or _MOTION[0] not in table or not len(table):
         return None
     motion = table.stack(*_MOTION)
@@ -46,3 +58,28 @@ def velocity(table: Table | None) -> tuple[Ints, Floats] | None:
     if not motion[good].any():
         return None
     return source_times(table, stamps(table, "header.stamp"))[0][good], motion[good]
+
+
+def turning(tables: Sequence[Table]) -> list[tuple[Ints, Floats]]:
+    """Of each inertial unit when (N,), ns, and its turn rate about the vertical (N,), rad/s.
+
+    The accelerometer gives the vertical, so how the unit is mounted does not count. Counter-clockwise
+    from above.
+    """
+    units = []
+    for table in tables:
+        if table.schema != IMU or not len(table) or any(path not in table for path in _INERTIAL):
+            continue
+        felt = table.stack(*_INERTIAL)
+        good = np.isfinite(felt).all(axis=1)
+        t_ns, felt = source_times(table, stamps(table, "header.stamp"))[0][good], felt[good]
+        length = np.linalg.norm(felt[:, 3:], axis=1)
+        if not len(felt) or not felt[:, :3].any() or not _GRAVITY_MPS2[0] < length.mean() < _GRAVITY_MPS2[1]:
+            continue
+        order = np.argsort(t_ns, kind="stable")
+        rate = 1e9 * (len(t_ns) - 1) / max(int(t_ns[order[-1]] - t_ns[order[0]]), 1)
+        up = uniform_filter1d(felt[order, 3:], max(round(rate), 1), axis=0, mode="nearest")
+        up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
+        about = uniform_filter1d((felt[order, :3] * up).sum(axis=1), max(round(rate / 2), 1), mode="nearest")
+        units.append((t_ns[order], about))
+    return units

@@ -10,60 +10,39 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
-from upplied.inputs.flight.tracks import (
-    Track,
-    are_unit,
-    at_times,
-    groups_of,
-    names,
-    pose_paths,
-    source_times,
-    stamps,
-)
+from upplied.inputs.flight.tracks import PoseShape, Track, are_unit, at_times, groups_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
 
-_ROS = (
-    "transforms[].header.stamp",
-    "transforms[].transform",
-    "transforms[].header.frame_id",
-    "transforms[].child_frame_id",
-)
-_MANY = (
-    "transforms[].timestamp",
-    "transforms[]",
-    "transforms[].parent_frame_id",
-    "transforms[].child_frame_id",
-)
-_ONE = ("timestamp", "", "parent_frame_id", "child_frame_id")
-_PLACES = {  # schema -> stamp, transform, parent, child
+_ROS = PoseShape(
+    "transforms[].header.stamp", "transforms[].transform.translation", "transforms[].transform.rotation",
+    "transforms[].header.frame_id", "transforms[].child_frame_id",
+)  # fmt: skip
+_MANY = PoseShape(
+    "transforms[].timestamp", "transforms[].translation", "transforms[].rotation",
+    "transforms[].parent_frame_id", "transforms[].child_frame_id",
+)  # fmt: skip
+_SHAPES = {
     "tf2_msgs/TFMessage": _ROS,
     "tf/tfMessage": _ROS,
     "foxglove.FrameTransforms": _MANY,
-    "foxglove.FrameTransform": _ONE,
+    "foxglove.FrameTransform": PoseShape(
+        "timestamp", "translation", "rotation", "parent_frame_id", "child_frame_id"
+    ),
 }
+FIELDS = {schema: shape.paths for schema, shape in _SHAPES.items()}
 _MAX_FRAMES = 1000
 _BODIES = ("base_link", "body", "fcu", "base_footprint", "imu")
 
 Link = tuple[str, str]  # parent, child
-
-
-def _parts(transform: str) -> tuple[str, str]:
-    dot = f"{transform}." if transform else ""
-    return f"{dot}translation", f"{dot}rotation"
-
-
-FIELDS = {
-    schema: (f"{stamp}.sec", f"{stamp}.nanosec", parent, child, *pose_paths(*_parts(transform)))
-    for schema, (stamp, transform, parent, child) in _PLACES.items()
-}
 
 
 @dataclass
@@ -167,9 +146,8 @@ def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
         raise InputError(tree.topic, f"holds more than {_MAX_FRAMES} links", "fewer")
     for link, tracks in loose.items():
         track = _cleaned(_merged(tracks), limits)
-        if len(track) > 1 and (
-            np.ptp(track.positions, axis=0).any() or np.ptp(track.quat_xyzw, axis=0).any()
-        ):
+        poses = np.hstack([track.positions, track.quat_xyzw])
+        if len(track) > 1 and np.ptp(poses, axis=0).any():
             tree.moving[link] = track
             tree.static.pop(link, None)
         elif len(track):
@@ -207,20 +185,15 @@ def _leaf(tree: Tree, facts: LogOptions, named: str, what: str) -> str:
             return choice[0]
         if choice:
             break
-    shown = ", ".join((optical or ends)[:20])
-    raise InputError(
-        what, f"has several frames that could be the camera: {shown}", "one", "name it by camera_frame_id"
-    )
+    found = f"has several frames that could be the camera: {', '.join((optical or ends)[:20])}"
+    raise InputError(what, found, "one", "name it by camera_frame_id")
 
 
 def _links(table: Table) -> list[tuple[Link, Track]]:
-    stamp, transform, parent, child = _PLACES[table.schema]
     if not len(table):
         return []
-    times, clock = source_times(table, stamps(table, stamp))
-    values = table.stack(*pose_paths(*_parts(transform)))
-    whole = Track(times, values[:, :3], values[:, 3:], table.log_ns, clock=clock)
-    groups = groups_of(names(table, parent), names(table, child))
+    shape = _SHAPES[table.schema]
+    whole, groups = shape.track(table), groups_of(table, shape)
     if len(groups) > _MAX_FRAMES:
         raise InputError(table.channel.topic, f"holds {len(groups)} links", f"at most {_MAX_FRAMES}")
     return [
@@ -240,14 +213,11 @@ def _cleaned(track: Track, limits: LogOptions) -> Track:
 def _merged(tracks: list[Track]) -> Track:
     if len(tracks) == 1:
         return tracks[0]
-    together = replace(
-        tracks[0],
-        t_ns=np.concatenate([track.t_ns for track in tracks]),
-        positions=np.concatenate([track.positions for track in tracks]),
-        quat_xyzw=np.concatenate([track.quat_xyzw for track in tracks]),
-        log_ns=np.concatenate([track.log_ns for track in tracks]),
-    )
-    return together.take(np.argsort(together.log_ns, kind="stable"))  # as recorded
+    names = ("t_ns", "positions", "quat_xyzw", "log_ns")
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(track, name) for track in tracks]) for name in names
+    }
+    return replace(tracks[0], **joined).take(np.argsort(joined["log_ns"], kind="stable"))  # as recorded
 
 
 def _hold(tree: Tree, link: Link, track: Track) -> None:

@@ -1,7 +1,7 @@
-"""The wind that a log tells of, beside its poses: as the autopilot estimated it.
+"""The wind in a log, beside its poses: the autopilot's estimate.
 
-PX4 says by how much the air moves to the north and to the east; MAVROS publishes the same, and what ArduPilot
-says, as a twist in east, north and up (its plugin `wind_estimation`).
+PX4 and ArduPilot log how fast the air moves to the north and to the east; MAVROS publishes a twist in east,
+north and up (its plugin `wind_estimation`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import numpy as np
 
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.tables import Table
-from upplied.records import Floats
 from upplied.records.flights import LoggedWind
 
 _PX4 = ("windspeed_east", "windspeed_north")
@@ -28,7 +27,7 @@ _MOST_MPS = 60.0  # a hurricane: an estimate beyond has diverged
 
 
 def wind_of(tables: Sequence[Table], track: Track, heading_deg: float | None) -> LoggedWind | None:
-    """The wind while the poses of a track were logged; None where the log says nothing of it.
+    """The wind while the poses of a track were logged; None where the log holds none.
 
     Parameters
     ----------
@@ -37,9 +36,13 @@ def wind_of(tables: Sequence[Table], track: Track, heading_deg: float | None) ->
     heading_deg : float, optional
         Of the structure's +X, clockwise from north; without it where the wind blows to is not known.
     """
-    found = [(table, _moved(table)) for table in tables if table.schema in _EAST_NORTH and len(table)]
     usable = []
-    for table, air in found:
+    for table in tables:
+        if table.schema not in _EAST_NORTH or not len(table):
+            continue
+        if table.schema.startswith("geometry_msgs") and _NAMED not in table.channel.topic.lower():
+            continue
+        air = table.stack(*_EAST_NORTH[table.schema])
         during = (table.log_ns >= track.log_ns.min()) & (table.log_ns <= track.log_ns.max())
         speed = np.linalg.norm(air, axis=1)
         good = during & np.isfinite(speed) & (speed <= _MOST_MPS)
@@ -49,18 +52,6 @@ def wind_of(tables: Sequence[Table], track: Track, heading_deg: float | None) ->
         return None
     _, topic, air = max(usable, key=lambda each: each[:2])
     speed, mean = np.linalg.norm(air, axis=1), air.mean(axis=0)
-    towards = None if heading_deg is None else _from_x(mean, heading_deg)
+    bearing = np.degrees(np.arctan2(mean[0], mean[1]))
+    towards = None if heading_deg is None else float((heading_deg - bearing) % 360.0)
     return LoggedWind(topic, float(speed.mean()), float(speed.max()), towards)
-
-
-def _moved(table: Table) -> Floats:
-    """Velocity of the air (N, 2), m/s, to the east and to the north; NaN of other twists."""
-    if table.schema.startswith("geometry_msgs") and _NAMED not in table.channel.topic.lower():
-        return np.full((len(table), 2), np.nan)
-    return table.stack(*_EAST_NORTH[table.schema])
-
-
-def _from_x(east_north: Floats, heading_deg: float) -> float:
-    """Direction, deg, counter-clockwise from the structure's +X, in [0, 360)."""
-    bearing = np.degrees(np.arctan2(east_north[0], east_north[1]))
-    return float((heading_deg - bearing) % 360.0)

@@ -1,119 +1,154 @@
 """ArduPilot's logs (DataFlash, binary and text) and a ground station's telemetry logs, by `pymavlink`.
 
-An aircraft that flies on its filter's origin and on satellites says both: the place of the structure decides.
+An aircraft that flies on its filter's origin and on satellites logs both: the place of the structure decides.
 """
 
 from __future__ import annotations
 
 import struct
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from upplied.errors import InputError
 from upplied.extras import extra
 from upplied.inputs.files import read_regular
-from upplied.inputs.sources.source import MAX_ROWS, Fields, Source, attitudes, fixes, gimbals, table
+from upplied.inputs.sources.source import (
+    MAX_ROWS,
+    Fields,
+    Source,
+    attitudes,
+    fixes,
+    gimbal_status,
+    gimbals,
+    refusal,
+    table,
+)
 from upplied.inputs.tables import Table
-from upplied.records import Ints
+from upplied.records import Floats, Ints
 
 MAX_BYTES = 2 << 30
 _DATE_S = 1e9  # earlier, it is no date but the time since the start
 _V1, _V2, _SIGNED = 0xFE, 0xFD, 1
-_LOCAL = ("XKF1", "NKF1", "LOCAL_POSITION_NED")
-# Message -> what is read of it.
-_WANTED = {
-    "POS": ("Lat", "Lng", "Alt"),
-    "ATT": ("Yaw", "Pitch", "Roll"),
-    "MNT": ("YawE", "YawB", "Pitch", "Roll"),
-    "XKF1": ("PN", "PE", "PD", "C"),
-    "NKF1": ("PN", "PE", "PD", "C"),
-    "XKF2": ("VWN", "VWE", "C"),
-    "NKF2": ("VWN", "VWE", "C"),
-    "GLOBAL_POSITION_INT": ("lat", "lon", "alt"),
-    "ATTITUDE": ("yaw", "pitch", "roll"),
-    "LOCAL_POSITION_NED": ("x", "y", "z"),
-    "GIMBAL_DEVICE_ATTITUDE_STATUS": ("flags", "q"),
-    "MOUNT_STATUS": ("pointing_c", "pointing_a", "pointing_b"),
-    "SYSTEM_TIME": ("time_unix_usec",),
-}
 Rows = dict[str, list[tuple[int, Any]]]
+
+
+def _fixes(topic: str, t_ns: Ints, values: Floats) -> Table:
+    lat, lon, alt = (values * (1e-7, 1e-7, 1e-3) if topic == "/global_position_int" else values).T
+    return fixes(topic, t_ns, lat, lon, alt=alt)
+
+
+def _mount(topic: str, t_ns: Ints, values: Floats) -> Table:
+    north = bool(np.isfinite(values[:, 0]).mean() >= 0.5)
+    return gimbals(topic, t_ns, values[:, 0 if north else 1], values[:, 2], values[:, 3], north)
+
+
+def _local(topic: str, t_ns: Ints, values: Floats) -> Table:
+    core = values[:, 3] == 0 if values.shape[1] > 3 else np.ones(len(values), bool)
+    t_ns, (x, y, z) = t_ns[core], values[core, :3].T
+    return table(topic, "px4_msgs/VehicleLocalPosition", t_ns, timestamp=t_ns // 1000, x=x, y=y, z=z)
+
+
+def _wind(topic: str, t_ns: Ints, values: Floats) -> Table:
+    return table(topic, "px4_msgs/Wind", t_ns, windspeed_north=values[:, 0], windspeed_east=values[:, 1])
+
+
+# Message -> the fields that are read of it, and what makes a table of them.
+_MESSAGES: dict[str, tuple[tuple[str, ...], Callable[[str, Ints, Floats], Table]]] = {
+    "POS": (("Lat", "Lng", "Alt"), _fixes),
+    "ATT": (("Yaw", "Pitch", "Roll"), lambda topic, t, v: attitudes(topic, t, *v.T)),
+    "MNT": (("YawE", "YawB", "Pitch", "Roll"), _mount),
+    "XKF1": (("PN", "PE", "PD", "C"), _local),
+    "NKF1": (("PN", "PE", "PD", "C"), _local),
+    "XKF2": (("VWN", "VWE"), _wind),
+    "NKF2": (("VWN", "VWE"), _wind),
+    "GLOBAL_POSITION_INT": (("lat", "lon", "alt"), _fixes),
+    "ATTITUDE": (("yaw", "pitch", "roll"), lambda topic, t, v: attitudes(topic, t, *np.degrees(v).T)),
+    "LOCAL_POSITION_NED": (("x", "y", "z"), _local),
+    "GIMBAL_DEVICE_ATTITUDE_STATUS": (
+        ("flags", "q"), lambda topic, t, v: gimbal_status(topic, t, v[:, 0].astype(int), v[:, 1:]),
+    ),
+    "MOUNT_STATUS": (
+        ("pointing_c", "pointing_a", "pointing_b"),
+        lambda topic, t, v: gimbals(topic, t, v[:, 0] / 100, v[:, 1] / 100, v[:, 2] / 100, north=False),
+    ),
+}  # fmt: skip
 
 
 def read(path: Path, fields: Fields) -> Source:
     """The tables of a log."""
     with extra("ardupilot"):
-        import pymavlink  # noqa: F401 - said in words where it is missing
+        import pymavlink  # noqa: F401 - a clear message where it is missing
     with path.open("rb") as stream:
         head = stream.read(9)
     source = Source([])
-    if head[:2] == b"\xa3\x95" or head[:3] == b"FMT":
-        rows = _dataflash(path, head[:3] == b"FMT", source)
-    else:
-        rows = _telemetry(path, source)
-    source.tables = [made for name, found in sorted(rows.items()) for made in _tables(name, found)]
+    text = head[:3] == b"FMT"
+    rows = _dataflash(path, text, source) if text or head[:2] == b"\xa3\x95" else _telemetry(path, source)
+    for name, found in sorted(rows.items()):
+        t_ns = np.array([t for t, _ in found], np.int64)
+        values = np.array([np.hstack(each) for _, each in found], float)
+        source.tables.append(_MESSAGES[name][1](f"/{name.lower()}", t_ns, values))
     return source
 
 
 def _dataflash(path: Path, text: bool, source: Source) -> Rows:
     from pymavlink import DFReader
 
-    log = (DFReader.DFReader_text if text else DFReader.DFReader_binary)(str(path))
     rows: Rows = defaultdict(list)
-    dated = True
+    dated, log = True, None
     for _ in range(MAX_ROWS):
-        message = log.recv_match(type=list(_WANTED))
+        try:
+            log = log or (DFReader.DFReader_text if text else DFReader.DFReader_binary)(str(path))
+            message = log.recv_match(type=list(_MESSAGES))
+        except Exception as error:  # the library raises `Exception` itself of damaged logs
+            found = f"cannot be read as ArduPilot log: {str(error)[:200]}"
+            raise refusal(found, "a whole log", "copy it again from the autopilot") from None
         if message is None:
             break
-        name = message.get_type()
         dated &= message._timestamp > _DATE_S
-        rows[name].append(
-            (round(message._timestamp * 1e9), [getattr(message, at, np.nan) for at in _WANTED[name]])
-        )
+        values = [getattr(message, name, np.nan) for name in _MESSAGES[message.get_type()][0]]
+        rows[message.get_type()].append((round(message._timestamp * 1e9), values))
     if not dated:
         source.notes.append("times count from the start of the autopilot: the log holds no date")
     return rows
 
 
 def _telemetry(path: Path, source: Source) -> Rows:
-    """Messages of the one vehicle that says where it is, by its own clock and the ground station's date."""
+    """Messages of the one vehicle that sends its place, by its own clock and the ground station's date."""
     from pymavlink.dialects.v20 import ardupilotmega
 
     link = ardupilotmega.MAVLink(None)
     rows: Rows = defaultdict(list)
     ahead: list[int] = []
     vehicles: set[int] = set()
-    for t_us, packet in _packets(path, read_regular(path, MAX_BYTES), source):
+    for t_us, packet in _packets(read_regular(path, MAX_BYTES), source):
         try:
             message = link.decode(bytearray(packet))
-        except Exception:  # of a dialect that nobody here knows, or damaged
+        except Exception:  # of an unknown dialect, or damaged
             continue
         name = message.get_type()
-        if name not in _WANTED:
+        if name not in _MESSAGES:
             continue
         boot_ms = getattr(message, "time_boot_ms", None)
         if boot_ms is not None:
             ahead.append(t_us * 1000 - boot_ms * 1_000_000)
         if name in ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"):
             vehicles.add(message.get_srcSystem())
-        values = [getattr(message, at) for at in _WANTED[name]]
+        values = [getattr(message, part) for part in _MESSAGES[name][0]]
         rows[name].append((t_us * 1000 if boot_ms is None else -boot_ms - 1, values))
     if len(vehicles) > 1:
-        raise InputError(
-            str(path), f"holds {len(vehicles)} vehicles ({sorted(vehicles)})", "one vehicle", "split the log"
-        )
+        raise refusal(f"holds {len(vehicles)} vehicles ({sorted(vehicles)})", "one vehicle", "split the log")
     start = int(np.median(ahead)) if ahead else 0
     source.notes.append("dates by the clock of the ground station")
     return {
-        name: [(start - (t + 1) * 1_000_000 if t < 0 else t, v) for t, v in found]
+        name: [(start - (t + 1) * 1_000_000 if t < 0 else t, values) for t, values in found]
         for name, found in rows.items()
     }
 
 
-def _packets(path: Path, data: bytes, source: Source) -> Iterator[tuple[int, bytes]]:
+def _packets(data: bytes, source: Source) -> Iterator[tuple[int, bytes]]:
     """When each packet came, us, and its bytes."""
     at, lost = 0, 0
     while at + 17 <= len(data):
@@ -127,38 +162,3 @@ def _packets(path: Path, data: bytes, source: Source) -> Iterator[tuple[int, byt
     if lost:
         source.losses.append(f"{lost} bytes between packets cannot be read")
         source.read_pct = 100 * (1 - lost / len(data))
-
-
-def _tables(name: str, rows: list[tuple[int, Any]]) -> list[Table]:
-    t_ns: Ints = np.array([t for t, _ in rows], np.int64)
-    topic = f"/{name.lower()}"
-    if name == "GIMBAL_DEVICE_ATTITUDE_STATUS":
-        flags, quats = zip(*(values for _, values in rows), strict=True)
-        schema = "px4_msgs/GimbalDeviceAttitudeStatus"
-        return [
-            table(topic, schema, t_ns, timestamp=t_ns // 1000, device_flags=flags, q=np.array(quats, float))
-        ]
-    values = np.array([values for _, values in rows], float)
-    if name in ("POS", "GLOBAL_POSITION_INT"):
-        lat, lon, alt = (values if name == "POS" else values * (1e-7, 1e-7, 1e-3)).T
-        return [fixes(topic, t_ns, lat, lon, alt=alt)]
-    if name == "ATT":
-        return [attitudes(topic, t_ns, *values.T)]
-    if name == "ATTITUDE":
-        return [attitudes(topic, t_ns, *np.degrees(values).T)]
-    if name == "MNT":
-        north = bool(np.isfinite(values[:, 0]).mean() >= 0.5)
-        return [gimbals(topic, t_ns, values[:, 0 if north else 1], values[:, 2], values[:, 3], north)]
-    if name == "MOUNT_STATUS":
-        yaw, pitch, roll = (values / 100).T
-        return [gimbals(topic, t_ns, yaw, pitch, roll, north=False)]
-    first = values[:, 3] == 0 if name in ("XKF1", "NKF1") else np.ones(len(values), bool)
-    if name in _LOCAL:
-        t_ns, (x, y, z) = t_ns[first], values[first, :3].T
-        schema = "px4_msgs/VehicleLocalPosition"
-        return [table(topic, schema, t_ns, timestamp=t_ns // 1000, x=x, y=y, z=z)]
-    if name in ("XKF2", "NKF2"):
-        return [
-            table(topic, "px4_msgs/Wind", t_ns, windspeed_north=values[:, 0], windspeed_east=values[:, 1])
-        ]
-    return []

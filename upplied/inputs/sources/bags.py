@@ -1,7 +1,7 @@
-"""ROS 1 bags and ROS 2 bags in SQLite: the same messages and rules as in MCAP.
+"""Logs of messages: MCAP, ROS 1 bags, and ROS 2 bags in SQLite; the same messages and rules in each.
 
 A bag of ROS 1 is opened by `rosbags`; one of ROS 2 is two tables of SQLite, the messages in one of them.
-Before ROS Iron it tells no definitions: the names of types are then what `rosbags` knows by them.
+Before ROS Iron it holds no definitions: types then mean what `rosbags` knows by their names.
 """
 
 from __future__ import annotations
@@ -15,21 +15,26 @@ from typing import Any
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from upplied.errors import InputError
 from upplied.inputs.mcap.messages import read_tables
-from upplied.inputs.mcap.recording import MAX_UNPACKED, Recording, Sink
-from upplied.inputs.sources.source import Fields, Source
+from upplied.inputs.mcap.recording import MAGIC, MAX_UNPACKED, Recording, Sink, open_recording
+from upplied.inputs.sources.source import Fields, Source, refusal
 from upplied.inputs.tables import Channel
 
 _BATCH = 10_000  # messages that are decoded together
+_MAX_TOPICS = 5000
 
 
 def read(path: Path, fields: Fields) -> Source:
-    """The tables of a bag."""
-    kind = Bag1 if path.open("rb").read(7) == b"#ROSBAG" else Bag2
-    bag = kind(path, path.stat().st_size)
-    tables = read_tables(bag, lambda channel: fields.get(channel.schema_short, ()))
-    return Source(tables, losses=bag.losses, listed=bag.listed())
+    """The tables of a log."""
+    with path.open("rb") as stream:
+        head = stream.read(8)
+    log: Recording
+    if head == MAGIC:
+        log = open_recording(path)
+    else:
+        log = (_Bag1 if head.startswith(b"#ROSBAG") else _Bag2)(path, path.stat().st_size)
+    tables = read_tables(log, lambda channel: fields.get(channel.schema_short, ()))
+    return Source(tables, log.metadata, log.losses, log.listed(), log.read_pct)
 
 
 def siblings(path: Path) -> list[Path]:
@@ -39,7 +44,7 @@ def siblings(path: Path) -> list[Path]:
 
 
 class _Bag(Recording):
-    """A bag as `read_tables` asks for it."""
+    """A bag in the form that `read_tables` reads."""
 
     def channel(self, channel_id: int) -> Channel | None:
         return self.channels.get(channel_id)
@@ -50,12 +55,11 @@ class _Bag(Recording):
 
     def read(self, sink_of: Callable[[Channel], Sink | None]) -> Iterator[None]:
         sinks = {number: sink_of(channel) for number, channel in self.channels.items()}
+        wanted = {number: sink for number, sink in sinks.items() if sink is not None}
         waiting = unpacked = 0
-        for number, t_ns, payload in self._messages({key for key, sink in sinks.items() if sink is not None}):
-            sink = sinks[number]
-            if sink is not None:
-                sink.append((t_ns, t_ns, payload))
-                waiting, unpacked = waiting + 1, unpacked + len(payload)
+        for number, t_ns, payload in self._messages(set(wanted)):
+            wanted[number].append((t_ns, t_ns, payload))
+            waiting, unpacked = waiting + 1, unpacked + len(payload)
             if waiting >= _BATCH:
                 self.check(unpacked, MAX_UNPACKED, "bytes of messages")
                 waiting = 0
@@ -63,7 +67,7 @@ class _Bag(Recording):
         yield
 
 
-class Bag1(_Bag):
+class _Bag1(_Bag):
     """A bag of ROS 1."""
 
     def __init__(self, path: Path, size: int) -> None:
@@ -71,17 +75,17 @@ class Bag1(_Bag):
         self._reader = Reader(path)
         try:
             self._reader.open()
-        except Exception as error:
-            raise InputError(
-                str(path), f"cannot be read as a ROS 1 bag ({error})", "a bag that was closed",
+        except Exception as error:  # the library has no class of its own for many kinds of damage
+            found, remedy = (
+                f"cannot be read as a ROS 1 bag ({error})",
                 "repair it: rosbag reindex, or copy it again",
-            ) from None  # fmt: skip
+            )
+            raise refusal(found, "a bag that was closed", remedy) from None
         for each in self._reader.connections:
             package, name = each.msgtype.split("/")[0], each.msgtype.split("/")[-1]
-            text = getattr(each.msgdef, "data", each.msgdef)
-            self.channels[each.id] = Channel(
-                each.id, each.topic, "ros1", f"{package}/{name}", "ros1msg", str(text).encode()
-            )
+            text = str(getattr(each.msgdef, "data", each.msgdef)).encode()
+            channel = Channel(each.id, each.topic, "ros1", f"{package}/{name}", "ros1msg", text)
+            self.channels[each.id] = channel
 
     def _messages(self, wanted: set[int]) -> Iterator[tuple[int, int, bytes]]:
         with closing(self._reader):
@@ -93,34 +97,35 @@ class Bag1(_Bag):
                 self.losses.append(f"the bag is damaged ({type(error).__name__}); what follows is lost")
 
 
-class Bag2(_Bag):
+class _Bag2(_Bag):
     """A bag of ROS 2 in SQLite, with the files that it was split into."""
 
     def __init__(self, path: Path, size: int) -> None:
         super().__init__(path, size, read_to=size)
-        self._files = siblings(path)
-        self._numbers: list[dict[int, int]] = []
+        self._files: list[tuple[Path, dict[int, int]]] = []  # each with the channels of its topics
         texts: dict[str, str] = {}
-        names: dict[tuple[str, str], int] = {}
-        for file in self._files:
+        channels: dict[tuple[str, str], int] = {}
+        for file in siblings(path):
+            numbers: dict[int, int] = {}
             with _opened(file) as database:
-                topics = list(database.execute("SELECT id, name, type, serialization_format FROM topics"))
-                if _has(database, "message_definitions"):
-                    texts |= dict(
-                        database.execute(
-                            "SELECT topic_type, encoded_message_definition FROM message_definitions"
-                        )
-                    )
-            self._numbers.append({})
-            for number, name, kind, encoding in topics[:5000]:
-                at = names.setdefault((name, kind), len(names))
-                self._numbers[-1][number] = at
+                topics = database.execute(
+                    "SELECT id, name, type, serialization_format FROM topics"
+                ).fetchall()
+                names = {
+                    name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type='table'")
+                }
+                if "message_definitions" in names:
+                    query = "SELECT topic_type, encoded_message_definition FROM message_definitions"
+                    texts |= dict(database.execute(query))
+            for number, name, kind, encoding in topics[:_MAX_TOPICS]:
+                at = numbers[number] = channels.setdefault((name, kind), len(channels))
                 text = texts.get(kind) or _known(kind)
                 self.channels[at] = Channel(at, name, encoding, kind, "ros2msg", text.encode())
+            self._files.append((file, numbers))
 
     def _messages(self, wanted: set[int]) -> Iterator[tuple[int, int, bytes]]:
         query = "SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({}) ORDER BY timestamp, id"
-        for file, numbers in zip(self._files, self._numbers, strict=True):
+        for file, numbers in self._files:
             some = [number for number, at in numbers.items() if at in wanted]
             with _opened(file) as database:
                 try:
@@ -136,16 +141,7 @@ def _opened(path: Path) -> Any:
     return closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True))
 
 
-def _has(database: sqlite3.Connection, name: str) -> bool:
-    return (
-        database.execute("SELECT 1 FROM sqlite_master WHERE type='table' AND name=?", [name]).fetchone()
-        is not None
-    )
-
-
 def _known(kind: str) -> str:
-    """The definition of a type that a bag names and does not tell; empty where nobody knows it."""
+    """The definition of a type that a bag names without one; empty where it is unknown."""
     store = get_typestore(Stores.ROS2_HUMBLE)
-    if kind not in store.fielddefs:
-        return ""
-    return store.generate_msgdef(kind, ros_version=2)[0]
+    return store.generate_msgdef(kind, ros_version=2)[0] if kind in store.fielddefs else ""

@@ -1,8 +1,7 @@
-"""What the head of a photo says: tags of EXIF, and attitudes in each maker's XMP."""
+"""The head of a photo: tags of EXIF, and attitudes in each maker's XMP."""
 
 from __future__ import annotations
 
-import logging
 import re
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,8 @@ from upplied.inputs.files import open_regular
 from upplied.inputs.sources.records import dated
 from upplied.inputs.sources.source import focal_of_35mm
 
-logging.getLogger("exifread").setLevel(logging.CRITICAL)  # what is odd in a tag is no news
 _HEAD = 1 << 18  # bytes in which the XMP begins and ends
-_NAMES = {  # what is said -> the local names that makers use in XMP
+_NAMES = {  # content -> the local names that makers use in XMP
     "gimbal": ("GimbalYawDegree", "CameraYawDegree"),
     "pitch": ("GimbalPitchDegree", "CameraPitchDegree"),
     "roll": ("GimbalRollDegree", "CameraRollDegree"),
@@ -38,10 +36,9 @@ _NED = re.compile(r"(Camera)OrientationNED", re.IGNORECASE)  # Skydio: yaw, pitc
 
 
 def head_of(path: Path) -> dict[str, Any]:
-    """What the head of one photo says; NaN for what it does not."""
-    found: dict[str, Any] = dict.fromkeys(
-        (*_NAMES, "exif_alt", "t_ms", "width", "height", *_LENS), float("nan")
-    )
+    """Values in the head of one photo; NaN where it has none."""
+    numbers = (*_NAMES, "exif_alt", "t_ms", "width", "height", *_LENS)
+    found: dict[str, Any] = dict.fromkeys(numbers, float("nan"))
     try:
         with open_regular(path) as stream:
             xmp = _xmp(stream.read(_HEAD))
@@ -52,13 +49,9 @@ def head_of(path: Path) -> dict[str, Any]:
     except Exception:  # tags that are damaged say nothing
         tags, xmp = {}, {}
     for name, names in _NAMES.items():
-        for local in names:
-            if local in xmp and np.isnan(found[name]):
-                found[name] = xmp[local]
-    lat, lon = (_degrees(tags, f"GPS GPS{axis}") for axis in ("Latitude", "Longitude"))
-    found["lat"], found["lon"] = (
-        a if np.isfinite(a) else b for a, b in ((found["lat"], lat), (found["lon"], lon))
-    )
+        found[name] = next((xmp[local] for local in names if local in xmp), found[name])
+    for name, axis in (("lat", "Latitude"), ("lon", "Longitude")):
+        found[name] = found[name] if np.isfinite(found[name]) else _degrees(tags, f"GPS GPS{axis}")
     found["camera"] = " ".join(str(tags.get(f"Image {name}", "?")).strip() for name in ("Make", "Model"))
     below = -1.0 if str(tags.get("GPS GPSAltitudeRef", "0")) == "1" else 1.0
     found["exif_alt"] = below * _ratio(tags.get("GPS GPSAltitude"))

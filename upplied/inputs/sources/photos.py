@@ -1,14 +1,14 @@
 """A folder of drone photos: places, times and cameras of EXIF, attitudes of XMP. Heads alone are read.
 
 DJI, Autel and others write angles of the gimbal from true north, pitch 0 at the horizon; some small models
-write the yaw from the aircraft's nose, which is told from a series. Heights count from take-off, since nobody
-says above what the others are, but for those of satellites that were fixed to the centimetre (RTK).
+write the yaw from the aircraft's nose, which shows in a series. Heights count from take-off, since the datum
+of the others is unknown, but for those of satellites that were fixed to the centimetre (RTK).
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from upplied.cameras import named_by_exif
-from upplied.errors import InputError
 from upplied.inputs.sources.photo_tags import head_of
 from upplied.inputs.sources.source import (
     Fields,
@@ -26,7 +25,10 @@ from upplied.inputs.sources.source import (
     fixes,
     gimbals,
     numbered,
+    refusal,
+    spread,
 )
+from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
 
 ENDINGS = (".jpg", ".jpeg", ".dng", ".tif", ".tiff")
@@ -34,7 +36,8 @@ MAGIC = (b"\xff\xd8\xff", b"II*\x00", b"MM\x00*")
 MAX_PHOTOS = 100_000
 _RTK_FIXED = 50
 _NADIR_DEG, _TURN_DEG, _STILL_DEG = 85.0, 60.0, 15.0
-logging.getLogger("exifread").setLevel(logging.CRITICAL)  # what is odd in a tag is no news
+
+logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged tags are no news
 
 
 def members(folder: Path) -> list[Path]:
@@ -47,34 +50,26 @@ def read(path: Path, fields: Fields) -> Source:
     """The looks of a folder of photos, or of one photo."""
     names = members(path) if path.is_dir() else [path]
     if len(names) > MAX_PHOTOS:
-        raise InputError(str(path), f"holds more than {MAX_PHOTOS} photos", "one flight", "split the folder")
+        raise refusal(f"holds more than {MAX_PHOTOS} photos", "one flight", "split the folder")
     with ThreadPoolExecutor(4) as threads:
         heads = list(threads.map(head_of, names))
     placed = [
-        head
-        for head in heads
-        if np.isfinite([head["lat"], head["lon"]]).all() and (head["lat"] or head["lon"])
+        head for head in heads if np.isfinite(head["lat"] + head["lon"]) and (head["lat"] or head["lon"])
     ]
     if len(placed) < 2:
-        raise InputError(
-            str(path),
-            f"{len(placed)} of {len(heads)} photos say where they were taken",
-            "at least two",
-            "copy the originals: programs that resize or edit photos drop their tags",
-        )
+        found = f"{len(placed)} of {len(heads)} photos hold their place"
+        remedy = "copy the originals: programs that resize or edit photos drop their tags"
+        raise refusal(found, "at least two", remedy)
     notes = [f"{len(placed)} of {len(heads)} photos have a place"] if len(placed) < len(heads) else []
     models = sorted({head.pop("camera") for head in placed})
     if len(models) > 1:
         found = f"holds photos of {len(models)} cameras ({', '.join(models[:5])})"
-        raise InputError(
-            str(path), found, "one flight", "put the photos of each flight into a folder of its own"
-        )
+        raise refusal(found, "one flight", "put the photos of each flight into a folder of its own")
     at = {name: np.array([head[name] for head in placed], float) for name in placed[0]}
     t_ns = _times(at["t_ms"], notes)
     order = np.argsort(t_ns, kind="stable")
     at, t_ns = {name: column[order] for name, column in at.items()}, t_ns[order]
-    defaults = _lens(at, models[0])
-    return Source([*_tables(at, t_ns, path, notes)], notes=notes, stills=True, defaults=defaults)
+    return Source([*_tables(at, t_ns, notes)], notes=notes, stills=True, defaults=_lens(at, models[0]))
 
 
 def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:
@@ -87,27 +82,24 @@ def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:
     return found | ({"camera_model": name} if name else {})
 
 
-def _tables(at: dict[str, Floats], t_ns: Ints, path: Path, notes: list[str]) -> Iterable[Any]:
-    fixed = at["rtk"] == _RTK_FIXED
-    if fixed.all() and np.isfinite(at["absolute"]).all():
-        notes.append(
-            f"fixed by RTK, heights to {np.nanmedian(at['sigma']):.2f} m"
-            if np.isfinite(at["sigma"]).any()
-            else "fixed by RTK"
-        )
+def _tables(at: dict[str, Floats], t_ns: Ints, notes: list[str]) -> Iterator[Table]:
+    def mostly(name: str) -> bool:
+        return bool(np.isfinite(at[name]).mean() >= 0.5)
+
+    if (at["rtk"] == _RTK_FIXED).all() and np.isfinite(at["absolute"]).all():
+        error = f", heights to {np.nanmedian(at['sigma']):.2f} m" if np.isfinite(at["sigma"]).any() else ""
+        notes.append(f"fixed by RTK{error}")
         yield fixes("/photos", t_ns, at["lat"], at["lon"], alt_ellipsoid=at["absolute"])
-    elif np.isfinite(at["relative"]).mean() >= 0.5:
+    elif mostly("relative"):
         yield fixes("/photos", t_ns, at["lat"], at["lon"], alt_takeoff=at["relative"])
-    elif np.isfinite(at["exif_alt"]).mean() >= 0.5:
+    elif mostly("exif_alt"):
         notes.append("altitudes of EXIF are taken to be above mean sea level")
         yield fixes("/photos", t_ns, at["lat"], at["lon"], alt=at["exif_alt"])
     else:
-        raise InputError(
-            str(path), "photos say no height", "a height above take-off or sea level", "use the originals"
-        )
-    if np.isfinite(at["pitch"]).mean() >= 0.5:
+        raise refusal("photos hold no height", "a height above take-off or sea level", "use the originals")
+    if mostly("pitch"):
         yield gimbals("/photos", t_ns, _yaw(at, notes), at["pitch"], np.nan_to_num(at["roll"]))
-    elif np.isfinite(at["flight"]).mean() >= 0.5:
+    elif mostly("flight"):
         notes.append("no gimbal in the photos: the camera is taken to look ahead, level")
         yield attitudes("/photos", t_ns, at["flight"], 0 * at["flight"], 0 * at["flight"])
     if np.isfinite(at["focal_px"]).any() and np.isfinite(at["width"]).any():
@@ -118,8 +110,10 @@ def _yaw(at: dict[str, Floats], notes: list[str]) -> Floats:
     """Yaw from north: where it stays near 0 while the aircraft turns, it counts from the nose."""
     yaw, flight = at["gimbal"], at["flight"]
     known = np.isfinite(yaw) & np.isfinite(flight)
-    level = known & (np.abs(at["pitch"]) <= _NADIR_DEG)
-    some = level if level.sum() >= 5 else known  # straight down a yaw may be half a turn off
+    steep = np.abs(at["pitch"]) > _NADIR_DEG
+    some = (
+        known & ~steep if (known & ~steep).sum() >= 5 else known
+    )  # straight down a yaw may be half a turn off
     turns = np.unwrap(np.radians(flight[some])) if some.any() else np.zeros(1)
     relative = np.abs((yaw[some] + 180) % 360 - 180)
     if some.sum() >= 3 and np.degrees(np.ptp(turns)) > _TURN_DEG and np.percentile(relative, 90) < _STILL_DEG:
@@ -127,7 +121,7 @@ def _yaw(at: dict[str, Floats], notes: list[str]) -> Floats:
             "the gimbal's yaw counts from the aircraft's nose in these photos: the aircraft's is added"
         )
         return np.where(known, yaw + flight, np.nan)
-    if (np.abs(at["pitch"][known]) > _NADIR_DEG).mean() > 0.5 if known.any() else False:
+    if known.any() and steep[known].mean() > 0.5:
         notes.append("most photos look straight down: which way is up in them is known to half a turn")
     return np.where(np.isfinite(yaw), yaw, flight)
 
@@ -135,11 +129,7 @@ def _yaw(at: dict[str, Floats], notes: list[str]) -> Floats:
 def _times(t_ms: Floats, notes: list[str]) -> Ints:
     """Times, ns, of photos in the order of their names; those of one second are spread over it."""
     if not np.isfinite(t_ms).all():
-        notes.append("not all photos say when: by their names, one every 2 s")
+        notes.append("not all photos hold a time: by their names, one every 2 s")
         return numbered(len(t_ms))
     notes.append("times of photos are taken to be UTC where they name no zone")
-    t_ns = np.round(t_ms * 1e6).astype(np.int64)
-    for stamp in np.unique(t_ns[np.isin(t_ns, t_ns[np.append(np.diff(np.sort(t_ns)) == 0, False)])]):
-        same = np.flatnonzero(t_ns == stamp)
-        t_ns[same] += np.arange(len(same)) * 1_000_000_000 // len(same)
-    return t_ns
+    return spread(np.round(t_ms * 1e6).astype(np.int64))

@@ -12,10 +12,11 @@ import pymap3d
 from defusedxml import ElementTree
 from scipy.spatial.transform import Rotation
 
-from upplied.errors import InputError
 from upplied.inputs.files import read_regular
-from upplied.inputs.sources.projects import MAX_BYTES, NO_SIZE, Size, on_earth, reconstructed
+from upplied.inputs.sources.projects import NO_SIZE, Size, on_earth, reconstructed
 from upplied.inputs.sources.source import (
+    MAX_BYTES,
+    SHAPE,
     Fields,
     Source,
     cameras,
@@ -24,52 +25,47 @@ from upplied.inputs.sources.source import (
     gimbals,
     numbered,
     poses,
+    refusal,
 )
 from upplied.records import Floats
+
+_ALIGN = ("at least two", "align the photos, export again")
+ERRORS = SHAPE
 
 
 def read(path: Path, fields: Fields) -> Source:
     """The cameras of a project."""
     data = read_regular(path, MAX_BYTES)
     if data.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"<"):
-        return _metashape(path, ElementTree.fromstring(data, forbid_dtd=True))
-    return _realitycapture(path, data.decode("utf-8-sig"))
+        return _metashape(ElementTree.fromstring(data, forbid_dtd=True))
+    return _realitycapture(data.decode("utf-8-sig"))
 
 
-def _metashape(path: Path, root: Any) -> Source:
+def _metashape(root: Any) -> Source:
     """Matrices from the camera to the chunk, and where it is placed from the chunk to the Earth's centre."""
     chunk = next(root.iter("chunk"), None)
-    found = (
-        [] if chunk is None else [each for each in chunk.iter("camera") if each.find("transform") is not None]
-    )
-    if chunk is None or len(found) < 2:
-        raise InputError(
-            str(path), f"holds {len(found)} aligned cameras", "at least two", "align the photos, export again"
-        )
-    matrices = np.array([_numbers(each.find("transform"), 16) for each in found]).reshape(-1, 4, 4)
-    part = next(
-        (each for each in (*chunk.iter("component"), chunk) if each.find("transform") is not None), None
-    )
-    place = None if part is None else part.find("transform")
+    listed = [] if chunk is None else chunk.iter("camera")
+    shots = [each for each in listed if each.find("transform") is not None]
+    if chunk is None or len(shots) < 2:
+        raise refusal(f"holds {len(shots)} aligned cameras", *_ALIGN)
+    matrices = np.array([_numbers(each.find("transform"), 16) for each in shots]).reshape(-1, 4, 4)
+    turns, centres = matrices[:, :3, :3], matrices[:, :3, 3]
     sizes = {each.get("id"): _sensor(each) for each in chunk.iter("sensor")}
-    lenses = [sizes.get(each.get("sensor_id"), NO_SIZE) for each in found]
-    turn = None if place is None else place.find("rotation")
-    if place is None or turn is None:
-        return reconstructed(path, matrices[:, :3, :3], matrices[:, :3, 3], sizes=lenses)
-    scale = float(place.findtext("scale") or 1.0)
-    whole = _numbers(turn, 9).reshape(3, 3)
-    shift = _numbers(place.find("translation"), 3)
-    ecef = scale * matrices[:, :3, 3] @ whole.T + shift
-    lat, lon, alt = (float(value) for value in pymap3d.ecef2geodetic(*ecef.mean(axis=0)))
+    lenses = [sizes.get(each.get("sensor_id"), NO_SIZE) for each in shots]
+    places = (each.find("transform") for each in (*chunk.iter("component"), chunk))
+    place = next((each for each in places if each is not None), None)
+    if place is None or place.find("rotation") is None:
+        return reconstructed(turns, centres, sizes=lenses)
+    whole, shift = _numbers(place.find("rotation"), 9).reshape(3, 3), _numbers(place.find("translation"), 3)
+    ecef = float(place.findtext("scale") or 1.0) * centres @ whole.T + shift
     if np.linalg.norm(shift) < 1e6:  # a project in metres of its own, not on the Earth
-        return reconstructed(path, whole @ matrices[:, :3, :3], ecef, sizes=lenses, scaled=True)
+        return reconstructed(whole @ turns, ecef, sizes=lenses, scaled=True)
+    lat, lon, alt = (float(value) for value in pymap3d.ecef2geodetic(*ecef.mean(axis=0)))
     enu = np.column_stack(pymap3d.ecef2enu(*ecef.T, lat, lon, alt))
     axes = np.column_stack([pymap3d.ecef2enuv(*axis, lat, lon) for axis in np.eye(3)])
-    source = reconstructed(path, axes @ whole @ matrices[:, :3, :3], enu, sizes=lenses, scaled=True)
-    on_earth(source, enu, (lat, lon, alt))
-    source.tables[-2].columns["alt_ellipsoid"] = source.tables[-2].columns.pop("alt")
-    source.notes[-1] = "a Metashape chunk on the Earth: heights above the ellipsoid"
-    source.tables.pop(0)  # a frame of nobody else's
+    source = reconstructed(axes @ whole @ turns, enu, sizes=lenses, scaled=True)
+    on_earth(source, enu, (lat, lon, alt), "alt_ellipsoid")
+    source.tables.pop(0)  # in a frame that nothing else shares
     return source
 
 
@@ -87,37 +83,24 @@ def _numbers(node: Any, count: int) -> Floats:
     return values
 
 
-def _realitycapture(path: Path, text: str) -> Source:
+def _realitycapture(text: str) -> Source:
     """``#name,x,y,alt,heading,pitch,roll,f``: degrees; x and y in degrees too where they are of the Earth."""
     rows = list(csv.DictReader(io.StringIO(text.lstrip("#"))))
-    value = {
-        name: np.array([float(row[name]) for row in rows])
-        for name in ("x", "y", "alt", "heading", "pitch", "roll")
-    }
     if len(rows) < 2:
-        raise InputError(
-            str(path), f"holds {len(rows)} cameras", "at least two", "align the photos, export again"
-        )
-    t_ns = numbered(len(rows))
-    angles = value["heading"], value["pitch"] - 90, value["roll"]  # 0 looks down in RealityCapture
+        raise refusal(f"holds {len(rows)} cameras", *_ALIGN)
+    names = ("x", "y", "alt", "heading", "pitch", "roll")
+    x, y, alt, yaw, pitch, roll = np.array([[float(row[name]) for name in names] for row in rows]).T
+    pitch = pitch - 90  # 0 looks down in RealityCapture
     focal = np.array([float(row.get("f") or "nan") for row in rows])
-    lens = (
-        [cameras("/cameras", t_ns, 36.0, 24.0, focal_of_35mm(36.0, 24.0, focal))]
-        if np.isfinite(focal).all()
-        else []
-    )
-    notes = ["the export says no times: one photo every 2 s, in its order"]
-    if (np.abs(value["x"]) <= 180).all() and (np.abs(value["y"]) <= 90).all():
+    t_ns, tables = numbered(len(rows)), []
+    notes = ["the export holds no times: one photo every 2 s, in its order"]
+    if np.isfinite(focal).all():
+        tables = [cameras("/cameras", t_ns, 36.0, 24.0, focal_of_35mm(36.0, 24.0, focal))]
+    if (np.abs(x) <= 180).all() and (np.abs(y) <= 90).all():
         notes.append("RealityCapture: x and y are taken for longitude and latitude, alt above the ellipsoid")
-        place = fixes("/cameras", t_ns, value["y"], value["x"], alt_ellipsoid=value["alt"])
-        return Source([place, gimbals("/cameras", t_ns, *angles), *lens], notes=notes, stills=True)
-    yaw, pitch, roll = angles
+        place = fixes("/cameras", t_ns, y, x, alt_ellipsoid=alt)
+        tables = [place, gimbals("/cameras", t_ns, yaw, pitch, roll), *tables]
+        return Source(tables, notes=notes, stills=True)
     turns = Rotation.from_euler("ZYX", np.column_stack([90 - yaw, -pitch, roll]), degrees=True).as_quat()
-    centres = np.column_stack([value["x"], value["y"], value["alt"]])
-    defaults = {"body_frame": "camera"}
-    return Source(
-        [poses("/cameras", t_ns, centres, turns, "project"), *lens],
-        notes=notes,
-        defaults=defaults,
-        stills=True,
-    )
+    tables = [poses("/cameras", t_ns, np.column_stack([x, y, alt]), turns, "project"), *tables]
+    return Source(tables, notes=notes, defaults={"body_frame": "camera"}, stills=True)

@@ -1,7 +1,7 @@
-"""Photogrammetry: cameras of OpenSfM, OpenDroneMap, Metashape, RealityCapture, nerfstudio, Bundler, NVM.
+"""Photogrammetry: cameras of OpenSfM and OpenDroneMap, nerfstudio, Bundler and NVM.
 
-Cameras look along z, x right, y down, unless a format says otherwise; a pose is that of the camera in the
-project's frame, in which its mesh lies too. COLMAP is in `upplied.inputs.sources.colmap`.
+Cameras look along z, x right, y down, unless a format has it otherwise; a pose is that of the camera in the
+project's frame, in which its mesh lies too. COLMAP, Metashape and RealityCapture have modules of their own.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ import numpy as np
 import pymap3d
 from scipy.spatial.transform import Rotation
 
-from upplied.errors import InputError
 from upplied.inputs.files import read_regular
+from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA
 from upplied.inputs.sources.source import (
+    MAX_BYTES,
+    SHAPE,
     Fields,
     Source,
     attitudes,
@@ -26,15 +28,15 @@ from upplied.inputs.sources.source import (
     fixes,
     numbered,
     poses,
+    refusal,
+    spread,
 )
-from upplied.records import Floats, Ints
+from upplied.records import Floats, Ints, Placement
 
-MAX_BYTES = 1 << 30
-# Of a camera frame that looks along z (x right, y down) to ours (x forward, y left, z up).
-OPTICAL_R_CAMERA = Rotation.from_matrix([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 _FLIPPED = np.diag([1.0, -1.0, -1.0])  # of cameras that look along -z, y up
 Size = tuple[float, float, float]  # width, height and focal length, pixels
 NO_SIZE = (math.nan, math.nan, math.nan)
+ERRORS = SHAPE
 
 
 def read(path: Path, fields: Fields) -> Source:
@@ -43,14 +45,13 @@ def read(path: Path, fields: Fields) -> Source:
     start = data.lstrip(b"\xef\xbb\xbf \r\n\t")[:40]
     if start[:1] in (b"[", b"{"):
         content = json.loads(data)
-        return _nerfstudio(path, content) if isinstance(content, dict) else _opensfm(path, content)
+        return _nerfstudio(content) if isinstance(content, dict) else _opensfm(content)
     if start.startswith(b"# Bundle"):
-        return _bundler(path, data.decode("ascii").split("\n"))
-    return _nvm(path, data.decode("utf-8", "replace").split("\n"))
+        return _bundler(data.decode("ascii").split("\n"))
+    return _nvm(data.decode("utf-8", "replace").split("\n"))
 
 
 def reconstructed(
-    path: Path,
     matrices: Floats,
     centres: Floats,
     times: Ints | None = None,
@@ -59,72 +60,60 @@ def reconstructed(
     notes: Sequence[str] = (),
 ) -> Source:
     """The flight of cameras (N, 3, 3), to the project's frame, at (N, 3) in it."""
-    matrices, centres = (
-        np.asarray(matrices, float).reshape(-1, 3, 3),
-        np.asarray(centres, float).reshape(-1, 3),
-    )
+    matrices, centres = np.reshape(matrices, (-1, 3, 3)), np.reshape(centres, (-1, 3))
     if len(centres) < 2:
-        raise InputError(
-            str(path), f"holds {len(centres)} cameras with a pose", "at least two", "align the photos"
-        )
+        raise refusal(f"holds {len(centres)} cameras with a pose", "at least two", "align the photos")
     if not np.isfinite(matrices).all() or (np.abs(np.linalg.det(matrices) - 1) > 1e-2).any():
-        raise InputError(
-            str(path), "holds turns of cameras that are no rotations", "an export that nobody edited"
-        )
+        raise refusal("holds turns of cameras that are no rotations", "an unedited export", "export it again")
     quats = (Rotation.from_matrix(matrices) * OPTICAL_R_CAMERA).as_quat()
-    said = list(notes)
+    notes = list(notes)
     if times is None:
         times = numbered(len(centres))
-        said.append("the project says no times: one photo every 2 s, in its order")
+        notes.append("the project holds no times: one photo every 2 s, in its order")
     tables = [poses("/cameras", times, centres, quats, "project")]
     known = np.array(list(sizes), float).reshape(-1, 3)
     if len(known) == len(centres) and np.isfinite(known).all():
         tables.append(cameras("/cameras", times, *known.T))
     defaults: dict[str, Any] = {"body_frame": "camera"} | ({} if scaled else {"unit_m": math.nan})
-    return Source(tables, notes=said, defaults=defaults, stills=True)
+    return Source(tables, notes=notes, defaults=defaults, stills=True)
 
 
-def _opensfm(path: Path, content: list[Any]) -> Source:
+def _opensfm(content: list[Any]) -> Source:
     """A turn is an axis with its angle, world to camera; the world is east, north and up of a place."""
     parts = [part for part in content if part.get("shots")]
     if not parts:
-        raise InputError(
-            str(path), "holds no reconstructed photo", "a reconstruction with shots", "run the project again"
-        )
+        raise refusal("holds no reconstructed photo", "a reconstruction with shots", "run the project again")
     part = max(parts, key=lambda each: len(each["shots"]))
     shots = [shot for _, shot in sorted(part["shots"].items())]
-    turns = Rotation.from_rotvec([shot["rotation"] for shot in shots])
-    centres = -turns.inv().apply([shot["translation"] for shot in shots])
-    lenses = part.get("cameras", {})
-    sizes = [_lens(lenses.get(shot.get("camera"), {})) for shot in shots]
     stamps = np.array([float(shot.get("capture_time") or 0) for shot in shots])
-    times = _spread(stamps) if (stamps > 1).all() and np.ptp(stamps) > 0 else None
+    times = None
+    if (stamps > 1).all() and np.ptp(stamps) > 0:
+        times = spread(np.round(stamps * 1e9).astype(np.int64))
+        order = np.argsort(times, kind="stable")
+        shots, times = [shots[at] for at in order], times[order]
+    turns = Rotation.from_rotvec([shot["rotation"] for shot in shots]).inv()
+    centres = -turns.apply([shot["translation"] for shot in shots])
+    sizes = [_lens(part.get("cameras", {}).get(shot.get("camera"), {})) for shot in shots]
     place = part.get("reference_lla")
     notes = [f"{len(parts) - 1} smaller parts of the reconstruction are left out"] if len(parts) > 1 else []
-    order = np.arange(len(shots)) if times is None else np.argsort(times, kind="stable")
-    source = reconstructed(
-        path,
-        turns.inv().as_matrix()[order],
-        centres[order],
-        None if times is None else times[order],
-        [sizes[at] for at in order],
-        scaled=place is not None,
-        notes=notes,
-    )
+    source = reconstructed(turns.as_matrix(), centres, times, sizes, place is not None, notes)
     if place is not None:
-        on_earth(source, centres[order], (place["latitude"], place["longitude"], place["altitude"]))
+        lla = float(place["latitude"]), float(place["longitude"]), float(place["altitude"])
+        on_earth(source, centres, lla)
+        source.place = Placement(*lla, 90.0, "amsl")
     return source
 
 
-def on_earth(source: Source, enu: Floats, place: tuple[float, float, float]) -> None:
+def on_earth(source: Source, enu: Floats, place: tuple[float, float, float], height: str = "alt") -> None:
     """The same cameras by latitude and longitude, for a structure that is placed so."""
     table = source.tables[0]
     lat, lon, alt = pymap3d.enu2geodetic(*enu.T, *place)
     quats = Rotation.from_quat(table.stack(*(f"pose.orientation.{axis}" for axis in "xyzw")))
     yaw, pitch, roll = quats.as_euler("ZYX", degrees=True).T  # of x forward, y left, z up in east, north, up
-    source.tables.append(fixes("/cameras_on_earth", table.log_ns, lat, lon, alt=alt))
+    source.tables.append(fixes("/cameras_on_earth", table.log_ns, lat, lon, **{height: alt}))
     source.tables.append(attitudes("/cameras_on_earth", table.log_ns, 90 - yaw, -pitch, roll))
-    source.notes.append("heights of the project are taken to be above mean sea level")
+    datum = "ellipsoid" if height == "alt_ellipsoid" else "mean sea level"
+    source.notes.append(f"heights of the project are taken to be above the {datum}")
 
 
 def _lens(lens: Any) -> Size:
@@ -133,15 +122,15 @@ def _lens(lens: Any) -> Size:
     return width, height, float(focal) * max(width, height)
 
 
-def _nerfstudio(path: Path, content: dict[str, Any]) -> Source:
+def _nerfstudio(content: dict[str, Any]) -> Source:
     """Matrices from the camera to the world; the camera looks along -z, y up."""
     frames = sorted(content.get("frames", []), key=lambda frame: str(frame.get("file_path", "")))
     matrices = np.array([frame["transform_matrix"] for frame in frames], float).reshape(-1, 4, 4)
     if "applied_transform" in content:  # from the frame of the reconstruction to that of the file
-        back = np.linalg.inv(np.vstack([np.array(content["applied_transform"], float)[:3], [0, 0, 0, 1]]))
-        matrices = back @ matrices
+        applied = np.vstack([np.array(content["applied_transform"], float)[:3], [0, 0, 0, 1]])
+        matrices = np.linalg.inv(applied) @ matrices
     sizes = [_pinhole(content | frame) for frame in frames]
-    return reconstructed(path, matrices[:, :3, :3] @ _FLIPPED, matrices[:, :3, 3], sizes=sizes)
+    return reconstructed(matrices[:, :3, :3] @ _FLIPPED, matrices[:, :3, 3], sizes=sizes)
 
 
 def _pinhole(frame: dict[str, Any]) -> Size:
@@ -150,31 +139,21 @@ def _pinhole(frame: dict[str, Any]) -> Size:
     return width, float(frame.get("h", math.nan)), float(focal)
 
 
-def _bundler(path: Path, lines: list[str]) -> Source:
+def _bundler(lines: list[str]) -> Source:
     """Turns and shifts from the world to the camera, which looks along -z; without a focal length no pose."""
     count = int(lines[1].split()[0])
     rows = [[float(value) for value in line.split()] for line in lines[2 : 2 + 5 * min(count, 1_000_000)]]
-    found = [rows[5 * at : 5 * at + 5] for at in range(len(rows) // 5)]
-    found = [each for each in found if each[0][0] > 0]
-    turns = np.array([each[1:4] for each in found]).reshape(-1, 3, 3)
-    shifts = np.array([each[4] for each in found]).reshape(-1, 3)
+    shots = [rows[at : at + 5] for at in range(0, len(rows) - 4, 5) if rows[at][0] > 0]
+    turns = np.array([each[1:4] for each in shots]).reshape(-1, 3, 3)
+    shifts = np.array([each[4] for each in shots]).reshape(-1, 3)
     centres = -np.einsum("nji,nj->ni", turns, shifts)
-    return reconstructed(path, np.swapaxes(turns, 1, 2) @ _FLIPPED, centres)
+    return reconstructed(np.swapaxes(turns, 1, 2) @ _FLIPPED, centres)
 
 
-def _nvm(path: Path, lines: list[str]) -> Source:
+def _nvm(lines: list[str]) -> Source:
     """Name, focal length, quaternion ``w x y z`` from the world to the camera, and the camera's centre."""
-    at = next(index for index, line in enumerate(lines[1:], 1) if line.strip())
+    at = next((index for index, line in enumerate(lines[1:], 1) if line.strip()), 0)
     rows = sorted(line.replace("\t", " ").rsplit(" ", 10) for line in lines[at + 1 : at + 1 + int(lines[at])])
     values = np.array([[float(value) for value in row[1:9]] for row in rows])
     turns = Rotation.from_quat(values[:, [2, 3, 4, 1]]).inv()
-    return reconstructed(path, turns.as_matrix(), values[:, 5:8])
-
-
-def _spread(seconds: Floats) -> Ints:
-    """Times, ns, those that are the same spread over their second."""
-    t_ns: Ints = np.round(seconds * 1e9).astype(np.int64)
-    for stamp in np.unique(t_ns):
-        same = np.flatnonzero(t_ns == stamp)
-        t_ns[same] += np.arange(len(same)) * 10**9 // len(same)
-    return t_ns
+    return reconstructed(turns.as_matrix(), values[:, 5:8])

@@ -1,4 +1,4 @@
-"""Flight records as tables (.csv) of DJI and Airdata: columns by name, with the unit that they say."""
+"""Flight records (.csv) of DJI and Airdata, and captions of DJI's videos (.srt): columns by name."""
 
 from __future__ import annotations
 
@@ -8,12 +8,9 @@ import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from upplied.errors import InputError
-from upplied.inputs.files import read_regular
 from upplied.inputs.sources.source import (
     MAX_ROWS,
     Fields,
@@ -23,14 +20,14 @@ from upplied.inputs.sources.source import (
     fixes,
     focal_of_35mm,
     gimbals,
+    refusal,
+    text_of,
 )
-from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
 
-MAX_BYTES = 1 << 30
 _DATE = re.compile(r"(\d{4})[-./](\d{1,2})[-./](\d{1,2}) (\d\d):(\d\d):(\d\d)(?:[.,](\d{3}))?(?:,(\d{3}))?")
-_FOOT, _MS = 0.3048, 1e-3
-_COLUMNS = {  # what a column says -> its names, in lower case without the unit; the first that is there
+_FOOT = 0.3048
+_COLUMNS = {  # content -> names of its column, in lower case without the unit; the first that is there
     "ms": ("time(millisecond)", "time(ms)"),
     "s": ("time(seconds)", "time(s)", "osd.flytime [s]", "osd.flytime"),
     "date": ("datetime(utc)", "custom.updatetime", "custom.date [utc]", "datetime", "datetime(local)"),
@@ -45,131 +42,144 @@ _COLUMNS = {  # what a column says -> its names, in lower case without the unit;
     "nose": ("pitch", "osd.pitch"), "bank": ("roll", "osd.roll"),
 }  # fmt: skip
 _UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
+CAPTION = re.compile(r"^\d+\s*\n\d\d:\d\d:\d\d[,.]\d{3} --> |\[latitude ?: ", re.MULTILINE)
+_NUMBER = r"([-+]?\d+(?:\.\d+)?)"
+_CLOCK = re.compile(r"(\d\d):(\d\d):(\d\d)[,.](\d{3}) -->")
+_GPS = re.compile(rf"(?<![A-Z])GPS ?\({_NUMBER}, ?{_NUMBER}(?:, ?{_NUMBER}(M?))?\)")
+_PRY = re.compile(rf"G\.PRY \({_NUMBER}\D*, {_NUMBER}\D*, {_NUMBER}")
+_CAPTIONS = {name: re.compile(f"(?:{words}){_NUMBER}") for name, words in {  # the words before a number
+    "lat": r"latitude ?: ?", "lon": r"longt?itude ?: ?", "takeoff": r"rel_alt ?: ?",
+    "alt": r"abs_alt ?: ?|altitude ?: ?", "baro": r"BAROMETER ?[:(] ?|, H ", "yaw": r"gb_yaw ?: ?",
+    "pitch": r"gb_pitch ?: ?", "roll": r"gb_roll ?: ?", "focal": r"focal_len ?: ?",
+}.items()}  # fmt: skip
+_VIDEO = 3840.0, 2160.0  # pixels, to which the focal length of captions belongs
 
 
 def read(path: Path, fields: Fields) -> Source:
-    """The tables of a record."""
-    text = read_regular(path, MAX_BYTES).decode("utf-8-sig", "replace").replace("\r\n", "\n")
-    return _table(path, text)
+    """The flight of a record, or of captions; without an attitude in them it is positions alone."""
+    text = text_of(path)
+    return _record(text) if is_record(text[:8192]) else _captions(text)
 
 
 def is_record(head: str) -> bool:
     """Whether the first line of a text names columns of latitude and longitude."""
-    found = _named(next(csv.reader([head.splitlines()[0]]), [])) if head.strip() else {}
-    return {"lat", "lon"} <= found.keys()
+    columns = _named(next(csv.reader([head.splitlines()[0]]), [])) if head.strip() else {}
+    return {"lat", "lon"} <= columns.keys()
 
 
-def _table(path: Path, text: str) -> Source:
+def _record(text: str) -> Source:
     reader = csv.reader(io.StringIO(text))
-    head = next(reader, [])
-    at = _named(head)
-    if not {"lat", "lon"} <= at.keys():
-        raise InputError(
-            str(path), "names no columns of latitude and longitude", "a flight record with a head"
-        )
-    rows = [
-        row
-        for row, _ in zip(reader, range(MAX_ROWS), strict=False)
-        if len(row) > max(at["lat"][0], at["lon"][0])
-    ]
-    columns: dict[str, Floats] = {}
-    notes: list[str] = []
-    for name, (column, factor) in at.items():
-        if name != "date":
-            columns[name] = factor * np.array(
-                [_float(row[column]) if column < len(row) else np.nan for row in rows]
-            )
-    dates = np.array(
-        [dated(row[at["date"][0]]) if "date" in at and at["date"][0] < len(row) else np.nan for row in rows]
-    )
+    at = _named(next(reader, []))
+    least = max(at["lat"][0], at["lon"][0])
+    rows = [row for row, _ in zip(reader, range(MAX_ROWS), strict=False) if len(row) > least]
+    cells = {
+        name: [row[column] if column < len(row) else "" for row in rows] for name, (column, _) in at.items()
+    }
+    dates = np.array([dated(cell) for cell in cells.pop("date", [""] * len(rows))])
+    columns = {
+        name: at[name][1] * np.array([_float(cell) for cell in column]) for name, column in cells.items()
+    }
     since = columns["s"] * 1e3 if "s" in columns else columns.get("ms", np.full(len(rows), np.nan))
-    return source_of("/record", times_of(since, dates, notes), columns, notes, path)
+    notes: list[str] = []
+    return _source("/record", _times(since, dates, notes), columns, notes)
 
 
 def _named(head: Sequence[str]) -> dict[str, tuple[int, float]]:
-    """Where each thing stands in a head, and what turns its unit into ours."""
+    """The column of each content of a head, and the factor to our unit."""
     plain = [name.strip().lower().lstrip("\ufeff") for name in head]
     bare = [_UNIT.sub("", name).strip() for name in plain]
     found: dict[str, tuple[int, float]] = {}
     for name, choices in _COLUMNS.items():
-        for choice in choices:
-            for names in (plain, bare):
-                if choice in names and name not in found:
-                    column = names.index(choice)
-                    unit = (_UNIT.search(plain[column]) or ["", ""])[1]
-                    found[name] = column, _FOOT if unit in ("feet", "ft") else 1.0
+        hits = [names.index(choice) for choice in choices for names in (plain, bare) if choice in names]
+        if hits:
+            unit = _UNIT.search(plain[hits[0]])
+            found[name] = hits[0], _FOOT if unit is not None and unit[1] in ("feet", "ft") else 1.0
     return found
 
 
-def source_of(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str], path: Path) -> Source:
-    heights = {"alt_takeoff": columns["takeoff"]} if "takeoff" in columns else {}
-    if not heights and "alt" in columns:
-        heights = {"alt": columns["alt"]}
-        notes.append("altitudes are taken to be above mean sea level")
-    if not heights:
-        raise InputError(
-            str(path), "says places without heights", "a record with heights", "use another log of the flight"
+def _captions(text: str) -> Source:
+    blocks = re.split(r"\n\s*\n(?=\d+\s*\n)", text.strip())[:MAX_ROWS]
+    rows, since = [], []
+    for block in blocks:
+        row = {name: float(hit[1]) for name, each in _CAPTIONS.items() if (hit := each.search(block))}
+        if hit := _GPS.search(block):
+            latitude_first = float(hit[4] == "M" or "BAROMETER(" in block)
+            row |= {"first": float(hit[1]), "second": float(hit[2]), "latitude_first": latitude_first}
+        if hit := _PRY.search(block):
+            row |= dict(zip(("pitch", "roll", "yaw"), map(float, hit.groups()), strict=True))
+        rows.append(row)
+        clock = _CLOCK.search(block)
+        hours, minutes, seconds, ms = map(int, clock.groups()) if clock else (0, 0, 0, 0)
+        since.append(((hours * 60 + minutes) * 60 + seconds) * 1e3 + ms if clock else np.nan)
+    names = {name for row in rows for name in row}
+    if not names & {"lat", "first"}:
+        found = f"has {len(blocks) if text.strip() else 0} captions, none with a place"
+        raise refusal(
+            found, "captions with latitude and longitude", "let the camera record captions with GPS"
         )
-    # Captions repeat a place until the next one is known: what changes counts.
-    values = np.column_stack(
-        [
-            columns["lat"],
-            columns["lon"],
-            *heights.values(),
-            *(columns[n] for n in ("yaw", "pitch") if n in columns),
-        ]
-    )
-    new = np.append(True, (np.diff(values, axis=0) != 0).any(axis=1)) | (
-        np.arange(len(values)) == len(values) - 1
-    )
+    if {"lat", "first"} <= names:
+        raise refusal("holds captions of two kinds", "one flight", "split it where another camera begins")
+    columns = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
+    notes = []
+    if "lat" not in columns:
+        columns["lat"], columns["lon"], order = _ordered(columns)
+        notes.append(order)
+    if "takeoff" not in columns and "baro" in columns:
+        columns["takeoff"] = columns["baro"]
+    dates = np.array([dated(block) for block in blocks])
+    return _source("/captions", _times(np.array(since), dates, notes), columns, notes)
+
+
+def _ordered(columns: dict[str, Floats]) -> tuple[Floats, Floats, str]:
+    """Latitude and longitude of ``GPS(a, b, c)``: most models write the longitude first, some do not."""
+    first, second = columns["first"], columns["second"]
+    if np.nanmax(np.abs(second)) > 90 or (np.nanmax(np.abs(first)) <= 90 and columns["latitude_first"].any()):
+        return first, second, "captions give GPS(latitude, longitude)"
+    return second, first, "captions give GPS(longitude, latitude)"
+
+
+def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]) -> Source:
+    """The flight of columns; rows that repeat a place until the next one is known are left out."""
+    datum = "alt_takeoff" if "takeoff" in columns else "alt"
+    height = columns.get("takeoff", columns.get("alt"))
+    if height is None:
+        raise refusal(
+            "gives places without heights", "a record with heights", "use another log of the flight"
+        )
+    if datum == "alt":
+        notes.append("altitudes are taken to be above mean sea level")
+    changing = [columns[name] for name in ("yaw", "pitch") if name in columns]
+    values = np.column_stack([columns["lat"], columns["lon"], height, *changing])
+    new = np.append(True, (np.diff(values, axis=0) != 0).any(axis=1))
+    new[-1:] = True
     new &= np.isfinite(values).all(axis=1) & (np.diff(t_ns, prepend=-1) > 0)
     if not (np.abs(values[new][:, :2]) > 0).any():
-        raise InputError(
-            str(path), "says no place: 0, 0 throughout", "a satellite fix", "use another log of the flight"
-        )
-
-    def keep(column: Any) -> Any:
-        return np.asarray(column)[new]
-
-    tables: list[Table] = [
-        fixes(
-            topic,
-            keep(t_ns),
-            keep(columns["lat"]),
-            keep(columns["lon"]),
-            **{n: keep(v) for n, v in heights.items()},
-        )
-    ]
+        raise refusal("gives no place: 0, 0 throughout", "a satellite fix", "use another log of the flight")
+    t_ns, height = t_ns[new], height[new]
     level = np.zeros(len(t_ns))
-    if "pitch" in columns and ("yaw" in columns or "heading" in columns):
-        yaw = columns.get("yaw", columns.get("heading", level))
-        tables.append(
-            gimbals(topic, keep(t_ns), keep(yaw), keep(columns["pitch"]), keep(columns.get("roll", level)))
-        )
+    columns = {name: column[new] for name, column in columns.items()}
+    tables = [fixes(topic, t_ns, columns["lat"], columns["lon"], **{datum: height})]
+    heading = columns.get("heading")
+    yaw = columns.get("yaw", heading)
+    if "pitch" in columns and yaw is not None:
+        tables.append(gimbals(topic, t_ns, yaw, columns["pitch"], columns.get("roll", level)))
         if "yaw" not in columns:
-            notes.append("the gimbal looks where the aircraft heads: the record says no yaw of its own")
-    elif "heading" in columns:
-        tables.append(
-            attitudes(topic, keep(t_ns), *(keep(columns.get(n, level)) for n in ("heading", "nose", "bank")))
-        )
-    if "focal" in columns and np.isfinite(columns["focal"]).any():
-        focal = np.where(
-            columns["focal"] >= 100, columns["focal"] / 10, columns["focal"]
-        )  # tenths in older ones
-        tables.append(cameras(topic, keep(t_ns), 3840.0, 2160.0, focal_of_35mm(3840.0, 2160.0, keep(focal))))
+            notes.append("the gimbal looks where the aircraft heads: the record has no yaw of its own")
+    elif heading is not None:
+        nose, bank = columns.get("nose", level), columns.get("bank", level)
+        tables.append(attitudes(topic, t_ns, heading, nose, bank))
+    focal = columns.get("focal", np.full(1, np.nan))
+    if np.isfinite(focal).any():
+        focal = np.where(focal >= 100, focal / 10, focal)  # tenths of a millimetre in older captions
+        tables.append(cameras(topic, t_ns, *_VIDEO, focal_of_35mm(*_VIDEO, focal)))
     return Source(tables, notes=notes)
 
 
-def times_of(since_ms: Floats, dates: Floats, notes: list[str]) -> Ints:
+def _times(since_ms: Floats, dates: Floats, notes: list[str]) -> Ints:
     """Times, ns: dates where they run on, else from the start."""
-    if (
-        np.isfinite(dates).all()
-        and len(dates)
-        and np.ptp(dates) >= 0.5 * (np.nanmax(since_ms, initial=0) - np.nanmin(since_ms, initial=0))
-    ):
-        if (
-            np.isfinite(since_ms).all() and not (np.mod(dates, 1000) > 0).any()
-        ):  # whole seconds: the clock tells between
+    lasted = np.nanmax(since_ms, initial=0) - np.nanmin(since_ms, initial=0)
+    if len(dates) and np.isfinite(dates).all() and np.ptp(dates) >= 0.5 * lasted:
+        if np.isfinite(since_ms).all() and not (np.mod(dates, 1000) > 0).any():  # the clock refines seconds
             return np.round((since_ms + np.max(dates - since_ms)) * 1e6).astype(np.int64)
         notes.append("dates are taken to be UTC")
         return np.round(dates * 1e6).astype(np.int64)
@@ -190,7 +200,7 @@ def dated(text: str) -> float:
         start = datetime(year, month, day, hour, minute, second, tzinfo=UTC).timestamp() * 1e3
     except (ValueError, OverflowError):
         return float("nan")
-    return start + int(hit[7] or 0) + int(hit[8] or 0) * _MS
+    return start + int(hit[7] or 0) + int(hit[8] or 0) * 1e-3
 
 
 def _float(text: str) -> float:

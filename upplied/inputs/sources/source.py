@@ -1,29 +1,34 @@
 """What a file holds of a flight, whatever it is written in, and the tables that readers fill.
 
 The tables bear the schemas that `upplied.inputs.schemas` reads, so frames, clocks, cleaning and passport
-are one way for all kinds of file.
+are the same for all kinds of file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.errors import InputError
+from upplied.inputs.files import read_regular
 from upplied.inputs.tables import Channel, Table
-from upplied.records import Floats, Ints
+from upplied.records import Floats, Ints, Placement
 
 Fields = Mapping[str, Sequence[str]]  # schema -> the paths that are read of it
 MAX_ROWS = 5_000_000
+SHAPE = (TypeError, AttributeError)  # what a value of another type in JSON or XML makes of a reader
+MAX_BYTES = 1 << 30
 _IN_EARTH, _IN_VEHICLE = 64, 32  # flags of GIMBAL_DEVICE_ATTITUDE_STATUS
 
 
 @dataclass
 class Source:
-    """Tables of one flight, and what its kind of file says of itself."""
+    """Tables of one flight, and what its kind of file declares."""
 
     tables: list[Table]
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
@@ -31,40 +36,51 @@ class Source:
     listed: str = ""  # topics and schemas in words; of the tables where empty
     read_pct: float = 100.0
     notes: list[str] = field(default_factory=list)
-    defaults: dict[str, Any] = field(default_factory=dict)  # facts that hold where nobody says otherwise
+    defaults: dict[str, Any] = field(default_factory=dict)  # facts that hold where nothing else is declared
     stills: bool = False  # photos: no pose between them is missing
+    place: Placement | None = None  # of the project's frame, where that is east, north and up of a place
     planned: bool = False  # a mission that was written, not a flight that was flown
 
     @property
     def topics(self) -> str:
         """Topics and schemas in words."""
-        tables = [f"{table.channel.topic} ({table.schema})" for table in self.tables]
-        return self.listed or ", ".join(tables[:12])
+        return self.listed or ", ".join(
+            f"{table.channel.topic} ({table.schema})" for table in self.tables[:12]
+        )
 
 
-def table(topic: str, schema: str, t_ns: Ints, **columns: Any) -> Table:
+def refusal(found: str, rule: str = "", remedy: str = "") -> InputError:
+    """An error about the file that is read; `upplied.inputs.sources.door` adds its name."""
+    return InputError("", found, rule, remedy)
+
+
+def text_of(path: Path) -> str:
+    """A text file with line feeds; bytes that are not UTF-8 are replaced."""
+    return read_regular(path, MAX_BYTES).decode("utf-8-sig", "replace").replace("\r\n", "\n")
+
+
+def table(topic: str, schema: str, t_ns: Ints, channel_id: int = 0, /, **columns: Any) -> Table:
     """A table of one topic; ``__`` in the name of a column stands for a dot."""
     t_ns = np.asarray(t_ns, np.int64)
     named = {name.replace("__", "."): np.asarray(column) for name, column in columns.items()}
-    return Table(Channel(0, topic, "", schema), named, t_ns, t_ns, len(t_ns))
+    return Table(Channel(channel_id, topic, "", schema), named, t_ns, t_ns, len(t_ns))
 
 
 def poses(topic: str, t_ns: Ints, positions: Floats, quat_xyzw: Floats, frame: str = "") -> Table:
     """Poses (N, 3), m, and (N, 4) in a frame with z up."""
-    t_ns = np.asarray(t_ns, np.int64)
     columns = {f"pose.position.{axis}": positions[:, at] for at, axis in enumerate("xyz")}
     columns |= {f"pose.orientation.{axis}": quat_xyzw[:, at] for at, axis in enumerate("xyzw")}
-    named = np.full(len(t_ns), frame, object)
-    return table(topic, "geometry_msgs/PoseStamped", t_ns, **columns, **_stamp(t_ns), header__frame_id=named)
+    frames = np.full(len(positions), frame, object)
+    return table(topic, "geometry_msgs/PoseStamped", t_ns, **columns, **_stamp(t_ns), header__frame_id=frames)
 
 
 def fixes(topic: str, t_ns: Ints, lat: Floats, lon: Floats, **altitude: Floats) -> Table:
     """Places, deg; `altitude` is ``alt`` (mean sea level), ``alt_ellipsoid`` or ``alt_takeoff``, m."""
+    place = np.column_stack([lat, lon]).astype(float)
+    place[(place == 0).all(axis=1)] = np.nan  # before the first fix
     stamps = np.asarray(t_ns, np.int64) // 1000
-    lat, lon = np.asarray(lat, float), np.asarray(lon, float)
-    nowhere = (lat == 0) & (lon == 0)  # before the first fix
-    where = {"lat": np.where(nowhere, np.nan, lat), "lon": np.where(nowhere, np.nan, lon)}
-    return table(topic, "px4_msgs/VehicleGlobalPosition", t_ns, timestamp=stamps, **where, **altitude)
+    columns = {"timestamp": stamps, "lat": place[:, 0], "lon": place[:, 1]}
+    return table(topic, "px4_msgs/VehicleGlobalPosition", t_ns, **columns, **altitude)
 
 
 def attitudes(topic: str, t_ns: Ints, yaw: Floats, pitch: Floats, roll: Floats) -> Table:
@@ -75,18 +91,20 @@ def attitudes(topic: str, t_ns: Ints, yaw: Floats, pitch: Floats, roll: Floats) 
 
 def gimbals(topic: str, t_ns: Ints, yaw: Floats, pitch: Floats, roll: Floats, north: bool = True) -> Table:
     """Attitudes of a camera, deg; yaw from north, or from the vehicle's heading."""
-    t_ns = np.asarray(t_ns, np.int64)
     flags = np.full(len(t_ns), _IN_EARTH if north else _IN_VEHICLE)
-    quats = ned_wxyz(yaw, pitch, roll)
-    schema = "px4_msgs/GimbalDeviceAttitudeStatus"
-    return table(topic, schema, t_ns, timestamp=t_ns // 1000, device_flags=flags, q=quats)
+    return gimbal_status(topic, t_ns, flags, ned_wxyz(yaw, pitch, roll))
+
+
+def gimbal_status(topic: str, t_ns: Ints, flags: Ints, quat_wxyz: Floats) -> Table:
+    """Attitudes (N, 4) of a gimbal as GIMBAL_DEVICE_ATTITUDE_STATUS gives them, with its flags (N,)."""
+    schema, stamps = "px4_msgs/GimbalDeviceAttitudeStatus", np.asarray(t_ns, np.int64) // 1000
+    return table(topic, schema, t_ns, timestamp=stamps, device_flags=flags, q=quat_wxyz)
 
 
 def cameras(
     topic: str, t_ns: Ints, width: Floats | float, height: Floats | float, focal: Floats | float
 ) -> Table:
     """A pinhole camera in time: sizes and focal length, pixels."""
-    t_ns = np.asarray(t_ns, np.int64)
     matrix = np.zeros((len(t_ns), 9))
     matrix[:, 0] = matrix[:, 4] = focal
     sizes = {"width": np.broadcast_to(width, len(t_ns)), "height": np.broadcast_to(height, len(t_ns))}
@@ -113,5 +131,16 @@ def numbered(count: int) -> Ints:
     return (1 + np.arange(count, dtype=np.int64)) * 2_000_000_000
 
 
+def spread(t_ns: Ints) -> Ints:
+    """Stamps, ns, those that are the same spread over their second."""
+    t_ns = t_ns.copy()
+    stamps, count = np.unique(t_ns, return_counts=True)
+    for stamp in stamps[count > 1]:
+        same = np.flatnonzero(t_ns == stamp)
+        t_ns[same] += np.arange(len(same)) * 10**9 // len(same)
+    return t_ns
+
+
 def _stamp(t_ns: Ints) -> dict[str, Ints]:
+    t_ns = np.asarray(t_ns, np.int64)
     return {"header.stamp.sec": t_ns // 10**9, "header.stamp.nanosec": t_ns % 10**9}

@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upplied.errors import InputError
 from upplied.inputs.files import read_regular
-from upplied.inputs.sources.source import Fields, Source, numbered, poses
+from upplied.inputs.sources.source import MAX_BYTES, Fields, Source, numbered, poses, refusal
 from upplied.records import Ints
 
-MAX_BYTES = 1 << 30
 _SPLIT = re.compile(rb"[,;\s]+")
-TUM, EUROC, KITTI = 8, 17, 12  # numbers in a line
+WIDTHS = (8, 17, 12)  # numbers in a line of TUM, EuRoC and KITTI
 _NANOSECONDS = 1e15  # a stamp beyond is no second
 # KITTI's world is the first camera's: x right, y down, z forward. Here x forward, y left, z up.
 _UPRIGHT = Rotation.from_matrix([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
@@ -33,50 +31,44 @@ def read(path: Path, fields: Fields) -> Source:
     """The poses of a file."""
     words = _words(path)
     rows = np.array([[float(word) for word in line] for line in words])
-    if rows.shape[1] == KITTI:
-        times, notes = times_of(path), ["KITTI: the first camera's axes, turned until z points up"]
-        if len(times) != len(rows):
-            times = numbered(len(rows))
-            notes.append("no times beside it: one pose every 2 s")
-        matrices = rows.reshape(-1, 3, 4)
-        if (np.abs(np.linalg.det(matrices[:, :, :3]) - 1) > 1e-2).any():
-            raise InputError(str(path), "holds matrices that are no rotations", "three rows of [R t] a line")
-        quats = (_UPRIGHT * Rotation.from_matrix(matrices[:, :, :3])).as_quat()
-        table = poses("/poses", times, _UPRIGHT.apply(matrices[:, :, 3]), quats, "kitti")
-        return Source([table], notes=notes, defaults={"body_frame": "optical"})
     stamps = [line[0] for line in words]
+    if rows.shape[1] == WIDTHS[2]:
+        return _kitti(path, rows.reshape(-1, 3, 4))
     if rows[0, 0] > _NANOSECONDS:
-        table = poses(
-            "/pose",
-            np.array([int(float(s)) if b"." in s else int(s) for s in stamps]),
-            rows[:, 1:4],
-            rows[:, [5, 6, 7, 4]],
-            "world",
-        )
+        times = np.array([int(float(stamp)) if b"." in stamp else int(stamp) for stamp in stamps])
+        table = poses("/pose", times, rows[:, 1:4], rows[:, [5, 6, 7, 4]], "world")
         return Source([table], notes=["EuRoC: poses of the inertial unit, quaternions w x y z"])
     return Source([poses("/pose", _nanoseconds(stamps), rows[:, 1:4], rows[:, 4:8], "world")])
 
 
-def times_of(path: Path) -> Ints:
-    """The times, ns, that lie beside a file of KITTI; none where there is no such file."""
-    beside = path.with_name(f"{path.stem}_times.txt")
-    beside = beside if beside.is_file() else path.with_name("times.txt")
-    if not beside.is_file():
-        return np.empty(0, np.int64)
-    return 1_000_000_000 + _nanoseconds([line[0] for line in _words(beside)])
+def times_beside(path: Path) -> list[Path]:
+    """The files that may hold the times of KITTI's poses, the first that exists counts."""
+    return [path.with_name(f"{path.stem}_times.txt"), path.with_name("times.txt")]
+
+
+def _kitti(path: Path, matrices: np.ndarray) -> Source:
+    notes = ["KITTI: the first camera's axes, turned until z points up"]
+    listed = next((_words(name) for name in times_beside(path) if name.is_file()), [])
+    times = 1_000_000_000 + _nanoseconds([line[0] for line in listed])
+    if len(times) != len(matrices):
+        times = numbered(len(matrices))
+        notes.append("no times beside it: one pose every 2 s")
+    if (np.abs(np.linalg.det(matrices[:, :, :3]) - 1) > 1e-2).any():
+        raise refusal("holds matrices that are no rotations", "three rows of [R t] a line")
+    quats = (_UPRIGHT * Rotation.from_matrix(matrices[:, :, :3])).as_quat()
+    table = poses("/poses", times, _UPRIGHT.apply(matrices[:, :, 3]), quats, "kitti")
+    return Source([table], notes=notes, defaults={"body_frame": "optical"})
 
 
 def _words(path: Path) -> list[list[bytes]]:
     """The numbers of each line, as they are written; the last line may be cut off."""
     lines = [line for line in read_regular(path, MAX_BYTES).splitlines() if width_of(line)]
     words = [[word for word in _SPLIT.split(line.strip()) if word] for line in lines]
-    while len(words) > 1 and len(words[-1]) < len(words[0]):
+    if len(words) > 1 and len(words[-1]) < len(words[0]):
         words.pop()
     odd = sum(len(each) != len(words[0]) for each in words)
     if not words or odd:
-        raise InputError(
-            str(path), f"{odd} of {len(words)} lines hold another count of numbers", "one pose a line"
-        )
+        raise refusal(f"{odd} of {len(words)} lines hold another count of numbers", "one pose a line")
     return words
 
 

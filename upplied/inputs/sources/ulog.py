@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from pyulog import ULog
+from pyulog.exceptions import ULogException
 
-from upplied.errors import InputError
 from upplied.inputs.files import open_regular
-from upplied.inputs.sources.source import Fields, Source, table
-from upplied.inputs.tables import Channel
+from upplied.inputs.sources.source import Fields, Source, refusal, table
 
+ERRORS = (ULogException, TypeError)  # what `pyulog` raises of damaged logs
 _GPS = ("sensor_gps", "vehicle_gps_position")
 _FIXED = 3  # fix_type: a position in three dimensions
 _HEAD = 1 << 20  # bytes that hold the definitions of messages
@@ -25,7 +25,7 @@ def read(path: Path, fields: Fields) -> Source:
     """The tables of a log."""
     with open_regular(path) as stream:
         if _HUGE.search(stream.read(_HEAD)):
-            raise InputError(str(path), "defines an array larger than any message", "a log that PX4 wrote")
+            raise refusal("defines an array larger than any message", "a log that PX4 wrote")
     names = {_snake(schema): schema for schema in fields if schema.startswith("px4_msgs/")}
     log = ULog(str(path), [*names, *_GPS])
     offset_us, notes = _start(log)
@@ -38,16 +38,15 @@ def read(path: Path, fields: Fields) -> Source:
             for stamp in {"timestamp", "timestamp_sample"} & columns.keys():
                 columns[stamp] = np.where(columns[stamp] > 0, columns[stamp].astype(np.int64) + offset_us, 0)
         topic = f"/{data.name}" + (f"_{data.multi_id}" if data.multi_id else "")
-        made = table(topic, names[data.name], columns["timestamp"].astype(np.int64) * 1000, **columns)
-        made.channel = Channel(number, topic, "", names[data.name])
-        tables.append(made)
+        t_ns = columns["timestamp"].astype(np.int64) * 1000
+        tables.append(table(topic, names[data.name], t_ns, number, **columns))
     lost = [f"{len(log.dropouts)} dropouts of the recorder"] if log.dropouts else []
     damage = ["part of the log cannot be read"] if log.file_corruption else []
     return Source(tables, losses=damage, notes=[*notes, *lost])
 
 
 def _start(log: Any) -> tuple[int, list[str]]:
-    """What to add to times since the start for a date, us, as the satellites say it."""
+    """What to add to times since the start for a date, us, by the satellites."""
     for data in log.data_list:
         if data.name in _GPS and {"time_utc_usec", "fix_type"} <= data.data.keys():
             utc, since = data.data["time_utc_usec"].astype(np.int64), data.data["timestamp"].astype(np.int64)

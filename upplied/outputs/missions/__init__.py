@@ -17,6 +17,7 @@ from upplied.outputs.missions.kml import kml_text
 from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.missions.mission import ANYTHING, missions_of
 from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.qgc_plan import qgc_plan_text
 from upplied.outputs.missions.read_back import read_mcap, read_mission
 from upplied.outputs.missions.records import Mission
@@ -90,7 +91,7 @@ def export(
     """
     options = options or MissionOptions()
     goal = Path(path)
-    limits = gate.limits_of(options)
+    limits = gate.limits_of(options, interval_of(options, camera)[0])
     named = [*gate.plan_breaches(plan), *found]
     supposed = plan.supposed if isinstance(plan, Plan) else None
     if format == "mcap":

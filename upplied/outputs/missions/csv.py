@@ -9,7 +9,7 @@ from upplied.outputs.missions.records import Mission
 
 COLUMNS = (
     "seq", "lat_deg", "lon_deg", "alt_m", "datum", "height_m", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw",
-    "heading_deg", "gimbal_pitch_deg", "speed_mps", "photo", "inspect", "hfov_deg", "vfov_deg",
+    "heading_deg", "gimbal_pitch_deg", "speed_mps", "photo", "inspect", "hfov_deg", "vfov_deg", "hold_s",
     "origin",
 )  # fmt: skip
 
@@ -34,7 +34,7 @@ def csv_text(mission: Mission) -> str:
                 *(f"{each[at]:.4f}" for each in (mission.heading_deg, mission.pitch_deg, mission.speed_mps)),
                 int(mission.photo[at]), int(mission.inspect[at]),
                 *(["", ""] if mission.fov_deg is None else [f"{angle:.3f}" for angle in mission.fov_deg[at]]),
-                origin[at],
+                f"{mission.hold_s[at]:.3f}", origin[at],
             ]
         )  # fmt: skip
     return buffer.getvalue()

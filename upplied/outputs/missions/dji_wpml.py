@@ -48,6 +48,7 @@ DRONES: dict[str, tuple[int, int, int | None]] = {
     "m4td": (100, 1, 99),
     "m400": (103, 0, None),
 }
+_SHORT_S = 0.05
 _SAFE_HEIGHT_M = (2.0, 1500.0)
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2" xmlns:wpml="http://www.dji.com/wpmz/1.0.2">
@@ -188,8 +189,14 @@ def _actions(mission: Mission, number: int, zooms: dict[int, float]) -> str:
             actions.append(("gimbalRotate", _gimbal(mission.pitch_deg[at])))
         if at in zooms:
             actions.append(("zoom", _zoom(zooms[at])))
+        if mission.hold_s[at] > _SHORT_S:
+            actions.append(("hover", {"hoverTime": f"{np.ceil(10 * mission.hold_s[at]) / 10:.1f}"}))
         if mission.photo[at]:
             actions.append(("takePhoto", _photo(at)))
+        if mission.films and at == mission.starts_at:
+            actions.append(("startRecord", _photo(at)))
+        if mission.films and at == mission.stops_at:
+            actions.append(("stopRecord", {"payloadPositionIndex": 0}))
     groups = ""
     if actions:
         groups += _action_group(3 * number, number, number, {"actionTriggerType": "reachPoint"}, actions)
@@ -200,8 +207,7 @@ def _actions(mission: Mission, number: int, zooms: dict[int, float]) -> str:
         }
         between = {"actionTriggerType": "betweenAdjacentPoints"}
         groups += _action_group(3 * number + 1, number, number + 1, between, [("gimbalEvenlyRotate", pitch)])
-    inside = mission.photo_distance_m and stop[-1] + 1 < len(mission)
-    if inside and mission.inspect[stop[-1] : stop[-1] + 2].all():
+    if mission.photo_distance_m and mission.inspects_behind(stop[-1]):
         every = {"actionTriggerType": "multipleDistance", "actionTriggerParam": mission.photo_distance_m}
         groups += _action_group(3 * number + 2, number, number + 1, every, [("takePhoto", _photo(stop[-1]))])
     return groups

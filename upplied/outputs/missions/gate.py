@@ -27,6 +27,8 @@ CUSTODY = "custody"  # how a note begins that says what the mission can be trace
 ZONE = "zone"  # how a note begins that says what becomes of a zone that must be seen
 _EXACT_M = 0.02  # within which a clearance is known, and a file states a place
 _ROUNDING = 1.02  # of speeds: files round them
+_SOON_S = 1e-3
+_OVERLAP = 0.02  # within which an overlap is known
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,10 @@ RULES = {
         Rule("acceleration", "no turn asks for more than the vehicle can do", "plan with its limits"),
         Rule("zoom", "what flies the mission can zoom as the plan does", "export in a format that can: csv, "
              "geojson, dji-wpml, or qgc-plan and mavlink for PX4"),
+        Rule("photos", "no photo is asked for before the camera can take it", "export with fewer photos, "
+             "or say what the camera takes: --trigger-s, --camera"),
+        Rule("overlap", "photos of neighbouring passes overlap as asked", "plan with passes nearer to each "
+             "other, or ask for less: --overlap"),
         Rule("coverage", "as it is flown, the mission sees what the plan sees", "export with less tolerance"),
     )
 }  # fmt: skip
@@ -75,6 +81,7 @@ class Limits:
     max_acceleration_mps2: float = 4.0  # 22 degrees of tilt, twice what `recommended` plans with
     max_height_m: float | None = None
     least_seen_pct: float = 95.0
+    trigger_s: float = 0.0  # least time between two photos; 0: it is not asked
 
 
 @dataclass(frozen=True)
@@ -110,9 +117,10 @@ def broken_by(plan: Plan, structure: Structure, clearance_m: float) -> list[Brea
     return [*plan_breaches(plan), *judged]
 
 
-def limits_of(options: MissionOptions) -> Limits:
-    """The limits that the person who exports asks for."""
+def limits_of(options: MissionOptions, trigger_s: float = 0.0) -> Limits:
+    """The limits that the person who exports asks for, and the least time between two photos."""
     return Limits(
+        trigger_s=trigger_s,
         clearance_m=options.clearance_m,
         max_height_m=options.max_height_m,
         least_seen_pct=options.least_seen_pct,
@@ -139,7 +147,8 @@ def breaches(
     ):
         return [Breach("finite", "a waypoint is not finite, or time does not rise")]
     scene = scene_for(structure, supposed)
-    return [*_around(reading, structure, limits, scene), *_moving(reading, limits)]
+    found = [*_around(reading, structure, limits, scene), *_moving(reading, limits)]
+    return [*found, *_photographing(reading, limits)]
 
 
 def plan_breaches(plan: Plan | Trajectory) -> list[Breach]:
@@ -167,6 +176,14 @@ def coverage_breaches(share: float, limits: Limits) -> list[Breach]:
         return []
     allowed = f"{limits.least_seen_pct:g} % are asked for (least_seen_pct)"
     return [Breach("coverage", f"{100 * share:.1f} % of what the plan sees stays in view", allowed)]
+
+
+def overlap_breaches(across: float, asked: tuple[float, float] | None) -> list[Breach]:
+    """Whether photos of neighbouring passes overlap less than asked; along, the flight is slowed for it."""
+    if asked is None or not across < asked[1] - _OVERLAP:
+        return []
+    allowed = f"{100 * asked[1]:g} % are asked for (overlap)"
+    return [Breach("overlap", f"photos overlap by {100 * across:.0f} % across, in the median", allowed)]
 
 
 def pass_or_refuse(what: str, found: Iterable[Breach], force: tuple[str, ...]) -> tuple[Breach, ...]:
@@ -269,6 +286,19 @@ def _moving(reading: Reading, limits: Limits) -> Iterator[Breach]:
             yield Breach(
                 "acceleration", f"{asked[most]:.1f} m/s2", allowed, tuple(reading.positions[most + 1])
             )
+
+
+def _photographing(reading: Reading, limits: Limits) -> Iterator[Breach]:
+    if not limits.trigger_s:
+        return
+    allowed = f"the camera takes {limits.trigger_s:g} s"
+    apart = np.diff(reading.photo_s)
+    if len(apart) and apart.min() < limits.trigger_s - _SOON_S:
+        at = int(apart.argmin())
+        place = tuple(reading.photo_m[at + 1])
+        yield Breach("photos", f"a photo {apart[at]:.2f} s after the one before", allowed, place)
+    if reading.every_s < limits.trigger_s - _SOON_S:
+        yield Breach("photos", f"photos by distance follow each other in {reading.every_s:.2f} s", allowed)
 
 
 def _accelerations(positions: Floats, t_s: Floats) -> Floats:

@@ -37,6 +37,7 @@ def geojson_text(mission: Mission) -> str:
                     "heading_deg": round(float(mission.heading_deg[at]), 2),
                     "gimbal_pitch_deg": round(float(mission.pitch_deg[at]), 2),
                     "speed_mps": round(float(mission.speed_mps[at]), 3),
+                    "hold_s": round(float(mission.hold_s[at]), 3),
                     "photo": bool(mission.photo[at]),
                     "inspect": bool(mission.inspect[at]),
                     "origin": origin[at],

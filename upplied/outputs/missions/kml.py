@@ -14,6 +14,7 @@ _LINE = """ <Placemark><name>{name}</name><description>{about}</description>
  </Placemark>"""
 _PHOTO = """ <Placemark><name>photo {number}</name>
   <description>heading {heading:.1f} deg, gimbal pitch {pitch:.1f} deg{zoom}</description>
+  <ExtendedData><Data name="t_s"><value>{time:.3f}</value></Data></ExtendedData>
   <Point><altitudeMode>{mode}</altitudeMode><coordinates>{coordinates}</coordinates></Point>
  </Placemark>"""
 
@@ -31,10 +32,11 @@ def kml_text(mission: Mission) -> str:
         f"{lon:.9f},{lat:.9f},{alt:.3f}"
         for (lat, lon, _), alt in zip(mission.geodetic, mission.written_alt_m, strict=True)
     ]
+    times = mission.arrival_s
     photos = [
         _PHOTO.format(
-            number=number + 1, heading=mission.heading_deg[at], pitch=mission.pitch_deg[at], mode=mode,
-            coordinates=places[at],
+            number=number + 1, time=times[at], heading=mission.heading_deg[at], pitch=mission.pitch_deg[at],
+            mode=mode, coordinates=places[at],
             zoom="" if mission.fov_deg is None else f", field of view {mission.fov_deg[at, 0]:.1f} deg",
         )
         for number, at in enumerate(mission.photo.nonzero()[0])

@@ -1,7 +1,8 @@
 """Litchi's mission hub CSV: 46 columns, one row a waypoint; heights above take-off.
 
 Litchi gives no schema. The columns and codes are those its hub imports and exports: gimbal mode 2
-interpolates the pitch, action 1 takes a photo, 4 turns the aircraft, 5 the gimbal, -1 is no action, altitude
+interpolates the pitch, action 0 stays for milliseconds, 1 takes a photo, 2 and 3 start and stop a film,
+4 turns the aircraft, 5 the gimbal, -1 is no action, altitude
 mode 0 is above take-off.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 
 from upplied.errors import RefusedError
 from upplied.outputs.missions.flying import Flying
@@ -31,8 +33,9 @@ COLUMNS = (
     "photo_timeinterval", "photo_distinterval",
 )  # fmt: skip
 _INTERPOLATE, _NOTHING, _ABOVE_TAKEOFF = 2, -1, 0
-_PHOTO, _ROTATE, _TILT = 1, 4, 5
-_TURNS = _ACTIONS // 3  # on the spot, of one row
+_STAY, _PHOTO, _RECORD, _RECORDED, _ROTATE, _TILT = 0, 1, 2, 3, 4, 5
+_TURNS = _ACTIONS // 4  # on the spot, of one row
+_SHORT_S = 0.05
 
 
 def litchi_text(mission: Mission) -> str:
@@ -50,7 +53,8 @@ def litchi_text(mission: Mission) -> str:
         lat, lon = mission.geodetic[at, :2]
         actions = [part for each in stop for part in _actions(mission, each, each > at)]
         actions += [_NOTHING, 0] * (_ACTIONS - len(actions) // 2)
-        every_m = mission.photo_distance_m if mission.photo_distance_m and mission.inspect[at] else -1
+        behind = mission.inspects_behind(stop[-1])
+        every_m = mission.photo_distance_m if mission.photo_distance_m and behind else -1
         rows.writerow(
             [
                 f"{lat:.8f}", f"{lon:.8f}", f"{mission.height_m[at]:.2f}",
@@ -65,4 +69,8 @@ def litchi_text(mission: Mission) -> str:
 def _actions(mission: Mission, at: int, on_the_spot: bool) -> list[int]:
     """Types and parameters of what is done at a waypoint; a turn on the spot is no row of its own."""
     turn = [_ROTATE, round(mission.heading_deg[at]) % 360, _TILT, round(mission.pitch_deg[at])]
-    return (turn if on_the_spot else []) + ([_PHOTO, 0] if mission.photo[at] else [])
+    stay = [_STAY, math.ceil(1e3 * mission.hold_s[at])] if mission.hold_s[at] > _SHORT_S else []
+    photo = [_PHOTO, 0] if mission.photo[at] else []
+    if mission.films:
+        photo = [_RECORD, 0] * (at == mission.starts_at) + [_RECORDED, 0] * (at == mission.stops_at)
+    return (turn if on_the_spot else []) + stay + photo

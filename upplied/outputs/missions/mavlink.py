@@ -15,12 +15,15 @@ YAW = 115
 SPEED, DIGICAM, MOUNT, PHOTO_DISTANCE = 178, 203, 205, 206
 ZOOM = 531
 GIMBAL, PHOTO = 1000, 2000
+FILM, FILMED = 2500, 2501
 _MISSION_FRAME, _RELATIVE_FRAME, _GLOBAL_FRAME = 2, 3, 0
 _GIMBAL_LEVEL_WITH_VEHICLE = 4 + 8 + 32  # roll and pitch held to the horizon, yaw to the vehicle
 _MOUNT_BY_ANGLES = 2
 _ZOOM_BY_FIELD_OF_VIEW = 4.0
 _NAN = float("nan")
-_SHORT_S = 0.3  # shorter than this nobody hovers
+_SHORT_S = 0.3  # shorter than this nobody hovers,
+_INSTANT_S = 0.05  # but for a camera that takes its time
+_SLOWER = 0.03  # that a leg may be flown more slowly before the speed is told again
 #: Commands for the gimbal and the heading come into force when the leg to their waypoint begins.
 FLYING = Flying(
     turning="ahead",
@@ -76,7 +79,7 @@ def items(mission: Mission, options: MissionOptions) -> list[Item]:
     photos = 0
     inspecting = False
     for at in range(len(mission)):
-        if not math.isclose(mission.speed_mps[at], speed, rel_tol=0.05):
+        if not 0 <= mission.speed_mps[at] - speed <= _SLOWER * mission.speed_mps[at]:  # never faster
             speed = mission.speed_mps[at]
             out.append(_command(SPEED, 1.0, speed, -1.0))
         if not abs(mission.pitch_deg[at] - pitch) < 0.5:
@@ -87,13 +90,16 @@ def items(mission: Mission, options: MissionOptions) -> list[Item]:
         if options.firmware == "ardupilot":
             out.append(_command(YAW, mission.heading_deg[at]))
         lat, lon = mission.geodetic[at, :2]
-        hold = math.ceil(mission.hold_s[at]) if mission.hold_s[at] > _SHORT_S else 0.0
+        short = _INSTANT_S if mission.photo.any() else _SHORT_S
+        hold = math.ceil(mission.hold_s[at]) if mission.hold_s[at] > short else 0.0
         out.append(Item(WAYPOINT, frame, (hold, 0.0, 0.0, mission.heading_deg[at], lat, lon, alt[at])))
-        if mission.photo_distance_m and bool(mission.inspect[at]) != inspecting:
-            inspecting = bool(mission.inspect[at])
+        if mission.photo_distance_m and mission.inspects_behind(at) != inspecting:
+            inspecting = not inspecting
             out.append(
                 _command(PHOTO_DISTANCE, mission.photo_distance_m * inspecting, 0.0, float(inspecting))
             )
+        if mission.films and at in (mission.starts_at, mission.stops_at):
+            out.append(_command(FILM if at == mission.starts_at else FILMED))
         if mission.photo[at]:
             photos += 1
             out.append(_photo(photos, options.firmware))

@@ -12,6 +12,7 @@ from upplied.outputs.missions import gate, geodesy
 from upplied.outputs.missions.corners import passing_m
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.options import MissionOptions
+from upplied.outputs.missions.photos import shots_of
 from upplied.outputs.missions.reading import planned
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.sorties import SLOWEST_MPS, Cutter, Sortie
@@ -35,8 +36,7 @@ from upplied.supposed_scene import scene_for
 
 ANYTHING = Flying(zooms=True)
 _SAME_PLACE_M = 0.05
-_CROWDED_M = 0.25  # mean step between viewpoints
-_HOVER_S = 0.3  # shorter than this nobody hovers
+_HOVER_S = 0.05  # shorter than this nobody hovers
 _EXACT_M = 0.02  # within which a clearance is known
 _NEVER_SCANNED = (
     "some of the structure was never scanned: every leg keeps clear of where it is supposed to be as well"
@@ -61,6 +61,7 @@ def missions_of(
         that is not overruled.
     """
     path, is_viewpoint, surface, name = _inspection(plan, structure)
+    own = isinstance(plan, Plan) and bool(plan.photos or plan.photos_sha256)
     supposed = plan.supposed if isinstance(plan, Plan) else None
     placement = geodesy.placement_of(structure)
     check_altitude(options.altitude, placement, structure.structure_id)
@@ -78,18 +79,17 @@ def missions_of(
         notes.append(note)
     else:
         home = np.array(options.home_m, float)
-    if is_viewpoint is not None and _crowded(path.positions[is_viewpoint]):
-        notes.append(
-            f"the viewpoints are a recording's poses: photos every {options.photo_distance_m:g} m instead"
-        )
-        is_viewpoint = None
-    fixed = np.zeros(len(path), bool) if is_viewpoint is None else is_viewpoint
+    camera = camera or Camera()
+    shots = shots_of(name, path, is_viewpoint, airspace.scene, (surface, camera), options, own)
     tolerances = (options.tolerance_m, options.tolerance_deg)
     kept, note, share = thinned(
-        path, fixed, tolerances, airspace, (surface, camera or Camera()), flying.turning, zooms
+        shots.path, shots.fixed, tolerances, airspace, (surface, camera), flying.turning, zooms
     )
-    unseen = gate.pass_or_refuse(name, gate.coverage_breaches(share, limits), options.overruled)
-    notes += [note, *gate.told(unseen)]
+    path = shots.path
+    share = float(np.nanmin([share, shots.shown])) if np.isfinite([share, shots.shown]).any() else share
+    lacking = [*gate.coverage_breaches(share, limits), *gate.overlap_breaches(shots.across, options.overlaps)]
+    unseen = gate.pass_or_refuse(name, lacking, options.overruled)
+    notes += [note, *shots.notes, *gate.told(unseen)]
     short = path.take(kept) if zooms else replace(path.take(kept), fov_deg=None)
     if short.fov_deg is not None:
         notes.append(
@@ -103,8 +103,7 @@ def missions_of(
     cutter = Cutter(short, transits, options, most, np.where(passing > 0, 0.0, flying.stop_s))
     sorties = cutter.sorties()
     notes += _told(sorties, options, flying, transits, int((passing == 0).sum()))
-    by_distance = options.photos == "distance" or (options.photos == "viewpoints" and is_viewpoint is None)
-    photo = fixed[kept] if options.photos == "viewpoints" else np.zeros(len(kept), bool)
+    photo = shots.photo[kept]
     added = _added(plan, path.positions)[kept]
     made = []
     for at, sortie in enumerate(sorties):
@@ -130,7 +129,8 @@ def missions_of(
                 passing_m=body.passing_m,
                 photo=body.photo,
                 inspect=body.inspect,
-                photo_distance_m=options.photo_distance_m if by_distance else 0.0,
+                photo_distance_m=shots.every_m,
+                films=options.photos == "video",
                 duration_s=sortie.duration_s,
                 notes=tuple(notes),
                 fov_deg=body.fov_deg,
@@ -245,12 +245,6 @@ def _inspection(
             name, f"the structure given is {structure.structure_id}", f"the plan is for {plan.target_id}"
         )
     return plan.trajectory, plan.is_viewpoint, plan.surface, name
-
-
-def _crowded(viewpoints: Floats) -> bool:
-    """Whether viewpoints follow each other so closely that nobody stops at each for a photo."""
-    steps = leg_lengths(viewpoints)
-    return len(steps) > 0 and float(steps.mean()) < _CROWDED_M
 
 
 def _added(plan: Plan | Trajectory, path: Floats) -> Bools:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from upplied.cameras import known_camera
 from upplied.errors import SettingsError
 
 #: Rules of what nobody released as it is: it leaves as a draft alone.
@@ -29,8 +30,13 @@ class MissionOptions:
     tolerance_m: float = 0.1  # waypoints are left out where the path strays less than this
     tolerance_deg: float = 3.0  # and the camera turns less than this
     corner_m: float = 0.5  # how far a vehicle that passes a waypoint without a stop may stray from it
-    photos: Literal["viewpoints", "distance", "none"] = "viewpoints"
+    # Where they suffice for overlap and coverage, by distance, none, or a film instead.
+    photos: Literal["viewpoints", "distance", "video", "none"] = "viewpoints"
     photo_distance_m: float = 2.0  # between photos by distance
+    overlap: str = ""  # of photos along and across, %, as 80/70; empty: what the interval leaves of 60 along
+    trigger_s: float | None = None  # least time between two photos; None: what is known of the camera
+    camera: str = ""  # that flies, by its name in `cameras.toml`; empty: that of the demonstration
+    file_format: Literal["jpeg", "raw"] = "jpeg"  # of its photos
     endurance_s: float | None = None  # of one battery; None: the mission is not split for it
     reserve_pct: float = 20.0  # of the endurance that is not planned with
     max_waypoints: int | None = None  # of one file; None: what the format takes
@@ -48,7 +54,26 @@ class MissionOptions:
         """Rules that are overruled; a draft leaves by its own word alone."""
         return (*self.force, *DRAFTS) if self.draft else self.force
 
+    @property
+    def overlaps(self) -> tuple[float, float] | None:
+        """Overlap that is asked for along and across, 0 to 1."""
+        if not self.overlap:
+            return None
+        try:
+            along, across = (float(part) / 100 for part in self.overlap.split("/"))
+        except ValueError:
+            along, across = -1.0, -1.0
+        if not (0 < along < 0.99 and 0 <= across < 0.99):
+            rule = "along and across in percent, as 80/70"
+            raise SettingsError("mission option overlap", f"is {self.overlap[:40]!r}", rule)
+        return along, across
+
     def __post_init__(self) -> None:
+        self.overlaps  # noqa: B018 - asked early, so that it is refused early
+        if self.camera:
+            known_camera(self.camera, self.file_format)
+        if self.trigger_s is not None and not self.trigger_s > 0:
+            raise SettingsError("mission option trigger_s", f"is {self.trigger_s}", "above 0")
         for rule in {*DRAFTS} & {*self.force}:
             raise SettingsError(f"rule {rule!r}", "is not overruled by name", "", "say --draft")
         positive = ("clearance_m", "corner_m", "photo_distance_m", "transit_mps")

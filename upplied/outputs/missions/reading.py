@@ -19,6 +19,9 @@ class Reading(Record):
     t_s: Floats = field(default_factory=lambda: np.empty(0))  # (N,) where the file is timed, else (0,)
     fan_start: Floats = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3) lines over the corners that
     fan_end: Floats = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3) are passed without a stop
+    photo_m: Floats = field(default_factory=lambda: np.empty((0, 3)))  # (K, 3) places of photos
+    photo_s: Floats = field(default_factory=lambda: np.empty(0))  # (K,) their times, where speeds are stated
+    every_s: float = np.inf  # least time between photos by distance
 
 
 def planned(positions: Floats, t_s: Floats) -> Reading:

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from upplied.outputs.missions import gate
+from upplied.polylines import cumulated, leg_lengths
 from upplied.records import Bools, Floats, Placement, Record
 from upplied.records.plans import ORIGINS
 
@@ -55,6 +56,7 @@ class Mission(Record):
     added: Bools | None = None  # (N,) of passes that were not demonstrated; None: all were
     overruled: tuple[gate.Breach, ...] = ()  # rules of the gate; the notes say them too
     fences: tuple[Fence, ...] = ()  # that the autopilot is to enforce
+    films: bool = False  # during the inspection, instead of photos
 
     def __len__(self) -> int:
         return len(self.local)
@@ -84,6 +86,26 @@ class Mission(Record):
             if np.linalg.norm(self.local[at] - self.local[starts[-1]]) > _SAME_PLACE_M:
                 starts.append(at)
         return [range(start, end) for start, end in pairwise([*starts, len(self)])]
+
+    @property
+    def arrival_s(self) -> Floats:
+        """When each waypoint is left (N,), after its hovering, s from the first, as speeds and holds say."""
+        legs = leg_lengths(self.local) / np.maximum(self.speed_mps[1:], 1e-3)
+        return cumulated(legs) + np.cumsum(self.hold_s)
+
+    def inspects_behind(self, at: int) -> bool:
+        """Whether the leg behind a waypoint belongs to the inspection."""
+        return at + 1 < len(self) and bool(self.inspect[at] and self.inspect[at + 1])
+
+    @property
+    def starts_at(self) -> int:
+        """The first waypoint of the inspection."""
+        return int(self.inspect.argmax())
+
+    @property
+    def stops_at(self) -> int:
+        """The last waypoint of the inspection."""
+        return len(self) - 1 - int(self.inspect[::-1].argmax())
 
     @property
     def height_m(self) -> Floats:

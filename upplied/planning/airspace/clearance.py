@@ -15,8 +15,6 @@ from upplied.records import Bools, Floats, Ints, Record, Rows
 from upplied.scene import Scene
 
 _TOLERANCE_M = 0.005
-_BUNCH, _MANY = 13, 52  # neighbours that are asked together, and how few points are not worth it
-_ROUNDING_M = 1e-3  # beyond what single precision may be off
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,25 +55,6 @@ def path_clearance(scene: Scene, positions: Floats) -> Nearest:
             best = int(pieces.free_b.argmin())
             distance, place, leg = float(pieces.free_b[best]), pieces.b[best], int(pieces.leg[best])
     return Nearest(distance, np.array(place), leg)
-
-
-def at_least(scene: Scene, points: Floats, limit_m: float) -> Bools:
-    """Which points (N, 3) are at least so far from the structure.
-
-    Neighbours in the order given, as along a path, are asked together where the ball round them all
-    lies wholly beyond the limit or wholly within it; the result is that of asking each.
-    """
-    if len(points) < _MANY:
-        return np.asarray(scene.distance(points) >= limit_m, bool)
-    first = np.arange(0, len(points), _BUNCH)
-    bunch = np.arange(len(points)) // _BUNCH
-    middle = np.add.reduceat(points, first) / np.bincount(bunch)[:, None]
-    radius = np.maximum.reduceat(np.linalg.norm(points - middle[bunch], axis=1), first) + _ROUNDING_M
-    free = scene.distance(middle)
-    far, near = (free - radius >= limit_m)[bunch], (free + radius < limit_m)[bunch]
-    asked = ~far & ~near
-    far[asked] = scene.distance(points[asked]) >= limit_m
-    return np.asarray(far, bool)
 
 
 def legs_below(scene: Scene, start: Floats, end: Floats, limit_m: float) -> Bools:

@@ -12,10 +12,12 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.config import Settings
 from upplied.errors import RefusedError
 from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.roadmap import Roadmap, links, roadmap, way
 from upplied.planning.airspace.rules import Airspace
+from upplied.planning.correspondence.pair import Pair
 from upplied.polylines import arc_length, chosen_evenly, leg_lengths
 from upplied.poses import interpolate
 from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
@@ -23,6 +25,14 @@ from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
 _BUFFER_M = 0.05  # kept beyond the safety distance while planning, so that the final test is passed
 _SMOOTHINGS = 30
 _SPACING_M = 1.0  # of the waypoints that a detour adds
+
+
+def airspace_of(pair: Pair, settings: Settings) -> Airspace:
+    """Where the vehicle may be at the target."""
+    route, target = settings.route, pair.target
+    return Airspace(
+        pair.target_scene, route.clearance_m, target.surroundings, route.ground_clearance_m, target.frame
+    )
 
 
 class Ways:

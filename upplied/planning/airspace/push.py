@@ -31,8 +31,8 @@ def pushed_out(positions: Floats, airspace: Airspace) -> Floats:
     moved = np.array(positions, float)
     weights = _kernel(positions, reach=2 * airspace.clearance_m)
     for turn in range(_PUSHES):
-        push = _wanted_push(moved, airspace)
-        middle = _wanted_push((moved[1:] + moved[:-1]) / 2, airspace)  # so that corners are rounded, too
+        between = (moved[1:] + moved[:-1]) / 2  # so that corners are rounded, too
+        push, middle = np.split(_wanted_push(np.concatenate([moved, between]), airspace), [len(moved)])
         middle[leg_lengths(moved) > airspace.clearance_m] = 0.0
         for ends in (push[1:], push[:-1]):
             more = np.linalg.norm(middle, axis=1) > np.linalg.norm(ends, axis=1)

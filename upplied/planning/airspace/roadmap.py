@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from upplied.planning.airspace.rules import Airspace
+from upplied.polylines import chosen_evenly
 from upplied.records import Cloud, Floats, Ints, Record
 from upplied.vectors import across, neighbour_spacing
 
@@ -46,7 +47,8 @@ def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -
     further : array, shape (N, 3), optional
         More places, e.g. of the path itself.
     """
-    points, normals = surface.points[:_SAMPLES], surface.outward[:_SAMPLES]
+    shown = chosen_evenly(len(surface), _SAMPLES)  # what is supposed comes last
+    points, normals = surface.points[shown], surface.outward[shown]
     spacing = max(neighbour_spacing(points), 1e-3) if len(points) > 1 else 1.0  # m
     near = airspace.clearance_m + 0.15 + 0.15 * spacing
     directions = _directions(normals)
@@ -102,34 +104,34 @@ def _outer(places: Floats, first: Ints, second: Ints, whole: Floats, airspace: A
     component = connected_components(csr_matrix((length, (first, second)), shape=(count, count)))[1]
     outside = np.maximum(whole[0] - places, places - whole[1]).max(axis=1)
     outer = np.bincount(component[outside > 0]) if (outside > 0).any() else np.zeros(1)
-    kept = np.flatnonzero(component == outer.argmax())
+    members = np.flatnonzero(component == outer.argmax())
     number = np.full(count, -1)
-    number[kept] = np.arange(len(kept))
+    number[members] = np.arange(len(members))
     both = number[first] >= 0
-    return Roadmap(places[kept], number[first[both]], number[second[both]], length[both], airspace)
+    return Roadmap(places[members], number[first[both]], number[second[both]], length[both], airspace)
 
 
 def shortened(path: Floats, airspace: Airspace) -> Floats:
     """The path without the corners that can be cut."""
-    kept, index = [0], 0
+    corners, index = [0], 0
     while index < len(path) - 1:
         ahead = np.arange(index + 1, len(path))
         free = ~airspace.broken_legs(np.repeat(path[index : index + 1], len(ahead), axis=0), path[ahead])
         free[0] = True
         index = int(ahead[np.flatnonzero(free)[-1]])
-        kept.append(index)
-    return path[kept]
+        corners.append(index)
+    return path[corners]
 
 
 def _directions(normals: Floats) -> list[Floats]:
     """The normals, and around each some that lean over edges."""
     first, second = across(normals)
-    found = [normals]
+    directions = [normals]
     for tilt in np.radians(_TILTS_DEG):
         for turn in np.arange(4) * np.pi / 2:
             beside = np.cos(turn) * first + np.sin(turn) * second
-            found.append(np.cos(tilt) * normals + np.sin(tilt) * beside)
-    return found
+            directions.append(np.cos(tilt) * normals + np.sin(tilt) * beside)
+    return directions
 
 
 def _one_a_cell(points: Floats, spacing: float) -> Ints:

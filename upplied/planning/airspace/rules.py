@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from upplied.planning.airspace.clearance import at_least, legs_below
+from upplied.planning.airspace.clearance import legs_below
 from upplied.records import Bools, Floats, Frame, Record, Surroundings
 from upplied.scene import Scene
 
@@ -40,18 +40,18 @@ class Airspace(Record):
 
     def allowed(self, positions: Floats) -> Bools:
         """Which positions (N, 3) keep every rule."""
-        kept = self.in_bounds(positions)
-        kept[kept] = at_least(self.scene, positions[kept], self.clearance_m)
-        return kept
+        allowed = self.in_bounds(positions)
+        allowed[allowed] = self.scene.distance(positions[allowed]) >= self.clearance_m
+        return allowed
 
     def in_bounds(self, positions: Floats) -> Bools:
         """Which positions (N, 3) keep the rules that do not concern the structure."""
         positions = self.frame.to_declared(positions)
         height = positions[:, 2]
-        kept = (height >= self.floor_m) & (height <= self.ceiling_m)
+        within = (height >= self.floor_m) & (height <= self.ceiling_m)
         for low, high in self.surroundings.keep_out_m:
-            kept &= ~((positions > low) & (positions < high)).all(axis=1)
-        return np.asarray(kept & inside_fence(self.surroundings.geofence_m, positions), bool)
+            within &= ~((positions > low) & (positions < high)).all(axis=1)
+        return np.asarray(within & inside_fence(self.surroundings.geofence_m, positions), bool)
 
     def broken(self, positions: Floats) -> Bools:
         """Which legs (N - 1,) of a path break a rule somewhere between or at their ends."""

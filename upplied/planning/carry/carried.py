@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from upplied.config import FIDELITIES, Settings
+from upplied.config import Settings
 from upplied.errors import RefusedError, SettingsError
 from upplied.planning.carry.affine import AxisMap, published_map, registered_map
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by, inspected_surface
-from upplied.planning.carry.planar import at_height, plane_height
+from upplied.planning.carry.on_target import at_height, demonstrated_on_target, plane_height, standing
 from upplied.planning.carry.published import published
-from upplied.planning.carry.reference import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.carry.to_counterparts import follow_counterparts
 from upplied.planning.correspondence.registration import box_on_box
@@ -85,21 +84,25 @@ def _carried(take: Take, settings: Settings) -> Carried:
     return Carried(take, path, goal, _simply_carried(take, path, height_m))
 
 
+def _about_inspected(take: Take, *matrices: Floats) -> list[AxisMap]:
+    """Maps by these matrices (3, 3) that bring the middle of what was inspected onto its counterpart's."""
+    fit, match = take.pair.surface, take.pair.surface.correspondences
+    known = match.target_index >= 0
+    weight = (fit.source.areas * take.inspection.attention.weight)[known]
+    if not weight.sum() > 0:
+        return []
+    here, there = (
+        weight @ points[known] / weight.sum() for points in (fit.source.points, match.target_points)
+    )
+    return [AxisMap(matrix, there - matrix @ here) for matrix in matrices]
+
+
 def _simply_carried(take: Take, path: Waypoints, height_m: float | None) -> list[Waypoints]:
     """The flight as the boxes' ratio carries it, and of its own size about what was inspected."""
-    fit, flight = take.pair.surface, take.inspection.flight
-    boxed = registered_map(box_on_box(fit.source, fit.target, standing(take.pair)))
-    match, turn = fit.correspondences, standing(take.pair).T
-    known = match.target_index >= 0
-    weight = np.where(known, fit.source.areas * take.inspection.attention.weight, 0.0)
-    maps = [boxed]
-    if weight.sum() > 0:
-        here, there = (
-            weight[known] @ points[known] / weight.sum()
-            for points in (fit.source.points, match.target_points)
-        )
-        maps.append(AxisMap(turn, there - turn @ here))
-    return [_by(carrier, flight, path, height_m) for carrier in maps]
+    fit, turn = take.pair.surface, standing(take.pair)
+    boxed = registered_map(box_on_box(fit.source, fit.target, turn))
+    maps = [boxed, *_about_inspected(take, turn.T)]
+    return [_by(carrier, take.inspection.flight, path, height_m) for carrier in maps]
 
 
 def _by(carrier: AxisMap, flight: Trajectory, path: Waypoints, height_m: float | None) -> Waypoints:
@@ -112,16 +115,16 @@ def _at_counterparts(take: Take, settings: Settings) -> tuple[Waypoints, Standof
     """The whole flight on the target within the gimbal's limits, and the stand-off of its viewpoints."""
     inspection, fit, limits = take.inspection, take.pair.surface, settings.retime
     flight = inspection.flight
+    mapped = registered_map(fit.registration)
     followed = follow_counterparts(
         flight,
         inspection.visibility,
         fit.source,
         fit.correspondences,
-        registered_map(fit.registration),
+        next(iter(_about_inspected(take, mapped.matrix)), mapped),
         settings.transfer,
         inspection.camera,
         settings.route.clearance_m,
-        settings.refine.deviation or FIDELITIES[settings.refine.fidelity].deviation,
     )
     positions, quats = followed.positions, followed.quat_xyzw
     if settings.transfer.method != "counterparts":

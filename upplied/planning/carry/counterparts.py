@@ -14,8 +14,7 @@ from functools import partial
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.carry.missing_parts import never_scanned_pct, open_parts
-from upplied.planning.carry.number_of_kind import odd_number
+from upplied.planning.carry.missing_parts import never_scanned_pct, odd_number, open_parts
 from upplied.planning.constants import COMPACT, MAJORITY
 from upplied.planning.correspondence.agreement import certainty, wholes_of
 from upplied.planning.correspondence.certainty import SAME_KIND, evidence_of_same_kind, probability

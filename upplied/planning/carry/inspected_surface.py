@@ -10,14 +10,11 @@ from scipy.spatial import cKDTree
 
 from upplied.config import InspectionSettings, Settings, focal_px
 from upplied.planning.carry.affine import registered_map
-from upplied.planning.demonstration.repetition import Take
-from upplied.planning.demonstration.sharp_looks import look_limits
+from upplied.planning.demonstration.repetition import Take, look_limits
 from upplied.planning.geometry.boxes import spacing
-from upplied.planning.visibility.dwell import dwell
 from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Views, dwell
 from upplied.planning.visibility.pictures import pictures
-from upplied.planning.visibility.view_quality import nearest
 from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Ints, Record
 
 _CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
@@ -98,13 +95,7 @@ def inspected_surface(
     paired = meant & (correspondences.target_index >= 0)
     index, number = correspondences.target_index[paired], len(target)
     need: Floats = np.bincount(index, weights=share[paired], minlength=number).astype(float)
-    jacobian = np.eye(3) if carry is None else carry
-    near = nearest(
-        np.ascontiguousarray(demonstrated.stations.positions @ jacobian.T),
-        np.ascontiguousarray((source.points @ jacobian.T).T),
-        demonstrated.seen,
-        np.ascontiguousarray(demonstrated.coarseness),
-    )
+    near, _ = demonstrated.nearest(source.points, carry=carry)
     if near_m is not None:
         near = np.where(np.isfinite(near_m), near_m, near)
     with np.errstate(invalid="ignore"):
@@ -128,7 +119,7 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
         near_m = dwell(flown, inspection.truly, fit.source, *limits, carry).carried_m
     else:
         near_m = pictures(flown, inspection.truly, fit.source, camera, *limits).sampled_m
-    found = inspected_surface(
+    surface = inspected_surface(
         fit.source,
         fit.target,
         fit.correspondences,
@@ -137,15 +128,17 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
         weight=inspection.attention.weight,
         near_m=near_m,
     )
-    wanted = found.standoff_m
+    wanted = surface.standoff_m
     if transfer.gsd_m is not None and camera.width_px:
-        wanted = np.where(found.need > 0, transfer.gsd_m * focal_px(camera.width_px, camera.hfov_deg), np.nan)
+        wanted = np.where(
+            surface.need > 0, transfer.gsd_m * focal_px(camera.width_px, camera.hfov_deg), np.nan
+        )
     lowest, highest = _limits(camera, settings)
     widest = float(
         inspection.truly.coarseness.max(initial=1.0)
     )  # where it zooms, distances are of one camera
     most = highest * widest if scaled else np.inf  # what is seen obliquely covers more than its distance says
-    return replace(found, standoff_m=np.clip(wanted, lowest, most), projected=not scaled)
+    return replace(surface, standoff_m=np.clip(wanted, lowest, most), projected=not scaled)
 
 
 def target_attention(takes: Sequence[Take], cloud: Cloud) -> tuple[Floats, Ints]:

@@ -21,7 +21,6 @@ from upplied.planning.constants import FOVEA, TOLERANCE
 from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
-KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LEAST_M2 = 1e-6  # squared distance, so that nothing is divided by none
 _SEEN = 32  # counterparts that speak for what a viewpoint sees
 
@@ -39,17 +38,6 @@ class Standoff(Record):
     def usual_m(self) -> float:
         """Median over the viewpoints, m; 0 where there are none."""
         return float(np.median(self.wanted_m)) if len(self.wanted_m) else 0.0
-
-    def ratio(self, positions: Floats) -> Floats:
-        """Stand-off over the wanted one, (V,), of a path with the same stations."""
-        ray = self.seen - positions[self.station][:, None]
-        return np.median(np.linalg.norm(ray, axis=2), axis=1) / self.wanted_m
-
-    def share(self, positions: Floats) -> float:
-        """Share of the viewpoints that stand as far off as wanted, within a fifth; 1 where there are none."""
-        if len(self.station) == 0:
-            return 1.0
-        return float(np.mean(np.abs(self.ratio(positions) - 1) <= KEPT))
 
 
 def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bools) -> Floats:
@@ -105,6 +93,7 @@ class Counted(Record):
     points: Floats  # (K, 3) m, the counterparts
     middle: Floats | None  # (M, 3) m, what corresponds to the middle of each picture; None: all of it counts
     wanted_m: Floats  # (M,) NaN where a camera sees nothing
+    before: Floats | None = None  # (M, 3) m, on the source: what `middle` corresponds to
 
     def distance(self, positions: Floats) -> Floats:
         """Stand-off (M,), m, of cameras there; NaN where one sees nothing."""
@@ -158,9 +147,9 @@ def counted(
     coarse : array, shape (M,), optional
         How coarsely each camera shows beside `camera`, where it zooms.
     """
-    middle = None
+    before = middle = None
     if settings.gsd_m is not None and camera.width_px:
-        middle = _middles(positions, weight, here, there)[1]
+        before, middle = _middles(positions, weight, here, there)
         sampled = settings.gsd_m * focal_px(camera.width_px, camera.hfov_deg)
         wanted = np.where(weight.any(axis=1), sampled / (1.0 if coarse is None else coarse), np.nan)
     elif settings.standoff == "kept":
@@ -173,7 +162,7 @@ def counted(
         1 + TOLERANCE
     )  # so that the middle of the view is in range
     wanted = np.clip(wanted, lowest, max((1 - TOLERANCE) * camera.max_range_m, lowest))
-    return Counted(weight, there, middle, wanted)
+    return Counted(weight, there, middle, wanted, before)
 
 
 def _middles(positions: Floats, weight: Floats, here: Floats, there: Floats) -> tuple[Floats, Floats]:

@@ -1,11 +1,15 @@
-"""Two clouds of one sort, how one is registered on the other, and what corresponds to what."""
+"""Two clouds of one sort, how one is registered on the other, and what corresponds to what.
+
+`surface_settings` and `voxel_settings` say by which settings.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from upplied.config import Settings, settings_for
 from upplied.planning.constants import LEAST_PART
 from upplied.planning.geometry.boxes import in_source_frame
 from upplied.planning.surface.parts import parts_of
@@ -60,3 +64,26 @@ def explained(fit: Fit) -> float:
 def number_of_parts(cloud: Cloud) -> int:
     """How many parts of some size there are."""
     return int((parts_of(cloud).area > LEAST_PART).sum())
+
+
+def voxel_settings(settings: Settings) -> Settings:
+    """How the paper's clouds are fitted: as the preset says if it plans on them, else as published."""
+    return settings if not settings.visibility.occlusion else _with_clouds("paper", settings)
+
+
+def surface_settings(settings: Settings) -> Settings:
+    """How the surfaces are fitted, the ruler of every preset: as `recommended` does."""
+    if settings.visibility.occlusion:
+        return settings
+    recommended = _with_clouds("recommended", settings)
+    wanted = replace(recommended.correspondence, counterparts=settings.correspondence.counterparts)
+    return replace(recommended, correspondence=wanted)
+
+
+def unasked(settings: Settings) -> Settings:
+    """The same settings, nothing said of what corresponds to what."""
+    return replace(settings, correspondence=replace(settings.correspondence, counterparts=()))
+
+
+def _with_clouds(preset: str, settings: Settings) -> Settings:
+    return replace(settings_for(preset), clouds=settings.clouds)

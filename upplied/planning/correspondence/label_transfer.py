@@ -25,7 +25,7 @@ from upplied.planning.constants import (
     TOLERANCE,
     TOUCH,
 )
-from upplied.planning.correspondence.displacement import brought_onto
+from upplied.planning.correspondence.coherent_point_drift import brought_onto
 from upplied.planning.geometry.boxes import diagonal_of, spacing
 from upplied.planning.surface.parts import by_size, joined_small, labels_of
 from upplied.records import Bools, Cloud, Floats, Ints

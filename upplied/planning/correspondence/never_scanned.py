@@ -14,13 +14,13 @@ from scipy.spatial import cKDTree
 from upplied.config import CloudSettings
 from upplied.discs import Discs
 from upplied.planning.constants import FRAGMENT, LEAST_PART, MAJORITY, TOUCH
-from upplied.planning.correspondence.displacement import brought_onto
+from upplied.planning.correspondence.coherent_point_drift import brought_onto
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.label_transfer import connected
 from upplied.planning.correspondence.memo import Memo, content_key
 from upplied.planning.correspondence.partial import as_likely, is_open
 from upplied.planning.geometry.boxes import in_source_frame, spacing
-from upplied.planning.surface.openings import shows_inside
+from upplied.planning.surface.escape import shows_inside
 from upplied.planning.surface.parts import labels_of
 from upplied.records import (
     Bools,
@@ -70,15 +70,15 @@ def missing_from(
     """What of a fitted target was never scanned, remembered; nothing of one that is no scan."""
     if not structures[1].is_scan:
         return NOTHING_MISSING
-    found = fit.registration
-    lies = found.matrix.tolist(), found.translation.tolist()
+    registration = fit.registration
+    lies = registration.matrix.tolist(), registration.translation.tolist()
     key = content_key("never scanned", *(each.sha256 for each in structures), clouds, lies)
     (one, other), (here, there) = structures, scenes
     return memo(
         "missing",
         NeverScanned,
         key,
-        lambda: never_scanned(one, here, fit.source, other, there, fit.target, found),
+        lambda: never_scanned(one, here, fit.source, other, there, fit.target, registration),
     )
 
 
@@ -89,7 +89,7 @@ def never_scanned(
     target: Structure,
     target_scene: Scene,
     there: Cloud,
-    found: Registration,
+    registration: Registration,
 ) -> NeverScanned:
     """What of a registered target was never scanned, as the source tells.
 
@@ -99,7 +99,7 @@ def never_scanned(
     source_scene, target_scene : Scene
     here, there : Cloud
         Their surface samples, each in its own frame.
-    found : Registration
+    registration : Registration
     """
     open_ = _open(target, target_scene, there)
     # Between the discs of a thin cloud some of the inside shows of a wing that is whole.
@@ -107,9 +107,9 @@ def never_scanned(
     if there.areas[open_].sum() < least * there.areas.sum():
         return NOTHING_MISSING
     step = TOUCH * spacing(there)  # nearer to what was scanned, nothing is missing
-    moved = brought_onto(in_source_frame(there, found), here)
-    points = found.to_target(moved.points)
-    normals, area_m2 = _in_target_frame(here, found)
+    moved = brought_onto(in_source_frame(there, registration), here)
+    points = registration.to_target(moved.points)
+    normals, area_m2 = _in_target_frame(here, registration)
     open_here = _open(source, source_scene, here)
     if open_here.any():
         open_ &= cKDTree(points[open_here]).query(there.points)[0] > TOUCH * step
@@ -129,17 +129,17 @@ def never_scanned(
     )
     if not is_open(there):
         return known
-    return _with_others(known, here, there, found, target_scene, step)
+    return _with_others(known, here, there, registration, target_scene, step)
 
 
 def _with_others(
-    known: NeverScanned, here: Cloud, there: Cloud, found: Registration, scene: Scene, step: float
+    known: NeverScanned, here: Cloud, there: Cloud, registration: Registration, scene: Scene, step: float
 ) -> NeverScanned:
     """What is missing, with where the target may go on by other registrations."""
     seeds, supposed = there.points[known.opening], cKDTree(np.concatenate([there.points, known.points]))
     others: list[tuple[Floats, Floats, Ints]] = []
     reach_m = 0.0
-    for number, (way, past) in enumerate(as_likely(here, there, found)):
+    for number, (way, past) in enumerate(as_likely(here, there, registration)):
         points, normals = way.to_target(here.points[past]), _in_target_frame(here, way)[0][past]
         beyond = _beyond(points, _apart(scene, points), seeds, step)
         farther = supposed.query(points[beyond])[0]
@@ -212,13 +212,13 @@ def without(
         gone = gone[~np.isin(mine[gone], elsewhere)]
     if not len(gone):
         return match
-    kept = np.ones(len(here), bool)
-    kept[gone] = False
+    scanned = np.ones(len(here), bool)
+    scanned[gone] = False
     return replace(
         match,
-        target_index=np.where(kept, match.target_index, -1),
-        distance_m=np.where(kept, match.distance_m, np.nan),
-        target_points=np.where(kept[:, None], match.target_points, np.nan),
+        target_index=np.where(scanned, match.target_index, -1),
+        distance_m=np.where(scanned, match.distance_m, np.nan),
+        target_points=np.where(scanned[:, None], match.target_points, np.nan),
     )
 
 
@@ -229,11 +229,11 @@ def _elsewhere(match: Correspondences, part: int, there: Cloud, carried: Ints) -
     return bool(area[theirs & (carried == part)].sum() < (1 - MAJORITY) * area[theirs].sum())
 
 
-def _in_target_frame(here: Cloud, found: Registration) -> tuple[Floats, Floats]:
+def _in_target_frame(here: Cloud, registration: Registration) -> tuple[Floats, Floats]:
     """Normals (N, 3) and areas (N,), m^2, of a source's samples as those of surface carried to the target."""
-    carried = here.outward @ found.matrix
+    carried = here.outward @ registration.matrix
     length = np.linalg.norm(carried, axis=1)
-    return carried / length[:, None], here.areas * length / np.abs(np.linalg.det(found.matrix))
+    return carried / length[:, None], here.areas * length / np.abs(np.linalg.det(registration.matrix))
 
 
 def _reached(points: Floats, seeds: Floats, reach_m: float) -> Bools:

@@ -72,8 +72,8 @@ def find_orientation(
     refined = [_refined(more, more_target, turn, search) for turn in best[_distinct(best)[:_REFINED]]]
     ranked = sorted(refined, key=lambda found: found[1])
     candidates, costs = np.array([turn for turn, _ in ranked]), np.array([cost for _, cost in ranked])
-    kept = _distinct(candidates)
-    return _chosen(candidates[kept], np.maximum(costs[kept], _noise(source)), len(turns), declared)
+    distinct = _distinct(candidates)
+    return _chosen(candidates[distinct], np.maximum(costs[distinct], _noise(source)), len(turns), declared)
 
 
 def _noise(source: Cloud) -> float:
@@ -84,17 +84,17 @@ def _noise(source: Cloud) -> float:
 def _chosen(turns: Floats, costs: Floats, tried: int, declared: Floats) -> Orientation:
     gap = float(1 - costs[0] / max(costs[1], 1e-12)) if len(costs) > 1 else float("nan")
     angle = np.degrees(Rotation.from_matrix(turns @ declared.T).magnitude())
-    said = f"{tried} orientations tried"
+    evidence = f"{tried} orientations tried"
     if gap < 1 - CLEARLY_BETTER:
         alike = costs <= costs[0] / CLEARLY_BETTER
         nearest = int(np.argmin(np.where(alike, angle, np.inf)))
-        said += (
+        evidence += (
             f"; {int(alike.sum())} of them fit alike (the next best {100 * max(gap, 0):.0f} % worse), "
             f"so the one nearest to the declared heading is kept, {angle[nearest]:.0f} deg from it"
         )
-        return Orientation(turns[nearest], gap, said)
+        return Orientation(turns[nearest], gap, evidence)
     return Orientation(
-        turns[0], gap, f"{said}; turned by {angle[0]:.0f} deg, the next best fits {100 * gap:.0f} % worse"
+        turns[0], gap, f"{evidence}; turned by {angle[0]:.0f} deg, the next best fits {100 * gap:.0f} % worse"
     )
 
 
@@ -145,12 +145,12 @@ def _headings() -> Floats:
 def _axes(source: Cloud, target: Cloud) -> Floats:
     """Turns (24, 3, 3) of the target's principal axes onto the source's, in every proper assignment."""
     mine, theirs = _principal(source), _principal(target)
-    found = []
+    turns = []
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         assigned = np.eye(3)[list(order)] * np.array(signs)
         if np.linalg.det(assigned) > 0:
-            found.append(mine @ assigned @ theirs.T)
-    return np.array(found)
+            turns.append(mine @ assigned @ theirs.T)
+    return np.array(turns)
 
 
 def _principal(cloud: Cloud) -> Floats:
@@ -165,8 +165,8 @@ def _distinct(turns: Floats) -> Ints:
     """Indices of the turns, in their order, without those near an earlier one that is kept."""
     cosine = (np.einsum("aij,bij->ab", turns, turns) - 1) / 2  # of the angle between two turns
     apart = cosine < np.cos(np.radians(SAME_TURN_DEG))
-    kept: list[int] = []
+    chosen: list[int] = []
     for index in range(len(turns)):
-        if apart[index, kept].all():
-            kept.append(index)
-    return np.array(kept, np.int64)
+        if apart[index, chosen].all():
+            chosen.append(index)
+    return np.array(chosen, np.int64)

@@ -10,8 +10,15 @@ import numpy as np
 from upplied.config import CloudSettings, Settings, digest
 from upplied.planning.constants import CLEARLY_BETTER, MAJORITY
 from upplied.planning.correspondence.by_parts import by_displacement
-from upplied.planning.correspondence.fit import NOTHING, Fit, explained, number_of_parts
-from upplied.planning.correspondence.fit_settings import surface_settings, unasked, voxel_settings
+from upplied.planning.correspondence.fit import (
+    NOTHING,
+    Fit,
+    explained,
+    number_of_parts,
+    surface_settings,
+    unasked,
+    voxel_settings,
+)
 from upplied.planning.correspondence.label_transfer import carried, has_parts, parts_like
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering, surface_key
 from upplied.planning.correspondence.nearest import correspond, nearest
@@ -28,7 +35,7 @@ from upplied.planning.surface.fine import with_fine
 from upplied.planning.surface.parts import blades_of, pieces_tell_parts
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import PartLabels, Skin, middle_of, skin_study
-from upplied.planning.surface.voxels import voxel_cloud
+from upplied.planning.surface.thinning import voxel_cloud
 from upplied.records import (
     Bools,
     Cloud,

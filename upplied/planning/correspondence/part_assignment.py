@@ -62,7 +62,7 @@ def match_parts(
     """
     pinned = dict(pinned or {})
     cost, allowed = _costs(source, target, diagonal_m)
-    for one, other in np.argwhere(allowed & ~_alike(source, target, diagonal_m, TOLERANCE, _ALIKE)).tolist():
+    for one, other in np.argwhere(allowed & ~_alike(source, target, diagonal_m, LEAST_PART, _ALIKE)).tolist():
         allowed[one, other] = fits([one], [other])
     for one, other in pinned.items():
         allowed[one, :], allowed[:, other] = False, False

@@ -15,8 +15,7 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.constants import CLEARLY_BETTER, LEAST_PART
-from upplied.planning.correspondence.fit import Fit, Told
-from upplied.planning.correspondence.fit_settings import unasked
+from upplied.planning.correspondence.fit import Fit, Told, unasked
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.correspondence.never_scanned import without
 from upplied.planning.correspondence.pair import (

@@ -88,8 +88,8 @@ def _zone(word: str, structure: Structure, cloud: Cloud, skin: Ints, faces: Face
     if word.startswith("part_") and number.isdecimal() and int(number) <= int(label.max()):
         return np.asarray(label == int(number), bool)
     known = ", ".join(sorted(structure.landmarks)) or "none"
-    found = f"is unknown; landmarks of {structure.structure_id}: {known}"
-    raise SettingsError(f"about {word[:60]!r}", found, _RULE)
+    reason = f"is unknown; landmarks of {structure.structure_id}: {known}"
+    raise SettingsError(f"about {word[:60]!r}", reason, _RULE)
 
 
 def _numbers(word: str, count: int, what: str) -> Floats:

@@ -20,9 +20,8 @@ from numba import njit
 from upplied.config import InspectionSettings
 from upplied.planning.constants import FOVEA, MAJORITY
 from upplied.planning.surface.skin import middle_of
-from upplied.planning.visibility.dwell import stations_at
 from upplied.planning.visibility.moments import Moments, moments, motion_of, sight_to
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Views, stations_at
 from upplied.poses import matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 

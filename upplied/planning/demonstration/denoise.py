@@ -19,8 +19,7 @@ import numpy as np
 from scipy.ndimage import convolve1d, gaussian_filter1d, minimum_filter1d
 
 from upplied.planning.constants import JITTER_M, SMOOTH_S
-from upplied.planning.demonstration.pauses import pauses
-from upplied.planning.demonstration.stations import axes_of, jitter_m, looking, stations_of
+from upplied.planning.demonstration.stations import axes_of, jitter_m, looking, pauses, stations_of
 from upplied.polylines import interpolated, leg_lengths
 from upplied.poses import fov_at, in_a_row
 from upplied.records import Floats, Ints, Record, Trajectory
@@ -167,24 +166,24 @@ def _averaged(values: Floats, tick: float, jitter: float) -> Floats:
     """
     noise = noise_of(values)
     values = _with_calm_ends(values, round(SMOOTH_S / tick), noise)
-    found, spread = [values], [noise]
+    averages, spread = [values], [noise]
     for width in _WIDTHS_S:
         sigma = width / tick
         if sigma < 0.5 or 3 * sigma > len(values):
             continue
-        found.append(_fourth_order(values, sigma))
+        averages.append(_fourth_order(values, sigma))
         spread.append(noise * np.sqrt(min(0.476 / sigma, 1.0)))
     level = np.zeros(len(values), np.int64)
     agrees = np.ones(len(values), bool)
-    for wide in range(1, len(found)):
+    for wide in range(1, len(averages)):
         for narrow in range(wide):
-            apart = np.linalg.norm(found[wide] - found[narrow], axis=1)
+            apart = np.linalg.norm(averages[wide] - averages[narrow], axis=1)
             agrees &= apart <= _AGREE * np.sqrt(3) * (spread[wide] + spread[narrow]) + jitter
         level[agrees] = wide
     level = minimum_filter1d(level, 2 * round(SMOOTH_S / tick) + 1, mode="nearest")
-    shares = np.stack([level == index for index in range(len(found))]).astype(float)
+    shares = np.stack([level == index for index in range(len(averages))]).astype(float)
     shares = gaussian_filter1d(shares, SMOOTH_S / 3 / tick, axis=1, mode="nearest")
-    return np.asarray(np.einsum("kn,knj->nj", shares, np.stack(found)))
+    return np.asarray(np.einsum("kn,knj->nj", shares, np.stack(averages)))
 
 
 def _with_calm_ends(values: Floats, many: int, noise: float) -> Floats:

@@ -15,7 +15,7 @@ from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.viewpoints import find_viewpoints
 from upplied.planning.surface.skin import Skin, middle_of
 from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
 
@@ -181,12 +181,12 @@ def _spacing(demonstration: Demonstration, pair: Pair) -> float:
 
 def nothing_shown(inspection: Inspection, pair: Pair, settings: Settings) -> str:
     """Why there is nothing to plan for, in words; empty where the demonstration shows something."""
-    found, seen = pair.fit_for(settings).correspondences, inspection.visibility.total
+    match, seen = pair.fit_for(settings).correspondences, inspection.visibility.total
     if not seen.any():
         return (
             f"the demonstration shows nothing of {pair.source.structure_id}: no pose has any of its surface "
             "in view; check where the structure stands in the log's frame, and how the camera is mounted"
         )
-    if not (seen & (found.target_index >= 0)).any():
+    if not (seen & (match.target_index >= 0)).any():
         return f"nothing of what the demonstration shows has a counterpart on {pair.target.structure_id}"
     return ""

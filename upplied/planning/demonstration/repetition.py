@@ -1,6 +1,7 @@
 """One demonstration flown again on each matching part, or mirrored to the other side, in one plan.
 
-That is what inspectors do: who showed one engine wants to see all four.
+That is what inspectors do: who showed one engine wants to see all four. How far the expert's own blur
+and incidence widen what counts as sharp is asked of all takes.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from upplied.config import Settings
+from upplied.config import InspectionSettings, Settings
 from upplied.errors import SettingsError
 from upplied.planning.correspondence.landmarks import choices_for, side_of
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
@@ -22,9 +23,11 @@ from upplied.planning.demonstration.inspection import (
     attended_by,
     inspect_demonstration,
 )
+from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
 from upplied.planning.surface.skin import Skin
+from upplied.planning.visibility.moments import moments
 from upplied.poses import from_yaw_pitch, in_a_row, yaw_pitch
 from upplied.records import (
     Correspondences,
@@ -143,11 +146,11 @@ def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
     fit, structures = pair.surface, (pair.source, pair.target)
     memo = remembering(memo, *(each.sha256 for each in structures))
     facts = [(each.sha256, each.frame.heading_rad) for each in structures]
-    told = () if fit.told is None else (fit.told.sha256,)
+    labelled = () if fit.told is None else (fit.told.sha256,)
     key = content_key(
-        "repeated", *facts, *told, settings.clouds, settings.registration, settings.correspondence
+        "repeated", *facts, *labelled, settings.clouds, settings.registration, settings.correspondence
     )
-    found = memo(
+    match = memo(
         "correspondences",
         Correspondences,
         key,
@@ -162,8 +165,8 @@ def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
             fit.carried if fit.inferred >= 0 else None,
         ),
     )
-    found = without(found, pair.missing, fit.source, fit.target, fit.carried)
-    return replace(pair, surface=replace(fit, correspondences=found))
+    match = without(match, pair.missing, fit.source, fit.target, fit.carried)
+    return replace(pair, surface=replace(fit, correspondences=match))
 
 
 def mirrored(demonstration: Demonstration, source: Structure) -> Demonstration:
@@ -191,8 +194,8 @@ def inspected_states(take: Take) -> SurfaceStates:
 
 def demonstrated_part(take: Attended) -> int:
     """The part of the source that the demonstration is about: the one with most of what was inspected."""
-    found = inspected_parts(take, labels_of(take.pair.surface.source))
-    return found[0][0] if found else 0
+    parts = inspected_parts(take, labels_of(take.pair.surface.source))
+    return parts[0][0] if parts else 0
 
 
 def inspected_parts(take: Attended, label: Ints) -> list[tuple[int, float]]:
@@ -247,3 +250,31 @@ def _on_this_side(part: int, pair: Pair) -> list[int]:
     side = side_of(source, part)
     choices = choices_in(pair, source, part, target, fit.correspondences.target_parts(part).tolist())
     return [int(choice) for choice in choices if side_of(target, int(choice)) in (0, side)]
+
+
+USUAL_PCT = 95.0  # of the demonstration's time
+
+
+def look_limits(takes: Sequence[Take], rule: InspectionSettings) -> tuple[float, float]:
+    """Largest motion (rad/s) and least cosine of the incidence of a look that counts.
+
+    Those of the settings, unless 95 % of the expert's own looks were within a wider one.
+    """
+    attended = [take.inspection.attention for take in takes]
+    sharp = max(_sharp_radps(takes, rule), *(one.motion_radps for one in attended))
+    oblique = max(rule.max_incidence_deg, *(one.incidence_deg for one in attended))
+    return float(sharp), float(np.cos(np.radians(min(oblique, 90.0))))
+
+
+def steady_radps(takes: Sequence[Take], rule: InspectionSettings) -> float:
+    """How fast the camera may turn, rad/s: while it is sharp, or as the expert did 95 % of the time."""
+    flown = [moments(take.inspection.logged, take.inspection.logged_breaks) for take in takes]
+    own = np.concatenate([np.linalg.norm(part.turn, axis=1) for part in flown])
+    time = np.concatenate([part.step_s for part in flown])
+    usual = weighted_percentile(own, time, USUAL_PCT)
+    return max(_sharp_radps(takes, rule), 0.0 if np.isnan(usual) else usual)
+
+
+def _sharp_radps(takes: Sequence[Take], rule: InspectionSettings) -> float:
+    camera = takes[0].inspection.camera
+    return rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from upplied.config import VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.visibility.path_views import TRULY
+from upplied.planning.visibility.observations import TRULY
 from upplied.records import Bools, Camera, Cloud, Floats, Ints
 from upplied.vectors import across
 

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.airspace.at_target import airspace_of
+from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface
-from upplied.planning.carry.reference import demonstrated_on_target, standing
+from upplied.planning.carry.on_target import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import (
-    KEPT,
     carried_sight,
     counted,
     picture_share,
@@ -25,16 +24,16 @@ from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.measures.fidelity import fidelity
-from upplied.planning.measures.inspected import (
+from upplied.planning.measures.measure import (
     in_millimetres,
     inspected_measures,
+    measure,
     scaled_coverage,
     shown_of,
     surface_states,
 )
-from upplied.planning.measures.measure import measure
 from upplied.planning.measures.resolution import resolution
-from upplied.planning.visibility.path_views import BY_FRUSTUM, TRULY, Views, views
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
 from upplied.poses import yaw_pitch
 from upplied.reconstruction import looks_scanned
@@ -49,6 +48,7 @@ from upplied.records import (
 )
 from upplied.scene import Scene
 
+_KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
 _ASKED = 200  # viewpoints, at most, whose stand-off is asked for
 _SAME_S = 1e-6
@@ -77,9 +77,15 @@ def judge(
         views(trajectory, pair.voxels.target, camera, BY_FRUSTUM),
     )
     if not pair.surface.registration.accepted and forecast_of(takes).probability < _LIKELY:
-        found = measure(trajectory, carried, pair.target_scene, paper, standing=standing(pair), added=added)
+        measures = measure(
+            trajectory, carried, pair.target_scene, paper, standing=standing(pair), added=added
+        )
         unmeasured = f"what is really seen was not measured: {pair.surface.registration.reason}"
-        return found, None, (unmeasured, *_too_near(found, settings), *_beyond_the_gimbal(takes, settings))
+        return (
+            measures,
+            None,
+            (unmeasured, *_too_near(measures, settings), *_beyond_the_gimbal(takes, settings)),
+        )
     true = (
         InspectedSurface.together(
             [_seen_surface(take, take.pair.surface, take.inspection.truly, settings) for take in takes]
@@ -88,26 +94,28 @@ def judge(
     )
     airspace = airspace_of(pair, settings)
     possible = _attainable(true[0], true[1], airspace, camera)
-    found = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair), added)
+    measures = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair), added)
     shown = shown_of(true[1], takes, in_millimetres(settings))
     begins = begins_of(takes, joined([take.inspection.logged for take in takes]))
-    found = replace(
-        found,
+    measures = replace(
+        measures,
         **inspected_measures(shown, true[1], takes),
         coverage_inspected_scaled_pct=scaled_coverage(true[1], takes, settings),
         **fidelity(trajectory, true[1], shown.inspected, takes, begins, settings),
         **resolution(trajectory, true[1], shown.inspected, takes, airspace, settings),
     )
-    found = replace(found, never_scanned_m2=pair.missing.area_m2)
+    measures = replace(measures, never_scanned_m2=pair.missing.area_m2)
     if demonstrated_s is not None:
-        found = replace(found, standoff_kept_pct=_standoff_kept(trajectory, demonstrated_s, takes, settings))
-    said = (
-        _warnings(found, true[0], pair.target, pair.target_scene, settings)
+        measures = replace(
+            measures, standoff_kept_pct=_standoff_kept(trajectory, demonstrated_s, takes, settings)
+        )
+    warnings = (
+        _warnings(measures, true[0], pair.target, pair.target_scene, settings)
         + _beyond(pair)
         + _beyond_the_gimbal(takes, settings)
-        + _blurred(found, camera, settings)
+        + _blurred(measures, camera, settings)
     )
-    return found, surface_states(shown), said
+    return measures, surface_states(shown), warnings
 
 
 def added_to(takes: Sequence[Take], demonstrated_s: Floats) -> Bools | None:
@@ -134,7 +142,7 @@ def _standoff_kept(
         )
         ratios.append(_standoff_ratios(take, seen_at, places, settings))
     off = np.abs(np.concatenate(ratios) - 1)
-    return 100 * float(np.mean(off <= KEPT)) if len(off) else float("nan")
+    return 100 * float(np.mean(off <= _KEPT)) if len(off) else float("nan")
 
 
 def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Settings) -> Floats:
@@ -148,8 +156,8 @@ def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Sett
     camera, nearest_m = take.inspection.camera, settings.route.clearance_m
     there = fit.correspondences.target_points[known]
     coarse = None if shown.coarse is None else shown.coarse[index]
-    asked = counted(positions, weight, here, there, carrier, settings.transfer, camera, nearest_m, coarse)
-    ratio = asked.distance(places) / asked.wanted_m
+    standoff = counted(positions, weight, here, there, carrier, settings.transfer, camera, nearest_m, coarse)
+    ratio = standoff.distance(places) / standoff.wanted_m
     return ratio[np.isfinite(ratio)]
 
 
@@ -159,33 +167,33 @@ def _seen_surface(take: Take, fit: Fit, demonstrated: Views, settings: Settings)
 
 
 def _warnings(
-    found: Measures, seen: InspectedSurface, target: Structure, scene: Scene, settings: Settings
+    measures: Measures, seen: InspectedSurface, target: Structure, scene: Scene, settings: Settings
 ) -> tuple[str, ...]:
     """What a person should know before this plan is flown, in words."""
-    said = []
+    warnings = []
     if seen.without_pct >= 1:
-        said.append(
+        warnings.append(
             f"{seen.without_pct:.0f} % of what the demonstration saw has no counterpart on the target: "
             f"{seen.without:.0f} m2 of the source's surface"
         )
-    short = found.coverage_attainable_pct - found.coverage_seen_pct
+    short = measures.coverage_attainable_pct - measures.coverage_seen_pct
     if short > 5:
-        said.append(f"{short:.0f} % of what could be seen is missed")
+        warnings.append(f"{short:.0f} % of what could be seen is missed")
     if looks_scanned(target):
-        said.append(
+        warnings.append(
             "the target looks like a reconstruction of a scan and counts as drawn: "
             "declare surface = 'scanned' in the manifest, or 'drawn' where it was"
         )
-    if target.is_scan and found.surface_error_m > 0:
-        said.append(
-            f"the target is a scan, whose surface is known to {found.surface_error_m:.2f} m where it was "
+    if target.is_scan and measures.surface_error_m > 0:
+        warnings.append(
+            f"the target is a scan, whose surface is known to {measures.surface_error_m:.2f} m where it was "
             "scanned: that is kept beside the clearance" + _not_held(scene)
         )
     elif target.surface_error_m:
-        said.append(
-            f"the target is known to {found.surface_error_m:.2f} m: that is kept beside the clearance"
+        warnings.append(
+            f"the target is known to {measures.surface_error_m:.2f} m: that is kept beside the clearance"
         )
-    return (*said, *_too_near(found, settings))
+    return (*warnings, *_too_near(measures, settings))
 
 
 def _not_held(scene: Scene) -> str:
@@ -201,27 +209,27 @@ def _not_held(scene: Scene) -> str:
 
 def _beyond(pair: Pair) -> tuple[str, ...]:
     """That the scan of the target is open, and how much of it is not there."""
-    missing, said = pair.missing, []
+    missing, warnings = pair.missing, []
     if len(missing.beyond):
-        said.append(
+        warnings.append(
             f"about {missing.area_m2:.0f} m2 of the target were never scanned: the path, and the ways of its "
             f"missions, keep clear of where the source has them, known to {missing.error_m:.2f} m where the "
             "target is shaped as the source is"
         )
     if missing.reach_m > 0:
-        said.append(
+        warnings.append(
             f"where the scan ends the target may go on by up to {missing.reach_m:.1f} m more: that is kept "
             "clear of as well"
         )
-    return tuple(said)
+    return tuple(warnings)
 
 
-def _too_near(found: Measures, settings: Settings) -> tuple[str, ...]:
+def _too_near(measures: Measures, settings: Settings) -> tuple[str, ...]:
     """That the path does not keep the safety distance."""
-    if not found.min_clearance_m < settings.route.clearance_m:
+    if not measures.min_clearance_m < settings.route.clearance_m:
         return ()
     return (
-        f"comes within {found.min_clearance_m:.2f} m of the structure; "
+        f"comes within {measures.min_clearance_m:.2f} m of the structure; "
         f"{settings.route.clearance_m:g} m are asked for",
     )
 

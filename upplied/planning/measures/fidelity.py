@@ -11,12 +11,10 @@ from scipy.stats import kendalltau
 from upplied.config import Settings
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.inspected_surface import InspectedSurface
-from upplied.planning.demonstration.repetition import Take
-from upplied.planning.demonstration.sharp_looks import look_limits, steady_radps
+from upplied.planning.demonstration.repetition import Take, look_limits, steady_radps
 from upplied.planning.geometry.percentile import weighted_percentile
-from upplied.planning.visibility.dwell import Dwell, dwell, widened
 from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Dwell, Views, dwell, widened
 from upplied.polylines import arc_length, interpolated
 from upplied.poses import angle_between
 from upplied.records import Floats, Ints, Rows, Trajectory
@@ -68,10 +66,10 @@ def fidelity(
     flown = [moments(take.inspection.logged, take.inspection.logged_breaks) for take in takes]
     rows = zip(takes, flown, begins_s, strict=True)
     patches = Patches.stacked([_patches(take, own, begin, sharp, cosine) for take, own, begin in rows])
-    found = _smoothness(steps, flown, inspected, steady_radps(takes, rule))
+    figures = _smoothness(steps, flown, inspected, steady_radps(takes, rule))
     if not len(patches.weight):
-        return found
-    return found | _compared(patches, looks)
+        return figures
+    return figures | _compared(patches, looks)
 
 
 def _patches(take: Take, flown: Moments, begin_s: float, sharp: float, cosine: float) -> Patches:
@@ -93,12 +91,12 @@ def _compared(patches: Patches, looks: Dwell) -> dict[str, float]:
     mine = shown.sides & widened(looks.sides)[at]
     possible = float(weight @ shown.sides.sum(axis=1))
     lasted = shown.held_s > 0
-    kept = np.minimum(held[lasted] / shown.held_s[lasted], 1.0)
+    held_share = np.minimum(held[lasted] / shown.held_s[lasted], 1.0)
     both = lasted & (held > 0)
     return {
         "fidelity_incidence_deg_p95": weighted_percentile(lost, weight, 95),
         "fidelity_looks_kept_pct": _share(float(weight @ mine.sum(axis=1)), possible),
-        "fidelity_dwell_kept_pct": _share(float(weight[lasted] @ kept), float(weight[lasted].sum())),
+        "fidelity_dwell_kept_pct": _share(float(weight[lasted] @ held_share), float(weight[lasted].sum())),
         "fidelity_order": order_kept(shown.time_s[both], looks.time_s[at][both]),
     }
 

@@ -2,24 +2,41 @@
 
 Two questions come first. `carry.inspected_surface`: which points of the target correspond to what the
 demonstration saw, and for what it was about?
-`visibility.path_views`: which points does a planned path see? `measure` compares them, and the paths.
+`visibility.observations`: which points does a planned path see? `measure` compares them, and the paths;
+`shown_of` says what of the inspected surface is shown at least as well as the expert did.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
 import numpy as np
 
+from upplied.config import Settings
 from upplied.planning.airspace.clearance import path_clearance
-from upplied.planning.carry.inspected_surface import InspectedSurface, coverage
+from upplied.planning.airspace.detours import airspace_of
+from upplied.planning.carry.inspected_surface import (
+    InspectedSurface,
+    coverage,
+    inspected_by,
+    inspected_surface,
+    target_attention,
+)
+from upplied.planning.demonstration.repetition import Take, look_limits
 from upplied.planning.geometry.frechet import frechet, frechet_floored, frechet_z
 from upplied.planning.geometry.percentile import weighted_percentile
-from upplied.planning.visibility.path_views import Views
-from upplied.planning.visibility.view_quality import nearest_views
+from upplied.planning.measures.attainable import attainable_beside
+from upplied.planning.visibility.moments import moments
+from upplied.planning.visibility.observations import Views
+from upplied.planning.visibility.pictures import pictures
 from upplied.polylines import leg_lengths
 from upplied.records import (
     Bools,
     Floats,
     Measures,
+    Record,
+    SurfaceStates,
     Trajectory,
 )
 from upplied.scene import Scene
@@ -67,17 +84,17 @@ def measure(
     """
     speed, acceleration = peaks(planned)
     axes = np.eye(3) if standing is None else standing
-    found: dict[str, float] = {}
+    quality: dict[str, float] = {}
     demonstrated = planned.positions if added is None else planned.positions[~added]
     if true is not None:
         ratio, incidence = _view_quality(*true)
-        found = {
+        quality = {
             "coverage_seen_pct": coverage(true[0], true[1].total),
             "standoff_ratio_p50": ratio,
             "incidence_p95_deg": incidence,
         }
         if attainable is not None:
-            found["coverage_attainable_pct"] = coverage(true[0], attainable)
+            quality["coverage_attainable_pct"] = coverage(true[0], attainable)
     by_shape = frechet_z(carried @ axes.T, demonstrated @ axes.T, _FRECHET)
     return Measures(
         coverage_paper_pct=coverage(paper[0], paper[1].total),
@@ -94,7 +111,7 @@ def measure(
         duration_s=float(planned.t_s[-1] - planned.t_s[0]),
         peak_speed_mps=speed,
         peak_acceleration_mps2=acceleration,
-        **found,
+        **quality,
     )
 
 
@@ -123,13 +140,7 @@ def peaks(trajectory: Trajectory) -> tuple[float, float]:
 def _view_quality(inspected: InspectedSurface, views: Views) -> tuple[float, float]:
     """Median of nearest view over the demonstration's, and 95th percentile of the least incidence."""
     normals = inspected.cloud.normals
-    near, cosine = nearest_views(
-        np.ascontiguousarray(views.stations.positions),
-        np.ascontiguousarray(inspected.cloud.points),
-        np.zeros((len(inspected.need), 3)) if normals is None else np.ascontiguousarray(normals),
-        views.seen,
-        np.ascontiguousarray(views.coarseness),
-    )
+    near, cosine = views.nearest(inspected.cloud.points, normals)
     used = (inspected.need > 0) & np.isfinite(near)
     if not used.any():
         return float("nan"), float("nan")
@@ -138,3 +149,100 @@ def _view_quality(inspected: InspectedSurface, views: Views) -> tuple[float, flo
         return ratio, float("nan")
     angle = np.degrees(np.arccos(np.clip(cosine[used], -1, 1)))
     return ratio, weighted_percentile(angle, inspected.need[used], 95)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Shown(Record):
+    """The inspected surface on the target, and what became of it."""
+
+    inspected: InspectedSurface
+    as_well: Bools  # (N,) of the target's samples: shown at least as well as is asked
+    never: Bools  # (N,) asked for, and no allowed camera could
+    attention: Floats  # (N,) attention, 0 to 1, of what each target sample corresponds to, asked for or not
+
+
+def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown:
+    """What a plan shows at least as well as the demonstration, in one look each.
+
+    A look does where it is near enough, frontal enough, and slow enough to be sharp. Target surface that
+    corresponds to inspected surface without being anybody's nearest counterpart is judged like its neighbour.
+
+    Parameters
+    ----------
+    planned : Views
+        What the plan truly sees of the target's surface samples.
+    takes : sequence of Take
+    settings : Settings
+    """
+    pair, rule = takes[0].pair, settings.inspection
+    inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
+    cloud, farthest = inspected.cloud, inspected.farthest_m(rule)
+    attention, like = target_attention(takes, cloud)
+    farthest = np.where(np.isfinite(farthest), farthest, farthest[like])
+    camera, limits = takes[0].inspection.camera, look_limits(takes, rule)
+    if inspected.projected:
+        as_well = pictures(moments(planned.stations), planned, cloud, camera, *limits, farthest).looks > 0
+    else:
+        as_well = planned.shown_well(cloud, farthest, *limits)
+    missed = np.flatnonzero((inspected.need > 0) & ~as_well)
+    never = np.zeros(len(cloud), bool)
+    airspace = airspace_of(pair, settings)
+    never[missed] = ~attainable_beside(missed, cloud, airspace, camera, farthest)
+    return Shown(inspected, as_well, never, attention)
+
+
+def scaled_coverage(planned: Views, takes: Sequence[Take], settings: Settings) -> float:
+    """Coverage, in percent, of what was inspected, from as near as the scale of the structures asks."""
+    rule, scaled = settings.inspection, relative_to_size(settings)
+    inspected = InspectedSurface.together([inspected_by(take, scaled) for take in takes])
+    farthest = inspected.farthest_m(rule)
+    as_well = planned.shown_well(inspected.cloud, farthest, *look_limits(takes, rule))
+    return coverage(inspected, as_well, whole=True)
+
+
+def relative_to_size(settings: Settings) -> Settings:
+    """The same settings, with stand-offs that scale with the structure."""
+    return replace(settings, transfer=replace(settings.transfer, standoff="scaled", gsd_m=None))
+
+
+def in_millimetres(settings: Settings) -> Settings:
+    """The same settings, with the ground sample distance that is asked for, or else the demonstrated one."""
+    return replace(settings, transfer=replace(settings.transfer, standoff="kept"))
+
+
+def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:
+    """The coverages of the inspected surface, there and back, and of what else was seen."""
+    inspected, cloud = found.inspected, found.inspected.cloud
+    area = cloud.areas
+    attended = area * found.attention
+    whole = float(attended.sum())
+    rest = [
+        inspected_surface(
+            take.pair.surface.source,
+            take.pair.surface.target,
+            take.pair.surface.correspondences,
+            take.inspection.truly,
+            weight=1 - take.inspection.attention.weight,
+        )
+        for take in takes
+    ]
+    nan = float("nan")
+    return {
+        "coverage_inspected_pct": coverage(inspected, found.as_well, whole=True),
+        "inspected_without_counterpart_pct": inspected.without_pct,
+        "inspected_unattainable_pct": (
+            100 * float(inspected.need[found.never].sum()) / inspected.whole if inspected.whole > 0 else nan
+        ),
+        "coverage_of_target_pct": (100 * float(attended[found.as_well].sum()) / whole if whole > 0 else nan),
+        "coverage_context_pct": coverage(InspectedSurface.together(rest), planned.total),
+    }
+
+
+def surface_states(found: Shown) -> SurfaceStates:
+    """What became of each sample of the target: other, shown, missed or unattainable."""
+    wanted = (found.inspected.need > 0) | (found.attention > 0.5)
+    state = np.where(wanted, 2, 0)
+    state[found.never] = 3
+    state[wanted & found.as_well] = 1
+    cloud = found.inspected.cloud
+    return SurfaceStates(cloud.points, state, cloud.normals)

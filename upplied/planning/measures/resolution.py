@@ -12,12 +12,11 @@ import numpy as np
 from upplied.config import Settings, focal_px
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.inspected_surface import InspectedSurface
-from upplied.planning.demonstration.repetition import Take
-from upplied.planning.demonstration.sharp_looks import look_limits
+from upplied.planning.demonstration.repetition import Take, look_limits
 from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Views
 from upplied.planning.visibility.pictures import Pictures, pictures
 from upplied.records import Floats, Ints, Trajectory
 

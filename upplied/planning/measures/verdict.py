@@ -12,8 +12,8 @@ from dataclasses import fields
 import numpy as np
 
 from upplied.config import FIDELITIES, Settings
-from upplied.planning.airspace.at_target import airspace_of
-from upplied.planning.carry.reference import demonstrated_on_target
+from upplied.planning.airspace.detours import airspace_of
+from upplied.planning.carry.on_target import demonstrated_on_target
 from upplied.planning.correspondence.label_transfer import fragments
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take
@@ -76,15 +76,17 @@ def _shown(measures: Measures, settings: Settings) -> list[str]:
 
 def _near(trajectory: Trajectory, measures: Measures, takes: Sequence[Take], settings: Settings) -> list[str]:
     """Clearance, and every other rule of the airspace."""
-    asked = settings.route.clearance_m
-    if measures.min_clearance_m < asked - _TOLERANCE_M:
-        return [f"comes within {measures.min_clearance_m:.2f} m of the structure, {asked:g} m are asked for"]
+    clearance_m = settings.route.clearance_m
+    if measures.min_clearance_m < clearance_m - _TOLERANCE_M:
+        return [
+            f"comes within {measures.min_clearance_m:.2f} m of the structure, {clearance_m:g} m are asked for"
+        ]
     airspace = airspace_of(takes[0].pair, settings)
     outside = np.flatnonzero(~airspace.in_bounds(trajectory.positions))
     if len(outside):
         place = trajectory.positions[outside[0]]
-        said = airspace.frame.to_declared(place).round(1).tolist()
-        return [f"{airspace.why(place)} at {said} m"]
+        declared_m = airspace.frame.to_declared(place).round(1).tolist()
+        return [f"{airspace.why(place)} at {declared_m} m"]
     return []
 
 
@@ -98,31 +100,31 @@ def _long(measures: Measures, takes: Sequence[Take], settings: Settings) -> list
         )
         length_m += max(before, carried)
         time_s += float(flown.t_s[-1] - flown.t_s[0]) * max(1.0, carried / max(before, 1e-9))
-    found = []
+    reasons = []
     floors = settings.verdict
     if measures.path_length_m > floors.longest_path * length_m + _TRANSIT_M * len(takes):
-        found.append(
+        reasons.append(
             f"flies {measures.path_length_m:.0f} m where the demonstration is {length_m:.0f} m long "
             f"at this size, {floors.longest_path:g} times as much is allowed (verdict.longest_path)"
         )
     if measures.duration_s > floors.longest_time * time_s + _TRANSIT_S * len(takes):
-        found.append(
+        reasons.append(
             f"takes {measures.duration_s:.0f} s where the demonstration takes {time_s:.0f} s at this size, "
             f"{floors.longest_time:g} times as much is allowed (verdict.longest_time)"
         )
-    return found
+    return reasons
 
 
 def _hard(measures: Measures, settings: Settings) -> list[str]:
     """Speed and acceleration beside what the vehicle can do."""
     limits = settings.retime
-    found = []
+    reasons = []
     if measures.peak_speed_mps > limits.max_speed_mps * _TOLERANCE:
-        found.append(f"flies {measures.peak_speed_mps:.1f} m/s, {limits.max_speed_mps:g} m/s are allowed")
+        reasons.append(f"flies {measures.peak_speed_mps:.1f} m/s, {limits.max_speed_mps:g} m/s are allowed")
     most = limits.max_acceleration_mps2
     if measures.peak_acceleration_mps2 > most * _TOLERANCE:
-        found.append(f"asks for {measures.peak_acceleration_mps2:.1f} m/s2, {most:g} m/s2 are allowed")
-    return found
+        reasons.append(f"asks for {measures.peak_acceleration_mps2:.1f} m/s2, {most:g} m/s2 are allowed")
+    return reasons
 
 
 def odd_shape(measures: Measures, settings: Settings) -> tuple[str, ...]:
@@ -139,15 +141,15 @@ def odd_shape(measures: Measures, settings: Settings) -> tuple[str, ...]:
 
 def in_the_way(pair: Pair) -> tuple[str, ...]:
     """What a path has no room for that may be none of the target, or was never scanned, in words."""
-    found, number = [], fragments(pair.surface.target)
+    warnings, number = [], fragments(pair.surface.target)
     if number:
-        found.append(
+        warnings.append(
             f"{number} fragments of the target touch nothing and are kept clear of: what is none of it, as "
             "birds and cables, `upplied structures check --clean` takes out"
         )
     if pair.missing.reach_m > 0:
-        found.append(
+        warnings.append(
             f"the scan ends where the target may go on, by up to {pair.missing.reach_m:.1f} m more than the "
             "source says, which is kept clear of: scan the whole of it"
         )
-    return tuple(found)
+    return tuple(warnings)

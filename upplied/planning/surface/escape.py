@@ -1,17 +1,23 @@
 """Which sides of a surface rays escape from: what can be seen from outside, whatever the mesh's winding.
 
-Uses the floor.
+Rays escape from both sides of a thin sheet, and from both sides of a shell next to a hole. So where a shell
+is open since nothing was scanned its inside can be seen, and is no outside: winding is asked of scans alone,
+and only which side of a piece is its front, the one that mostly shows. A closed surface has no such place,
+and a model may have: ducts, sheets, hulls without a deck.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from scipy.spatial import cKDTree
 
+from upplied.planning.constants import TOUCH
+from upplied.planning.geometry.boxes import spacing
 from upplied.planning.surface.floor import Floor
-from upplied.records import Bools, Floats, Ints
+from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene
-from upplied.vectors import sphere
+from upplied.vectors import area_vectors, sphere
 
 ESCAPE = 0.06  # least share of a side's rays that escape: inlets reach 0.1, cabins behind a hole 0.03
 DIRECTIONS = 64  # over the whole sphere: half of them for each side of a surface
@@ -130,3 +136,85 @@ def _count(
     free = ~scene.occluded(starts, starts + reach_m * rays, slack=0.0)
     number = len(origins)
     return np.bincount(owner, minlength=number), np.bincount(owner[free], minlength=number)
+
+
+def inside_open_shell(
+    points: Floats, triangle: Ints, side: Floats, both: Bools, piece: Ints, structure: Structure, scene: Scene
+) -> Bools:
+    """Which sides (S,) that rays escape from lie inside a shell that is open where nothing was scanned.
+
+    From there more rays meet backs than do not, on pieces that mostly show from one side alone. What is no
+    scan has no such sides: the ducts and cabins of a model are open as they are meant to be.
+
+    Parameters
+    ----------
+    points : array, shape (S, 3), m
+        Where each side was sampled.
+    triangle : array of int, shape (S,)
+    side : array, shape (S,)
+        +1 along the normal as wound, or -1.
+    both : array of bool, shape (S,)
+        Whether rays escape from the other side of the same place as well.
+    piece : array of int, shape (T,)
+        The piece of each triangle (`parts.mesh_pieces`).
+    structure : Structure
+    scene : Scene
+        Of the same structure.
+    """
+    inside = np.zeros(len(points), bool)
+    if not structure.is_scan or not both.any():
+        return inside
+    of, number = piece[triangle], int(piece.max()) + 1
+    shown = np.bincount(of[~both], weights=side[~both], minlength=number)
+    # A tank, a boat: what mostly shows from both sides is no shell that happens to be open.
+    from_one, from_both = (np.bincount(of[some], minlength=number) for some in (~both, both & (side > 0)))
+    front = np.where(from_one > from_both, np.sign(shown), 0)[piece]  # of each triangle, as wound
+    asked = np.flatnonzero(both & (side * front[triangle] < 0))
+    outward = area_vectors(structure.vertices[structure.triangles[triangle[asked]]])
+    outward *= (side[asked] / np.linalg.norm(outward, axis=1))[:, None]
+    directions = sphere(DIRECTIONS)
+    owner, which = np.nonzero(outward @ directions.T > 0)
+    starts = points[asked] + 1e-5 * structure.diagonal_m * outward
+    _, met, wound = scene.cast(starts[owner], directions[which])
+    along = np.einsum("ij,ij->i", wound, directions[which])
+    back = (met >= 0) & (front[met] * along > 0)
+    backs, others = (np.bincount(owner, weights=some, minlength=len(asked)) for some in (back, ~back))
+    inside[asked] = backs > others
+    return inside
+
+
+_AROUND = 8  # neighbours of a sample, of which half must show their inside as well
+_ITSELF = 0.85  # of the way back to the surface, from which what is met on it is the surface itself
+
+
+def shows_inside(structure: Structure, scene: Scene, cloud: Cloud) -> Bools:
+    """Which samples of a surface can be seen from behind, from outside.
+
+    Where a cloud is thinner than it is sampled nobody can tell, and no sample counts.
+
+    Parameters
+    ----------
+    structure : Structure
+    scene : Scene
+        Of the same structure.
+    cloud : Cloud
+        Its N surface samples with normals.
+
+    Returns
+    -------
+    array of bool, shape (N,)
+    """
+    shows, inward = np.zeros(len(cloud), bool), -cloud.outward
+    gap = scene.grain_m or 1e-5 * structure.diagonal_m
+    starts, asked = cloud.points + gap * inward, np.arange(len(cloud))
+    if scene.grain_m:
+        asked = np.flatnonzero(scene.cast(starts, -inward)[0] > _ITSELF * gap)
+    open_ = escapes(starts[asked], inward[asked], 2 * structure.diagonal_m, scene) > ESCAPE
+    at, reach = cloud.points[asked], TOUCH * spacing(cloud)
+    near = cKDTree(at).query(at, k=range(2, 2 + _AROUND), distance_upper_bound=reach)[1]
+    while True:  # what shows here and there, between discs at an edge, is no opening
+        joined = open_ & (2 * np.append(open_, False)[near].sum(axis=1) >= _AROUND)
+        if np.array_equal(joined, open_):
+            shows[asked] = open_
+            return shows
+        open_ = joined

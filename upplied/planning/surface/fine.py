@@ -12,11 +12,11 @@ from scipy.spatial import cKDTree
 from upplied.planning.constants import TOUCH
 from upplied.planning.geometry.boxes import spacing
 from upplied.planning.surface.lattice import lattice, spacing_for
-from upplied.planning.surface.poisson import shares, thin
-from upplied.planning.surface.skin import outside_like
+from upplied.planning.surface.skin import normals_like, outside_like
+from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene
-from upplied.vectors import plane_normals, with_normals
+from upplied.vectors import with_normals
 
 FINE = 1500  # samples of what was inspected, and of its counterpart, at least
 _MOST = 4000  # of them and of what is beside them
@@ -62,21 +62,22 @@ def with_fine(
     area = cloud.areas
     number = min(FINE * area[region].sum() / area[meant].sum(), _MOST)
     if len(structure.triangles):
-        points, normals, like, weight, kept = _on_mesh(structure, scene, cloud, region, number)
+        points, normals, like, weight, chosen = _on_mesh(structure, scene, cloud, region, number)
     else:
         points, normals, like, weight = _of_points(structure, scene, cloud, region, int(number), seed)
-        kept = thin(points, normals, int(number), float(weight.sum()))
-    if len(kept) <= region.sum():
+        chosen = thin(points, normals, int(number), float(weight.sum()))
+    if len(chosen) <= region.sum():
         return cloud, own
-    fine_area = shares(points, normals, weight, kept)
+    fine_area = shares(points, normals, weight, chosen)
+    chosen, fine_area = chosen[fine_area > 0], fine_area[fine_area > 0]
     even = np.flatnonzero(~region)
     if cloud.part is not None:  # no part is lost of which no fine sample lies nearest
-        even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[kept]]])))
-    index = np.concatenate([even, like[kept]])
+        even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[chosen]]])))
+    index = np.concatenate([even, like[chosen]])
     return (
         Cloud(
-            np.concatenate([cloud.points[even], points[kept]]),
-            np.concatenate([cloud.outward[even], normals[kept]]),
+            np.concatenate([cloud.points[even], points[chosen]]),
+            np.concatenate([cloud.outward[even], normals[chosen]]),
             np.concatenate([area[even], fine_area]),
             None if cloud.part is None else cloud.part[index],
             open=None if cloud.open is None else cloud.open[index],
@@ -127,9 +128,7 @@ def _of_points(
         like = known.query(with_normals(points[chosen], outward, weight))[1]
     else:
         like = like[chosen]
-        outward = plane_normals(points, cKDTree(points).query(points[chosen], k=min(13, len(points)))[1])
-        turned = (outward * cloud.outward[like]).sum(axis=1, keepdims=True) < 0
-        outward = np.where(turned, -outward, outward)
+        outward = normals_like(points, chosen, cloud.outward[like])
     mine = region[like]
     count = np.maximum(np.bincount(like[mine], minlength=len(cloud)), 1)
     area = (cloud.areas / count)[like[mine]]

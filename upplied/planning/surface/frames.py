@@ -19,6 +19,7 @@ from upplied.records import (
     Demonstration,
     Floats,
     Frame,
+    Photos,
     Registration,
     Structure,
     StructureInFrame,
@@ -27,8 +28,7 @@ from upplied.records import (
     Trajectory,
 )
 from upplied.records.required import RequiredSurface
-from upplied.triangles import triangle_areas
-from upplied.vectors import area_vectors
+from upplied.vectors import area_vectors, triangle_areas
 
 _ROUND = 0.02  # below it walls face all ways alike, or surface reaches as far, and no heading follows
 _SQUARE = 4.0  # weight of walls that mostly face one way and its opposite beside those of four ways
@@ -98,8 +98,8 @@ def _wall_heading(structure: Structure) -> float | None:
         return None
     unit = np.where(size > 0, facing / np.where(size > 0, size, 1.0), 0.0)
     squares, fourths = ((size * unit**power).sum() / size.sum() for power in (2, 4))
-    found = fourths + _SQUARE * squares**2
-    return float(np.angle(found) / 4) if abs(found) > _ROUND else None
+    mean = fourths + _SQUARE * squares**2
+    return float(np.angle(mean) / 4) if abs(mean) > _ROUND else None
 
 
 def _facing(structure: Structure) -> np.ndarray:
@@ -144,9 +144,9 @@ def structure_in(frame: Frame, structure: Structure) -> Structure:
 
 
 def _turned(frame: Frame, structure: Structure) -> Structure:
-    said = {item.name: getattr(structure, item.name) for item in fields(Structure)}
+    values = {item.name: getattr(structure, item.name) for item in fields(Structure)}
     return replace(
-        StructureInFrame(**said, frame=frame),
+        StructureInFrame(**values, frame=frame),
         vertices=_on_grid(frame.from_declared(structure.vertices)),
         normals=None if structure.normals is None else structure.normals @ frame.turn,
         landmarks={
@@ -208,17 +208,27 @@ def supposed_from(frame: Frame, supposed: SupposedSurface | None) -> SupposedSur
     return replace(supposed, points=frame.to_declared(supposed.points), normals=normals, corner=corner)
 
 
-def registration_from(here: Frame, there: Frame, found: Registration | None) -> Registration | None:
+def photos_from(frame: Frame, photos: Photos | None) -> Photos | None:
+    """Photos in the declared frame."""
+    if photos is None or frame is DECLARED:
+        return photos
+    quats = _turned_quats(photos.quat_xyzw, frame.heading_rad)
+    return replace(photos, positions=frame.to_declared(photos.positions), quat_xyzw=quats)
+
+
+def registration_from(here: Frame, there: Frame, registration: Registration | None) -> Registration | None:
     """A registration of two structures in other frames, `here` of the source, as one of the declared ones."""
-    if found is None or here is there is DECLARED:
-        return found
+    if registration is None or here is there is DECLARED:
+        return registration
     words = named_axes(here)
-    translation = here.to_declared(found.translation - found.matrix @ (there.turn.T @ there.origin_m))
+    translation = here.to_declared(
+        registration.translation - registration.matrix @ (there.turn.T @ there.origin_m)
+    )
     return replace(
-        found,
-        scale=np.abs(words) @ found.scale,
-        rotation=here.turn @ found.rotation @ words.T,
-        turn=words @ found.turn @ there.turn.T,
+        registration,
+        scale=np.abs(words) @ registration.scale,
+        rotation=here.turn @ registration.rotation @ words.T,
+        turn=words @ registration.turn @ there.turn.T,
         translation=translation,
     )
 

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from upplied.records import Bools, Floats, Ints, Record, Structure
-from upplied.triangles import triangle_areas
+from upplied.vectors import triangle_areas
 
 # Neither walls nor slopes of 45 deg face two lattices alike, and no edge is parallel to a row of lines.
 _HEADING = 0.56  # rad, of the first horizontal lattice
@@ -65,9 +65,11 @@ def centre(structure: Structure) -> Floats:
     """The centre of a surface (3,), m: triangles may be divided or in any order; of points their mean."""
     area = triangle_areas(structure) if len(structure.triangles) else np.zeros(0)
     whole = float(area.sum())
+    near = structure.vertices.mean(axis=0)
     if not whole > 0:
-        return np.asarray(structure.vertices.mean(axis=0))
-    return np.asarray(area @ structure.vertices[structure.triangles].mean(axis=1) / whole)
+        return np.asarray(near)
+    # From near by, so that a kilometre from the origin costs no digits.
+    return np.asarray(near + area @ (structure.vertices - near)[structure.triangles].mean(axis=1) / whole)
 
 
 def spacing_for(structure: Structure, area_m2: float, number: float) -> float:

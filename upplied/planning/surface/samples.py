@@ -2,7 +2,7 @@
 
 Real meshes carry hidden interiors, duplicate faces and flipped patches, and few are watertight. So
 neither winding nor inside tests are used: a side of a surface counts where rays from it escape. Of shells
-that are open where nothing was scanned the inside does not count (`surface.open_shell`).
+that are open where nothing was scanned the inside does not count (`surface.escape`).
 """
 
 from __future__ import annotations
@@ -12,17 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import CloudSettings
-from upplied.planning.surface.escape import ESCAPE, escapes, lets_out
+from upplied.planning.surface.escape import ESCAPE, escapes, inside_open_shell, lets_out, shows_inside
 from upplied.planning.surface.floor import Floor, floor_of
 from upplied.planning.surface.lattice import Lattice, lattice, spacing_for
-from upplied.planning.surface.open_shell import inside_open_shell
-from upplied.planning.surface.openings import shows_inside
 from upplied.planning.surface.parts import mesh_pieces, part_labels
-from upplied.planning.surface.poisson import shares, thin
+from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene, discs_of
-from upplied.triangles import triangle_areas
-from upplied.vectors import area_vectors, plane_normals
+from upplied.vectors import area_vectors, plane_normals, triangle_areas
 
 _AREA = 9  # points, each with its nearest, whose circle tells the area that a point stands for
 _SPARE = 2  # candidates on the outside for each sample: all lines of a lattice for every second one
@@ -106,11 +103,12 @@ def _above_floor(origins: Floats, scene: Scene, floor: Floor) -> Floats:
     return starts
 
 
-def _standing_for(points: Floats, normals: Floats, area: Floats, piece: Ints, kept: Ints) -> Cloud:
-    """The kept candidates, which stand for all."""
-    each, area = area, shares(points, normals, area, kept)
+def _standing_for(points: Floats, normals: Floats, area: Floats, piece: Ints, chosen: Ints) -> Cloud:
+    """The chosen candidates, which stand for all, but those that lie where another one does."""
+    share = shares(points, normals, area, chosen)
+    chosen, share = chosen[share > 0], share[share > 0]
     # By all candidates: a piece is not cut off, or joined, by where some of them were left out.
-    return Cloud(points[kept], normals[kept], area, part_labels(points, each, piece)[kept])
+    return Cloud(points[chosen], normals[chosen], share, part_labels(points, area, piece)[chosen])
 
 
 def _thinned(points: Floats, normals: Floats, area: Floats, number: int) -> Cloud:

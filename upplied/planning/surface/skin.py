@@ -23,8 +23,7 @@ from upplied.planning.surface.lattice import lattice, spacing_for
 from upplied.planning.surface.parts import mesh_pieces
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 from upplied.scene import Scene
-from upplied.triangles import triangle_areas
-from upplied.vectors import area_vectors, plane_normals, with_normals
+from upplied.vectors import area_vectors, plane_normals, triangle_areas, with_normals
 
 _FINE = 40_000  # samples that are joined
 _REACH = 3.0  # sample spacings: samples this near are asked whether the skin goes on between them
@@ -145,11 +144,14 @@ def _fine_points(structure: Structure, cloud: Cloud, rng: np.random.Generator) -
     chosen = np.sort(rng.permutation(len(points))[:_FINE])
     if structure.normals is not None:
         return points[chosen], structure.normals[chosen], np.full(len(chosen), -1)
-    like = cloud.outward[cKDTree(cloud.points).query(points[chosen])[1]]
-    neighbours = cKDTree(points).query(points[chosen], k=min(13, len(points)))[1]
-    normals = plane_normals(points, neighbours)
-    turned = np.where((normals * like).sum(axis=1, keepdims=True) < 0, -normals, normals)
-    return points[chosen], turned, np.full(len(chosen), -1)
+    like = cKDTree(cloud.points).query(points[chosen])[1]
+    return points[chosen], normals_like(points, chosen, cloud.outward[like]), np.full(len(chosen), -1)
+
+
+def normals_like(points: Floats, chosen: Ints, like: Floats) -> Floats:
+    """Normals (K, 3) of some of the points (N, 3) from their neighbours, turned as others (K, 3) are."""
+    normals = plane_normals(points, cKDTree(points).query(points[chosen], k=min(13, len(points)))[1])
+    return np.where((normals * like).sum(axis=1, keepdims=True) < 0, -normals, normals)
 
 
 def _known_pieces(structure: Structure) -> Ints:
@@ -169,15 +171,15 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     rim: Bools = np.bincount(pairs[~goes_on].reshape(-1), minlength=number) > 0
     pairs, length = pairs[goes_on], length[goes_on]
     depth, place = _from_rim(pairs, length, rim), with_normals(points, normals, TOUCH * spacing)
-    found = np.zeros((len(_NECKS), number), np.int64)
-    for label, neck in zip(found, _NECKS, strict=True):
+    labels = np.zeros((len(_NECKS), number), np.int64)
+    for label, neck in zip(labels, _NECKS, strict=True):
         label[:] = _basins(pairs, depth, neck)
         body = (np.bincount(label)[label] >= FRAGMENT * number) & ~rim
         if not body.any():
-            return np.zeros_like(found)
+            return np.zeros_like(labels)
         label[~body] = label[body][cKDTree(place[body]).query(place[~body])[1]]
         label[:] = np.unique(label, return_inverse=True)[1]
-    return found
+    return labels
 
 
 @njit(cache=True)

@@ -9,18 +9,16 @@ import numpy as np
 
 from upplied.config import FIDELITIES, Settings
 from upplied.errors import RefusedError
-from upplied.planning.airspace.at_target import airspace_of
-from upplied.planning.airspace.detours import Ways, safe_positions
+from upplied.planning.airspace.detours import Ways, airspace_of, safe_positions
 from upplied.planning.carry.carried import Carried, Goal
-from upplied.planning.demonstration.repetition import Take
-from upplied.planning.demonstration.sharp_looks import steady_radps
+from upplied.planning.demonstration.repetition import Take, steady_radps
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.optimise import Problem, Start, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import demonstrated_speed
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import aims, angles
-from upplied.planning.trajectory.terms.shape import Shape
+from upplied.planning.trajectory.terms.path import Shape
 from upplied.planning.trajectory.view import View
 from upplied.polylines import interpolated
 from upplied.poses import from_yaw_pitch, optical_axis, yaw_pitch

@@ -65,8 +65,8 @@ def with_extra_views(path: Flown, view: View, airspace: Airspace, price: Price) 
     few = missed[:_MISSED]
     left = view.need[few] * (view.need[missed].sum() / view.need[few].sum())
     at, off = places_beside(path, price.usual_m)
-    kept = airspace.allowed(path.positions[at] + off)
-    at, off = at[kept], off[kept]
+    allowed = airspace.allowed(path.positions[at] + off)
+    at, off = at[allowed], off[allowed]
     reach = view.reach(path.positions[at] + off, few, station=at)
     if not reach.any():
         return path

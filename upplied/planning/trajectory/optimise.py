@@ -21,12 +21,8 @@ from upplied.planning.trajectory.extra_views import Price, with_extra_views
 from upplied.planning.trajectory.state import Flown, State
 from upplied.planning.trajectory.terms import Term
 from upplied.planning.trajectory.terms.axis import Axis, aims, axes
-from upplied.planning.trajectory.terms.clearance import Clearance
 from upplied.planning.trajectory.terms.coverage import Coverage
-from upplied.planning.trajectory.terms.leaving import Leaving
-from upplied.planning.trajectory.terms.shape import Shape
-from upplied.planning.trajectory.terms.standoff import StandoffKept
-from upplied.planning.trajectory.terms.turning import Turning
+from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import View
 from upplied.polylines import leg_lengths
 from upplied.poses import from_yaw_pitch
@@ -37,6 +33,7 @@ _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and la
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _CORRECTIONS = 12  # that L-BFGS keeps
+_LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,9 +84,11 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     first = [search.worth(search.first) for search in searches]
     ranked = np.argsort(-np.array(first), kind="stable")[: weights.starts].tolist()
     results = [(first[0], searches[0], searches[0].first)]
+    least = searches[0].shown(searches[0].first) - _LOST if searches[0].near(searches[0].first) == 0 else 0.0
     for number in ranked:
         worth, variables = searches[number].improved()
-        results.append((worth, searches[number], variables))
+        if searches[number].shown(variables) >= least:
+            results.append((worth, searches[number], variables))
     _, search, variables = max(results, key=lambda result: result[0])
     return search.state, variables
 
@@ -132,11 +131,23 @@ class _Search(Record):
 
         return cls(problem, weights, state, first, samples, need, lasting, price)
 
+    def shown(self, variables: Floats) -> float:
+        """Share of the need that is truly seen."""
+        path = self.state.flown(variables)
+        quats = from_yaw_pitch(path.yaw, path.pitch)
+        return float(self.need @ self.problem.view.shown(path.positions, quats, self.samples))
+
     def worth(self, variables: Floats) -> float:
-        """Share of the need that is truly seen, less what the lasting terms and the optical axis cost."""
-        path, view = self.state.flown(variables), self.problem.view
-        seen = view.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch), self.samples)
-        return float(self.need @ seen) - sum(weight * term.value(path)[0] for weight, term in self.lasting)
+        """Share of the need that is truly seen, less what coming too near and the lasting terms cost."""
+        path, near = self.state.flown(variables), self.weights.clearance * self.near(variables)
+        return (
+            self.shown(variables) - near - sum(weight * term.value(path)[0] for weight, term in self.lasting)
+        )
+
+    def near(self, variables: Floats) -> float:
+        """How much the path lacks of the safety distance, mean square, m^2."""
+        path = self.state.flown(variables)
+        return Clearance.of(self.problem.airspace, path).value(path)[0]
 
     def improved(self) -> tuple[float, Floats]:
         """The best of the rounds, and what it is worth."""

@@ -10,12 +10,10 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.errors import RefusedError
-from upplied.planning.airspace.at_target import airspace_of
-from upplied.planning.airspace.detours import Ways, route
+from upplied.planning.airspace.detours import Ways, airspace_of, route
 from upplied.planning.carry.carried import Carried
 from upplied.planning.carry.inspected_surface import InspectedSurface
-from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined
-from upplied.planning.demonstration.sharp_looks import steady_radps
+from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined, steady_radps
 from upplied.planning.trajectory.added_passes import time_allowed_s, with_added
 from upplied.planning.trajectory.complete import completed, view_of
 from upplied.planning.trajectory.retime import retime

@@ -92,14 +92,14 @@ def _in_reach(view: View, zone: Ints, path: Flown, airspace: Airspace, usual_m: 
     """Which samples of the zone (Z,) the path, or a place beside it, would show with its camera turned."""
     view = replace(view, farthest_m=np.minimum(view.farthest_m, _WITHIN * usual_m))
     station = chosen_evenly(len(path), _STATIONS)
-    found: Bools = np.asarray(view.reach(path.positions[station], zone, station=station).any(axis=0))
-    if (left := np.flatnonzero(~found)).size:
+    reached: Bools = np.asarray(view.reach(path.positions[station], zone, station=station).any(axis=0))
+    if (left := np.flatnonzero(~reached)).size:
         at, off = places_beside(path, usual_m)
         places = path.positions[at] + off
         free = airspace.allowed(places)
         if free.any():
-            found[left] = view.reach(places[free], zone[left], station=at[free]).any(axis=0)
-    return found
+            reached[left] = view.reach(places[free], zone[left], station=at[free]).any(axis=0)
+    return reached
 
 
 def _need_per_m2(view: View) -> float:

@@ -14,9 +14,9 @@ import numpy as np
 
 from upplied.config import RetimeSettings
 from upplied.planning.constants import STILL
-from upplied.planning.demonstration.pauses import pauses, steadied
+from upplied.planning.demonstration.stations import pauses, steadied
 from upplied.planning.trajectory.speeds import corner_cap, passes
-from upplied.polylines import arc_length, cumulated, interpolated, leg_lengths
+from upplied.polylines import arc_length, cumulated, interpolated, leg_lengths, pieces_of_legs
 from upplied.poses import angle_between, from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record, Rows, Trajectory, Waypoints
 
@@ -157,7 +157,8 @@ def _divided(path: Waypoints, hover: Floats, sharp: Sharp) -> _Stations:
     pieces = np.maximum(np.ceil(length / _STEP_M - 1e-9).astype(int), 1)
     pieces[slow] = np.maximum(pieces[slow], np.clip(length[slow] / _FINE_M, 2, _PIECES).astype(int))
     pieces[standing] = 1
-    origin = np.append(_subdivision(pieces), float(len(path) - 1))
+    leg, share = pieces_of_legs(pieces)
+    origin = np.append(leg + share, float(len(path) - 1))
     hovering = np.flatnonzero(hover > 0)
     origin = np.sort(np.concatenate([origin, hovering.astype(float)]))
     index, own = np.arange(float(len(path))), origin == np.round(origin)
@@ -178,13 +179,6 @@ def _divided(path: Waypoints, hover: Floats, sharp: Sharp) -> _Stations:
         sharp=Sharp(*(np.minimum(of[ends[0]], of[ends[1]]) for of in (sharp.speed_mps, sharp.pan_degps))),
         hold_s=hold,
     )
-
-
-def _subdivision(pieces: Ints) -> Floats:
-    """Leg number plus share, for each start of a piece."""
-    leg = np.repeat(np.arange(len(pieces)), pieces)
-    first = np.repeat(np.cumsum(pieces) - pieces, pieces)
-    return leg + (np.arange(len(leg)) - first) / pieces[leg]
 
 
 def demonstrated_speed(

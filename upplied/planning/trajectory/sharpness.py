@@ -15,8 +15,7 @@ from numba import njit
 from upplied.config import Settings
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.constants import MAJORITY
-from upplied.planning.demonstration.repetition import Take
-from upplied.planning.demonstration.sharp_looks import USUAL_PCT, look_limits, steady_radps
+from upplied.planning.demonstration.repetition import USUAL_PCT, Take, look_limits, steady_radps
 from upplied.planning.geometry.percentile import weighted_percentile
 from upplied.planning.trajectory.retime import Sharp
 from upplied.planning.visibility.frustum import coarseness

@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_matrix
 
-from upplied.polylines import cumulated, interpolated, leg_lengths
+from upplied.polylines import cumulated, interpolated, leg_lengths, pieces_of_legs
 from upplied.records import Floats, Record
 
 _DEGREE = 3
@@ -113,8 +113,7 @@ def _curve(stations: Floats, step_m: float) -> tuple[Floats, Floats]:
     """Station numbers and positions on the cubic spline by arc length; straight where too few are apart."""
     leg = leg_lengths(stations)
     pieces = np.clip(np.ceil(leg / step_m - 1e-9).astype(int), 1, _MOST_PIECES)
-    number = np.repeat(np.arange(len(leg)), pieces)
-    share = (np.arange(len(number)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[number]
+    number, share = pieces_of_legs(pieces)
     at = np.append(number + share, float(len(leg)))
     along = cumulated(leg)
     apart = np.concatenate([[True], leg > _STILL_M])

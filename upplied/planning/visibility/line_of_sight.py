@@ -2,7 +2,7 @@
 
 The paper's frustum tells only where the camera points. With `VisibilitySettings.occlusion` a point
 also needs a free line of sight and must not be seen too obliquely. The frustum and the incidence
-are decided first, for all pairs in one compiled pass, so that rays are cast only where they matter.
+are decided first, for all pairs, so that rays are cast only where they matter.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 
 from upplied.config import VisibilitySettings
 from upplied.errors import SettingsError
-from upplied.planning.visibility.frustum import bunches_of, gather_rays, in_view, limits_of, mark_free
+from upplied.planning.visibility.frustum import facing_normals, in_view, limits_of
 from upplied.poses import matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Visibility
 from upplied.scene import Scene
 
-_BLOCK = 200_000  # rays at a time: 5 MB
+_BLOCK = 200_000  # rays at a time
 _SOME = (0.5, 0.25, 0.75)  # of the poses that may see a point, asked before all of them
 
 
@@ -75,17 +75,14 @@ def visible(
     """
     if settings.occlusion and scene is None:
         raise SettingsError("visibility", "occlusion without a scene", "a scene says what stands in the way")
-    asked = _asked(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg)
     seen = np.zeros((len(positions), len(cloud)), bool)
-    if not settings.occlusion or scene is None:
-        in_view(*asked, seen)
-        return Visibility(seen)
-    rays = np.empty((max(_BLOCK, len(cloud)) + 1, 6), np.float32)
-    pairs = np.empty(len(rays), np.int64)
-    pose = 0
-    while pose < len(seen):
-        pose, count = gather_rays(*asked, scene.grain_m, pose, rays, pairs)
-        mark_free(pairs[:count], scene.blocked(rays[:count]), seen.reshape(-1))
+    in_view(*_poses_and_points(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg), seen)
+    if settings.occlusion and scene is not None:
+        entries = np.flatnonzero(seen)
+        for first in range(0, len(entries), _BLOCK):
+            some = entries[first : first + _BLOCK]
+            rays = np.divmod(some, len(cloud))
+            seen.reshape(-1)[some] = _arrives(positions, cloud.points, *rays, scene)
     return Visibility(seen)
 
 
@@ -113,11 +110,11 @@ def seen_by_any(
     array of bool, shape (N,)
     """
     may = np.zeros((len(cloud), len(positions)), bool)
-    in_view(*_asked(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg), may.T)
+    in_view(*_poses_and_points(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg), may.T)
     point, pose = np.nonzero(may)
     if counts is not None:
-        kept = counts(pose, point)
-        point, pose = point[kept], pose[kept]
+        counted = counts(pose, point)
+        point, pose = point[counted], pose[counted]
     first = np.searchsorted(point, np.arange(len(cloud) + 1))
     number = np.diff(first)
     seen, tried = np.zeros(len(cloud), bool), np.zeros(len(point), bool)
@@ -127,17 +124,22 @@ def seen_by_any(
         if share is not None:
             some = first[open_] + (share * number[open_]).astype(np.int64)
         tried[some] = True
-        starts = positions[pose[some]] - scene.origin
-        ways = cloud.points[point[some]] - scene.origin - starts
-        if scene.grain_m:
-            length = np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
-            ways *= np.maximum(1 - scene.grain_m / length, 0.0)
-        free = ~scene.blocked(np.concatenate([starts, ways], axis=1).astype(np.float32))
+        free = _arrives(positions, cloud.points, pose[some], point[some], scene)
         seen[point[some[free]]] = True
     return seen
 
 
-def _asked(
+def _arrives(positions: Floats, points: Floats, pose: Ints, point: Ints, scene: Scene) -> Bools:
+    """Which of these lines of sight (K,), from a pose to a point, are free but for the scene's grain."""
+    starts, rays = (positions - scene.origin)[pose], np.empty((len(pose), 6), np.float32)
+    rays[:, :3], rays[:, 3:] = starts, (points - scene.origin)[point] - starts
+    if scene.grain_m:
+        length = np.maximum(np.linalg.norm(rays[:, 3:], axis=1, keepdims=True), 1e-12)
+        rays[:, 3:] *= np.maximum(1 - scene.grain_m / length, 0.0)
+    return ~scene.blocked(rays)
+
+
+def _poses_and_points(
     positions: Floats,
     quat_xyzw: Floats,
     cloud: Cloud,
@@ -146,12 +148,10 @@ def _asked(
     scene: Scene | None,
     fov_deg: Floats | None,
 ) -> tuple[Any, ...]:
-    """What the compiled passes over poses and points are told of them, local to the scene."""
+    """What `in_view` is given, local to the scene."""
     limits = limits_of(camera, settings, cloud, fov_deg)
     origin = np.zeros(3) if scene is None else scene.origin
-    bunches = bunches_of(cloud, origin, limits, len(positions))
+    cameras, axes = np.ascontiguousarray(positions, float) - origin, matrices(quat_xyzw)
+    points, normals = np.asarray(cloud.points, float) - origin, facing_normals(cloud, limits)
     limits = np.repeat(limits[None], len(positions), axis=0) if limits.ndim == 1 else limits
-    cameras = np.ascontiguousarray(positions, float) - origin
-    axes = np.ascontiguousarray(matrices(quat_xyzw))
-    points = bunches.points, bunches.normals, bunches.order, bunches.start, bunches.bounds
-    return cameras, axes, limits, *points
+    return cameras, axes, limits, *(np.ascontiguousarray(of.T) for of in (points, normals))

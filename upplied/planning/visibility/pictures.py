@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from upplied.planning.visibility.dwell import stations_at
 from upplied.planning.visibility.moments import Moments, motion_of, sight_to
-from upplied.planning.visibility.path_views import Views
+from upplied.planning.visibility.observations import Views, stations_at
 from upplied.poses import matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Rows
 
@@ -30,6 +29,7 @@ class Pictures(Rows):
     cosine: Floats  # (N,) of the incidence
     moved: Floats  # (N,) 1/s: times the focal length in pixels, the speed across the picture
     defocus: Floats  # (N,) times the focal length in pixels, the blur of what is out of focus; 0 unknown
+    pose: Ints  # (N,) step at which it is; -1
     looks: Ints  # (N,) how many looks are as fine as asked, sharp and frontal
 
 
@@ -71,7 +71,7 @@ def pictures(
         *(sharp_radps, least_cosine, is_flat(camera), asked),
     )
     defocus = _defocus(camera, positions, axes, seen, points, depth, pose)
-    return Pictures(sampled, depth, cosine, moved, defocus, looks)
+    return Pictures(sampled, depth, cosine, moved, defocus, pose, looks)
 
 
 def _defocus(

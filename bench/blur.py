@@ -1,0 +1,85 @@
+"""Blur by motion: pictures integrated over their exposure against the closed form, on planned flights.
+
+    python bench/blur.py [--only WORD] [--real]
+
+A dot is put on each of some hundred patches that a plan shows, where its finest sharp look has it. A small
+renderer of its own moves the camera through the exposure in 41 steps, by the plan's own poses before and
+after (no velocity and no turning rate of ours), and adds up the dot's light in pixels. The length of the
+streak that it leaves is compared with the closed form of `planning.visibility.pictures`.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+from transfers import transfers
+
+from upplied.config import focal_px, settings_for
+from upplied.planning.plan import plan_transfer
+from upplied.planning.visibility.moments import moments
+from upplied.planning.visibility.observations import TRULY, views
+from upplied.planning.visibility.pictures import pictures
+from upplied.records import Camera, Cloud, Floats, Trajectory
+from upplied.scene import scene_of
+
+_STEPS, _DOTS, _SIZE = 41, 300, 64
+
+
+def streak_px(path: Trajectory, time_s: float, point: Floats, camera: Camera, exposure_s: float) -> float:
+    """Length of the streak of a dot, px, by what light falls on each pixel of a small picture round it."""
+    focal = focal_px(camera.width_px or 4000, camera.hfov_deg)
+    times = np.clip(time_s + np.linspace(-0.5, 0.5, _STEPS) * exposure_s, path.t_s[0], path.t_s[-1])
+    turns = Slerp(path.t_s, Rotation.from_quat(path.quat_xyzw))(times)
+    at = np.column_stack([np.interp(times, path.t_s, axis) for axis in path.positions.T])
+    local = turns.inv().apply(point - at)
+    pixel = focal * local[:, 1:] / local[:, :1]
+    light = np.zeros((_SIZE, _SIZE))
+    fine = 16  # of a pixel: the picture is small, not coarse
+    cells = np.floor((pixel - pixel.mean(axis=0)) * fine).astype(int) + _SIZE // 2
+    inside = ((cells >= 0) & (cells < _SIZE)).all(axis=1)
+    if not inside.all():
+        return float(np.linalg.norm(pixel[-1] - pixel[0]))
+    np.add.at(light, (cells[:, 0], cells[:, 1]), 1.0 / _STEPS)
+    rows, columns = np.nonzero(light)
+    spread = np.sqrt(
+        np.maximum(np.cov(np.column_stack([rows, columns]).T, aweights=light[rows, columns], ddof=0), 0)
+    )
+    return float(np.hypot(spread[0, 0], spread[1, 1]) * np.sqrt(12) / fine)  # of an even streak
+
+
+def main() -> None:
+    """Print a row a transfer: dots below a pixel by the renderer, and how far the closed form is off."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--only", default="turbine")
+    parser.add_argument("--real", action="store_true")
+    options = parser.parse_args()
+    rule = settings_for("recommended").inspection
+    print(f"{'transfer':36}{'dots':>6}{'< 1 px, %':>11}{'p99 px':>8}{'closed p99':>12}{'off, p95 px':>13}")
+    for row in transfers(options.real, options.only):
+        plan = plan_transfer(row.demonstration, row.source, row.target, settings_for("recommended"))
+        if plan.trajectory is None or plan.surface is None or plan.surface.normals is None:
+            print(f"{row.published.title:36}{plan.reason[:70]}")
+            continue
+        camera, path, shown = row.demonstration.camera, plan.trajectory, plan.surface.state == 1
+        cloud = Cloud(plan.surface.points[shown], plan.surface.normals[shown])
+        cloud = cloud.at(np.linspace(0, len(cloud) - 1, min(_DOTS, len(cloud))).astype(int))
+        seen, steps = views(path, cloud, camera, TRULY, scene_of(row.target)), moments(path)
+        exposure = camera.exposure_s or rule.exposure_s
+        limit = rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
+        found = pictures(steps, seen, cloud, camera, limit, np.cos(np.radians(rule.max_incidence_deg)))
+        known = np.flatnonzero(found.pose >= 0)
+        closed = found.moved[known] * focal_px(camera.width_px or 4000, camera.hfov_deg) * exposure
+        times = steps.poses.t_s[found.pose[known]]
+        drawn = np.array(
+            [streak_px(path, t, p, camera, exposure) for t, p in zip(times, cloud.points[known], strict=True)]
+        )
+        off = np.percentile(np.abs(drawn - closed), 95)
+        cells = f"{100 * np.mean(drawn < 1):11.2f}{np.percentile(drawn, 99):8.3f}"
+        cells += f"{np.percentile(closed, 99):12.3f}{off:13.3f}"
+        print(f"{row.published.title:36}{len(known):6d}{cells}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,49 @@
+"""The challenge's score: pictures of one point reckoned by hand, hidden, smeared, oblique and far."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from upplied.planning.measures.picture_score import ScoredCamera, picture_score
+from upplied.records import Cloud, Trajectory
+from upplied.samples.box import box
+from upplied.scene import scene_of
+
+PIXEL = 4.35e-3 / 16.0  # rad, in the middle
+ONE = np.array([[0.0, 0, 0, 1]])
+
+
+def scored(at, normal=(-1.0, 0, 0), velocity=(0.0, 0, 0), turn=(0.0, 0, 0), desired_mm=2.0) -> float:
+    """The worth of the middle of the near face of a box of 12 m, whose picture is taken along +X."""
+    scene = scene_of(box((12.0, 12.0, 12.0), "cube").structure)
+    low, high = scene.box
+    point = np.array([[low[0], (low[1] + high[1]) / 2, (low[2] + high[2]) / 2]])
+    poses = Trajectory(np.zeros(1), point + np.array([at]), ONE)
+    moved = np.array([velocity], float), np.array([turn], float)
+    cloud = Cloud(point, np.array([normal], float))
+    return float(picture_score(poses, *moved, cloud, scene, desired_mm)[0])
+
+
+def test_near_and_still_is_worth_one_and_far_less() -> None:
+    enough = 2.0e-3 / PIXEL  # m, from which a pixel is 2 mm
+    assert scored((-enough * 0.9, 0, 0)) == 1.0
+    assert scored((-enough * 2, 0, 0)) == pytest.approx(0.5, rel=1e-6)
+    assert scored((-enough * 6, 0, 0)) == 0.0  # below a fifth
+
+
+def test_motion_smears_by_flight_and_turning() -> None:
+    speed = PIXEL * 5.0 / ScoredCamera().exposure_s  # a pixel in an exposure, from 5 m
+    assert scored((-5.0, 0, 0), velocity=(0, speed * 0.9, 0)) == 1.0
+    assert scored((-5.0, 0, 0), velocity=(0, speed * 2, 0)) == pytest.approx(0.5, rel=1e-3)
+    assert scored((-5.0, 0, 0), turn=(0, 0, 2 * PIXEL / 1e-3)) == pytest.approx(0.5, rel=1e-2)
+    assert scored((-5.0, 0, 0), velocity=(speed, 0, 0)) == 1.0  # straight ahead the middle stands
+
+
+def test_an_oblique_patch_is_coarser_and_what_is_hidden_or_aside_is_worth_nothing() -> None:
+    tilt = np.radians(60.0)
+    far = 2.0e-3 / PIXEL * 0.999
+    assert scored((-far, 0, 0), (-np.cos(tilt), np.sin(tilt), 0)) == pytest.approx(0.5, rel=1e-2)
+    assert scored((-far, 0, 0), (-np.cos(tilt), 0, np.sin(tilt))) == pytest.approx(0.5, rel=1e-2)
+    assert scored((20.0, 0, 0)) == 0.0  # behind it
+    assert scored((-5.0, 5.0, 0)) == 0.0  # beyond 40 deg aside

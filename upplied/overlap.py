@@ -1,0 +1,92 @@
+"""How much of one picture another one shows too: the overlap of photos, by rays through both."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from upplied.polylines import chosen_evenly
+from upplied.poses import matrices
+from upplied.records import Bools, Camera, Floats, Trajectory
+from upplied.scene import Scene
+
+_RAYS = (32, 24)  # of a picture, across and up: a share is known to a percent
+_SLACK = 0.01  # of a sight line, at its end
+_GROWN = 0.02  # more than rays tell apart
+_ASKED = 40  # pictures, at most, whose overlap with other passes is asked
+
+
+class Frames:
+    """The pictures that a camera would take at some poses.
+
+    Parameters
+    ----------
+    poses : Trajectory
+        P poses; where they zoom, each has its own field of view.
+    camera : Camera
+    scene : Scene
+    """
+
+    def __init__(self, poses: Trajectory, camera: Camera, scene: Scene) -> None:
+        self.poses, self.camera, self.scene = poses, camera, scene
+        fields = np.tile([camera.hfov_deg, camera.vfov_deg], (len(poses), 1))
+        fields = fields if poses.fov_deg is None else poses.fov_deg
+        self.slopes = np.tan(np.radians(np.minimum(fields, 179.0)) / 2)
+        self.turns = matrices(poses.quat_xyzw)
+        self._hits: dict[int, Floats] = {}
+
+    def shows(self, at: int, points: Floats) -> Bools:
+        """Which points (N, 3) are in the frustum and range of a pose, with nothing between."""
+        position = self.poses.positions[at]
+        local = (points - position) @ self.turns[at]
+        reach = np.linalg.norm(local, axis=1)
+        inside = (local[:, 0] > 0) & (np.abs(local[:, 1:]) <= local[:, :1] * self.slopes[at]).all(axis=1)
+        inside &= (reach >= self.camera.min_range_m) & (reach <= self.camera.max_range_m)
+        looked = np.flatnonzero(inside)
+        if len(looked):
+            origins = np.broadcast_to(position, (len(looked), 3))
+            inside[looked] = ~self.scene.occluded(origins, points[looked], _SLACK)
+        return inside
+
+    def hits(self, at: int) -> Floats:
+        """What a grid of rays through the picture meets of the surface within range (K, 3), m."""
+        if at not in self._hits:
+            ways = np.column_stack([np.ones(len(self._grid)), self._grid * self.slopes[at]])
+            ways = ways @ self.turns[at].T
+            origin = np.broadcast_to(self.poses.positions[at], ways.shape)
+            reach = self.scene.cast(origin, ways)[0] * np.linalg.norm(ways, axis=1)
+            near = (reach >= self.camera.min_range_m) & (reach <= self.camera.max_range_m)
+            unit = ways[near] / np.linalg.norm(ways[near], axis=1)[:, None]
+            self._hits[at] = origin[near] + unit * reach[near, None]
+        return self._hits[at]
+
+    @cached_property
+    def _grid(self) -> Floats:
+        across, up = (2 * (np.arange(count) + 0.5) / count - 1 for count in _RAYS)
+        return np.stack(np.meshgrid(across, up), axis=-1).reshape(-1, 2)
+
+    def overlap(self, first: int, second: int) -> float:
+        """Share, 0 to 1, of what the second picture shows of the surface that the first shows too."""
+        points = self.hits(second)
+        return float(self.shows(first, points).mean()) if len(points) else float("nan")
+
+    def across(self) -> Floats:
+        """The largest share (K,) of some pictures that one of another pass shows, 0 where none does.
+
+        A pass ends where overlap, on the way before or behind, grows again.
+        """
+        number = len(self.poses)
+        chosen = [at for at in chosen_evenly(number, _ASKED) if len(self.hits(at))]
+        shares = np.zeros(len(chosen))
+        for index, at in enumerate(chosen):
+            points = self.hits(at)
+            mine = np.array([self.shows(other, points).mean() for other in range(number)])
+            for way in (range(at, number), range(at - 1, -1, -1)):
+                least = 1.0
+                for other in way:
+                    if mine[other] > least + _GROWN:
+                        break
+                    least, mine[other] = min(least, mine[other]), 0.0
+            shares[index] = mine.max()
+        return shares

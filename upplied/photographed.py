@@ -1,0 +1,195 @@
+"""Where photos are taken on a path: as few as overlap and coverage need, none sooner than the camera takes.
+
+A path is divided where the overlap with the photo before falls to what is asked; where the camera is not
+ready by then, the path is flown more slowly if overlap or coverage depend on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from upplied.overlap import Frames
+from upplied.poses import interpolate
+from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
+from upplied.scene import Scene
+
+MARGIN = 1.03  # of the least interval: files round speeds
+_USUAL = 0.6  # overlap along, where none is asked for and the camera is ready in time
+_ENOUGH = 0.995  # of what the path shows, that its photos are to show
+_CANDIDATES = 1200  # places of a path, at most
+_OFTEN = 0.25  # of the least interval, between places of a path
+_POINTS = 1500  # of the surface, that are to stay in view
+_AS_FINE = 1.25  # times the finest that the path shows a sample, by distance and incidence
+_EDGE_ON = 0.1  # cosine of the incidence, below which it counts as that
+_HALVINGS = 7  # of the time between two places, for an overlap that was asked for
+_SAME_S = 1e-6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Photographed(Record):
+    """A path with its photo points, in times that give the camera its own."""
+
+    path: Trajectory
+    photo: Bools  # (N,) of its poses
+    shown: float  # share of what the path shows that the photos show; NaN where that is not known
+    along: Floats  # (K - 1,) overlap of each photo with the one before, 0 to 1
+    across: float  # median overlap with another pass; NaN where it was not asked
+    slower_s: float  # by which it takes longer than planned
+    planned_s: Floats  # (N,) when each pose was planned for
+
+
+def photographed(
+    path: Trajectory,
+    camera: Camera,
+    scene: Scene,
+    surface: Cloud,
+    interval_s: float,
+    overlap: tuple[float, float] | None = None,
+) -> Photographed:
+    """The photo points of a path.
+
+    Parameters
+    ----------
+    path : Trajectory
+        N poses at the times they are planned for.
+    camera : Camera
+    scene : Scene
+        That hides what lies behind it.
+    surface : Cloud
+        M samples; what the path shows of them its photos are to show, not much more coarsely.
+    interval_s : float
+        Least time between two photos.
+    overlap : (along, across), optional
+        0 to 1, that is asked for. Along is held by slowing the flight where need be; across is what the
+        passes of the path give, and is measured.
+    """
+    length = float(path.t_s[-1] - path.t_s[0])
+    count = int(np.clip(np.ceil(length / (_OFTEN * interval_s)), 1, _CANDIDATES)) + 1
+    frames = Frames(interpolate(path, np.linspace(path.t_s[0], path.t_s[-1], count)), camera, scene)
+    useful = [at for at in range(count) if len(frames.hits(at))]
+    if not useful:
+        nothing = np.zeros(len(path), bool)
+        return Photographed(path, nothing, float("nan"), np.empty(0), float("nan"), 0.0, path.t_s)
+    times = frames.poses.t_s
+    chosen = _along(frames, useful, path, None if overlap is None else overlap[0], interval_s)
+    surface = surface.at(np.arange(0, len(surface), max(1, len(surface) // _POINTS)))
+    chosen, shown = _covering(frames, useful, path, chosen, surface, interval_s)
+    photo_s = np.array(sorted(chosen))
+    timed, flags, planned_s = _with_photos(path, photo_s, interval_s * MARGIN)
+    taken = Frames(timed.take(flags), camera, scene)
+    along = np.array([taken.overlap(at - 1, at) for at in range(1, len(photo_s))])
+    across = float("nan")
+    if overlap is not None:
+        across = float(np.nanmedian(taken.across()))
+    slower = float(timed.t_s[-1] - timed.t_s[0]) - float(times[-1] - times[0])
+    return Photographed(timed, flags, shown, along, across, slower, planned_s)
+
+
+def _along(
+    frames: Frames, useful: list[int], path: Trajectory, asked: float | None, interval_s: float
+) -> list[float]:
+    """Times of photos, each the last at which it overlaps enough with the one before."""
+    wanted, times, found = asked or _USUAL, frames.poses.t_s[useful], [float(frames.poses.t_s[useful[0]])]
+    while times[-1] > found[-1] + _SAME_S:
+        before, last = _at(frames, path, found[-1]), found[-1]
+        later = int(np.searchsorted(times, found[-1] + _SAME_S))
+        while later < len(times) and _shared(before, frames, useful[later]) >= wanted:
+            last, later = float(times[later]), later + 1
+        if later == len(times):  # the rest overlaps enough
+            return [*found, last] if last - found[-1] >= interval_s else found
+        if asked is None:  # no sooner than the camera takes
+            later = int(np.searchsorted(times, max(last, found[-1] + interval_s)))
+            if later == len(times):
+                return found
+            found.append(float(times[later]))
+        else:
+            found.append(_exactly(before, frames, path, asked, (last, float(times[later]))))
+    return found
+
+
+def _at(frames: Frames, path: Trajectory, time_s: float) -> Frames:
+    """The picture at one moment."""
+    return Frames(interpolate(path, np.array([time_s])), frames.camera, frames.scene)
+
+
+def _shared(before: Frames, frames: Frames, at: int) -> float:
+    """Share of what a place shows that the photo before shows too."""
+    hits = frames.hits(at)
+    return float(before.shows(0, hits).mean()) if len(hits) else 1.0
+
+
+def _exactly(
+    before: Frames, frames: Frames, path: Trajectory, wanted: float, ends: tuple[float, float]
+) -> float:
+    """The time between two at which the overlap with the photo before falls to what is asked."""
+    low, high = ends
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        enough = _shared(before, _at(frames, path, middle), 0) >= wanted
+        low, high = (middle, high) if enough else (low, middle)
+    return low if low > ends[0] else high
+
+
+def _covering(
+    frames: Frames,
+    useful: list[int],
+    path: Trajectory,
+    chosen: list[float],
+    surface: Cloud,
+    interval_s: float,
+) -> tuple[list[float], float]:
+    """The photos, and more of them where they leave out what the path shows, or show it less finely."""
+    if not len(surface):
+        return chosen, float("nan")
+    reach = np.array([_reach(frames, at, surface) for at in useful])
+    wanted = _AS_FINE * reach.min(axis=0)
+    left = np.isfinite(wanted)
+    whole = int(left.sum())
+    if not whole:
+        return chosen, float("nan")
+    taken = Frames(interpolate(path, np.array(chosen)), frames.camera, frames.scene)
+    for at in range(len(chosen)):
+        left &= _reach(taken, at, surface) > wanted
+    shows, times = reach <= wanted, frames.poses.t_s[useful]
+    while left.sum() > (1 - _ENOUGH) * whole:
+        gain = (shows & left).sum(axis=1)
+        ready = np.abs(times[:, None] - np.array(chosen)).min(axis=1) >= interval_s
+        # Where the camera is ready anyway a photo costs nothing; elsewhere the flight waits for it.
+        best = int(np.argmax(np.where(ready, gain, gain / 2)))
+        chosen.append(float(times[best]))
+        left &= ~shows[best]
+    return chosen, 1 - float(left.sum()) / whole
+
+
+def _reach(frames: Frames, at: int, surface: Cloud) -> Floats:
+    """Distance (M,) over the cosine of the incidence from which a picture shows each sample; inf: not."""
+    ray = frames.poses.positions[at] - surface.points
+    distance = np.linalg.norm(ray, axis=1)
+    if surface.normals is not None:
+        facing = (ray * surface.normals).sum(axis=1) / np.maximum(distance, 1e-9)
+        distance = distance / np.maximum(facing, _EDGE_ON)
+    usual = np.tan(np.radians(min(frames.camera.hfov_deg, 179.0)) / 2)
+    wider = frames.slopes[at, 0] / usual  # where it zooms: distances are of one camera
+    return np.where(frames.shows(at, surface.points), distance * wider, np.inf)
+
+
+def _with_photos(path: Trajectory, photo_s: Floats, least_s: float) -> tuple[Trajectory, Bools, Floats]:
+    """The path with a pose at each photo, more slowly where photos were nearer in time; which, and when."""
+    every = np.union1d(path.t_s, photo_s)
+    keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (_apart(every, photo_s) > 1e-4))
+    every = every[keep]
+    posed = interpolate(path, every)
+    gaps = np.diff(photo_s)
+    new = photo_s[0] + np.concatenate([[0.0], np.cumsum(np.maximum(gaps, least_s))])
+    late = np.interp(every, photo_s, new)
+    late += np.minimum(every - photo_s[0], 0.0) + np.maximum(every - photo_s[-1], 0.0)
+    return replace(posed, t_s=late), np.isin(every, photo_s), every
+
+
+def _apart(times: Floats, photo_s: Floats) -> Floats:
+    """How far in time (N,) each of these is from the nearest photo."""
+    after = np.clip(np.searchsorted(photo_s, times), 1, max(len(photo_s) - 1, 1))
+    nearest = np.abs(times - photo_s[np.minimum(after, len(photo_s) - 1)])
+    return np.asarray(np.minimum(nearest, np.abs(times - photo_s[after - 1])))
