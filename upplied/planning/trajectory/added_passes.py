@@ -18,9 +18,7 @@ from scipy.spatial import cKDTree
 
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.carried import Carried
-from upplied.planning.carry.inspected_surface import target_attention
 from upplied.planning.carry.standoff import Standoff
-from upplied.planning.demonstration.repetition import Take
 from upplied.planning.trajectory.view import View
 from upplied.polylines import chosen_evenly, leg_lengths
 from upplied.poses import from_yaw_pitch, optical_axis
@@ -31,9 +29,8 @@ _POSES = 240  # of the path, and of each pass, that are asked what they show
 _GAIN = 0.01  # share of the need that a pass must show, so that none hangs on a sample or two
 _TIME = 1.25  # times the demonstrated time and the ratio of the inspected areas: all passes together
 _MOST = 6  # passes
-_STRIP = 0.35  # stand-offs, over which it is counted along the flight how much is missed
+_STRIP = 0.35  # stand-offs, over which it is counted what is missed, and over which a pass is evened out
 _PARALLEL = 3.0  # stand-offs, over which a pass beside the flight keeps its distance from it
-_EVEN = 0.35  # stand-offs, over which a pass and its directions are evened out
 _WITHIN = 0.85  # of the farthest from which the strip is shown finely enough: where the pass is flown
 _FARTHEST = 1.5  # stand-offs of the demonstration, beyond which no pass is flown
 _PART = 0.25  # of its stretch's time, that a pass takes at least: it turns with the camera as the stretch did
@@ -94,20 +91,16 @@ def with_added(carried: Carried, path: Waypoints, view: View, airspace: Airspace
     return [_taken(carried, one, view, asked[shows]) for one, shows in passes]
 
 
-def time_allowed_s(take: Take) -> float:
+def time_allowed_s(carried: Carried) -> float:
     """How long a plan may take with added passes: more than demonstrated where there is more to show."""
-    fit, flight = take.pair.surface, take.inspection.flight
-    known = fit.correspondences.target_index >= 0
-    here = float((fit.source.areas * take.inspection.attention.weight)[known].sum())
-    there = float(fit.target.areas @ target_attention([take], fit.target)[0])
-    return float(np.ptp(flight.t_s)) * _TIME * max(there / max(here, 1e-9), 1.0)
+    return float(np.ptp(carried.take.inspection.flight.t_s)) * _TIME * max(carried.area_ratio, 1.0)
 
 
 def _time_left(carried: Carried, path: Waypoints) -> float:
     """Seconds of those that a path leaves, flown as fast as the demonstration, no shorter than it."""
     flight = carried.take.inspection.flight
     longer = float(leg_lengths(path.positions).sum() / max(leg_lengths(flight.positions).sum(), 1e-9))
-    return time_allowed_s(carried.take) - float(np.ptp(flight.t_s)) * max(longer, 1.0)
+    return time_allowed_s(carried) - float(np.ptp(flight.t_s)) * max(longer, 1.0)
 
 
 def _best(
@@ -161,9 +154,8 @@ def _candidates(carried: Carried, view: View, missed: Ints, left: Floats) -> Ite
         columns = np.column_stack([points, normals, farthest])[group] * left[group, None]
         sums = np.zeros((len(path), 8))
         np.add.at(sums, at[group], np.column_stack([columns, left[group]]))
-        count = gaussian_filter1d(sums[:, 7], max(sigma, 1.0), mode="constant")
-        sums = gaussian_filter1d(sums, max(_EVEN / _STRIP * sigma, 1.0), axis=0, mode="constant")
-        dense = np.flatnonzero(count > _SPARSE * count.max())
+        sums = gaussian_filter1d(sums, max(sigma, 1.0), axis=0, mode="constant")
+        dense = np.flatnonzero(sums[:, 7] > _SPARSE * sums[:, 7].max())
         runs = np.split(dense, np.flatnonzero(np.diff(dense) > max(2 * sigma, 2)) + 1)
         spans = {(int(run[0]), int(run[-1])) for run in [*runs, dense]}
         for (first, last), leaning in itertools.product(sorted(spans), _LEANING):

@@ -50,7 +50,7 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
     """
     paths = [one.path if one.goal is None else completed(one, one.goal, settings) for one in carried]
     passes = [added for pair in zip(carried, paths, strict=True) for added in _added(*pair, settings)]
-    allowed_s = sum(time_allowed_s(one.take) for one in carried if passes)
+    allowed_s = sum(time_allowed_s(one) for one in carried if passes)
     pair = carried[0].take.pair
     ways = Ways(airspace_of(pair, settings), pair.obstacle)
     while passes:
