@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from html import escape
 from itertools import islice
@@ -16,8 +17,9 @@ from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import transfer_id
 from upplied.checks import pair_name
 
-from .pages import address
+from .environment import home
 
+ADDRESS = "UPPLIED_REPORTS_URL"  # of the pages, where a server shows them
 MOST_ROWS = 500  # an artifact is for reading; the published table holds them all
 
 
@@ -112,3 +114,10 @@ def _listed(troubles: Sequence[dict[str, str]]) -> str:
         for item in troubles[:MOST_ROWS]
     ]
     return "\n".join(lines)
+
+
+def address(reports: str, page: str) -> str:
+    """Address of a page: over HTTP where a server shows this fleet, else of a file in the reports' folder."""
+    folder, url = Path(reports).absolute(), os.environ.get(ADDRESS)
+    served = url and folder == home() / "reports"
+    return f"{url.rstrip('/')}/{page}" if url and served else (folder / page).as_uri()

@@ -12,6 +12,7 @@ from upplied.errors import InputError
 
 HERE = Path(__file__).parent
 PROFILE = "upplied"
+PASSWORD = "password.txt"  # beside the profile, for people
 ROOTS = "UPPLIED_ROOTS"  # folders and object-store URIs that runs may read and write, separated by commas
 
 SETTINGS = {
@@ -82,7 +83,7 @@ def sign_in(folder: Path, api_url: str) -> str:
         ``name:password``, as Prefect's page asks for it and HTTP's Basic scheme sends it.
     """
     path = folder / "profiles.toml"
-    folder.mkdir(parents=True, exist_ok=True)
+    private(folder)
     kept = _profiles(path)
     ours = kept.setdefault(PROFILE, {})
     said = os.environ.get("PREFECT_SERVER_API_AUTH_STRING") or ours.get("PREFECT_SERVER_API_AUTH_STRING")
@@ -96,12 +97,26 @@ def sign_in(folder: Path, api_url: str) -> str:
     for name, values in kept.items():
         lines += ["", f"[profiles.{json.dumps(name)}]"]
         lines += [f"{setting} = {json.dumps(value)}" for setting, value in values.items()]
+    _write_private(path, "\n".join(lines) + "\n")
+    _write_private(folder / PASSWORD, word.partition(":")[2] + "\n")
+    return str(word)
+
+
+def _write_private(path: Path, text: str) -> None:
+    """Replace a file by one that its user alone can read."""
     new = path.with_suffix(f".{os.getpid()}")
     new.unlink(missing_ok=True)
     with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
-        file.write("\n".join(lines) + "\n")
+        file.write(text)
     new.replace(path)
-    return str(word)
+
+
+def private(folder: Path) -> None:
+    """A folder that its user alone can enter, with Prefect's database as it was left by earlier versions."""
+    folder.mkdir(parents=True, exist_ok=True)
+    folder.chmod(0o700)
+    for database in folder.glob("prefect.db*"):
+        database.chmod(0o600)
 
 
 def client(port: int) -> dict[str, str]:

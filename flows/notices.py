@@ -18,7 +18,7 @@ from upplied.errors import SettingsError
 
 from .states import TROUBLED
 
-NAME = "somebody is told how runs end"
+NAME = "notices of how runs end"
 TROUBLE = ("Failed", "Crashed", "TimedOut", TROUBLED)
 DEPLOYMENTS = (
     "transfer-fleet",
@@ -71,8 +71,9 @@ def tell(url: str, every_run: bool = False) -> str:
         for older in before:
             client.delete_automation(older)
     if block is None:
-        return "nobody is told"
-    return f"{urlsplit(url).hostname or urlsplit(url).scheme} is told of runs that end {', '.join(names)}"
+        return "no notices are sent"
+    place = urlsplit(url).hostname or urlsplit(url).scheme
+    return f"{place} receives notices of runs that end {', '.join(names)}"
 
 
 def _block(url: str) -> NotificationBlock:

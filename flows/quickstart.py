@@ -8,19 +8,17 @@ import time
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.table import Table
 
+from upplied.cli.quickstart import PRESETS, show_results
 from upplied.cli.terminal import progress
 
 from .environment import home
 from .server import ServerError, private_server
 
 if TYPE_CHECKING:
-    import pandas as pd
     from prefect.states import State
 
 SAMPLES, CATALOG, REPORTS = "samples", "catalog", "reports"
-PRESETS = ("paper", "recommended", "baseline")
 
 
 def main() -> int:
@@ -67,39 +65,12 @@ def run_flows() -> int:
     console.print("[bold]3/4[/] Every demonstration to every structure of its kind")
     say(console, "plans", transfer_fleet(CATALOG, REPORTS, presets=list(PRESETS), return_state=True))
     console.print("[bold]4/4[/] What came of it")
-    return show_results(console)
+    return show_results(home() / CATALOG, REPORTS)
 
 
 def say(console: Console, what: str, state: State) -> None:
     """What came of a flow, in a line."""
     console.print(f"    {what}: {state.message}", markup=False)
-
-
-def show_results(console: Console) -> int:
-    """The table of transfers, and what to open next; 1 where one of them failed."""
-    import upplied
-
-    transfers = upplied.open_catalog(home() / CATALOG).transfers()
-    table = Table(box=None)
-    for name in ("demonstration", "target"):
-        table.add_column(name)
-    for name in ("inspected\npaper", "\nours", "\nbaseline", "Frechet\npaper", "\nours"):
-        table.add_column(name, justify="right")
-    for (demonstration, target), rows in transfers.groupby(["demonstration_id", "target_id"]):
-        by = rows.set_index("preset")
-        coverage = [shown(by, preset, "coverage_inspected_pct", "{:.1f} %") for preset in PRESETS]
-        table.add_row(demonstration, target, *coverage, *(shown(by, it, "frechet_z") for it in PRESETS[:2]))
-    console.print(table)
-    console.print(f"Open {REPORTS}/index.html, or: pd.read_parquet('{REPORTS}/transfers.parquet')")
-    return int((transfers["status"] == "failed").any())
-
-
-def shown(by: pd.DataFrame, preset: str, measure: str, form: str = "{:.2f}") -> str:
-    """A measure of one preset; where there is none of its coverage, its status."""
-    value = by[measure].get(preset)
-    if value is None or value != value:
-        return by["status"].get(preset, "") if measure == "coverage_inspected_pct" else ""
-    return form.format(value)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""`upplied serve`: Prefect's server with the deployments, a worker and the reports, until Ctrl-C.
+"""`upplied serve`: Prefect's server with the deployments, a worker and the fleet's pages, until Ctrl-C.
 
 Meant for a desk. What has to run for months is started by systemd or compose, a part each (`only`), which
 know how to start a part again: docs/operating.md has the units.
@@ -11,15 +11,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Literal
 
 from . import server as service
-from .environment import ROOTS, carried, environment, home, prefect_home, sign_in
-from .pages import ADDRESS, served
-from .server import Server, ServerError, private_server, start, stop
+from .artifacts import ADDRESS
+from .environment import PASSWORD, ROOTS, carried, environment, home, prefect_home, profile, sign_in
+from .server import PRIVATE, ServerError, free_port, listening, private_server, start, stop
 
 Part = Literal["server", "worker", "reports"]
 # What whoever serves may say of Prefect himself; all else that the environment says is somebody else's.
@@ -34,7 +34,7 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
     Parameters
     ----------
     port : int
-        Of the server on 127.0.0.1; the reports are given out on the next one.
+        Of the server on 127.0.0.1; the pages are on the next one, or on any where that is taken.
     roots : sequence of str
         Folders and object-store URIs that runs may use besides this folder.
     """
@@ -45,16 +45,20 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
             server = stack.enter_context(private_server(prefect_home(), port))
             server.wait()
             deploy(server.environment)
-            reports = stack.enter_context(served(home() / "reports", port + 1))
-            told = server.environment | {ADDRESS: reports, ROOTS: ",".join(declared(roots))}
-            worker = start("prefect", "worker", "start", "--pool", POOLS[0], environment=told)
+            own = free_port() if listening(port + 1) else port + 1
+            words = ("upplied", "serve", "--only", "reports", "--port", str(own - 1))
+            shown = start(*words, environment=server.environment)
+            stack.callback(stop, shown)
+            address = f"http://127.0.0.1:{own}"
+            of_worker = server.environment | {ADDRESS: address, ROOTS: ",".join(declared(roots))}
+            worker = start("prefect", "worker", "start", "--pool", POOLS[0], environment=of_worker)
             runs: dict[int, str] = {}
             stack.callback(stop, worker, known=runs)
-            name, password = server.password.split(":", 1)
-            say(f"Prefect: http://127.0.0.1:{port}   (it asks for: {name}:{password})")
-            say(f"Reports: {reports}")
-            say("Run now: upplied fleet run        Stop: Ctrl-C")
-            attend(server, worker, runs)
+            say(f"Fleet:    {address}")
+            say(f"Prefect:  http://127.0.0.1:{port}   (user {server.password.partition(':')[0]})")
+            say(f"Password: stored in {prefect_home() / PASSWORD}, which only you can read")
+            say("Run now:  upplied fleet run        Stop: Ctrl-C")
+            attend({"server": server.process, "worker": worker, "pages": shown}, server.log, worker, runs)
     except ServerError as error:
         say(str(error))
         return 1
@@ -68,13 +72,18 @@ def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
     api_url = os.environ.get("PREFECT_API_URL") or f"http://127.0.0.1:{port}/api"
     folder, bind = prefect_home(), os.environ.get("UPPLIED_BIND", "127.0.0.1")
     if part == "reports":
-        with served(home() / "reports", port + 1, bind) as reports:
-            say(f"Reports: {reports}")
-            signal.pause()
+        from upplied.catalog import open_catalog
+        from upplied.web.guard import allowed_names
+        from upplied.web.serving import serve_pages
+
+        catalog = open_catalog(os.environ.get("UPPLIED_CATALOG") or home() / "catalog")
+        say(f"Fleet: http://127.0.0.1:{port + 1}")
+        serve_pages(catalog, port + 1, bind, password_of(folder), allowed_names())
     elif part == "server":
         folder.mkdir(parents=True, exist_ok=True)
         held = service.alone(folder)
         os.set_inheritable(held.fileno(), True)
+        os.umask(PRIVATE)
         sign_in(folder, f"http://127.0.0.1:{port}/api")
         told = environment(folder, api_url) | service.address(port) | passed_on(*OF_SERVER)
         become(service.command(port, bind), told)
@@ -86,6 +95,23 @@ def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
         told.setdefault(ADDRESS, f"http://127.0.0.1:{port + 1}")
         become(("prefect", "worker", "start", "--pool", POOLS[0]), told)
     return 0
+
+
+def password_of(folder: Path) -> str:
+    """The password of the service: the environment's, else the one that its server stores when it starts.
+
+    Raises
+    ------
+    ServerError
+        If there is none in time.
+    """
+    deadline = time.monotonic() + service.START_UP_S
+    while time.monotonic() < deadline:
+        known = os.environ.get(OF_CLIENT[0]) or profile(folder).get(OF_CLIENT[0])
+        if known:
+            return known
+        time.sleep(1)
+    raise ServerError(f"no password in {folder}: start the server first (upplied serve --only server)")
 
 
 def become(words: Sequence[str], told: dict[str, str]) -> None:
@@ -147,15 +173,23 @@ def deploy(told: dict[str, str]) -> None:
             raise ServerError(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
 
 
-def attend(server: Server, worker: subprocess.Popen[bytes], runs: dict[int, str]) -> None:
-    """Wait until one of the two ends; what is left is stopped by whoever started it.
+def attend(
+    processes: Mapping[str, subprocess.Popen[bytes]],
+    log: Path,
+    worker: subprocess.Popen[bytes],
+    runs: dict[int, str],
+) -> None:
+    """Wait until one of the processes ends; the others are stopped by whoever started them.
 
     Parameters
     ----------
-    server : Server
+    processes : mapping of str to Popen
+        By name.
+    log : Path
+        Of the server.
     worker : Popen
     runs : dict
-        Takes what came of the worker: one that was killed cannot be asked.
+        Receives the processes that the worker started, which cannot be found once it was killed.
 
     Raises
     ------
@@ -163,11 +197,11 @@ def attend(server: Server, worker: subprocess.Popen[bytes], runs: dict[int, str]
         When one has ended.
     """
     while True:
-        for name, process in (("server", server.process), ("worker", worker)):
+        for name, process in processes.items():
             code = process.poll()
             if code is not None:
-                log = f"; its last words are in {Path(server.log)}" if name == "server" else ""
-                raise ServerError(f"the {name} ended with code {code}{log}")
+                where = f"; its log is {log}" if name == "server" else ""
+                raise ServerError(f"the {name} ended with code {code}{where}")
         if now := service.offspring(worker.pid):
             runs.clear()
             runs.update(now)

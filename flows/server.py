@@ -18,6 +18,7 @@ from typing import IO
 
 from .environment import environment, home, sign_in
 
+PRIVATE = 0o077  # what a server writes is read by its user alone
 START_UP_S = 180.0  # a fresh database takes 12 s on a quiet machine
 
 
@@ -38,7 +39,7 @@ class Server:
         folder.mkdir(parents=True, exist_ok=True)
         self._alone = alone(folder)
         port = port or free_port()
-        if _answers(port):  # it would be taken for ours
+        if listening(port):  # it would be taken for ours
             raise ServerError(f"Something listens on port {port} already. Stop it, or set UPPLIED_PORT.")
         self.api_url = f"http://127.0.0.1:{port}/api"
         self.password = sign_in(folder, self.api_url)
@@ -46,7 +47,9 @@ class Server:
         self.log = folder / "server.log"
         with self.log.open("wb") as log:
             told = self.environment | address(port)
-            self.process = start(*command(port), environment=told, log=log, holding=(self._alone,))
+            self.process = start(
+                *command(port), environment=told, log=log, holding=(self._alone,), umask=PRIVATE
+            )
 
     def wait(self) -> None:
         """Wait until the server answers.
@@ -138,10 +141,12 @@ def start(
     environment: dict[str, str],
     log: IO[bytes] | int | None = None,
     holding: tuple[IO[bytes], ...] = (),
+    umask: int = -1,
 ) -> subprocess.Popen[bytes]:
     """Start a module of Python's, in a process group of its own; on Linux it ends when this one is killed.
 
-    The files of `holding` stay open, and so locked, as long as the process lives.
+    The files of `holding` stay open, and so locked, as long as the process lives. `umask` is that of what it
+    writes; -1: as ours.
     """
     return subprocess.Popen(
         [sys.executable, "-m", *words],
@@ -151,6 +156,7 @@ def start(
         stderr=subprocess.STDOUT,
         start_new_session=True,
         pass_fds=[file.fileno() for file in holding],
+        umask=umask,
         preexec_fn=end_with_parent if sys.platform == "linux" else None,
     )
 
@@ -172,7 +178,8 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def _answers(port: int) -> bool:
+def listening(port: int) -> bool:
+    """Whether something listens on a port of 127.0.0.1."""
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 

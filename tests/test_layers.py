@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
     "errors", "extras", "records", "config", "checks", "polylines", "vectors", "poses", "discs", "cameras",
-    "overlap", "photographed", "reconstruction", "scene", "supposed_scene", "threads", "provenance", "guard",
+    "overlap", "photographed", "reconstruction", "scene", "supposed_scene", "threads", "provenance",
 }  # fmt: skip
 ALLOWED = {
     "errors": set(),
@@ -36,7 +36,6 @@ ALLOWED = {
     "supposed_scene": {"records", "discs", "scene"},
     "threads": set(),
     "provenance": set(),
-    "guard": set(),
     "planning": FOUNDATION | {"planning"},
     "samples": FOUNDATION | {"planning", "samples"},
     "simulate": FOUNDATION | {"planning"},
@@ -47,7 +46,7 @@ ALLOWED = {
     "recommend": FOUNDATION | {"planning", "catalog", "recommend"},
     "fleet": FOUNDATION
     | {"planning", "simulate", "proof", "recommend", "inputs", "catalog", "outputs", "fleet"},
-    "studio": FOUNDATION | {"planning", "simulate", "proof", "catalog", "outputs", "fleet", "studio"},
+    "web": FOUNDATION | {"planning", "simulate", "proof", "catalog", "outputs", "fleet", "web"},
     "__main__": {"cli"},
     "cli": FOUNDATION
     | {
@@ -60,7 +59,7 @@ ALLOWED = {
         "catalog",
         "outputs",
         "fleet",
-        "studio",
+        "web",
         "cli",
     },
 }
@@ -210,7 +209,7 @@ SCANNED_ALONE = {
 def test_rooms_after_the_plan_count_what_was_never_scanned():
     asking = {
         str(path.relative_to(ROOT / "upplied"))
-        for room in ("outputs", "fleet", "studio", "proof", "cli")
+        for room in ("outputs", "fleet", "web", "proof", "cli")
         for path in (ROOT / "upplied" / room).rglob("*.py")
         if any(name == "upplied.scene.scene_of" for name in imports(path))
     }

@@ -15,7 +15,7 @@ import upplied
 ROOT = Path(__file__).parents[2]
 #: Rooms in the order in which data walks through them.
 LIBRARY = (
-    "inputs", "planning", "catalog", "recommend", "fleet", "proof", "outputs", "samples", "studio", "cli",
+    "inputs", "planning", "catalog", "recommend", "fleet", "proof", "outputs", "samples", "web", "cli",
 )  # fmt: skip
 PLANNING = (
     "geometry", "surface", "visibility", "correspondence", "airspace", "demonstration", "carry", "trajectory",

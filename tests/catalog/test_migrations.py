@@ -19,7 +19,7 @@ from upplied.catalog.schema.columns import TYPES, Column, Table
 from upplied.catalog.store import delta, opening
 from upplied.catalog.verbs import adding
 from upplied.errors import CatalogError
-from upplied.records import Trajectory
+from upplied.records import Camera, Trajectory
 
 RELEASED = sorted(path.name for path in (Path(__file__).parent / "released").iterdir())
 
@@ -44,7 +44,9 @@ def check_older(catalog: Catalog) -> None:
     assert differences(structure("target", 1, notes="repainted"), catalog.structure("target")) == []
     versions = catalog.structures(every=True).query("structure_id in ('boxy', 'target')")
     assert list(versions["version"])[:3] == [1, 1, 2]
-    assert differences(demonstration(), catalog.demonstration("flight")) == []
+    # Cameras were known by less when these catalogs were written.
+    camera = Camera(80.0, 60.0, 1.5, 40.0, 1920, 1080)
+    assert differences(demonstration(camera=camera, stills=False), catalog.demonstration("flight")) == []
     assert set(catalog.transfers()["key"]) >= {key_of("second"), key_of("refused")}
     assert key_of("first") not in set(catalog.transfers()["key"])
     for name, seed in (("first", 1), ("second", 2)):

@@ -203,7 +203,7 @@ def test_tables_fit_and_say_what_they_left_out(width, left_out, monkeypatch, cap
     lines = capsys.readouterr().out.splitlines()
     assert max(len(re.sub("\x1b[^m]*m", "", line)) for line in lines[:-1]) <= width
     assert "nan" not in "".join(lines) and ("99.50" in "".join(lines)) == (width == 200)
-    assert left_out in lines[-1] and ("left out" in lines[-1]) == bool(left_out)
+    assert left_out in lines[-1] and ("hidden columns" in lines[-1]) == bool(left_out)
 
 
 def test_a_command_that_is_stopped_says_so(tmp_path, monkeypatch, capsys):
@@ -212,7 +212,7 @@ def test_a_command_that_is_stopped_says_so(tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr("upplied.catalog.open_catalog", stopped)
     assert main(["catalog", "transfers", "--catalog", str(tmp_path)]) == 130
-    assert "stopped; what was finished is kept" in capsys.readouterr().err
+    assert "Stopped. Finished work is stored." in capsys.readouterr().err
 
 
 def test_the_warnings_of_a_plan_are_shown_under_it(capsys: pytest.CaptureFixture[str]) -> None:
@@ -222,5 +222,5 @@ def test_the_warnings_of_a_plan_are_shown_under_it(capsys: pytest.CaptureFixture
     scan = known | {"target_id": "scan-v1", "warnings": '["the scan ends on wing_left", "28 % is missing"]'}
     show_plans("wings-v1", [plain, scan], as_json=False)
     said = " ".join("".join(capsys.readouterr()).split())
-    assert "look at: scan-v1 (recommended): the scan ends on wing_left; 28 % is missing" in said
-    assert "look at: plain-v1" not in said
+    assert "check: scan-v1 (recommended): the scan ends on wing_left; 28 % is missing" in said
+    assert "check: plain-v1" not in said

@@ -132,11 +132,11 @@ def test_a_flight_in_wind_is_told_in_the_report(planned, tmp_path, capsys):
     assert "preset: the plan is of preset baseline" in capsys.readouterr().err
     assert main(["fly", planned, "--wind", "7", "--seed", "3", "--json", *FORCED]) == 0
     rows = {row["measure"]: row for row in json.loads(capsys.readouterr().out)}
-    clearance = rows["least clearance, m"]
+    clearance = rows["minimum clearance, m"]
     assert clearance["flown"] != clearance["planned"]
     assert main(["report", str(reports)]) == 0
     text = page.read_text()
-    assert f"gusts (seed 3): least clearance {clearance['flown']:.2f} m" in text
+    assert f"gusts (seed 3): minimum clearance {clearance['flown']:.2f} m" in text
     assert '"flown":{"said":"In a wind of 7 m/s' in text
 
 

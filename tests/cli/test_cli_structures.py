@@ -83,7 +83,7 @@ def test_one_structure_of_a_manifest_is_checked_against_what_is_declared(tmp_pat
 def test_choices_become_settings():
     pairs = ("nose=bow", "tail=stern")
     chosen = Choices(
-        "kept", 0.01, True, pairs, repeat="mirror", expect=2, clearance=3.0, search="heading",
+        "kept", 10.0, True, pairs, repeat="mirror", expect=2, clearance=3.0, search="heading",
         about="box 0 0 0 1 1 1",
     )  # fmt: skip
     made = settings_for("recommended", **chosen.onto({"route": {"clearance_m": 9.0, "enforce": False}}))

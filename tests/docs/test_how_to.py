@@ -25,6 +25,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 #: Pages whose blocks other tests run.
 ELSEWHERE = {
     "tutorial.md": "docs/test_docs_site.py",
+    "ten-minutes.md": "docs/test_ten_minutes.py",
     "queries.md": "catalog/test_catalog_guide.py",
     "operating.md": "flows/test_operating.py",
     "how-to/project.md": "docs/test_project_page.py",
@@ -32,7 +33,7 @@ ELSEWHERE = {
 #: Commands that are not run here, and why.
 NOT_RUN = {
     "make quickstart": "builds an environment; continuous integration runs it",
-    "upplied studio": "serves until it is stopped; studio/test_studio.py does so",
+    "upplied studio": "serves until it is stopped; web/test_studio.py does so",
     "upplied serve": "serves until it is stopped; test_wheel.py does so",
     "upplied fleet run": "needs that server; test_flows.py runs the flow",
     "prefect worker": "works until it is stopped; test_machines.py has such workers",

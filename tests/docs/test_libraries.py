@@ -40,11 +40,15 @@ CORE, DEV = ("upplied",), ("upplied", "flows", "tests", "bench", "docs", "exampl
 EXTRA_FILES = {
     "formats": {"upplied/inputs/formats/clouds.py"},
     "ardupilot": {"upplied/inputs/sources/ardupilot.py"},
+    "geoid": {"upplied/inputs/schemas/geoid.py"},
     "export": {
         "upplied/outputs/pages.py",
         "upplied/outputs/draw/sheet.py",
         "upplied/outputs/draw/sketch.py",
         "upplied/outputs/camera_pictures.py",
+        "upplied/web/app.py",
+        "upplied/web/login.py",
+        "upplied/web/serving.py",
     },
     "plan": {"upplied/scene.py"},
     "signing": {"upplied/catalog/verbs/roster.py"},

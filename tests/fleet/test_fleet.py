@@ -12,7 +12,7 @@ from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
 from upplied.config import settings_for
 from upplied.errors import InputError
-from upplied.fleet import ingest
+from upplied.fleet import reading
 from upplied.fleet.run import SHARDS_EACH, shards
 from upplied.outputs.logs import write_log
 from upplied.planning.plan import transfer_key
@@ -221,7 +221,7 @@ def test_what_is_unchanged_is_known_by_its_bytes_and_not_parsed(tmp_path, monkey
     def status(items):
         return [item.status for item in items]
 
-    monkeypatch.setattr(ingest.Workers, "run", run)
+    monkeypatch.setattr(reading.Workers, "run", run)
     assert status(fleet.ingest_structures(catalog, manifest)) == ["unchanged"] * 2
     assert status(fleet.ingest_demonstrations(catalog, [tmp_path])) == ["unchanged"]
     assert parsed == []

@@ -141,7 +141,7 @@ def test_a_log_that_names_no_structure_is_found_by_the_plan_that_it_lies_on(
     facts = logs._facts
     monkeypatch.setattr(logs, "_facts", lambda *args: {**facts(*args), "structure_id": ""})
     silent = write_log(tmp_path / "silent.mcap", FLOWN, CUBE, heavy_topic=False)
-    with pytest.raises(InputError, match="does not say which structure was flown"):
+    with pytest.raises(InputError, match="does not name the structure that was flown"):
         judged(open_catalog(tmp_path / "empty").create(), silent, plan="")
     catalog.add_structures([tall])
     catalog.add_plans([(other, replace(made, target_id="tall-v1", trajectory=moved, surface=None), {})])

@@ -32,13 +32,13 @@ def run(place: Path, *words: str) -> int:
 
 def test_findings_reach_the_person(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(place, "add", str(place / "right.mcap"), "--workers", "1") == 0
-    assert "assumed: a camera of 75 x 75 deg" in capsys.readouterr().out
+    assert "assumptions: a camera of 75 x 75 deg" in capsys.readouterr().out
     assert run(place, "list", "--json") == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert row["verdict"] == "warned" and "assumed" in row["findings"] and row["flown_clearance_m"] > 1
     assert run(place, "show", "right") == 0
     said = capsys.readouterr().out
-    assert "least clearance, m" in said and "assumed: a camera" in said
+    assert "minimum clearance, m" in said and "assumptions: a camera" in said
     assert run(place, "show", "right", "--json") == 0
     assert json.loads(capsys.readouterr().out)["measured"]["axis_pct"] > 90
     kept = open_catalog(place / "catalog").demonstration("right").passport

@@ -212,7 +212,7 @@ def test_a_gap_is_closed_by_a_flight_round_what_was_never_scanned(catalog, monke
     assert np.array_equal(found.supposed.points, catalog.supposed(plan).points)
     as_though_all_was_scanned(monkeypatch)
     blind = catalog.plan(plan_gap(catalog, flown_but(catalog, plan, beside, "b")))
-    assert clear_m(blind.trajectory.positions) < 0.5  # else nothing is tested
+    assert clear_m(blind.trajectory.positions) < 1.8  # else nothing is tested
 
 
 def for_the_whole(catalog: Catalog, height: float) -> str:

@@ -11,7 +11,7 @@ from catalog_records import demonstration
 
 from upplied import fleet
 from upplied.catalog import open_catalog
-from upplied.fleet import ingest
+from upplied.fleet import reading
 from upplied.samples.fleet import member
 
 
@@ -59,7 +59,7 @@ def test_corrected_words_reach_the_row_and_make_no_plan_old(place):
 def test_what_says_the_same_is_not_parsed_though_the_cache_is_lost(place, monkeypatch):
     catalog = open_catalog(place / "catalog")
     assert told(place, catalog, notes="painted") == ["added"]
-    monkeypatch.setattr(ingest.Workers, "run", lambda *_: 1 / 0)
+    monkeypatch.setattr(reading.Workers, "run", lambda *_: 1 / 0)
     assert told(place, catalog, notes="painted") == ["unchanged"]
     shutil.rmtree(catalog.cache.folder)
     assert told(place, catalog, notes="painted") == ["unchanged"]

@@ -10,11 +10,9 @@ import socket
 import subprocess
 import sys
 import time
-import urllib.request
 from dataclasses import replace
 from pathlib import Path
 
-import prefect_api
 import pytest
 import yaml
 from processes import ended
@@ -24,7 +22,7 @@ from upplied.cli import main
 from upplied.config import settings_for
 from upplied.errors import CatalogError, InputError, SettingsError
 from upplied.fleet import manifest
-from upplied.flows import engines, pages, pool, states, tasks, watch
+from upplied.flows import artifacts, engines, pool, states, tasks, watch
 from upplied.flows.environment import ROOTS, SETTINGS, environment, home, profile
 from upplied.flows.roots import check_roots
 from upplied.flows.server import ServerError, free_port, offspring, private_server, stop
@@ -44,19 +42,13 @@ def test_a_task_that_comes_after_the_end_of_its_run_leaves_nothing_behind(tmp_pa
     assert not (tmp_path / "catalog").exists()
 
 
-def test_pages_open_from_prefect_where_they_are_given_out(tmp_path, monkeypatch):
+def test_artifacts_link_to_the_pages_where_a_server_shows_them(tmp_path, monkeypatch):
     """A browser opens no file from a page that came over HTTP."""
-    (tmp_path / "transfers").mkdir()
-    (tmp_path / "transfers" / "a--b.html").write_text("the plan")
-    with pages.served(tmp_path, 0) as url:
-        monkeypatch.setenv(pages.ADDRESS, url)
-        link = pages.address(str(home() / "reports"), "transfers/a--b.html")
-        with urllib.request.urlopen(link, timeout=60) as page:
-            assert page.read() == b"the plan"
-        with pages.served(tmp_path, int(url.rsplit(":", 1)[1])) as other:
-            assert other != url, "a port that is taken must not end the service"
-    elsewhere = pages.address(str(tmp_path), "index.html")
-    assert elsewhere == (tmp_path / "index.html").as_uri(), "this folder is not the one that is given out"
+    monkeypatch.setenv(artifacts.ADDRESS, "http://127.0.0.1:4201/")
+    link = artifacts.address(str(home() / "reports"), "transfers/a--b.html")
+    assert link == "http://127.0.0.1:4201/transfers/a--b.html"
+    elsewhere = artifacts.address(str(tmp_path), "index.html")
+    assert elsewhere == (tmp_path / "index.html").as_uri(), "this folder is not the one that is shown"
 
 
 @pytest.mark.parametrize("targets", [1, 30, 200, 1000, 10_000])
@@ -67,51 +59,6 @@ def test_every_machine_has_its_share_of_a_fleet(targets, machines):
     assert shards >= min(machines, targets), "a machine is left without work"
     assert size >= min(targets // machines, 64), "starting a shard would cost more than planning it"
     assert shards <= 8 * machines
-
-
-def test_the_pages_of_a_folder_are_given_out_and_nothing_else(tmp_path):
-    folder, secret = tmp_path / "reports", tmp_path / "secret.txt"
-    (folder / "transfers").mkdir(parents=True)
-    (folder / "index.html").write_text("the fleet")
-    (folder / "transfers" / "a--b.html").write_text("the plan")
-    secret.write_text("not yours")
-    (folder / "link.txt").symlink_to(secret)
-    (folder / "linked").symlink_to(tmp_path)
-    with pages.served(folder, 0) as url:
-        get = {
-            path: prefect_api.send("GET", f"{url}/{path}", said={"Host": host})
-            for path, host in {
-                "": "127.0.0.1",
-                "transfers/a--b.html": "localhost:4201",
-                "index.html": "evil.example",
-                "transfers/": "127.0.0.1",
-                "transfers": "127.0.0.1",
-                "link.txt": "127.0.0.1",
-                "linked/secret.txt": "127.0.0.1",
-                "../secret.txt": "127.0.0.1",
-                "%2e%2e/secret.txt": "127.0.0.1",
-            }.items()
-        }
-    assert (get[""][0], get[""][2]) == (200, b"the fleet")
-    assert get["transfers/a--b.html"][2] == b"the plan"
-    refused = {path: status for path, (status, _, _) in get.items() if status != 200}
-    assert refused == {
-        "index.html": 403,
-        **dict.fromkeys(
-            (
-                "transfers/",
-                "link.txt",
-                "linked/secret.txt",
-                "../secret.txt",
-                "%2e%2e/secret.txt",
-                "transfers",
-            ),
-            404,
-        ),
-    }
-    for _, headers, body in get.values():
-        assert pages.HEADERS.items() <= {name: headers.get(name.lower()) for name in pages.HEADERS}.items()
-        assert b"not yours" not in body
 
 
 def test_env_example_says_what_the_flows_are_given():

@@ -79,7 +79,7 @@ def test_from_a_clone_to_a_scheduled_worker(server, place):
                 assert "took longer than 0.001 s" in failed.stdout
                 told = received.get(timeout=60)
                 assert "transfer-fleet: Failed" in told and "took longer than 0.001 s" in told
-            assert "nobody" in upplied(server, place, "fleet", "notify", "").stdout
+            assert "no notices" in upplied(server, place, "fleet", "notify", "").stdout
             again = upplied(server, place, "fleet", "run", *parameters, "retry_failed=true")
             assert again.returncode == 0, again.stdout + again.stderr
             assert "Completed: 0 ok" in again.stdout or "Completed: 2 ok" in again.stdout

@@ -12,8 +12,8 @@ import sys
 import prefect_api
 import pytest
 
-from upplied.flows.api import Guard, refusal
 from upplied.flows.server import Server, ServerError, private_server
+from upplied.web.guard import Guard, refusal
 
 pytestmark = [pytest.mark.server, pytest.mark.filterwarnings("default")]
 
@@ -97,8 +97,9 @@ for origin, word in ((None, sys.argv[2]), (None, "guess"), ("http://evil.example
 
 def test_the_password_is_made_once_and_read_by_its_owner_alone(server, tmp_path):
     home = server.environment["PREFECT_HOME"]
-    path = os.path.join(home, "profiles.toml")
-    assert stat.S_IMODE(os.stat(path).st_mode) == 0o600
+    for name in ("profiles.toml", "password.txt", "prefect.db"):
+        assert stat.S_IMODE(os.stat(os.path.join(home, name)).st_mode) == 0o600, name
+    assert stat.S_IMODE(os.stat(home).st_mode) == 0o700
     assert len(server.password.split(":")[1]) >= 40
     assert server.password not in server.environment.values()
     from upplied.flows.environment import sign_in
@@ -119,9 +120,10 @@ def test_two_services_do_not_work_in_one_folder(server, tmp_path):
 def test_what_a_guard_refuses():
     hosts = frozenset({"127.0.0.1", "localhost", "::1", "fleet.example"})
     fine = ({b"host": b"127.0.0.1:4200"}, {b"host": b"[::1]:4200"}, {b"host": b"LOCALHOST"})
-    assert [refusal(headers, hosts) for headers in fine] == ["", "", ""]
+    assert [refusal([*headers.items()], hosts) for headers in fine] == ["", "", ""]
     behind_a_proxy = {b"host": b"fleet.example", b"origin": b"https://fleet.example"}
-    assert refusal(behind_a_proxy, hosts) == ""
+    assert refusal([*behind_a_proxy.items()], hosts) == ""
+    assert refusal([(b"host", b"127.0.0.1"), (b"host", b"evil.example")], hosts)
     for headers in (
         {},
         {b"host": b""},
@@ -133,7 +135,7 @@ def test_what_a_guard_refuses():
         {b"host": b"127.0.0.1:4200", b"origin": b"http://["},
         {b"host": b"127.0.0.1:4200", b"origin": b"http://127.0.0.1:4201"},
     ):
-        assert refusal(headers, hosts), headers
+        assert refusal([*headers.items()], hosts), headers
 
 
 def test_no_answer_is_opened_to_other_sites():

@@ -20,7 +20,7 @@ from upplied.inputs.flight.whole import phases
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.passport import conventions
 from upplied.inputs.passport.aim import aim_of
-from upplied.inputs.passport.measured import _named, _off_centre
+from upplied.inputs.passport.measured import _best, _off_centre
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import inside, sight_of
 from upplied.inputs.passport.steadiness import steadiness
@@ -51,14 +51,14 @@ def ring(count: int = 300, radius: float = 2.0, off: float = 0.0) -> Track:
 
 def test_the_aim_is_a_line_only_where_most_of_the_flight_lies_near_it() -> None:
     flown = ring(off=20.0)
-    assert aim_of(flown.positions, flown.quat_xyzw, SCENE).off_deg == pytest.approx(20, abs=3)
+    assert aim_of(flown.positions, flown.quat_xyzw, SCENE).aim_off_deg == pytest.approx(20, abs=3)
     rng = np.random.default_rng(0)
     wild = ring(off=20.0).quat_xyzw.copy()
     some = np.arange(len(wild)) % 20 < 5  # every fourth look goes anywhere between 30 and 70 deg aside
     aside = np.radians(rng.uniform(30, 70, some.sum()) * rng.choice([-1, 1], some.sum()))
     wild[some] = (Rotation.from_rotvec(np.outer(aside, [0, 0, 1])) * Rotation.from_quat(wild[some])).as_quat()
     aim = aim_of(flown.positions, wild, SCENE)
-    assert (aim.off_deg, aim.drift_deg) == (0.0, 0.0)
+    assert (aim.aim_off_deg, aim.aim_drift_deg) == (0.0, 0.0)
 
 
 def test_a_camera_in_the_ground_fits_no_inspection() -> None:
@@ -99,9 +99,9 @@ def test_a_rare_mistake_is_named_where_it_fits_clearly_better(monkeypatch, share
 
 def test_where_two_conventions_fit_alike_both_are_named() -> None:
     one, other = (conventions.Fit(conventions.NAMED[name], 0.9) for name in ("mirrored-x", "mirrored-y"))
-    told = _named([one, other])
+    told = _best([one, other])
     assert "(mirrored-y)" in told["other_words"] and "cannot be told" in told["other_advice"]
-    alone = _named([one, replace(other, share=0.8)])
+    alone = _best([one, replace(other, share=0.8)])
     assert "(mirrored-y)" not in alone["other_words"] and "cannot be told" not in alone["other_advice"]
 
 

@@ -45,7 +45,7 @@ TAKEN = {
     "tum/georeferenced.tum": (993, 1339.3, (178.43, 154.50, 10.34)),
     "ulog/sample_px4_events.ulg": (108, 21.4, (0.1, 0.1, 2.6)),
 }
-NO_ATTITUDE = "gives positions, but nothing in the log gives the attitude"
+NO_ATTITUDE = "gives positions, but the log holds no attitude of the vehicle"
 # What looks like a flight and is none that can be taken: the true reason.
 REFUSED = {
     r"csv_exterior/.*\.(csv|geojson)": "orientations of single photos",

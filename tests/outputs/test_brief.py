@@ -38,10 +38,10 @@ def test_the_page_says_what_the_missions_are(made):
             and f"<td>{mission.duration_s:.0f}</td>" in page
         )
     highest = max(mission.local[:, 2].max() for mission in missions)
-    assert f"highest, over ground</td><td>{highest:.1f} m" in page
+    assert f"highest point above ground</td><td>{highest:.1f} m" in page
     assert f"at least {missions[0].return_height_m:.1f} m" in page
     assert "98.8 %" in page and "inspection path" not in page  # what was not measured is left out
-    assert "mind the mast" in page and "Passed every rule" in page
+    assert "mind the mast" in page and "All safety checks passed" in page
     assert all(note in page for note in missions[0].notes)
 
 
@@ -59,8 +59,8 @@ def test_what_was_overruled_is_the_verdict(made):
     missions, structure, options = made
     forced = [replace(each, notes=("OVERRULED clearance: 0.50 m", *each.notes)) for each in missions]
     page = brief_html(ROW, forced, structure, options, [])
-    assert "Rules were overruled" in page and "OVERRULED clearance: 0.50 m" in page
-    assert "Passed every rule" not in page
+    assert "Safety rules were overruled" in page and "OVERRULED clearance: 0.50 m" in page
+    assert "All safety checks passed" not in page
 
 
 def test_the_map_has_north_up_and_every_line_in_it():
@@ -87,4 +87,4 @@ def test_a_draft_says_so_first(made):
         replace(each, notes=("DRAFT, NOT RELEASED: it is a draft plan", *each.notes)) for each in missions
     ]
     page = brief_html(ROW, draft, structure, options, [])
-    assert "Nobody released this plan" in page and "Passed every rule" not in page
+    assert "This plan is a draft" in page and "All safety checks passed" not in page

@@ -24,6 +24,7 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 GRAPHICS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 QUIET = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"]
 FLAGS = ["--no-sandbox", "--disable-sync", *GRAPHICS, *QUIET]
+MAP_COLOURS = {"path": (0, 114, 178), "structure": (184, 193, 204), "view": (230, 190, 110)}
 COLUMNS = ["pair", "status", "demonstration", "source", "target", "kind", "coverage", "attainable", "paper"]
 COLUMNS += ["baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason", "page"]
 
@@ -46,7 +47,7 @@ def reports(tmp_path_factory) -> Path:
     root = tmp_path_factory.mktemp("reports")
     catalog = FakeCatalog(targets=2)
     catalog.fly("t0000")
-    publish_pages(catalog, root, pictures=0)
+    publish_pages(catalog, root, pictures=9)
     publish_file(catalog, root / "mail.html", target_id="cuboid-0")
     return root
 
@@ -73,6 +74,8 @@ def visit(browser) -> Iterator[Any]:
 
 
 def drawn(page: Any) -> None:
+    """Open the tab with the 3-D views, and wait for them."""
+    page.click("#tab-quality")
     page.wait_for_selector("#app[data-drawn=true]", timeout=60_000)
 
 
@@ -139,7 +142,7 @@ def test_thousands_of_rows_are_drawn_a_screen_at_a_time(visit, tmp_path):
     for name, text in pages.assets().items():
         (tmp_path / "assets" / name).write_text(text)
     data = {"fleet": {"title": "Large", "columns": COLUMNS, "rows": rows}}
-    (tmp_path / "index.html").write_text(pages.fleet_page("Large", data, ""))
+    (tmp_path / "index.html").write_text(pages.page("fleet", "Large", data, ""))
     page = visit((tmp_path / "index.html").as_uri())
     assert page.locator(".spacer .row").count() < 80
     page.evaluate("document.querySelector('.view').scrollTop = 1e9")
@@ -170,7 +173,57 @@ def test_a_transfer_draws_in_colours_and_follows_the_slider(visit, reports):
     after = colours(page, ".canvas >> nth=1")
     assert (before != after).any(axis=2).mean() > 1e-3
     assert page.locator("#charts .scatterlayer .trace").count() == 3 * 4
-    assert page.locator(".figures thead th").count() == 4
+    assert page.locator("#panel-research .figures thead th").count() == 4
+
+
+def test_the_map_shows_structure_path_and_views_and_the_heights_a_line(visit, reports):
+    page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
+    page.wait_for_selector("#app[data-ready=true]")
+    until(page, "document.getElementById('map').width > 300")
+    shot = colours(page, "#map").reshape(-1, 3).astype(int)
+    near = {name: (np.abs(shot - at).sum(axis=1) < 40).sum() for name, at in MAP_COLOURS.items()}
+    assert min(near.values()) > 50, near
+    heights = colours(page, "#heights").reshape(-1, 3).astype(int)
+    assert (np.abs(heights - MAP_COLOURS["path"]).sum(axis=1) < 40).sum() > 50
+    assert page.evaluate("typeof Plotly") == "undefined", "the first tab needs no drawing library"
+    assert "no place on the Earth" in page.locator("#no-mission").inner_text()
+
+
+def test_the_camera_preview_has_the_frame_of_the_picture_and_no_frusta(visit, reports):
+    page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
+    drawn(page)
+    page.check("#aboard")
+    until(page, "document.querySelectorAll('.frame').length === 2")
+    box = page.locator(".frame").nth(1).bounding_box()
+    assert abs(box["width"] / box["height"] - 1) < 0.03, "the camera's field of view is 75 by 75 degrees"
+    visible = page.evaluate(
+        "document.querySelectorAll('.canvas')[1].data.slice(1).map((each) => each.visible)"
+    )
+    assert visible and not any(visible)
+    page.uncheck("#aboard")
+    until(page, "document.querySelectorAll('.frame').length === 0")
+
+
+def test_a_structures_page_lists_its_plans_and_leads_to_them(visit, reports):
+    page = visit((reports / "structures" / "cuboid-1.html").as_uri())
+    assert "No flight was imported yet." in page.locator("main").inner_text()
+    page.click("table a")
+    page.wait_for_selector("#app[data-ready=true]")
+    assert page.title() == "orbit-1 → cuboid-1"
+    page.click("h1 a")
+    page.wait_for_selector("dl")
+    assert page.title() == "cuboid-1"
+
+
+@pytest.mark.parametrize("width", [1440, 1280])
+def test_no_column_of_the_fleet_is_clipped(visit, reports, width):
+    page = visit((reports / "index.html").as_uri(), width, 800)
+    view = page.evaluate(
+        "(() => { const v = document.querySelector('.view'); return [v.scrollWidth, v.clientWidth]; })()"
+    )
+    assert view[0] <= view[1]
+    cut = "[...document.querySelectorAll('.head .cell')].filter((e) => e.scrollWidth > e.clientWidth).length"
+    assert page.evaluate(cut) == 0
 
 
 @pytest.mark.slow
@@ -201,7 +254,7 @@ def test_planned_and_flown_are_drawn_together(visit, reports):
     dark = [(shot.astype(int).sum(axis=2) < 120).sum() for shot in (together, alone)]
     assert dark[0] > dark[1] + 50
     assert page.locator("#charts .scatterlayer .trace").count() == 3 * 5
-    figures = page.locator(".figures").inner_text()
+    figures = page.locator("#panel-research .figures").first.text_content()
     assert "recommended, flown" in figures and "3.25 m" in figures
     assert "In a wind of 6 m/s" in page.locator(".flown").inner_text()
 
@@ -209,7 +262,7 @@ def test_planned_and_flown_are_drawn_together(visit, reports):
 def test_a_refusal_is_explained_and_stays_text(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--odd.html").as_uri())
     told = page.locator(".verdict").first.inner_text()
-    assert "No path was made" in told and "<img src=x" in told
+    assert "Planning was refused" in told and "<img src=x" in told
     assert page.locator("main img").count() == 0 and page.title() == "orbit-1 → odd"
 
 
@@ -235,7 +288,7 @@ def test_the_verdict_stands_in_the_first_screen_and_warnings_on_the_fleet_page(v
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
     drawn(page)
     box = page.locator(".verdict").first.bounding_box()
-    assert box["y"] + box["height"] < 640
+    assert box["y"] + box["height"] < 640 and page.locator("#tab-research").is_visible()
     told = page.locator(".verdict").first.inner_text()
     assert "flyable" in told and "keeps 4.0 m" in told and "mind the mast" in told
     fleet = visit((reports / "index.html").as_uri())
@@ -258,7 +311,7 @@ def test_keys_turn_the_view_and_home_brings_it_back(visit, reports):
     page.wait_for_timeout(500)
     assert (turned != before).any(axis=2).mean() > 0.02
     assert (colours(page, ".canvas") != before).any(axis=2).mean() < 0.01
-    assert "arrow keys" in pane.get_attribute("aria-label")
+    assert "arrow keys" in pane.get_attribute("aria-label").lower()
 
 
 def test_print_shows_what_the_views_show(visit, reports):
@@ -284,7 +337,7 @@ def test_without_webgl_the_picture_and_the_figures_remain(visit, reports, browse
     page.goto((reports / "transfers" / "orbit-1--cuboid-0.html").as_uri())
     drawn(page)
     assert "no 3-D views" in page.locator("#no-3d").inner_text()
-    assert not page.locator(".views").is_visible() and page.locator(".figures").is_visible()
+    assert not page.locator(".views").is_visible() and page.locator(".explained").is_visible()
     assert page.locator("#charts .scatterlayer .trace").count() > 0
     context.close()
 
@@ -304,11 +357,10 @@ def test_dark_mode_is_dark_and_legible(visit, reports):
 
 def test_the_path_can_be_taken_along(visit, reports, tmp_path):
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
-    drawn(page)
     with page.expect_download() as waiting:
-        page.click(".downloads button >> nth=0")
+        page.click("#save-path")
     waiting.value.save_as(tmp_path / "path.csv")
     rows = np.loadtxt(tmp_path / "path.csv", delimiter=",", skiprows=1)
     expected = FakeCatalog(targets=2).waypoints("t0003")[["x_m", "y_m", "z_m"]].to_numpy()
     assert np.allclose(rows[:, 1:4], expected, atol=1e-3)
-    assert "upplied export t0003" in page.locator(".downloads code").inner_text()
+    assert "upplied export t0003" in page.locator(".downloads").text_content()

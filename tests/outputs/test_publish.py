@@ -153,13 +153,15 @@ def test_only_what_changed_is_written_and_what_is_gone_is_removed(tmp_path):
     (tmp_path / "mine.txt").write_text("not ours")
     catalog.add(catalog.planned("cuboid-0", "recommended", 80.0), "2026-11-21T02:00:00Z")
     news = publish_pages(catalog, tmp_path, pictures=0)
-    assert set(news.written) == {"transfers/orbit-1--cuboid-0.html", "index.html"}
+    pages = {"transfers/orbit-1--cuboid-0.html", "structures/cuboid-0.html"}
+    assert set(news.written) == pages | {"index.html"}
     fleet = page(tmp_path / "index.html").data["fleet"]
     row = next(dict(zip(fleet["columns"], row, strict=True)) for row in fleet["rows"] if "cuboid-0" in row[0])
     assert row["change"] == "coverage -15.0%"
     catalog.rows = [row for row in catalog.rows if row["target_id"] != "cuboid-1"]
     news = publish_pages(catalog, tmp_path, pictures=0)
-    assert set(news.removed) == {"transfers/orbit-1--cuboid-1.html", "data/cuboid-1.js"}
+    gone = {"transfers/orbit-1--cuboid-1.html", "structures/cuboid-1.html", "data/cuboid-1.js"}
+    assert set(news.removed) == gone
     assert (tmp_path / "mine.txt").exists()
 
 
@@ -378,7 +380,7 @@ def test_a_released_plan_has_its_missions_beside_its_page_or_the_reason(tmp_path
     )
     publish_pages(catalog, tmp_path, pictures=0)
     told = Page((tmp_path / "transfers" / f"{name}.html").read_text()).data["transfer"]["missions"]
-    assert all(said.startswith("no mission: ") and "clearance" in said for said in told.values()), told
+    assert all(said.startswith("not available: ") and "clearance" in said for said in told.values()), told
 
 
 def test_a_mission_of_several_sorties_is_not_given_out_as_its_first(monkeypatch, tmp_path):

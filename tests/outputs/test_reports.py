@@ -20,7 +20,7 @@ from upplied.outputs.pair_page import _parts
 from upplied.outputs.pairs import change, meaning, pairs_of, shown_status
 from upplied.outputs.reports import Reader
 from upplied.poses import look_at
-from upplied.records import Counterpart, Structure, SurfaceStates, Trajectory
+from upplied.records import Camera, Counterpart, Structure, SurfaceStates, Trajectory
 from upplied.scene import scene_of, simplified
 
 
@@ -126,7 +126,10 @@ def test_values_along_an_orbit_are_those_of_its_geometry():
     assert np.allclose(along.speed_mps, 2.0) and np.allclose(along.standoff_m, 16, atol=1e-4)
     assert np.allclose(along.clearance_m, 16, atol=1e-4)
     away = Trajectory(path.t_s, positions, look_at(positions, positions + np.array([1.0, 0, 0])))
-    assert np.isnan(profile(away, scene_of(box)).standoff_m).all()
+    past = profile(away, scene_of(box))
+    assert np.allclose(past.standoff_m, past.clearance_m), "a camera that looks past it: the nearest surface"
+    wide = profile(path, scene_of(box), Camera(hfov_deg=60, vfov_deg=60))
+    assert np.allclose(wide.standoff_m, 16, atol=1e-4), "the middle of the picture comes first"
     assert len(profile(orbit(box, count=5000), scene_of(box)).path) == 600
     assert speeds(Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]]))).tolist() == [0]
 
@@ -186,8 +189,11 @@ def test_what_changed_is_told_against_the_plan_before(before, after, told):
 
 
 def test_a_refusal_is_told_in_plain_words():
-    assert "shapes" in meaning("refused", "the clouds do not fit: score 2 m^2") and meaning("ok", "") == ""
-    assert "safety distance" in meaning("refused", "clearance 0.4 m at [1, 2, 3]")
+    assert (
+        "more in shape" in meaning("refused", "the clouds do not fit: score 2 m^2")
+        and meaning("ok", "") == ""
+    )
+    assert "clearance" in meaning("refused", "clearance 0.4 m at [1, 2, 3]")
     assert "error" in meaning("failed", "worker was killed") and "reason" in meaning(
         "refused", "something new"
     )
@@ -212,7 +218,7 @@ def test_a_source_with_a_cache_simplifies_each_mesh_once():
 
 def test_a_comparison_that_must_not_be_flown_is_no_ok():
     row = {"status": "ok", "flyable": False, "not_flyable": "comes within 0.00 m of the structure"}
-    assert shown_status(row) == "not flyable" and "do not fly" in meaning("not flyable", "")
+    assert shown_status(row) == "not flyable" and "Do not fly" in meaning("not flyable", "")
     assert shown_status(row | {"flyable": True, "not_flyable": ""}) == "ok"
     assert (
         shown_status({"status": "ok", "flyable": None, "not_flyable": None}) == "ok"
@@ -223,13 +229,13 @@ def test_a_comparison_that_must_not_be_flown_is_no_ok():
 @pytest.mark.parametrize(
     ("probability", "sure", "said"),
     [(0.98, "sure", "98 %"), (0.95, "sure", "95 %"), (0.9, "likely", "90 %"), (0.8, "likely", "80 %"),
-     (0.42, "doubtful", "42 %"), (None, "untold", "not told apart")],
+     (0.42, "doubtful", "42 %"), (None, "unknown", "unknown")],
 )  # fmt: skip
 def test_a_counterpart_is_shown_with_how_sure_it_is(probability, sure, said):
     found = Counterpart("part_5 (left low)", 61.4, 1, 4, ("part_6 (left)",), ("part_7: why",), probability)
     (shown,) = _parts(json.dumps([asdict(found)]))
-    assert (shown["sure"], shown["probability"]) == (sure, said)
-    assert (shown["inspected"], shown["found"], shown["flown"]) == ("61 %", "4", "part_6 (left)")
+    assert (shown["certainty"], shown["probability"]) == (sure, said)
+    assert (shown["inspected"], shown["similar"], shown["flown"]) == ("61 %", "4", "part_6 (left)")
     assert shown["left_out"] == "part_7: why" and not shown["doubt"]
 
 

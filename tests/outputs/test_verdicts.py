@@ -17,17 +17,18 @@ ROW = {
     "gsd_demonstrated_mm_p95": 9.1,
     "gsd_within_pct": 3.2,
 }
-SENTENCE = "A pixel covers 14.8 mm (95 %: 16.5), in the demonstration 7.9 mm (9.1): 3.2 % of it is as fine."
+SENTENCE = "The resolution is 14.8 mm/px (95 %: 16.5), demonstrated 7.9 mm/px (95 %: 9.1); 3.2 % is as fine."
 
 
 @pytest.mark.parametrize(("mode", "for_its_size"), [("scaled", True), ("kept", False), ("gsd 8 mm", False)])
 def test_what_is_relative_to_size_says_so_beside_the_millimetres(mode: str, for_its_size: bool) -> None:
     headline = verdict(ROW | {"standoff_mode": mode}, 2.0)["headline"]
     assert headline.endswith(SENTENCE)
-    assert ("as well as the demonstration for its size," in headline) == for_its_size
+    assert ("as finely as the demonstration" in headline) != for_its_size
+    assert ("as well as the demonstration relative to its size" in headline) == for_its_size
 
 
 @pytest.mark.parametrize("missing", ["gsd_mm_p50", "gsd_mm_p95", "gsd_demonstrated_mm_p50"])
 def test_figures_that_are_not_known_are_not_said(missing: str) -> None:
     assert fineness(ROW | {missing: None}) == fineness(ROW | {missing: float("nan")}) == ""
-    assert fineness(ROW | {"gsd_within_pct": None}) == SENTENCE.replace(": 3.2 % of it is as fine", "")
+    assert fineness(ROW | {"gsd_within_pct": None}) == SENTENCE.replace("; 3.2 % is as fine", "")

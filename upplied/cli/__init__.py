@@ -11,7 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Group
 from rich.markup import escape
 
 import upplied
@@ -50,42 +50,33 @@ app = App(
     error_console=errors,
     result_action="return_value",
     suppress_keyboard_interrupt=False,  # it is told below
-    help_epilogue="--quiet, anywhere: only errors, and the JSON that was asked for.",
+    help_epilogue="--quiet (any command): print only errors and requested JSON.",
 )
-app.register_install_completion_command(help="Let the shell complete commands and options.")
-for command in (
-    quickstart.app,
-    samples.app,
-    structures.app,
-    demonstrations.app,
-    transfer.app,
-    transfer.plan,
-    settings.setting,
-    zones.requiring,
-    zones.showing,
-    settings.showing,
-    review.reviewing,
-    review.releasing,
-    review.rejecting,
-    review.in_force,
-    keys.app,
-    edit.app,
-    studio.app,
-    fly.app,
-    flights.app,
-    export.app,
-    brief.app,
-    recommend.app,
-    render.app,
-    report.app,
-    keeping.app,  # all of `upplied catalog`
-    fleet.app,
-    serve.serving,
-    serve.deploying,
-    serve.watching,
-    doctor.app,
-):
-    app.command(command)
+app.register_install_completion_command(help="Install completion of commands and options for the shell.")
+_GROUPS = {  # of the help, in the order in which a newcomer needs them
+    "Data": (samples.app, structures.app, demonstrations.app, keeping.app),  # the last: `upplied catalog`
+    "Plan": (
+        *(transfer.app, transfer.plan, recommend.app, settings.setting, settings.showing),
+        *(zones.requiring, zones.showing),
+    ),
+    "Review": (
+        studio.app,
+        report.app,
+        render.app,
+        review.reviewing,
+        review.releasing,
+        review.rejecting,
+        edit.app,
+    ),
+    "Fly": (fly.app, export.app, brief.app, flights.app),
+    "Fleet": (review.in_force, fleet.app, keys.app),
+    "Service": (quickstart.app, serve.serving, serve.deploying, serve.watching, doctor.app),
+}
+for _at, (_title, _commands) in enumerate(_GROUPS.items()):
+    _group = Group(_title, sort_key=_at)
+    for _command in _commands:
+        _command.group = (_group,)
+        app.command(_command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -107,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         errors.print(f"[red]error:[/] {escape(str(error))}", soft_wrap=True)
         return 2
     except KeyboardInterrupt:
-        errors.print("stopped; what was finished is kept")
+        errors.print("Stopped. Finished work is stored.")
         return 130
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains at its exit

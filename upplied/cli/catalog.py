@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, JsonOption, console, opened, say, show
+from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, opened, say, show
 
 if TYPE_CHECKING:
     import pandas as pd
 
-app = App(name="catalog", help="The catalog itself.")
+app = App(name="catalog", help="Inspect, check, export and maintain the catalog.")
 
-LimitOption = Annotated[int, Parameter(name="--limit", help="At most so many, the newest.")]
+LimitOption = Annotated[int, Parameter(name="--limit", help="Maximum number, the newest first.")]
 PLANNED = {
     "transfer_id": "transfer",
     "demonstration_id": "demonstration",
@@ -41,7 +41,7 @@ CHANGED = {
 
 @app.command
 def info(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Count what the catalog holds."""
+    """Count the contents of the catalog."""
     store = opened(catalog)
     transfers = store.transfers()
     rows = [
@@ -57,12 +57,12 @@ def info(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int
 
 @app.command(name="show")
 def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Show all that is stored of a structure, a demonstration or a plan.
+    """Show everything stored about a structure, a demonstration or a plan.
 
     Parameters
     ----------
     id : str
-        Of any of them; of a plan, how its id begins is enough.
+        ID of any of them; for a plan its beginning is enough.
     """
     from upplied.errors import CatalogError
 
@@ -108,7 +108,7 @@ def _short(value: Any) -> str:
 
 @app.command
 def history(*, limit: LimitOption = 30, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """List the commits, newest first: when, to which table, what was done."""
+    """List the commits, newest first, with time, table and operation."""
     from upplied.catalog import history as commits
 
     show("commits", rows_of(commits(opened(catalog), limit)), json)
@@ -124,14 +124,14 @@ def diff(
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Say which plans changed between two moments, and why.
+    """Show which plans changed between two times, and why.
 
     Parameters
     ----------
     before : str
-        A moment, as 2026-11-21T02:00:00Z, or a version of the table of transfers.
+        A time, as 2026-11-21T02:00:00Z, or a version of the table of transfers.
     after : str
-        The same; now if it is not said.
+        The same; by default now.
     """
     from upplied.catalog import diff as changed
 
@@ -153,7 +153,7 @@ def transfers(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -
 
 @app.command(name="as-of")
 def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """List the plans as they stood at a moment.
+    """List the plans as they were at a time.
 
     Parameters
     ----------
@@ -169,20 +169,21 @@ def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOptio
 def verify(
     *,
     head: Annotated[
-        tuple[str, ...], Parameter(negative="", help="A head that was noted earlier: its row must be there.")
+        tuple[str, ...], Parameter(negative="", help="Head hash noted earlier; its row must exist.")
     ] = (),
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Check every byte, row, count, reference and hash, and say the head of each chain of rows.
+    """Check every byte, row, count, reference and hash, and print the head of each chain of rows.
 
-    Heads are the hashes of the last rows: noted, as briefs and missions do, they can be asked for later.
+    Heads are the hashes of the last rows. Briefs and missions note them, to be checked later.
     """
     from upplied.catalog import verify as check
     from upplied.catalog.verbs.custody import HEAD_DIGITS, chain_heads, foreign_plans
 
     store = opened(catalog)
-    found, heads, foreign = check(store, head), chain_heads(store), foreign_plans(store)
+    with errors.status("checking every byte"):
+        found, heads, foreign = check(store, head), chain_heads(store), foreign_plans(store)
     if json:
         said = {
             "findings": [vars(finding) for finding in found],

@@ -13,35 +13,35 @@ Pairs = Annotated[tuple[str, ...], Parameter(name="--counterpart", negative="", 
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Choices:
-    """Settings that differ from those of the presets.
+    """Planning parameters that differ from the preset.
 
     Parameters
     ----------
     standoff : str
-        Distance to the surface: scaled with the structure, or as the demonstrated millimetres a pixel ask.
-    gsd : float
-        Size of a pixel on the surface, m, to keep instead of the demonstrated distance.
+        Stand-off: scaled with the structure, or kept as the demonstrated mm/px ask.
+    gsd_mm : float
+        Ground sample distance to keep instead of the demonstrated one, mm.
     plane : bool
-        A demonstration in a plane stays in its plane.
+        Keep a planar demonstration in its plane.
     counterpart : tuple of str
         Landmarks that correspond to each other, as SOURCE=TARGET; repeatable.
     repeat : str
-        Fly what was demonstrated on one part on each part of its kind, or on its mirror image too.
+        Repeat the demonstration on each similar part, or on the mirrored part too.
     expect : int
-        How many parts like the inspected one a target must have; one with another number is refused.
+        Number of similar parts a target must have; others are refused.
     fidelity : str
-        How much of the demonstrated shape may go for showing more: none to speak of, some, or much.
+        Trade-off between the demonstrated path and coverage: keep the path, balance, or cover more.
     clearance : float
-        Least distance from the structure, m.
+        Minimum distance from the structure, m.
     about : str
-        What the flight inspected, where that is not what was inferred: landmarks, part_3, or boxes as
+        Inspected surface, if the inferred one is wrong: landmarks, part_3, or boxes as
         "box X Y Z X Y Z", separated by commas.
     search : str
-        Find how a target is turned, about the vertical or altogether.
+        Search the orientation of a target: its heading, or all three axes.
     """
 
     standoff: Literal["scaled", "kept"] | None = None
-    gsd: float | None = None
+    gsd_mm: float | None = None
     plane: Annotated[bool, Parameter(negative="", show_default=False)] = False
     counterpart: Pairs = ()
     repeat: Literal["each", "mirror"] | None = None
@@ -55,7 +55,7 @@ class Choices:
         """The changes `stages` (stage -> setting -> value) with those of the options over them."""
         chosen = {
             ("transfer", "standoff"): self.standoff,
-            ("transfer", "gsd_m"): self.gsd,
+            ("transfer", "gsd_m"): None if self.gsd_mm is None else self.gsd_mm / 1000,
             ("transfer", "plane"): self.plane or None,
             ("correspondence", "counterparts"): tuple(map(_pair, self.counterpart)) or None,
             ("correspondence", "repeat"): self.repeat,

@@ -37,23 +37,23 @@ LISTED = {
 AllowOption = Annotated[
     tuple[str, ...],
     Parameter(
-        name="--allow", negative="", help="Overrule a rule by its name; repeatable.", show_default=False
+        name="--allow", negative="", help="Name of a rule to overrule; repeatable.", show_default=False
     ),
 ]
 SetOption = Annotated[
     tuple[str, ...],
-    Parameter(name="--set", negative="", help="A bound of a rule, as NAME=VALUE.", show_default=False),
+    Parameter(name="--set", negative="", help="Limit of a rule, as NAME=VALUE.", show_default=False),
 ]
-StrictOption = Annotated[bool, Parameter(negative="", help="Refuse what is odd too.", show_default=False)]
+StrictOption = Annotated[bool, Parameter(negative="", help="Treat warnings as refusals.", show_default=False)]
 StructureOption = Annotated[
-    str, Parameter(help="The structure that was flown, where no side-car names it.", show_default=False)
+    str, Parameter(help="Structure that was flown, if no side-car file names it.", show_default=False)
 ]
 RegisterOption = Annotated[
     tuple[str, ...],
     Parameter(negative="", help="A landmark in the log's frame, as NAME=X,Y,Z.", show_default=False),
 ]
 PublisherOption = Annotated[
-    str, Parameter(help="The body that is meant: a frame, or #7 for channel 7.", show_default=False)
+    str, Parameter(help="Body to read: a frame, or #7 for channel 7.", show_default=False)
 ]
 
 
@@ -67,24 +67,27 @@ def add(
     structure: StructureOption = "",
     register: RegisterOption = (),
     start: Annotated[
-        float | None, Parameter(help="Of the inspection, s from the first pose.", show_default=False)
+        float | None,
+        Parameter(help="Start or end of the inspection, in seconds from the first pose.", show_default=False),
     ] = None,
     stop: Annotated[
-        float | None, Parameter(help="Of the inspection, s from the first pose.", show_default=False)
+        float | None,
+        Parameter(help="Start or end of the inspection, in seconds from the first pose.", show_default=False),
     ] = None,
     kind: Annotated[
-        str, Parameter(help="Of the structure that a project brings: building, tower.", show_default=False)
+        str,
+        Parameter(help="Kind of a project's structure, for instance building or tower.", show_default=False),
     ] = "",
     unit_m: Annotated[
         float | None, Parameter(help="Metres per unit of a model without scale.", show_default=False)
     ] = None,
     dry_run: Annotated[
-        bool, Parameter(negative="", help="Read and judge, store nothing.", show_default=False)
+        bool, Parameter(negative="", help="Check only, store nothing.", show_default=False)
     ] = False,
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
 ) -> int:
-    """Read flights into the catalog; each is measured against its structure and judged (docs/checks.md).
+    """Import demonstrated flights; each is checked against its structure (docs/checks.md).
 
     Parameters
     ----------
@@ -131,7 +134,7 @@ def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], .
 
 @app.command(name="list")
 def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """List the demonstrations of the catalog, and what was found about each."""
+    """List the demonstrations of the catalog with their findings."""
     table = opened(catalog).demonstrations()[list(LISTED)]
     rows: list[dict[str, Any]] = table.astype(object).where(table.notna(), None).to_dict("records")
     if not json:
@@ -144,12 +147,12 @@ def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> in
 
 @app.command(name="show")
 def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Show the passport of a demonstration: what was measured, and the rules it breaks.
+    """Show the import checks of a demonstration: measurements, and the rules it breaks.
 
     Parameters
     ----------
     demonstration : str
-        Its id.
+        ID of the demonstration.
     """
     from upplied.inputs.passport.passport import findings_of
     from upplied.outputs.passport_page import rows_of
@@ -159,7 +162,7 @@ def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: Js
         console.print_json(text.dumps(passport))
         return 0
     if not passport:
-        console.print(f"{demonstration}: taken in without a passport; add its log again")
+        console.print(f"{demonstration}: imported without checks; import its log again")
         return 0
     rows = [{"measured": words, "value": value} for words, value in rows_of(passport)]
     show(f"{demonstration}: {passport['verdict']}", rows, False)
@@ -170,12 +173,12 @@ def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: Js
 
 @app.command
 def retire(*demonstrations: str, catalog: CatalogOption = "catalog") -> int:
-    """Take demonstrations out of use; their history stays, and adding one again brings it back.
+    """Retire demonstrations; their history stays, and importing one again restores it.
 
     Parameters
     ----------
     demonstrations : str
-        Their ids.
+        IDs of the demonstrations.
     """
     count = opened(catalog).retire_demonstrations(demonstrations)
     console.print(f"{count} retired, {len(demonstrations) - count} were already")

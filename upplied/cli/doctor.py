@@ -22,7 +22,7 @@ _INSTALL = "install from requirements-runtime.lock, as make quickstart does"
 
 @app.default
 def doctor(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Try everything that planning needs and say what is missing and what to do."""
+    """Check everything that planning needs and report what is missing."""
     checks: dict[str, Callable[[], str]] = {
         "system": _system,
         "Python": _python,

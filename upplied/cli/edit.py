@@ -8,9 +8,9 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from upplied.cli.review import ByOption
-from upplied.cli.terminal import CatalogOption, beside, console, next_step, opened_at, say
+from upplied.cli.terminal import CatalogOption, beside, console, errors, next_step, opened_at, say
 
-app = App(name="edit", help="Change a plan: move, turn or leave out viewpoints, forbid boxes.")
+app = App(name="edit", help="Edit a plan as a file: move, turn or remove viewpoints, add keep-out boxes.")
 
 
 @app.default
@@ -18,33 +18,34 @@ def edit(
     transfer: str,
     /,
     *,
-    out: Annotated[Path | None, Parameter(help="Write its viewpoints to this file, to be changed.")] = None,
-    read: Annotated[Path | None, Parameter(name="--from", help="Read that file again.")] = None,
+    out: Annotated[Path | None, Parameter(help="Write the viewpoints to this file for editing.")] = None,
+    read: Annotated[Path | None, Parameter(name="--from", help="Import the edited file.")] = None,
     by: ByOption = "",
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Write a plan's viewpoints as JSON, or read them as they were changed: a new draft, judged anew.
+    """Write a plan's viewpoints as JSON, or import the edited file as a new draft.
 
     Parameters
     ----------
     transfer : str
-        Its id, or how that begins.
+        ID of the plan, or its beginning.
     """
     from upplied.errors import SettingsError
     from upplied.fleet.edits import edit_plan, write_edit
 
     if (out is None) == (read is None):
-        raise SettingsError("upplied edit", "both or neither of --out and --from", "one of them")
+        raise SettingsError("upplied edit", "both or neither of --out and --from", "exactly one of them")
     store, plan = opened_at(catalog, transfer)
     if out is not None:
         say(write_edit(store, plan, beside(out)))
         next_step(f"edit {plan} --from {out} --by NAME", "once it is changed", catalog)
         return 0
     assert read is not None
-    made = edit_plan(store, plan, read, by)
+    with errors.status("checking the edited plan"):
+        made = edit_plan(store, plan, read, by)
     row = store.transfer(made)
     say(f"{made}: {store.plan(made).warnings[0]}")
     shown, clearance = row["coverage_inspected_pct"], row["min_clearance_m"]
     console.print(f"inspected {'?' if shown is None else f'{shown:.1f}'} %, clearance {clearance:.2f} m")
-    next_step(f"review {made}", "beside the one in force", catalog)
+    next_step(f"review {made}", "compare it with the one in force", catalog)
     return int(not row["flyable"])

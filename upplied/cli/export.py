@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, beside, hint, opened, say
+from upplied.cli.terminal import CatalogOption, beside, errors, hint, opened, say
 
-app = App(name="export", help="Write a plan as a mission for an autopilot, or for a map.")
+app = App(name="export", help="Write a plan as a mission file for an autopilot or a map.")
 
 Format = Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"]
 #: What a person looks at a mission of each format with, before it is flown.
@@ -34,53 +34,53 @@ class Flags:
     Parameters
     ----------
     altitude : str
-        What heights are counted from.
+        Reference of altitudes.
     home_m : tuple of float
-        Take-off, x y z in the structure's frame, m; none: on the ground beside the structure.
+        Take-off point, x y z in the structure's frame, m; by default on the ground beside the structure.
     clearance_m : float
-        That every leg keeps from take-off to landing, m.
+        Minimum distance every leg keeps from the structure, m.
     max_height_m : float
-        No leg is higher above ground, m; none: 120, and higher only where the plan itself is.
+        Maximum height of a leg above ground, m; by default 120, or the height of the plan.
     tolerance_m : float
-        Waypoints are left out where the path strays less than this, m.
+        Largest deviation of the path when waypoints are removed, m.
     tolerance_deg : float
-        And where the camera turns less than this.
+        Largest deviation of the camera when waypoints are removed, deg.
     corner_m : float
-        How far a vehicle that passes a waypoint without a stop may stray from it, m.
+        Largest distance from a waypoint when passing it without a stop, m.
     photos : str
-        Where photos are taken: where overlap and coverage need them, by distance, none, or a film instead.
+        Trigger of the photos: where overlap and coverage need them, by distance, none, or a video instead.
     photo_distance_m : float
-        Between photos by distance, m.
+        Distance between photos, m.
     overlap : str
-        Of photos along and across, %, as 80/70.
+        Overlap of photos along and across the path, percent, as 80/70.
     trigger_s : float
-        Least time between two photos, s; none: what is known of the camera, else 2.
+        Minimum time between two photos, s; by default that of the camera if known, else 2.
     camera : str
-        That flies, by its name in cameras.toml; none: that of the demonstration.
+        Name of the camera in cameras.toml; by default that of the demonstration.
     file_format : str
-        Of the photos: raw ones take longer.
+        File format of the photos; raw files take longer.
     endurance_s : float
-        Of one battery, s: longer missions are split into sorties.
+        Endurance of one battery, s; longer missions are split into several flights.
     reserve_pct : float
-        Of the endurance that is not planned with.
+        Battery reserve, percent of endurance.
     max_waypoints : int
-        Of one file; none: what the format takes.
+        Maximum number of waypoints in a file; by default that of the format.
     transit_mps : float
-        Speed to and from the inspection, m/s.
+        Speed of transit legs, m/s.
     firmware : str
-        Of the autopilot.
+        Firmware of the autopilot.
     gimbal : str
-        MAVLink's gimbal protocol, or the older mount command.
+        MAVLink gimbal protocol, or the older mount command.
     drone : str
-        DJI's model, for instance m30t.
+        DJI model, for instance m30t.
     payload : int
-        DJI's payload number where the model has none of its own.
+        DJI payload number, if the model has no own one.
     least_seen_pct : float
-        Of what the plan sees, that the mission must see as it is flown.
+        Share of the planned surface that the mission must show, percent.
     force : tuple of str
-        A rule of the gate that is overruled, by name; the mission says so. May be given several times.
+        Safety rule to overrule, by name; the mission records it. Repeatable.
     draft : bool
-        Write a plan that nobody released; the mission says so, where its format has room for words.
+        Write a plan that is not released; the mission is marked as a draft.
     """
 
     altitude: Literal["relative", "amsl", "ellipsoid"] = "relative"
@@ -115,26 +115,29 @@ def export(
     /,
     *,
     to: Annotated[Format, Parameter(help="Format of the mission.")],
-    output: Annotated[Path, Parameter(name=("--output", "-o"), help="File; several sorties are numbered.")],
+    output: Annotated[
+        Path, Parameter(name=("--output", "-o"), help="File to write; several flights are numbered.")
+    ],
     flags: Flags | None = None,
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Write a plan as a mission file, or one for each sortie, and say what was assumed.
+    """Write a plan as a mission file, or as one for each flight, with its assumptions as notes.
 
-    What the settings of the plan say of its vehicle and clearance (`upplied settings`) holds where no
-    option says otherwise.
+    Vehicle and clearance come from the parameters of the plan (`upplied settings`) unless an option
+    overrides them.
 
     Parameters
     ----------
     transfer : str
-        Its id, as `upplied transfer` prints it, or how that begins.
+        ID of the plan, or its beginning.
     """
     from upplied.outputs.missions import MissionOptions
     from upplied.outputs.render import export_transfer
 
     options = MissionOptions(**asdict(flags or Flags()))
     store = opened(catalog)
-    written = export_transfer(store, store.find_transfer(transfer), to, beside(output), options)
+    with errors.status("writing the mission"):
+        written = export_transfer(store, store.find_transfer(transfer), to, beside(output), options)
     for path in written.paths:
         say(path)
     for note in written.notes:

@@ -16,7 +16,7 @@ app = App(name="fleet", help="The fleet's deployments in Prefect.")
 @app.command
 def run(
     *parameters: Annotated[str, Parameter(allow_leading_hyphen=False)],
-    watch: Annotated[bool, Parameter(negative="--no-watch", help="Wait for the end and follow it.")] = True,
+    watch: Annotated[bool, Parameter(negative="--no-watch", help="Follow the run until it ends.")] = True,
     port: PortOption = 4200,
 ) -> int:
     """Run transfer-fleet now, on the server at PREFECT_API_URL, else the one of `upplied serve`.
@@ -24,7 +24,7 @@ def run(
     Parameters
     ----------
     parameters : str
-        Of the flow, as NAME=VALUE with the value in JSON.
+        Parameters of the flow, as NAME=VALUE with the value in JSON.
     """
     if not (address := connected(port)):
         return 1
@@ -42,16 +42,16 @@ def run(
 def notify(
     url: str,
     *,
-    every_run: Annotated[bool, Parameter(negative="", help="Tell of runs that went well, too.")] = False,
+    every_run: Annotated[bool, Parameter(negative="", help="Report successful runs as well.")] = False,
     port: PortOption = 4200,
 ) -> int:
-    """Tell somebody whenever a run fails, is lost, or leaves failures behind; another call replaces it.
+    """Send a message whenever a run fails, is lost or leaves failures; a new address replaces the old one.
 
     Parameters
     ----------
     url : str
-        Where to: a webhook (http://...), Slack (https://hooks.slack.com/...), or any address of Apprise's,
-        as mailto://user:password@smtp.example.org?to=ops@example.org. Empty ends it.
+        Address: a webhook (http://...), Slack (https://hooks.slack.com/...), or any Apprise address,
+        as mailto://user:password@smtp.example.org?to=ops@example.org. Empty: no more messages.
     """
     if not connected(port):
         return 1

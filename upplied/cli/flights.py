@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 from upplied.cli.review import ByOption
 from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, next_step, opened, say, show
 
-app = App(name="flights", help="What was flown: add a log, compare it with its plan, plan what it left out.")
+app = App(name="flights", help="Import flights of plans, compare them, and plan what they missed.")
 
 LISTED = {
     "flight_id": "flight",
@@ -32,7 +32,7 @@ SHOWN = {
     "flown_pct": "of the plan's length, flown, %",
     "required_pct": "of what the plan shows, certainly seen, %",
     "assumed_pct": "and besides, if the log was rightly moved onto its plan, %",
-    "min_clearance_m": "least clearance, m",
+    "min_clearance_m": "minimum clearance, m",
     "silent_s": "clearance not known for, s",
     "cross_track_p95_m": "off the planned path, 95th percentile, m",
     "plan_frechet_m": "Frechet distance from the part of the plan that was flown, m",
@@ -56,18 +56,22 @@ def add(
     log: Path,
     /,
     *,
-    plan: Annotated[str, Parameter(help="Id of the plan that was flown; else it is found.")] = "",
-    photos: Annotated[Path | None, Parameter(help="Times of the photos: ns of the log's clock.")] = None,
-    accuracy: Annotated[float | None, Parameter(help="Of its positions, m, as of RTK.")] = None,
+    plan: Annotated[
+        str, Parameter(help="ID of the plan that was flown; by default the plan that fits best.")
+    ] = "",
+    photos: Annotated[
+        Path | None, Parameter(help="Times of the photos, in nanoseconds of the log's clock.")
+    ] = None,
+    accuracy: Annotated[float | None, Parameter(help="Accuracy of the positions, in metres.")] = None,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Read the log of a flight, lay it on its plan, and keep what it truly saw.
+    """Import the log of a flight, align it with its plan, and store what it showed.
 
     Parameters
     ----------
     log : Path
-        MCAP, of any family that demonstrations are read from; with its side-car.
+        Any log that demonstrations are read from; with its side-car.
     """
     from upplied.fleet.flight_logs import add_flight_log
     from upplied.fleet.zone_gaps import zones_left_out
@@ -85,12 +89,12 @@ def add(
 @app.command(name="list")
 def list_flights(
     *,
-    structure: Annotated[str | None, Parameter(help="Round this structure alone.")] = None,
-    kind: Annotated[str | None, Parameter(help="flown, or simulated.")] = None,
+    structure: Annotated[str | None, Parameter(help="Only flights of this structure.")] = None,
+    kind: Annotated[str | None, Parameter(help="flown or simulated.")] = None,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """List the flights, in the order they were added."""
+    """List the flights in the order of their import."""
     from upplied.cli.catalog import rows_of
 
     found = opened(catalog).flights(structure=structure, kind=kind)
@@ -103,12 +107,12 @@ def list_flights(
 
 @app.command(name="show")
 def show_one(flight: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Show all that is known of one flight.
+    """Show all details of one flight.
 
     Parameters
     ----------
     flight : str
-        Its id, or how that begins.
+        ID of the flight, or its beginning.
     """
     from upplied.fleet.gaps import flight_row
 
@@ -118,12 +122,12 @@ def show_one(flight: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
 
 @app.command
 def gap(flight: str, /, *, catalog: CatalogOption = "catalog") -> int:
-    """Plan the shortest safe flight that shows what a flight left out; a draft like any other.
+    """Plan the shortest safe flight over the surface that a flight missed; the result is a draft.
 
     Parameters
     ----------
     flight : str
-        Its id, or how that begins.
+        ID of the flight, or its beginning.
     """
     from upplied.fleet.gaps import plan_gap
 
@@ -148,17 +152,17 @@ def history(
     z: float,
     /,
     *,
-    kind: Annotated[str, Parameter(help="flown, or simulated.")] = "",
+    kind: Annotated[str, Parameter(help="flown or simulated.")] = "",
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Say when the patch nearest to a place was seen, from how near and how frontally.
+    """Show when the patch nearest to a point was seen, from which distance and at which angle.
 
     Parameters
     ----------
     structure : str
     x, y, z : float
-        Of the place, m, structure frame.
+        Point in the frame of the structure, m.
     """
     from upplied.cli.catalog import rows_of
 
@@ -185,19 +189,19 @@ def promote(
     /,
     *,
     by: ByOption,
-    name: Annotated[str, Parameter(help="Of the demonstration; else it is made up.")] = "",
+    name: Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")] = "",
     force: Annotated[
         tuple[str, ...],
-        Parameter(negative="", help="A rule that is overruled: flown, whole, recorded, clearance."),
+        Parameter(negative="", help="Rule to overrule: flown, whole, recorded or clearance."),
     ] = (),
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Keep a good flight as a demonstration: what its operator did is carried to other structures.
+    """Store a flight as a demonstration, to be transferred to other structures.
 
     Parameters
     ----------
     flight : str
-        Its id, or how that begins.
+        ID of the flight, or its beginning.
     """
     from upplied.fleet.promoting import promote_flight
 

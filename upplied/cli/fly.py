@@ -11,12 +11,12 @@ from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, nex
 if TYPE_CHECKING:
     from upplied.outputs.flown import Flown
 
-app = App(name="fly", help="Fly a plan in simulated wind, and see what margin it keeps.")
+app = App(name="fly", help="Simulate a plan in wind and show its margin.")
 
 MEASURED = {
-    "min_clearance_m": "least clearance, m",
-    "coverage_inspected_pct": "inspected, shown as well, %",
-    "coverage_seen_pct": "really seen, %",
+    "min_clearance_m": "minimum clearance, m",
+    "coverage_inspected_pct": "inspected surface shown, %",
+    "coverage_seen_pct": "surface seen, %",
     "coverage_paper_pct": "seen by frustum, %",
     "duration_s": "duration, s",
     "peak_speed_mps": "peak speed, m/s",
@@ -28,27 +28,29 @@ def fly(
     transfer: str,
     /,
     *,
-    wind: Annotated[float, Parameter(help="Mean wind, m/s.")] = 5.0,
-    towards: Annotated[float, Parameter(help="Where it blows to, deg counter-clockwise from +X.")] = 60.0,
+    wind: Annotated[float, Parameter(help="Mean wind speed, in m/s.")] = 5.0,
+    towards: Annotated[
+        float, Parameter(help="Direction of the wind, in degrees counter-clockwise from +X.")
+    ] = 60.0,
     gusts: bool = True,
-    seed: Annotated[int, Parameter(help="Of gusts and errors.")] = 0,
+    seed: Annotated[int, Parameter(help="Random seed of gusts and errors.")] = 0,
     force: Annotated[
         tuple[str, ...],
-        Parameter(negative="", help="A rule of the gate that is overruled, by name.", show_default=False),
+        Parameter(negative="", help="Safety rule to overrule, by name.", show_default=False),
     ] = (),
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Fly a plan in simulation and compare; the next report tells of it.
+    """Simulate a plan and compare; the next report includes it.
 
-    Exit code 1 where the flight comes nearer than the plan was asked to keep.
+    Exit code 1 if the flight comes nearer to the structure than the clearance limit.
 
     Parameters
     ----------
     transfer : str
-        Its id, as `upplied transfer` prints it.
+        ID of the plan, as `upplied transfer` prints it.
     gusts : bool
-        Whether the wind is gusty.
+        Add gusts.
     """
     from upplied.catalog.verbs.recipes import settings_of
     from upplied.fleet.flights import fly_plan
@@ -64,7 +66,7 @@ def fly(
         return 0
     margin = flown.measures.min_clearance_m - route.clearance_m
     if not json:
-        console.print(f"margin over the {route.clearance_m:g} m that were asked for: {margin:+.2f} m")
+        console.print(f"margin above the limit of {route.clearance_m:g} m: {margin:+.2f} m")
     if margin < 0:
         errors.print("Too near in this wind: plan with a larger --clearance, or fly in less wind.")
     elif not json:

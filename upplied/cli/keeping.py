@@ -1,39 +1,45 @@
-"""The half of `upplied catalog` that writes: merging, cleaning, giving away and taking in."""
+"""The half of `upplied catalog` that writes: merging, cleaning, exporting and importing."""
 
 from __future__ import annotations
 
+import re
+from itertools import count
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from upplied.cli.catalog import app
-from upplied.cli.terminal import CatalogOption, console, opened, say
+from upplied.cli.terminal import CatalogOption, console, errors, opened, say
+
+NO_LICENCE = "All rights reserved"  # whoever gives data away chooses another
 
 
 @app.command
 def compact(*, catalog: CatalogOption = "catalog") -> int:
-    """Merge small data files; readers and writers go on meanwhile."""
+    """Merge small data files; readers and writers are not interrupted."""
     from upplied.catalog import compact as merge
 
-    _counted("merged files", merge(opened(catalog)))
+    with errors.status("merging files"):
+        _counted("merged files", merge(opened(catalog)))
     return 0
 
 
 @app.command
 def vacuum(
     *,
-    keep_days: Annotated[float, Parameter(help="Younger versions can still be asked for.")] = 30.0,
+    keep_days: Annotated[float, Parameter(help="Days for which older versions stay readable.")] = 30.0,
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Remove files that no version needs any more; rows are never removed."""
+    """Remove files that no version needs; rows are never removed."""
     from upplied.catalog import vacuum as clean
 
-    done = clean(opened(catalog), keep_days)
+    with errors.status("removing files"):
+        done = clean(opened(catalog), keep_days)
     _counted("files removed", done.files_removed)
     _counted("rows of stopped writers removed", done.orphan_commits)
     console.print(
-        f"{done.surfaces_removed} surfaces that no plan names removed, {done.drafts_removed} drafts"
+        f"{done.surfaces_removed} unused surfaces and {done.drafts_removed} unfinished exports removed"
     )
     console.print(f"{done.cache_bytes_freed} bytes of cache freed")
     return 0
@@ -41,33 +47,37 @@ def vacuum(
 
 @app.command
 def export(
-    folder: Path,
+    folder: Path | None = None,
     /,
     *,
     format: Annotated[
-        Literal["parquet", "lerobot", "tum"], Parameter(help="What it is for: any program, learning, evo.")
+        Literal["parquet", "lerobot", "tum"],
+        Parameter(help="parquet for any program, lerobot for learning, tum for evo."),
     ] = "parquet",
-    licence: Annotated[str, Parameter(help="As an SPDX name (CC-BY-4.0), or in words.")] = "",
-    name: Annotated[str, Parameter(help="With its version, as boxes-v1; else the folder's.")] = "",
-    attribution: Annotated[str, Parameter(help="Whom to name.")] = "",
+    licence: Annotated[str, Parameter(help="Licence: an SPDX name (CC-BY-4.0) or words.")] = NO_LICENCE,
+    name: Annotated[
+        str, Parameter(help="Name with a version, as boxes-v1; by default that of the folder.")
+    ] = "",
+    attribution: Annotated[str, Parameter(help="Whom users must credit.")] = "",
     kind: Annotated[str | None, Parameter(help="Only structures of this kind.")] = None,
     demonstration: Annotated[str | None, Parameter(help="Only this demonstration.")] = None,
     preset: Annotated[
         str,
-        Parameter(help="Of this preset; all: of every one; else of the first in use: recommended, paper."),
+        Parameter(help="Preset, or all; by default the first in use of recommended, paper, baseline."),
     ] = "",
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Write the plans that are ok, with all they refer to, as a folder that stands for itself.
+    """Export the plans that are ok, with everything they refer to, as a folder.
 
     Parameters
     ----------
     folder : Path
-        New, or empty.
+        New or empty folder; by default fleet-v1 here, or the next version that does not exist.
     """
     from upplied.catalog import export_dataset, export_lerobot, export_tum
 
     store = opened(catalog)
+    folder = folder or next(each for at in count(1) if not (each := Path(f"fleet-v{at}")).exists())
     asked = preset if preset not in ("", "all") else None
     chosen = store.transfers(status="ok", kind=kind, demonstration=demonstration, preset=asked)
     if not preset:
@@ -82,9 +92,15 @@ def export(
         names = [name for name in flown["demonstration_id"] if demonstration in (None, name)]
         _counted(str(folder), export_lerobot(store, folder, chosen, 10, names, licence, attribution))
         return 0
-    name = name or folder.resolve().name
-    _counted(str(folder), export_dataset(store, folder, name, chosen, licence, attribution))
+    name = name or versioned(folder.resolve().name)
+    with errors.status("exporting"):
+        _counted(str(folder), export_dataset(store, folder, name, chosen, licence, attribution))
     return 0
+
+
+def versioned(name: str) -> str:
+    """A name with a version: its own, or the first."""
+    return name if re.search(r"-v\d+$", name) else f"{name}-v1"
 
 
 @app.command(name="import")
@@ -93,14 +109,14 @@ def import_(
     /,
     *,
     replace: Annotated[
-        bool, Parameter(negative="", help="Let what has the same name here become a newer version.")
+        bool, Parameter(negative="", help="Store entries of the same name as newer versions.")
     ] = False,
     verify: Annotated[
-        bool, Parameter(negative="", help="Compute the measures of every plan again, and compare them.")
+        bool, Parameter(negative="", help="Compute the measures of every plan again and compare.")
     ] = False,
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Take in an exported folder after checking all of it.
+    """Import an exported folder after checking it.
 
     Parameters
     ----------
@@ -110,15 +126,12 @@ def import_(
     from upplied.catalog import import_dataset
     from upplied.fleet.flights import measured
 
-    done = import_dataset(opened(catalog), folder, replace, measured if verify else None)
+    with errors.status("importing"):
+        done = import_dataset(opened(catalog), folder, replace, measured if verify else None)
     _counted("added rows", done)
     return 0
 
 
 def _counted(what: str, counts: dict[str, int]) -> None:
-    say(f"{what}: {_words(counts)}")
-
-
-def _words(counts: dict[str, int]) -> str:
-    said = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items() if count)
-    return said or "none"
+    words = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in counts.items() if number)
+    say(f"{what}: {words or 'none'}")

@@ -11,17 +11,17 @@ from upplied.cli.terminal import CatalogOption, JsonOption, next_step, opened, s
 if TYPE_CHECKING:
     from upplied.catalog.verbs.roster import Roster
 
-app = App(name="keys", help="Say who may release plans, and make the keys that they sign with.")
+app = App(name="keys", help="Manage who may release plans, and their signing keys.")
 
 
 @app.command
 def new(name: str, /, *, catalog: CatalogOption = "catalog") -> int:
-    """Make a key pair; the private half stays on this machine.
+    """Generate a key pair; the private key stays on this machine.
 
     Parameters
     ----------
     name : str
-        Whose it is.
+        Name of the person.
     """
     from upplied.catalog.verbs.roster import key_path, new_key
 
@@ -34,7 +34,7 @@ def new(name: str, /, *, catalog: CatalogOption = "catalog") -> int:
 
 @app.command
 def add(name: str, key: str, /, *, catalog: CatalogOption = "catalog") -> int:
-    """Put somebody on the roster; from the first on, only who is there releases, and signs.
+    """Add a person to the roster. Once there is one, only listed people may release, and they sign.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def add(name: str, key: str, /, *, catalog: CatalogOption = "catalog") -> int:
 
 @app.command
 def retire(name: str, /, *, catalog: CatalogOption = "catalog") -> int:
-    """Let somebody release no longer; what they released until now stays in force.
+    """Remove a person from the roster; earlier releases stay in force.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def retire(name: str, /, *, catalog: CatalogOption = "catalog") -> int:
 
 @app.command(name="list")
 def list_people(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """List who may release; nobody is listed where there is no roster and everybody may."""
+    """List who may release; without a roster everybody may."""
     people = _roster(catalog).people or []
     rows = [{"name": one.name, "key": one.key, "may release": not one.until} for one in people]
     show("roster", rows, json)

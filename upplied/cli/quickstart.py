@@ -1,24 +1,29 @@
-"""`upplied quickstart`: the whole way once, on a sample fleet, without any server."""
+"""`upplied quickstart`: a sample fleet from logs to reports, without any server."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cyclopts import App
 
 from upplied.cli.terminal import console, progress
 
-app = App(name="quickstart", help="Try the whole way once on a sample fleet.")
+if TYPE_CHECKING:
+    import pandas as pd
+
+PRESETS = ("paper", "recommended", "baseline")
+app = App(name="quickstart", help="Plan a sample fleet from log to report.")
 
 
 @app.default
 def quickstart(folder: Path = Path(".")) -> int:
-    """Make a sample fleet, carry every demonstration to every structure of its kind, and publish.
+    """Write a sample fleet, transfer every demonstration to every structure of its kind, and publish.
 
     Parameters
     ----------
     folder : Path
-        Where samples, catalog and reports are written.
+        Folder for samples, catalog and reports.
     """
     from upplied import fleet, open_catalog
     from upplied.cli.report import pairs_in
@@ -28,21 +33,51 @@ def quickstart(folder: Path = Path(".")) -> int:
     from upplied.outputs.sample_fleet import FILES, write_sample_fleet
 
     samples, reports = folder / "samples", folder / "reports"
-    console.print("1. A sample fleet: meshes, a manifest and a simulated pilot's logs")
+    console.print("1/4 Writing a sample fleet: meshes, a manifest and simulated logs")
     with progress("files", FILES) as advance:
         write_sample_fleet(samples, lambda _: advance())
     catalog = open_catalog(folder / "catalog")
-    console.print("2. Into the catalog")
+    console.print("2/4 Importing structures and demonstrations")
     with progress("structures", len(read_manifest(samples / "structures.toml"))) as advance:
         fleet.ingest_structures(catalog, samples / "structures.toml", progress=lambda _: advance())
     logs = find_logs([samples])
     with progress("demonstrations", len(logs)) as advance:
         fleet.ingest_demonstrations(catalog, logs, progress=lambda _: advance())
-    console.print("3. Every demonstration to every target of its kind")
-    presets = ("paper", "recommended", "baseline")
-    result = run(catalog, fleet.decide(catalog, fleet.PlanRequest(presets)), 0, 600.0)
-    console.print("4. Tables, pages and pictures")
+    console.print("3/4 Planning every demonstration for every structure of its kind")
+    result = run(catalog, fleet.decide(catalog, fleet.PlanRequest(PRESETS)), 0, 600.0)
+    console.print("4/4 Publishing tables, pages and pictures")
     with progress("publishing", pairs_in(catalog)) as advance:
         fleet.publish(catalog, reports, progress=lambda _: advance())
-    console.print(f"{result}. Open {reports / 'index.html'}", soft_wrap=True)
-    return int(result.ok < result.total)
+    console.print(f"Plans: {result}")
+    return show_results(folder / "catalog", str(reports))
+
+
+def show_results(catalog: Path, reports: str) -> int:
+    """Print the table of plans and what to open next; 1 where one of them failed."""
+    from rich.table import Table
+
+    from upplied import open_catalog
+
+    transfers = open_catalog(catalog).transfers()
+    table = Table(box=None)
+    for name in ("demonstration", "structure"):
+        table.add_column(name)
+    for name in ("inspected\npaper", "\nrecommended", "\nbaseline", "Fréchet\npaper", "\nrecommended"):
+        table.add_column(name, justify="right")
+    for (demonstration, target), rows in transfers.groupby(["demonstration_id", "target_id"]):
+        by = rows.set_index("preset")
+        coverage = [_shown(by, preset, "coverage_inspected_pct", "{:.1f} %") for preset in PRESETS]
+        table.add_row(demonstration, target, *coverage, *(_shown(by, it, "frechet_z") for it in PRESETS[:2]))
+    console.print(table)
+    console.print(
+        f"Open {reports}/index.html, or: pd.read_parquet('{reports}/transfers.parquet')", soft_wrap=True
+    )
+    return int((transfers["status"] == "failed").any())
+
+
+def _shown(by: pd.DataFrame, preset: str, measure: str, form: str = "{:.2f}") -> str:
+    """A measure of one preset; if its coverage is missing, its status."""
+    value = by[measure].get(preset)
+    if value is None or value != value:
+        return by["status"].get(preset, "") if measure == "coverage_inspected_pct" else ""
+    return form.format(value)

@@ -10,9 +10,9 @@ from cyclopts import App, Parameter
 
 from upplied.cli.terminal import CatalogOption, JsonOption, complain, errors, next_step, opened, say, show
 
-app = App(name="recommend", help="Say which demonstrations would transfer best to a structure, and why.")
+app = App(name="recommend", help="Rank demonstrations by how well they fit a structure.")
 
-MostOption = Annotated[int, Parameter(name="--most", help="How many are shown.")]
+MostOption = Annotated[int, Parameter(name="--most", help="Number of demonstrations to show.")]
 
 
 @app.default
@@ -24,7 +24,7 @@ def recommend(
     Parameters
     ----------
     structure : str
-        Id of the structure to be inspected.
+        ID of the structure to inspect.
     """
     from upplied.recommend.ranking import recommend as rank
 
@@ -37,7 +37,7 @@ def recommend(
         for row in found:
             say(f"{row['rank']}. {row['demonstration_id']}: {row['why']}")
     if not json and any(row["verdict"] == "fits" for row in found):
-        next_step(f"transfer --best {structure}", "carry the best of them", catalog)
+        next_step(f"transfer --best {structure}", "transfer the best one", catalog)
     return int(found[0]["verdict"] not in ("own", "fits"))
 
 

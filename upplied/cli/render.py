@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, beside, opened, say
+from upplied.cli.terminal import CatalogOption, beside, errors, opened, say
 
 app = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
 
@@ -20,16 +20,17 @@ ViewOption = Annotated[
 
 @app.command
 def structure(id: str, /, *, output: OutputOption, catalog: CatalogOption = "catalog") -> int:
-    """Draw a structure from three sides, with everything that was demonstrated on it.
+    """Draw a structure from three sides, with its demonstrations.
 
     Parameters
     ----------
     id : str
-        Of the structure.
+        ID of the structure.
     """
     from upplied.outputs.render import render_structure
 
-    return _saved(output, render_structure(opened(catalog), id))
+    with errors.status("drawing"):
+        return _saved(output, render_structure(opened(catalog), id))
 
 
 @app.command
@@ -41,12 +42,13 @@ def transfer(
     Parameters
     ----------
     id : str
-        Of the transfer, as `upplied transfer` prints it.
+        ID of the plan, as `upplied transfer` prints it.
     """
     from upplied.outputs.render import render_transfer
 
     store = opened(catalog)
-    return _saved(output, render_transfer(store, store.find_transfer(id), view))
+    with errors.status("drawing"):
+        return _saved(output, render_transfer(store, store.find_transfer(id), view))
 
 
 @app.command
@@ -64,13 +66,14 @@ def comparison(
     Parameters
     ----------
     demonstration : str
-        Its id.
+        ID of the demonstration.
     target : str
-        Id of the structure it was carried to.
+        ID of the target structure.
     """
     from upplied.outputs.render import render_comparison
 
-    return _saved(output, render_comparison(opened(catalog), demonstration, target, view))
+    with errors.status("drawing"):
+        return _saved(output, render_comparison(opened(catalog), demonstration, target, view))
 
 
 def _saved(output: Path, png: bytes) -> int:

@@ -24,26 +24,29 @@ def report(
     folder: str | None = None,
     *,
     self_contained: FileOption = None,
-    demonstration: Annotated[str | None, Parameter(help="Of the one file: this demonstration only.")] = None,
-    target: Annotated[str | None, Parameter(help="Of the one file: this target only.")] = None,
+    demonstration: Annotated[
+        str | None, Parameter(help="Only this demonstration in the single file.")
+    ] = None,
+    target: Annotated[str | None, Parameter(help="Only this structure in the single file.")] = None,
     pages: Annotated[
         int,
-        Parameter(help="At most so many pages, of the pairs first that need a person; the tables hold all."),
+        Parameter(help="Maximum number of pages, those that need attention first; the tables hold all."),
     ] = 10_000,
     force: Annotated[
         bool,
         Parameter(
-            negative="", help="Also replace what is newer, another catalog's, or would shrink to nothing."
+            negative="",
+            help="Replace a publication that is newer, from another catalog, or would become empty.",
         ),
     ] = False,
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Publish the catalog as plain Parquet, HTML pages and pictures, or as one file for mail.
+    """Publish the catalog as Parquet, HTML pages and pictures, or as one file for mail.
 
     Parameters
     ----------
     folder : str
-        Where to, `reports` if neither a folder nor a file is named; only what changed is made anew.
+        Folder to write, by default `reports`; only changed files are written.
     """
     from upplied import fleet
     from upplied.outputs.publish import publish_file

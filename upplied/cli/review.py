@@ -11,18 +11,18 @@ from upplied.cli.terminal import CatalogOption, JsonOption, complain, next_step,
 if TYPE_CHECKING:
     import pandas as pd
 
-reviewing = App(name="review", help="Look at a plan beside the one in force, and say that it was looked at.")
-releasing = App(name="release", help="Put a plan in force, until a person releases another.")
-rejecting = App(name="reject", help="Say that a plan must not be flown.")
-in_force = App(name="in-force", help="List the plans that people released, and what waits for them.")
+reviewing = App(name="review", help="Compare a plan with the one in force, and record a review.")
+releasing = App(name="release", help="Release a plan: it is in force until another is released.")
+rejecting = App(name="reject", help="Reject a plan: it must not be flown.")
+in_force = App(name="in-force", help="List the released plans and the drafts that wait.")
 
-ByOption = Annotated[str, Parameter(name="--by", help="Who decides: a name, kept with the decision.")]
-NoteOption = Annotated[str, Parameter(name="--note", help="Why; it stands on the page.")]
+ByOption = Annotated[str, Parameter(name="--by", help="Your name, stored with the decision.")]
+NoteOption = Annotated[str, Parameter(name="--note", help="Reason, shown on the page of the plan.")]
 
 COMPARED = {
-    "coverage_inspected_pct": "inspected, shown as well, %",
-    "coverage_seen_pct": "really seen, %",
-    "min_clearance_m": "least clearance, m",
+    "coverage_inspected_pct": "inspected surface shown, %",
+    "coverage_seen_pct": "surface seen, %",
+    "min_clearance_m": "minimum clearance, m",
     "duration_s": "duration, s",
     "path_length_m": "length, m",
     "n_viewpoints": "viewpoints",
@@ -50,12 +50,12 @@ def review(
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Show a plan beside the one in force; with --by, keep that it was reviewed.
+    """Compare a plan with the one in force; with --by, record the review.
 
     Parameters
     ----------
     transfer : str
-        Its id, or how that begins.
+        ID of the plan, or its beginning.
     """
     store, plan = opened_at(catalog, transfer)
     if by:
@@ -100,9 +100,7 @@ def release(
     note: NoteOption = "",
     force: Annotated[
         tuple[str, ...],
-        Parameter(
-            negative="", help="A rule that is overruled: preset, verdict, rejected, recalled, changed."
-        ),
+        Parameter(negative="", help="Rule to overrule: preset, verdict, rejected, recalled or changed."),
     ] = (),
     catalog: CatalogOption = "catalog",
 ) -> int:
@@ -111,7 +109,7 @@ def release(
     Parameters
     ----------
     transfer : str
-        Its id, or how that begins.
+        ID of the plan, or its beginning.
     """
     store, plan = opened_at(catalog, transfer)
     store.release(plan, by, note, force)
@@ -124,12 +122,12 @@ def release(
 def reject(
     transfer: str, /, *, by: ByOption, note: NoteOption = "", catalog: CatalogOption = "catalog"
 ) -> int:
-    """Say that a plan must not be flown; where it was in force, none is then.
+    """Reject a plan. If it was in force, no plan is in force afterwards.
 
     Parameters
     ----------
     transfer : str
-        Its id, or how that begins.
+        ID of the plan, or its beginning.
     """
     store, plan = opened_at(catalog, transfer)
     store.reject(plan, by, note)
@@ -140,14 +138,14 @@ def reject(
 @in_force.default
 def list_in_force(
     *,
-    structure: Annotated[str | None, Parameter(help="Of this structure alone.")] = None,
-    kind: Annotated[str | None, Parameter(help="Of this kind alone.")] = None,
+    structure: Annotated[str | None, Parameter(help="Only plans of this structure.")] = None,
+    kind: Annotated[str | None, Parameter(help="Only plans of this kind.")] = None,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """List the plans in force.
+    """List the released plans.
 
-    Exit code 1 where one was recalled and none is in force in its place, or one is not what was released.
+    Exit code 1 if a plan was recalled and not replaced, or if a stored plan differs from what was released.
     """
     from upplied.cli.catalog import rows_of
 

@@ -9,7 +9,7 @@ from cyclopts import App
 
 from upplied.cli.terminal import console, next_step, progress
 
-app = App(name="samples", help="A sample fleet to try things on.")
+app = App(name="samples", help="Write a sample fleet to try.")
 
 
 @app.command
@@ -19,12 +19,12 @@ def write(folder: Path = Path("samples")) -> int:
     Parameters
     ----------
     folder : Path
-        Where to; created when missing.
+        Folder to write; created when missing.
     """
     from upplied.outputs.sample_fleet import FILES, write_sample_fleet
 
     with progress("files", FILES) as advance:
         write_sample_fleet(folder, lambda _: advance())
-    console.print(f"{folder / 'structures.toml'} and the logs beside it", soft_wrap=True)
+    console.print(f"{folder / 'structures.toml'} and its logs", soft_wrap=True)
     next_step(f"structures add {shlex.quote(str(folder / 'structures.toml'))}", "take the meshes in")
     return 0

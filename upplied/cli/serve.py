@@ -13,26 +13,26 @@ from cyclopts.validators import Number
 from upplied.cli.terminal import complain, errors
 from upplied.extras import extra
 
-serving = App(name="serve", help="Run Prefect's server, a worker and the reports here, until Ctrl-C.")
-deploying = App(name="deploy", help="Tell Prefect's server of the deployments.")
-watching = App(name="watch", help="Tell Prefect of every log that lands in a folder.")
+serving = App(name="serve", help="Run the fleet service: Prefect, a worker and the pages, until Ctrl-C.")
+deploying = App(name="deploy", help="Apply the deployments to the Prefect server.")
+watching = App(name="watch", help="Report each new log in a folder to Prefect.")
 
 PortOption = Annotated[
     int,
     Parameter(
         name="--port",
         env_var="UPPLIED_PORT",
-        help="Of the server; the reports have the next.",
+        help="Port of Prefect; the pages use the next one.",
         validator=Number(gte=1, lte=65534),
     ),
 ]
 RootOption = Annotated[
     tuple[str, ...],
-    Parameter(name="--root", negative="", help="Folder or URI that runs may use as well; repeatable."),
+    Parameter(name="--root", negative="", help="Additional folder or URI that runs may use; repeatable."),
 ]
 PartOption = Annotated[
     Literal["server", "worker", "reports"] | None,
-    Parameter(name="--only", help="One part of it, for systemd or compose."),
+    Parameter(name="--only", help="Run one part only, for systemd or compose."),
 ]
 
 
@@ -52,7 +52,7 @@ def serve(*, port: PortOption = 4200, root: RootOption = (), only: PartOption = 
 
 @deploying.default
 def deploy(*, port: PortOption = 4200) -> int:
-    """Apply prefect.yaml, this folder's or the one that came with the program, to the server."""
+    """Apply the prefect.yaml of this folder, or the program's own, to the server."""
     flows_wanted()
     from upplied.flows import environment, serve
     from upplied.flows.server import ServerError, answers
@@ -73,16 +73,16 @@ def watch(
     folder: Path,
     *,
     flights: Annotated[
-        bool, Parameter(negative="", help="They are flights of plans: start ingest-flights with them.")
+        bool, Parameter(negative="", help="The logs are flights of plans: start ingest-flights.")
     ] = False,
     port: PortOption = 4200,
 ) -> int:
-    """Emit the event that starts ingest-demonstrations for each log, once it has come whole.
+    """Emit the event that starts ingest-demonstrations for each complete log.
 
     Parameters
     ----------
     folder : Path
-        Watched with its subfolders; what lies there at the start is told too.
+        Folder to watch with its subfolders; existing logs are reported too.
     """
     if not folder.is_dir():
         complain(f"error: {folder} is no folder")

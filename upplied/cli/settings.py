@@ -9,8 +9,8 @@ from cyclopts import App, Parameter
 from upplied.cli.review import ByOption, NoteOption
 from upplied.cli.terminal import CatalogOption, JsonOption, console, next_step, opened, show
 
-setting = App(name="set", help="Say settings of a kind or a structure, which its plans are made with.")
-showing = App(name="settings", help="Show the settings of a structure, and where each comes from.")
+setting = App(name="set", help="Set planning parameters for a structure or for a whole kind.")
+showing = App(name="settings", help="Show the planning parameters of a structure and their origin.")
 
 
 @setting.default
@@ -18,20 +18,20 @@ def say(
     owner: str,
     /,
     *values: Annotated[str, Parameter(allow_leading_hyphen=False)],
-    kind: Annotated[bool, Parameter(negative="", help="The name is that of a kind.")] = False,
+    kind: Annotated[bool, Parameter(negative="", help="The name is a kind.")] = False,
     by: ByOption,
     note: NoteOption = "",
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Say settings; what a structure says comes over its kind, what a run is asked for over both.
+    """Set parameters. Those of a structure override its kind; options of a run override both.
 
     Parameters
     ----------
     owner : str
-        A structure, or with --kind a kind.
+        ID of a structure, or a kind with --kind.
     values : str
         As STAGE.NAME=VALUE: route.clearance_m=3, transfer.standoff=kept, transfer.gsd_m=0.002; without a
-        value it is taken back, and inherited again. preset=recommended is the one preset that is flown.
+        value the parameter is inherited again. preset=recommended is the only preset that is flown.
     """
     from upplied.cli.transfer import changes
     from upplied.errors import SettingsError
@@ -59,16 +59,18 @@ def settings(
     structure: str,
     /,
     *,
-    every: Annotated[bool, Parameter(name="--all", negative="", help="Those of the preset too.")] = False,
+    every: Annotated[
+        bool, Parameter(name="--all", negative="", help="Include the parameters of the preset.")
+    ] = False,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Show what the plans of a structure are made with: by default what it or its kind says.
+    """Show the planning parameters of a structure: by default those set for it or for its kind.
 
     Parameters
     ----------
     structure : str
-        Its id.
+        ID of the structure.
     """
     found = opened(catalog).settings_of(structure)
     if not (every or json):

@@ -61,17 +61,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
     show(
         f"transfers of {demonstration}",
         [{title: _cell(row, name) for name, title in COLUMNS.items()} for row in rows],
-        spare=(
-            "paper %",
-            "Frechet",
-            "time s",
-            "flown mm",
-            "as fine %",
-            "stand-off",
-            "gsd mm",
-            "turned",
-            "seen %",
-        ),
+        spare=_SPARE,
     )
     for row in rows:
         status = shown_status(row)
@@ -83,7 +73,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
         if fine := fineness(row):
             say(f"{row['target_id']} ({row['preset']}): {fine}")
         if warnings := loads(row["warnings"] or "[]"):
-            say(f"look at: {row['target_id']} ({row['preset']}): {'; '.join(warnings)}")
+            say(f"check: {row['target_id']} ({row['preset']}): {'; '.join(warnings)}")
 
 
 def _cell(row: dict[str, Any], name: str) -> Any:

@@ -27,13 +27,13 @@ _SIZES = {"size_x_m": "length m", "size_y_m": "width m", "size_z_m": "height m"}
 AllowOption = Annotated[
     tuple[str, ...],
     Parameter(
-        name="--allow", negative="", help="Overrule a rule by its name; repeatable.", show_default=False
+        name="--allow", negative="", help="Name of a rule to overrule; repeatable.", show_default=False
     ),
 ]
-StrictOption = Annotated[bool, Parameter(negative="", help="Refuse what is odd too.", show_default=False)]
+StrictOption = Annotated[bool, Parameter(negative="", help="Treat warnings as refusals.", show_default=False)]
 SetOption = Annotated[
     tuple[str, ...],
-    Parameter(name="--set", negative="", help="A bound of a rule, as NAME=VALUE.", show_default=False),
+    Parameter(name="--set", negative="", help="Limit of a rule, as NAME=VALUE.", show_default=False),
 ]
 
 app = App(name="structures", help="The structures of the catalog.")
@@ -44,14 +44,16 @@ def add(
     manifest: Path,
     /,
     *,
-    prune: Annotated[bool, Parameter(negative="", help="Retire what the manifest no longer names.")] = False,
+    prune: Annotated[
+        bool, Parameter(negative="", help="Retire structures that the manifest no longer names.")
+    ] = False,
     allow: AllowOption = (),
     strict: StrictOption = False,
     set_: SetOption = (),
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
 ) -> int:
-    """Read the meshes that a manifest names into the catalog; each is judged among its kind (docs/checks.md).
+    """Import the meshes of a manifest; each is checked against its kind (docs/checks.md).
 
     Parameters
     ----------
@@ -74,7 +76,7 @@ def add(
 
 @app.command(name="list")
 def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """List the structures of the catalog, and what was found about each."""
+    """List the structures of the catalog with their findings."""
     table = opened(catalog).structures()[["structure_id", "kind", *_SIZES, "overruled", "findings"]]
     rows = table.rename(columns=_SIZES).to_dict("records") if not json else table.to_dict("records")
     show("structures", rows, json, ("length m", "width m", "height m"))
@@ -83,12 +85,12 @@ def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> in
 
 @app.command(name="show")
 def show_(structure: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Show a structure: its size, what was repaired, and the rules that it breaks or overrules.
+    """Show a structure: its size, repairs, and the rules it breaks or overrules.
 
     Parameters
     ----------
     structure : str
-        Its id.
+        ID of the structure.
     """
     from dataclasses import asdict
 
@@ -120,8 +122,8 @@ def check(
     file: Path,
     /,
     *,
-    id: Annotated[str | None, Parameter(help="Of a manifest: tell all of this one structure.")] = None,
-    png: Annotated[Path | None, Parameter(help="Picture of the one; else NAME-check.png here.")] = None,
+    id: Annotated[str | None, Parameter(help="Structure of a manifest to report in full.")] = None,
+    png: Annotated[Path | None, Parameter(help="Picture to write; by default NAME-check.png here.")] = None,
     clean: Annotated[
         bool,
         Parameter(negative="", help="Also write NAME-clean.ply without ground, clutter and neighbours."),
@@ -133,7 +135,7 @@ def check(
     json: JsonOption = False,
     workers: WorkersOption = 0,
 ) -> int:
-    """Say what is wrong with a mesh, or with what a manifest names; nothing is kept in the catalog.
+    """Check a mesh or the meshes of a manifest; nothing is stored.
 
     Parameters
     ----------

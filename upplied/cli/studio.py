@@ -1,4 +1,4 @@
-"""`upplied studio`: a plan in a browser, to be changed, judged at once, released or rejected."""
+"""`upplied studio`: the fleet, its structures and plans in a browser; plans can be edited and decided."""
 
 from __future__ import annotations
 
@@ -7,44 +7,43 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import CatalogOption, complain, console, errors, opened_at
+from upplied.cli.terminal import CatalogOption, complain, console, opened
+from upplied.extras import extra
 
-app = App(name="studio", help="Open a plan in the browser: change it, see it judged, release or reject it.")
+app = App(name="studio", help="Open the fleet, or one plan, in the browser: look, edit, release or reject.")
 
 
 @app.default
 def studio(
-    transfer: str,
+    transfer: str = "",
     /,
     *,
-    port: Annotated[int, Parameter(help="0: any that is free.")] = 0,
+    port: Annotated[int, Parameter(help="Port on this machine; 0 takes any free one.")] = 0,
     open_: Annotated[
         bool, Parameter(name="--open", negative="--no-open", help="Open the browser as well.")
     ] = True,
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Serve the page of one plan to this machine alone, until Ctrl-C.
+    """Serve the pages of a catalog to this machine alone, until Ctrl-C.
 
     Parameters
     ----------
     transfer : str
-        Its id, or how that begins.
+        ID of a plan to edit, or the beginning of one; without it the fleet opens.
     """
-    from upplied.studio.server import Studio
-    from upplied.studio.session import Session
-
-    store, plan = opened_at(catalog, transfer)
-    with errors.status("opening"):
-        session = Session(store, plan)
+    store = opened(catalog)
+    page = f"studio/{store.find_transfer(transfer)}" if transfer else ""
+    with extra("export"):
+        from upplied.web.serving import Server
     try:
-        server = Studio(session.answer, port)
+        server = Server(store, port)
     except (OSError, OverflowError) as error:
-        complain(f"error: port {port}: {error}. Say another: --port 0")
+        complain(f"error: port {port}: {error}. Choose another: --port 0")
         return 2
-    with server:
-        console.print(f"{plan}: {server.address}", markup=False, soft_wrap=True, highlight=False)
-        console.print("Ctrl-C ends it; whoever has this address can change and release the plan.")
-        if open_:
-            webbrowser.open(server.address)
-        server.serve_forever()
+    address = server.address(page)
+    console.print(f"Open {address}", markup=False, soft_wrap=True, highlight=False)
+    console.print("Ctrl-C stops it. Whoever has this address can edit and release plans.")
+    if open_:
+        webbrowser.open(address)
+    server.run()
     return 0

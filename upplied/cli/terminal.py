@@ -30,7 +30,7 @@ CatalogOption = Annotated[
     ),
 ]
 JsonOption = Annotated[bool, Parameter(name="--json", negative="", help="Print JSON instead of a table.")]
-WorkersOption = Annotated[int, Parameter(name="--workers", help="Processes; 0 takes one per core.")]
+WorkersOption = Annotated[int, Parameter(name="--workers", help="Number of processes; 0 uses one per core.")]
 
 Advance = Callable[[], None]
 
@@ -63,7 +63,7 @@ def beside(output: Path) -> Path:
     from upplied.errors import InputError
 
     if not output.absolute().parent.is_dir():
-        remedy = f"make it first: mkdir -p {shlex.quote(str(output.parent))}"
+        remedy = f"create it first: mkdir -p {shlex.quote(str(output.parent))}"
         raise InputError(str(output), "its folder does not exist", "", remedy)
     return output
 
@@ -98,7 +98,7 @@ def show(
         table.add_row(*map(Text, texts))
     console.print(table)
     if left_out:
-        hint(f"left out for want of room: {', '.join(left_out)}")
+        hint(f"hidden columns (terminal too narrow): {', '.join(left_out)}")
 
 
 def _left_out(cells: Mapping[str, Sequence[str]], spare: Sequence[str]) -> list[str]:

@@ -25,13 +25,16 @@ if TYPE_CHECKING:
     from upplied.catalog import Catalog
     from upplied.fleet import Decision, Result
 
-app = App(name="transfer", help="Carry a demonstration to other structures.")
-plan = App(name="plan", help="Say what a run over the fleet would plan, and why; or plan it.")
+app = App(name="transfer", help="Transfer a demonstration to other structures.")
+plan = App(name="plan", help="Plan every pair whose inputs changed, or show which those are.")
 
 PresetOption = Annotated[
     tuple[str, ...],
     Parameter(
-        name="--preset", negative="", consume_multiple=True, help="paper, recommended, baseline; several."
+        name="--preset",
+        negative="",
+        consume_multiple=True,
+        help="paper, recommended or baseline; repeatable.",
     ),
 ]
 SetOption = Annotated[
@@ -40,13 +43,13 @@ SetOption = Annotated[
         name="--set",
         negative="",
         show_default=False,
-        help="A setting that differs, as STAGE.NAME=VALUE; repeatable.",
+        help="A planning parameter, as STAGE.NAME=VALUE; repeatable.",
     ),
 ]
 BestOption = Annotated[
     str,
     Parameter(
-        name="--best", show_default=False, help="A structure: carry to it the demonstration that fits best."
+        name="--best", show_default=False, help="Structure that receives the demonstration that fits best."
     ),
 ]
 ExperimentOption = Annotated[
@@ -54,10 +57,10 @@ ExperimentOption = Annotated[
     Parameter(
         name="--experiment",
         show_default=False,
-        help="A name: these plans are for comparison, never current and never released.",
+        help="Name of an experiment; its plans are never current and never released.",
     ),
 ]
-TimeoutOption = Annotated[float, Parameter(name="--timeout", help="Seconds after which a target is stopped.")]
+TimeoutOption = Annotated[float, Parameter(name="--timeout", help="Time limit of one structure, in seconds.")]
 DEFAULT_PRESETS = ("recommended", "baseline")
 
 
@@ -72,22 +75,20 @@ def transfer(
     choices: Choices | None = None,
     experiment: ExperimentOption = "",
     best: BestOption = "",
-    reproduce: Annotated[
-        str | None, Parameter(help="Instead: make the plan of this id again and compare it.")
-    ] = None,
+    reproduce: Annotated[str | None, Parameter(help="ID of a plan to make again and compare.")] = None,
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
     timeout: TimeoutOption = 600.0,
     json: JsonOption = False,
 ) -> int:
-    """Carry one demonstration to targets; plans that exist are not made again.
+    """Transfer one demonstration to target structures; existing plans are not made again.
 
     Parameters
     ----------
     demonstration : str
-        Its id in the catalog; none with --best.
+        ID of the demonstration; omit it with --best.
     to : tuple of str
-        Ids of the targets; none: every other structure of the kind.
+        IDs of the targets; by default every other structure of the kind.
     """
     from upplied import fleet
     from upplied.cli.reproduce import reproduce as made_again
@@ -97,7 +98,9 @@ def transfer(
         return made_again(catalog, reproduce)
     if best and (demonstration or to):
         raise SettingsError(
-            "transfer", "--best beside a demonstration or --to", "one way to say what is carried"
+            "transfer",
+            "--best together with a demonstration or --to",
+            "either --best, or a demonstration and --to",
         )
     if best:
         demonstration, to = best_for(catalog, best), (best,)
@@ -153,17 +156,17 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
 @plan.default
 def plan_fleet(
     *,
-    dry_run: Annotated[bool, Parameter(negative="", help="Only say what would be planned.")] = False,
+    dry_run: Annotated[bool, Parameter(negative="", help="Show what would be planned, and stop.")] = False,
     preset: PresetOption = DEFAULT_PRESETS,
     set_: SetOption = (),
-    retry_failed: Annotated[bool, Parameter(negative="", help="Also plan again what failed.")] = False,
+    retry_failed: Annotated[bool, Parameter(negative="", help="Include pairs that failed before.")] = False,
     experiment: ExperimentOption = "",
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
     timeout: TimeoutOption = 600.0,
     json: JsonOption = False,
 ) -> int:
-    """Plan every pair whose inputs changed since it was planned, or say which those are."""
+    """Plan every pair whose inputs changed since it was planned, or show which those are."""
     from upplied import fleet
 
     opened_catalog = opened(catalog)

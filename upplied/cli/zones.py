@@ -13,8 +13,10 @@ from upplied.cli.terminal import CatalogOption, JsonOption, console, errors, nex
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
 
-requiring = App(name="require", help="Say which zones of a structure, or of a kind, must be seen, and how.")
-showing = App(name="zones", help="Say of every required zone whether it is met, as planned and as flown.")
+requiring = App(
+    name="require", help="Require zones of a structure or of a kind: what must be seen, and how well."
+)
+showing = App(name="zones", help="Show which required zones are covered, by plans and by flights.")
 
 
 @requiring.default
@@ -23,21 +25,21 @@ def require(
     file: Path,
     /,
     *,
-    kind: Annotated[bool, Parameter(negative="", help="The name is that of a kind.")] = False,
+    kind: Annotated[bool, Parameter(negative="", help="The name is a kind.")] = False,
     by: ByOption,
     note: NoteOption = "",
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Read a set of requirements; the set of the same name becomes its next version.
+    """Import a set of requirements; a set of the same name becomes its next version.
 
     Parameters
     ----------
     owner : str
-        A structure, or with --kind a kind.
+        ID of a structure, or a kind with --kind.
     file : Path
-        TOML: `name`, and a `[[zone]]` each with `zone`, `where`, and what is asked: `looks`, `gsd_mm`,
-        `incidence_deg`, `max_age_days`. Instead of `where` it may have a `label` of the faces that the
-        file `labels` beside the name labels. Without a zone the set is taken back.
+        TOML: `name`, and a `[[zone]]` each with `zone`, `where` and requirements: `looks`, `gsd_mm`,
+        `incidence_deg`, `max_age_days`. Instead of `where` a zone may name a `label` of the faces
+        that the file `labels` labels. A set without zones is withdrawn.
     """
     import tomllib
 
@@ -85,7 +87,7 @@ def _with_labels(
                 if "where" in zone
                 else "has a label, and no file of labels is named"
             )
-            raise InputError(what, found, 'labels = "FILE" beside the name, and label instead of where')
+            raise InputError(what, found, 'labels = "FILE" next to the name, and label instead of where')
         if not on:
             raise InputError(
                 what, "has a label, and no structure", 'on = "ID": the structure that is labelled'
@@ -107,14 +109,14 @@ def zones(
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """List the zones that are required of a structure; exit code 1 where one is not met as planned.
+    """List the required zones of a structure; exit code 1 if the plans do not cover one.
 
     Parameters
     ----------
     structure : str
-        Its id.
+        ID of the structure.
     mesh : Path
-        Write its mesh there as it is kept (PLY), whose faces a file of labels labels.
+        Save the structure's mesh as PLY, for labelling faces.
     """
     if mesh is not None:
         return _mesh(opened(catalog), structure, mesh)

@@ -26,6 +26,7 @@ from upplied.provenance import method, recorded
 
 _MOST_BYTES = 16 << 20
 _MOST_BOXES = 1000
+_FARTHEST_M = 100_000.0  # of a viewpoint or a corner of a box from the structure's origin
 _RULE = "a file as `upplied edit ID --out FILE` writes it"
 _EARLIER = ("rejected", "recalled")  # states of a changed plan whose change is not carried over
 
@@ -92,6 +93,9 @@ def read_edit(what: str, said: Mapping[str, Any], editing: Editing, base: Base) 
     numbers = [value for p in after.values() for value in (*p.position, p.yaw_deg, p.pitch_deg)]
     if not np.isfinite([*numbers, clearance]).all() or not np.isfinite(boxes).all():
         raise InputError(what, "holds what is no number", _RULE)
+    places = [*(p.position for p in after.values()), *boxes.reshape(-1, 3), (clearance, 0.0, 0.0)]
+    if np.abs(np.array(places)).max() > _FARTHEST_M:
+        raise InputError(what, "lies too far away", f"at most {_FARTHEST_M:g} m from the structure's origin")
     if any(not -90 <= p.pitch_deg <= 90 for p in after.values()):
         raise InputError(what, "turns a camera beyond straight up or down", "-90 to 90 degrees of pitch")
     if len(boxes) > _MOST_BOXES:

@@ -7,22 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.polylines import leg_lengths
-from upplied.poses import interpolate, optical_axis
-from upplied.records import Floats, Record, Trajectory
+from upplied.poses import interpolate, matrices
+from upplied.records import Camera, Floats, Record, Trajectory
 from upplied.scene import Scene
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Profile(Record):
-    """A path at display density, with its values along it; NaN where there is none."""
+    """A path at display density, with its values along it."""
 
     path: Trajectory
     speed_mps: Floats  # (N,)
     clearance_m: Floats  # (N,) to the nearest surface
-    standoff_m: Floats  # (N,) to the surface along the optical axis; NaN where the camera looks past it
+    standoff_m: Floats  # (N,) to the surface in the picture, nearest to its middle
 
 
-def profile(trajectory: Trajectory, scene: Scene, most: int = 600) -> Profile:
+_HALF_PICTURE = 2  # rays on each side of the middle of a picture, across and upwards
+
+
+def profile(trajectory: Trajectory, scene: Scene, camera: Camera | None = None, most: int = 600) -> Profile:
     """The values along a trajectory, at its own poses or at `most` even times where it has more.
 
     Parameters
@@ -30,17 +33,35 @@ def profile(trajectory: Trajectory, scene: Scene, most: int = 600) -> Profile:
     trajectory : Trajectory
     scene : Scene
         Of the structure it is flown around.
+    camera : Camera, optional
+        Its field of view says what a picture shows; by default the optical axis alone counts.
     """
     path = trajectory
     if len(path) > most:
         path = interpolate(path, np.linspace(path.t_s[0], path.t_s[-1], most))
-    reach, _, _ = scene.cast(path.positions, optical_axis(path.quat_xyzw))
-    return Profile(
-        path,
-        speeds(path),
-        scene.distance(path.positions),
-        np.where(np.isfinite(reach), reach, np.nan),
-    )
+    clearance = scene.distance(path.positions)
+    return Profile(path, speeds(path), clearance, standoff(path, scene, camera, clearance))
+
+
+def standoff(path: Trajectory, scene: Scene, camera: Camera | None, clearance_m: Floats) -> Floats:
+    """Distance (N,), m, to the surface in each picture, where that is nearest to the picture's middle.
+
+    Where a picture shows none of it the distance is that of the nearest surface.
+    """
+    across, upwards = np.zeros(1), np.zeros(1)
+    if camera is not None:
+        steps = np.linspace(-1, 1, 2 * _HALF_PICTURE + 1)
+        half = np.tan(np.radians(np.minimum([camera.hfov_deg, camera.vfov_deg], 150.0)) / 2)
+        across, upwards = (axis.ravel() for axis in np.meshgrid(steps * half[0], steps * half[1]))
+    rays = np.stack([np.ones_like(across), across, upwards], axis=1)
+    rays = rays[np.argsort(np.linalg.norm(rays, axis=1), kind="stable")]  # from the middle outwards
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    turned = np.einsum("nij,kj->nki", matrices(path.quat_xyzw), rays)
+    origins = np.repeat(path.positions, len(rays), axis=0)
+    reach = scene.cast(origins, turned.reshape(-1, 3))[0].reshape(len(path), len(rays))
+    hits = np.isfinite(reach)
+    first = reach[np.arange(len(path)), hits.argmax(axis=1)]
+    return np.where(hits.any(axis=1), first, clearance_m)
 
 
 def speeds(path: Trajectory) -> Floats:

@@ -1,4 +1,4 @@
-"""The page that a pilot takes along: map, heights, sorties, times, rules, verdict and what was assumed."""
+"""The pilot's brief: map, heights, flights, times, rules, verdict and assumptions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.options import MissionOptions
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.ways import ground_z_m
-from upplied.outputs.verdicts import fineness, scaled_coverage
+from upplied.outputs.verdicts import headline, scaled_coverage
 from upplied.polylines import leg_lengths
 from upplied.records import Floats, Structure
 
@@ -55,21 +55,22 @@ def brief_html(
         Its sorties; they have passed the gate, or their notes say what was overruled.
     structure : Structure
     options : MissionOptions
-        What the missions were made with.
+        Options of the missions.
     warnings : sequence of str
-        What the plan says that a pilot should know.
+        Warnings of the plan.
     zones : sequence of str
-        What becomes of each zone that must be seen.
+        Result for each required zone.
     """
     lines = [_line(mission) for mission in missions]
     notes = list(missions[0].notes)
     overruled = [note for note in notes if note.startswith(("OVERRULED", DRAFT))]
     title = f"{row['demonstration_id']} on {row['target_id']}"
     body = [
-        f"<h1>{_said(title)}</h1>",
-        f"<p>Plan {_said(row['transfer_id'])}, preset {_said(row['preset'])}, "
-        f"method {_said(row['method_version'])}, planned {_said(row['planned_at'])[:16]} UTC</p>",
+        f"<h1>{_text(title)}</h1>",
+        f"<p>Plan {_text(row['transfer_id'])}, preset {_text(row['preset'])}, "
+        f"method {_text(row['method_version'])}, planned {_text(row['planned_at'])[:16]} UTC</p>",
         _verdict(overruled),
+        f"<p>{_text(headline(row, options.clearance_m))}</p>",
         _maps(structure, missions, lines),
         '<div class="columns"><div>',
         _heights(missions, structure, options),
@@ -77,20 +78,20 @@ def brief_html(
         _measures(row),
         "</div></div>",
         _sorties(missions),
-        _listed("Zones that must be seen", zones),
-        _listed("Warnings of the plan", warnings),
-        _listed("Assumed and checked", [note for note in notes if note not in overruled]),
+        _listed("Required zones", zones),
+        _listed("Warnings", warnings),
+        _listed("Assumptions and checks", [note for note in notes if note not in overruled]),
     ]
     style = resources.files("upplied.outputs").joinpath("static/brief.css").read_text("utf-8")
-    return _PAGE.format(policy=_POLICY, style=style, title=_said(title), body="\n".join(body))
+    return _PAGE.format(policy=_POLICY, style=style, title=_text(title), body="\n".join(body))
 
 
 def _verdict(overruled: Sequence[str]) -> str:
     if not overruled:
-        return '<p class="verdict go">Passed every rule of the gate, from take-off to landing.</p>'
-    listed = "".join(f"<li>{_said(note)}</li>" for note in overruled)
+        return '<p class="verdict go">All safety checks passed, take-off to landing.</p>'
+    listed = "".join(f"<li>{_text(note)}</li>" for note in overruled)
     draft = all(note.startswith(DRAFT) for note in overruled)
-    words = "Nobody released this plan" if draft else "Rules were overruled"
+    words = "This plan is a draft and is not released" if draft else "Safety rules were overruled"
     return f'<div class="verdict stop">{words}:<ul>{listed}</ul></div>'
 
 
@@ -99,13 +100,13 @@ def _maps(structure: Structure, missions: Sequence[Mission], lines: Sequence[Lin
     pictures = (
         (
             map_png(structure, lines, north),
-            "Map, north up. H: take-off; grey: ways there and back; red: limits.",
+            "Map, north up. H: take-off; grey: transit legs; red: keep-out areas and geofence.",
         ),
-        (side_png(structure, lines), "From the side; z in the frame of the structure."),
+        (side_png(structure, lines), "Side view; z in the frame of the structure."),
     )
     figures = "".join(
-        f'<figure><img alt="{_said(text)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
-        f"<figcaption>{_said(text)}</figcaption></figure>"
+        f'<figure><img alt="{_text(text)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+        f"<figcaption>{_text(text)}</figcaption></figure>"
         for png, text in pictures
     )
     return f'<div class="maps">{figures}</div>'
@@ -120,42 +121,41 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
     lat, lon, _ = first.home
     rows = [
         ("take-off", f"{lat:.6f}, {lon:.6f}"),
-        ("take-off over ground", f"{home - ground:.1f} m"),
-        ("highest, over take-off", f"{every.max() - home:.1f} m"),
-        ("highest, over ground", f"{every.max() - ground:.1f} m"),
-        ("lowest while flying, over ground", f"{every.min() - ground:.1f} m"),
-        ("ways there and back, over take-off", f"{(ways.max() if len(ways) else every.max()) - home:.1f} m"),
-        ("abort: automatic return, over take-off", f"at least {first.return_height_m:.1f} m"),
-        ("ceiling", "none declared" if ceiling is None else f"{ceiling - home:.1f} m over take-off"),
-        ("clearance asked of every leg", f"{options.clearance_m:g} m"),
+        ("take-off above ground", f"{home - ground:.1f} m"),
+        ("highest point above take-off", f"{every.max() - home:.1f} m"),
+        ("highest point above ground", f"{every.max() - ground:.1f} m"),
+        ("lowest point above ground", f"{every.min() - ground:.1f} m"),
+        ("transit legs above take-off", f"{(ways.max() if len(ways) else every.max()) - home:.1f} m"),
+        ("return-to-home altitude above take-off", f"at least {first.return_height_m:.1f} m"),
+        ("ceiling", "none declared" if ceiling is None else f"{ceiling - home:.1f} m above take-off"),
+        ("clearance limit of every leg", f"{options.clearance_m:g} m"),
     ]
     return _table("Heights", rows)
 
 
 def _measures(row: Mapping[str, Any]) -> str:
     scaled = row.get("standoff_mode") == "scaled"
-    how = "as well, for its size" if scaled else "as finely"
+    how = "as well, relative to size" if scaled else "as finely"
     row = {**row, "coverage_inspected_pct": scaled_coverage(row)} if scaled else row
     shown = (
         ("coverage_inspected_pct", f"inspected surface shown {how}", "{:.1f} %"),
-        ("coverage_seen_pct", "surface really seen", "{:.1f} %"),
-        ("min_clearance_m", "least clearance of the plan", "{:.2f} m"),
+        ("coverage_seen_pct", "demonstrated surface seen", "{:.1f} %"),
+        ("min_clearance_m", "minimum clearance of the plan", "{:.2f} m"),
         ("path_length_m", "inspection path", "{:.0f} m"),
         ("duration_s", "inspection time", "{:.0f} s"),
         ("peak_speed_mps", "peak speed", "{:.1f} m/s"),
-        ("standoff_ratio_p50", "stand-off beside the wanted", "{:.2f}"),
+        ("standoff_ratio_p50", "stand-off / requested stand-off", "{:.2f}"),
     )
     rows = []
     for name, text, form in shown:
         value = row.get(name)
         if value is not None and value == value:
             rows.append((text, form.format(float(value))))
-    fine = fineness(row)
-    return _table("Plan", rows) + (f"<p>{_said(fine)}</p>" if fine else "")
+    return _table("Plan", rows)
 
 
 def _sorties(missions: Sequence[Mission]) -> str:
-    head = ("sortie", "waypoints", "photos", "way, m", "in the air, s", "first waypoint (lat, lon, height m)")
+    head = ("flight", "waypoints", "photos", "length, m", "time, s", "first waypoint (lat, lon, height m)")
     cells = []
     for mission in missions:
         inside = mission.local[mission.inspect]
@@ -166,9 +166,9 @@ def _sorties(missions: Sequence[Mission]) -> str:
         first = f"{lat:.6f}, {lon:.6f}, {mission.height_m[0]:.1f}"
         name, seconds = f"{mission.number} of {mission.count}", f"{mission.duration_s:.0f}"
         cells.append((name, len(inside), photos, f"{length:.0f}", seconds, first))
-    headed = "".join(f"<th>{_said(each)}</th>" for each in head)
-    body = "".join("<tr>" + "".join(f"<td>{_said(each)}</td>" for each in row) + "</tr>" for row in cells)
-    return f"<h2>Sorties</h2><table><tr>{headed}</tr>{body}</table>"
+    headed = "".join(f"<th>{_text(each)}</th>" for each in head)
+    body = "".join("<tr>" + "".join(f"<td>{_text(each)}</td>" for each in row) + "</tr>" for row in cells)
+    return f"<h2>Flights</h2><table><tr>{headed}</tr>{body}</table>"
 
 
 def _line(mission: Mission) -> Line:
@@ -184,15 +184,15 @@ def _line(mission: Mission) -> Line:
 
 
 def _table(title: str, rows: Sequence[tuple[str, str]]) -> str:
-    body = "".join(f"<tr><td>{_said(name)}</td><td>{_said(value)}</td></tr>" for name, value in rows)
-    return f"<h2>{_said(title)}</h2><table>{body}</table>"
+    body = "".join(f"<tr><td>{_text(name)}</td><td>{_text(value)}</td></tr>" for name, value in rows)
+    return f"<h2>{_text(title)}</h2><table>{body}</table>"
 
 
 def _listed(title: str, texts: Sequence[str]) -> str:
     if not texts:
         return ""
-    return f"<h2>{_said(title)}</h2><ul>{''.join(f'<li>{_said(text)}</li>' for text in texts)}</ul>"
+    return f"<h2>{_text(title)}</h2><ul>{''.join(f'<li>{_text(text)}</li>' for text in texts)}</ul>"
 
 
-def _said(value: object) -> str:
+def _text(value: object) -> str:
     return html.escape(str(value))

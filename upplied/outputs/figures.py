@@ -224,8 +224,8 @@ def figures(plan: Plan) -> str:
     measures = plan.measures
     parts = [
         ("inspected", measures.coverage_inspected_pct, "{:.1f} %"),
-        ("really seen", measures.coverage_seen_pct, "{:.1f} %"),
-        ("camera turned", measures.camera_turn_ratio, "{:.1f} times"),
+        ("surface seen", measures.coverage_seen_pct, "{:.1f} %"),
+        ("camera rotation", measures.camera_turn_ratio, "{:.1f} of the demonstrated"),
         ("clearance", measures.min_clearance_m, "{:.1f} m"),
         ("Fréchet", measures.frechet_z, "{:.2f}"),
         ("length", measures.path_length_m, "{:.0f} m"),

@@ -131,18 +131,18 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
     parts = [f"Flown {flown.told}" if flown.kind == "flown" else simulated]
     clearance, coverage = flown.measures.min_clearance_m, flown.measures.coverage_seen_pct
     if np.isfinite(clearance):
-        unknown = f", not known for {flown.silent_s:.0f} s of silence" if flown.silent_s else ""
-        parts.append(f"least clearance {clearance:.2f} m{_of(row, 'min_clearance_m', 2, ' m')}{unknown}")
+        unknown = f", unknown for {flown.silent_s:.0f} s without log" if flown.silent_s else ""
+        parts.append(f"minimum clearance {clearance:.2f} m{_of(row, 'min_clearance_m', 2, ' m')}{unknown}")
     if np.isfinite(flown.required_pct):
-        parts.append(f"of what the plan shows {flown.required_pct:.1f} % was seen for certain")
+        parts.append(f"{flown.required_pct:.1f} % of the planned surface was certainly seen")
     if flown.assumed_pct > 0:
-        parts.append(f"{flown.assumed_pct:.1f} % more if the log was rightly moved onto its plan")
+        parts.append(f"{flown.assumed_pct:.1f} % more if the correction of the log is right")
     if np.isfinite(coverage):
-        parts.append(f"really seen {coverage:.1f} %{_of(row, 'coverage_seen_pct', 1, ' %')}")
+        parts.append(f"surface seen {coverage:.1f} %{_of(row, 'coverage_seen_pct', 1, ' %')}")
     if flown.kind == "flown":
         parts.append(flown.wind)
-    measured = f"{parts[0]}: {', '.join(parts[1:]) or 'nothing could be measured'}."
-    return f"{measured} Found: {flown.findings}." if flown.findings else measured
+    measured = f"{parts[0]}: {', '.join(parts[1:]) or 'nothing was measured'}."
+    return f"{measured} Findings: {flown.findings}." if flown.findings else measured
 
 
 def seen_as_flown(planned: SurfaceStates, patches: Ints, assumed: Ints) -> SurfaceStates:

@@ -18,12 +18,18 @@ from typing import Any
 
 from upplied.extras import extra
 
-#: Files of the package's own that every report folder holds once, under ``assets/``.
-SCRIPTS = ("plotly.min.js", "core.js", "fleet.js", "scene.js", "verdict.js", "transfer.js", "start.js")
-#: Those that the fleet's own page needs: it draws nothing, and opens without the drawing library.
-FLEET_SCRIPTS = ("core.js", "fleet.js", "start.js")
-STUDIO_SCRIPTS = ("plotly.min.js", "core.js", "scene.js", "studio.js")
+PLOTLY = "plotly.min.js"
+#: Scripts of each kind of page between `core.js` and `start.js`; 3-D views load the drawing library later.
+KINDS = {
+    "fleet": ("places.js", "fleet.js"),
+    "transfer": ("scene.js", "verdict.js", "fly.js", "transfer.js"),
+    "structure": ("structure.js",),
+    "about": ("about.js",),
+}
 STYLES = ("report.css",)
+#: Files of the package that every report folder holds once, under ``assets/``.
+SCRIPTS = (PLOTLY, "core.js", *dict.fromkeys(name for names in KINDS.values() for name in names), "start.js")
+_LIVE = ("live.js", "login.js", "studio.js", "studio.css")
 
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -35,44 +41,33 @@ _PAGE = """<!doctype html>
 {styles}
 </head>
 <body>
-<main id="app"></main>
+<main id="app">{body}</main>
 <noscript>{fallback}</noscript>
 <script type="application/json" id="data">{data}</script>
 {scripts}
 </body>
 </html>
 """
-_STUDIO = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<link rel="icon" href="data:,">
-<title>Studio</title>
-{styles}
-</head>
-<body>
-<main id="app"><p role="status">Opening the plan …</p></main>
-<noscript>The studio needs scripts; they come from this machine alone.</noscript>
-{scripts}
-</body>
-</html>
-"""
 _POLICY = (
-    "default-src 'none'; script-src {scripts}; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:"
+    "default-src 'none'; script-src {scripts}; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+    "connect-src {connect}"
 )
 
 
-def fleet_page(title: str, data: Mapping[str, Any], fallback: str) -> str:
-    """The page of the fleet, at the root of a report folder; parameters as of `page`."""
-    return _folder_page(title, data, fallback, "", [f"assets/{name}" for name in FLEET_SCRIPTS])
-
-
-def page(title: str, data: Mapping[str, Any], fallback: str, root: str, extra: Sequence[str] = ()) -> str:
-    """A page of a report folder.
+def page(
+    kind: str,
+    title: str,
+    data: Mapping[str, Any],
+    fallback: str,
+    root: str = "",
+    extra: Sequence[str] = (),
+    live: bool = False,
+) -> str:
+    """A page of a report folder, or of the application that makes the same pages when they are opened.
 
     Parameters
     ----------
+    kind : {"fleet", "transfer", "structure", "about"}
     title, fallback : str
         Plain text; the fallback is shown where scripts are off.
     data : mapping
@@ -81,21 +76,63 @@ def page(title: str, data: Mapping[str, Any], fallback: str, root: str, extra: S
         From the page to the report folder, ``""`` or ``"../"``.
     extra : sequence of str
         Further scripts, relative to the report folder.
+    live : bool
+        A person who signed in may decide, export and edit on the page.
     """
-    scripts = [f"assets/{name}" for name in SCRIPTS[:-1]] + list(extra) + [f"assets/{SCRIPTS[-1]}"]
-    return _folder_page(title, data, fallback, root, scripts)
+    names = ["core.js", *(["live.js"] if live else []), *KINDS[kind]]
+    scripts = [*(f"assets/{name}" for name in names), *extra, "assets/start.js"]
+    return _shell(title, scripts, {**data, "root": root, "live": live}, fallback, root, live)
 
 
-def _folder_page(
-    title: str, data: Mapping[str, Any], fallback: str, root: str, scripts: Sequence[str]
+def login_page() -> str:
+    """The page of whoever is not signed in: it shows nothing but a field for the password."""
+    scripts = [f"/assets/{name}" for name in ("core.js", "live.js", "login.js")]
+    return _shell("Sign in", scripts, {}, "Signing in needs scripts.", "/", True)
+
+
+def studio_page(transfer_id: str) -> str:
+    """The page of the studio; it asks for its plan by itself."""
+    names = (PLOTLY, "core.js", "live.js", "scene.js", "studio.js")
+    scripts = [f"/assets/{name}" for name in names]
+    body = '<p role="status" id="stage">Opening the plan</p>'
+    data = {"plan": transfer_id}
+    return _shell(
+        "Studio", scripts, data, "The studio needs scripts.", "/", True, body, (*STYLES, "studio.css")
+    )
+
+
+def message_page(text: str) -> str:
+    """A page that says in words why there is no other."""
+    body = f'<h1>Not available</h1><p class="verdict failed">{html.escape(text)}</p><a href="/">All plans</a>'
+    return _shell("Not available", [], {}, "", "/", True, body)
+
+
+def _shell(
+    title: str,
+    scripts: Sequence[str],
+    data: Mapping[str, Any],
+    fallback: str,
+    root: str,
+    live: bool,
+    body: str = "",
+    styles: Sequence[str] = STYLES,
 ) -> str:
     return _PAGE.format(
-        policy=_POLICY.format(scripts="'self'"),
+        policy=_POLICY.format(scripts="'self'", connect="'self'" if live else "'none'"),
         title=html.escape(title),
-        styles="\n".join(f'<link rel="stylesheet" href="{root}assets/{name}">' for name in STYLES),
+        styles="\n".join(
+            [
+                *(f'<link rel="stylesheet" href="{root}assets/{name}">' for name in styles),
+                *(['<link rel="icon" href="data:,">'] if live else []),  # or browsers ask for one
+            ]
+        ),
+        body=body,
         fallback=html.escape(fallback),
         data=inert_json(data),
-        scripts="\n".join(f'<script src="{root}{html.escape(name)}"></script>' for name in scripts),
+        scripts="\n".join(
+            f'<script src="{html.escape(name if name.startswith("/") else root + name)}"></script>'
+            for name in scripts
+        ),
     )
 
 
@@ -104,11 +141,12 @@ def single_page(title: str, data: Mapping[str, Any], fallback: str) -> str:
     sources = [_asset(name).replace("</script", "<\\/script") for name in SCRIPTS]
     hashes = " ".join(f"'sha256-{_sha256(source)}'" for source in sources)
     return _PAGE.format(
-        policy=_POLICY.format(scripts=hashes),
+        policy=_POLICY.format(scripts=hashes, connect="'none'"),
         title=html.escape(title),
         styles="\n".join(f"<style>{_asset(name)}</style>" for name in STYLES),
+        body="",
         fallback=html.escape(fallback),
-        data=inert_json(data),
+        data=inert_json({**data, "root": "", "live": False}),
         scripts="\n".join(f"<script>{source}</script>" for source in sources),
     )
 
@@ -119,17 +157,13 @@ def structure_script(data: Mapping[str, Any]) -> str:
 
 
 def assets() -> dict[str, str]:
-    """The files under ``assets/`` by name."""
+    """The files under ``assets/`` of a report folder, by name."""
     return {name: _asset(name) for name in (*SCRIPTS, *STYLES)}
 
 
-def studio_files() -> dict[str, tuple[str, str]]:
-    """The page of the studio and what it loads: type and text by name."""
-    scripts = {name: ("text/javascript", _asset(name)) for name in STUDIO_SCRIPTS}
-    styles = {name: ("text/css", _asset(name)) for name in (*STYLES, "studio.css")}
-    head = "\n".join(f'<link rel="stylesheet" href="{name}">' for name in styles)
-    body = "\n".join(f'<script src="{name}"></script>' for name in scripts)
-    return {**scripts, **styles, "index.html": ("text/html", _STUDIO.format(styles=head, scripts=body))}
+def live_assets() -> dict[str, str]:
+    """The same with those of the application."""
+    return assets() | {name: _asset(name) for name in _LIVE}
 
 
 def inert_json(value: Any) -> str:

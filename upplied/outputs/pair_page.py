@@ -16,8 +16,8 @@ from upplied.outputs.pairs import (
     NOT_FLYABLE,
     PRESETS,
     Pair,
-    bound_options,
     change,
+    decision_words,
     number,
     shown_status,
     stamp,
@@ -26,7 +26,7 @@ from upplied.outputs.verdicts import verdict
 from upplied.records import Demonstration, Floats, Measures
 
 DRAFTED = "newer draft"  # how a page names it
-_UNSAFE = "Do not fly this plan: its waypoints break rules that every mission keeps."
+_UNSAFE = "Do not fly this plan. Its waypoints break safety rules."
 _PROVENANCE = (
     "transfer_id", "planned_at", "run_id", "code_version", "icp_score_m2",
     "demonstration_sha256", "source_sha256", "target_sha256", "settings_sha256",
@@ -53,8 +53,10 @@ def demonstration_data(demonstration: Demonstration, profile: Profile, origin: F
 def _passport(passport: Mapping[str, Any]) -> str:
     if not passport:
         return ""
-    said = {True: " (overruled)", False: ""}
-    findings = [f"{item['rule']}: {item['found']}{said[item['overruled']]}" for item in passport["findings"]]
+    suffix = {True: " (overruled)", False: ""}
+    findings = [
+        f"{item['rule']}: {item['found']}{suffix[item['overruled']]}" for item in passport["findings"]
+    ]
     return "; ".join([passport["verdict"], *findings])
 
 
@@ -119,19 +121,20 @@ def _ordered(pair: Pair) -> list[tuple[str, Mapping[str, Any]]]:
 
 
 def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
-    status, told = shown_status(row), verdict(row, safety_m(row.get("settings_json")))
+    status, result = shown_status(row), verdict(row, safety_m(row.get("settings_json")))
     if broken := path.get("gate"):
-        status, told = NOT_FLYABLE, {"flyable": False, "headline": _UNSAFE, "look": broken}
+        status, result = NOT_FLYABLE, {"flyable": False, "headline": _UNSAFE, "look": broken}
     return {
         "preset": preset,
         "status": status,
-        "decided": bound_options(row),
+        "state": str(row.get("state") or ""),
+        "decided": decision_words(row),
         "counterparts": _text(row.get("counterpart_summary")),
         "parts": _parts(row.get("counterparts")),
         "told_by": _text(row.get("parts_told_by")),
         "evidence": _text(row.get("acceptance_evidence")),
         "standoff": _text(row.get("standoff_mode")),
-        "verdict": told,
+        "verdict": result,
         "safety_m": safety_m(row.get("settings_json")),
         "measures": {item.name: number(row, item.name) for item in fields(Measures)}
         | {name: number(row, name) for name in ("n_viewpoints", "n_waypoints")},
@@ -159,20 +162,20 @@ def _part(one: Mapping[str, Any]) -> dict[str, str]:
     return {
         "part": str(one["part"]),
         "inspected": f"{one['inspected_pct']:.0f} %",
-        "found": str(one["found"]),
+        "similar": str(one["found"]),
         "flown": ", ".join(one["flown"]),
         "left_out": "; ".join(one["left_out"]),
-        "sure": "untold" if sure is None else next(name for least, name in _SURE if sure >= least),
-        "probability": "not told apart" if sure is None else f"{100 * sure:.0f} %",
-        "doubt": "; ".join(said for said in (str(one["doubt"]), _missing(one)) if said),
+        "certainty": "unknown" if sure is None else next(name for least, name in _SURE if sure >= least),
+        "probability": "unknown" if sure is None else f"{100 * sure:.0f} %",
+        "doubt": "; ".join(text for text in (str(one["doubt"]), _missing(one)) if text),
     }
 
 
 def _missing(one: Mapping[str, Any]) -> str:
     """What was never scanned of a part; plans of before 0.2 do not tell."""
     share, ends = float(one.get("never_scanned_pct", 0.0)), [str(part) for part in one.get("open", ())]
-    said = f"{share:.0f} % of what was inspected of {one['part']} was never scanned" if share >= 1 else ""
-    return said or (f"the scan ends on {', '.join(ends)}" if ends else "")
+    words = f"{share:.0f} % of the inspected surface of {one['part']} was never scanned" if share >= 1 else ""
+    return words or (f"the scan ends on {', '.join(ends)}" if ends else "")
 
 
 def safety_m(settings_json: Any) -> float | None:

@@ -16,19 +16,19 @@ PRESETS = ("recommended", "paper", "baseline")
 ATTENTION = {"recalled": -1, "failed": 0, "refused": 1, "not flyable": 1.5, "ok": 2}
 
 _FAILED = (
-    "Planning stopped with an error. Other targets are not affected; run it again once the cause is removed."
+    "Planning stopped with an error. Remove the cause and plan this target again; others are not affected."
 )
-_REFUSED = "No path was made: the inputs are sound, but no honest plan follows. "
+_REFUSED = "Planning was refused. The inputs are valid, but no safe and complete plan follows from them. "
 _REFUSALS = (  # words of a plan's reason, and what they mean for a reader
     (
         ("do not fit", "gamma", "orientation", "cannot be shown here"),
-        "The shapes of the two structures differ more than was allowed. Demonstrate on a structure that is "
-        "more alike, or look at the views below and raise the gate if the parts do correspond.",
+        "The two structures differ more in shape than the settings allow. Demonstrate on a more similar "
+        "structure, or compare the 3-D views and raise the limit if the parts do correspond.",
     ),
     (
         ("clearance", "keep-out", "ceiling", "geofence", "ground", "free way", "way round"),
-        "No way was found that keeps the safety distance within the allowed airspace. Look at the place that "
-        "is named; less clearance, other surroundings or another stand-off may help.",
+        "No path keeps the clearance within the allowed airspace. Check the place named in the reason; a "
+        "smaller clearance, other surroundings or another stand-off may help.",
     ),
 )
 
@@ -51,13 +51,13 @@ def meaning(status: str, reason: str) -> str:
     if status == "ok":
         return ""
     if status == RECALLED:
-        return "Do not fly this plan: the structure changed, and the plan is not safe there any more."
+        return "Do not fly this plan. The structure changed, and the plan is no longer safe."
     if status == NOT_FLYABLE:
-        return "For comparison only: do not fly this plan."
+        return "Do not fly this plan. It serves for comparison only."
     if status != "refused":
         return _FAILED
-    told = [text for words, text in _REFUSALS if any(word in reason for word in words)]
-    return _REFUSED + (told[0] if told else "Nothing should be flown here until the reason is dealt with.")
+    advice = [text for words, text in _REFUSALS if any(word in reason for word in words)]
+    return _REFUSED + (advice[0] if advice else "Do not fly here until the reason below is resolved.")
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def change(pair: Pair) -> str:
     """
     row = pair.main
     if pair.draft is not None:
-        return f"newer draft: {_changed(pair.draft, row) or 'as good'}"
+        return f"newer draft: {_changed(pair.draft, row) or 'no difference'}"
     before = pair.earlier.get(str(row["preset"]))
     return "" if before is None else _changed(row, before)
 
@@ -218,53 +218,71 @@ def _changed(row: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def bound_options(row: Mapping[str, Any]) -> str:
-    """What was decided about a plan, by whom and when, in words."""
+def decision_words(row: Mapping[str, Any]) -> str:
+    """The status of a plan by what a person decided about it, by whom and when."""
     state = str(row.get("state") or "")
     if not state or state == "draft":
-        return "draft: nobody released it" if state else ""
-    word = "in force, released" if state == "released" else state
+        return "Draft, not released yet" if state else ""
+    word = state.capitalize()
     note = f": {row['state_note']}" if row.get("state_note") else ""
     return f"{word} by {row.get('state_by')}, {stamp(row.get('state_at'))} UTC{note}"
 
 
 def fleet_data(
-    pairs: list[Pair], title: str, without_page: Collection[str] = (), known: int | None = None
+    pairs: list[Pair],
+    title: str,
+    without_page: Collection[str] = (),
+    known: int | None = None,
+    more: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> dict[str, Any]:
     """What the fleet page needs: columns by name, and rows in order of attention.
 
     `without_page` names the pairs whose own page could not be made, so that nothing links there; `known` is
-    how many pairs there are, where these are the first of more.
+    how many pairs there are, where these are the first of more; `more` holds, by structure, its place and
+    when it was last flown.
     """
-    columns = [
-        "pair", "status", "demonstration", "source", "target", "kind", "coverage", "attainable", "paper",
-        "baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason", "warnings",
-        "state", "page",
-    ]  # fmt: skip
-    rows = [[*_fleet_row(pair), pair.name not in without_page] for pair in pairs]
-    return {"title": title, "columns": columns, "rows": rows, "known": len(pairs) if known is None else known}
+    structures = more or {}
+    rows = [_fleet_row(pair) | {"page": pair.name not in without_page} for pair in pairs]
+    for row in rows:
+        row["flown"] = structures.get(row["target"], {}).get("flown")
+    columns = list(rows[0]) if rows else []
+    return {
+        "title": title,
+        "columns": columns,
+        "rows": [list(row.values()) for row in rows],
+        "known": len(pairs) if known is None else known,
+        "structures": {row["target"]: structures.get(row["target"], {}) for row in rows},
+    }
 
 
-def _fleet_row(pair: Pair) -> list[Any]:
+def _fleet_row(pair: Pair) -> dict[str, Any]:
     row = pair.main
     name = next((name for name in COVERAGES if number(row, name) is not None), COVERAGES[-1])
-    peers = [number(pair.plans.get(preset, {}), name) for preset in ("paper", "baseline")]
-    values = [coverage(row), attainable(row), *peers]
-    values += [number(row, name) for name in ("min_clearance_m", "frechet_z", "path_length_m", "duration_s")]
-    return [
-        pair.name,
-        shown_status(row),
-        pair.demonstration_id,
-        pair.source_id,
-        pair.target_id,
-        pair.kind,
-        *(None if value is None else round(value, 3) for value in values),
-        change(pair),
-        stamp(row.get("planned_at")),
-        reason_of(row),
-        warnings_of(row),
-        _state(row),
-    ]
+    values = {
+        "coverage": coverage(row),
+        "attainable": attainable(row),
+        "gsd": number(row, "gsd_mm_p50"),
+        "clearance": number(row, "min_clearance_m"),
+        "length": number(row, "path_length_m"),
+        "duration": number(row, "duration_s"),
+        "paper": number(pair.plans.get("paper", {}), name),
+        "baseline": number(pair.plans.get("baseline", {}), name),
+        "frechet": number(row, "frechet_z"),
+    }
+    return {
+        "pair": pair.name,
+        "status": shown_status(row),
+        "demonstration": pair.demonstration_id,
+        "source": pair.source_id,
+        "target": pair.target_id,
+        "kind": pair.kind,
+        "state": str(row.get("state") or ""),
+        **{key: None if value is None else round(value, 3) for key, value in values.items()},
+        "change": change(pair),
+        "planned": stamp(row.get("planned_at")),
+        "reason": reason_of(row),
+        "warnings": warnings_of(row),
+    }
 
 
 def reason_of(row: Mapping[str, Any]) -> str:
@@ -281,12 +299,6 @@ def warnings_of(row: Mapping[str, Any]) -> list[str]:
     except ValueError:
         found = [value]
     return [str(part) for part in (found if isinstance(found, list) else [found])]
-
-
-def _state(row: Mapping[str, Any]) -> str:
-    """What stands in the fleet's list: in force, or what it is instead."""
-    state = str(row.get("state") or "")
-    return "in force" if state == "released" else state
 
 
 def stamp(value: Any) -> str:

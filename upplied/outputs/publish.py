@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,7 @@ from upplied.outputs.files import replace_file
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.pairs import Pair, fleet_data
 from upplied.outputs.reports import Reader, Source
+from upplied.outputs.structure_page import places
 
 TITLE = "Inspection fleet"
 PICTURES = 200  # at most, unless asked for more: each takes a second
@@ -139,15 +140,14 @@ def publish_pages(
             problems[pair.name] = f"{pair.name}: {error}"
         progress(pair.name)
     _put_passports(place, reader, pairs, code, problems)
-    data = {"fleet": fleet_data(pairs, title, problems, known)}
-    fallback = f"{title}: {known} transfers. The tables are in transfers.parquet; this page needs scripts."
-    html = pages.fleet_page(title, data, fallback)
+    _put_structures(place, reader, pairs, code, problems)
+    html = fleet_html(reader, pairs, title, known, problems)
     place.put("index.html", digest(html), lambda: html)
     removed = place.remove_others()
     replace_file(place.root / _RECORD, json.dumps(place.now, indent=0, sort_keys=True) + "\n")
     kept = len(place.now) - len(place.written)
-    told = [*problems.values(), *(f"{name}: {'; '.join(why)}" for name, why in reader.refused.items())]
-    return Published(place.root / "index.html", tuple(place.written), kept, tuple(removed), tuple(told))
+    every = [*problems.values(), *(f"{name}: {'; '.join(why)}" for name, why in reader.refused.items())]
+    return Published(place.root / "index.html", tuple(place.written), kept, tuple(removed), tuple(every))
 
 
 def publish_file(
@@ -176,7 +176,7 @@ def publish_file(
     reader = Reader(source)
     used = sorted({name for pair in chosen for name in (pair.source_id, pair.target_id)})
     data = {
-        "fleet": fleet_data(chosen, title, (), known),
+        "fleet": fleet_data(chosen, title, (), known, places(source)),
         "pairs": {pair.name: reader.pair_data(pair) for pair in chosen},
         "structures": {name: reader.structure_data(name) for name in used},
     }
@@ -189,17 +189,15 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
     used = list(dict.fromkeys((pair.source_id, pair.target_id)))
     hashes = [reader.sha256("structures", name) for name in used]
     for name, sha256 in zip(used, hashes, strict=True):
-        place.put(f"data/{name}.js", digest([code, name, sha256]), partial(_structure_script, reader, name))
+        place.put(f"data/{name}.js", digest([code, name, sha256]), partial(structure_script, reader, name))
     flown = reader.sha256("demonstrations", pair.demonstration_id)
     draft = _plain({} if pair.draft is None else {"draft": pair.draft})
     key = digest([code, _plain(pair.plans), _plain(pair.earlier), draft, pair.decided, hashes, flown])
-    scripts = [f"data/{name}.js" for name in used]
-    said = [[reader.flown(row), reader.overruled(row)] for row in pair.plans.values()]
-    told = digest([key, said, picture, _plain({row["zone"]: row for row in reader.zones(pair.target_id)})])
-    drawn = f"../pictures/{pair.name}.png" if picture else ""
+    words = [[reader.flown(row), reader.overruled(row)] for row in pair.plans.values()]
+    zones = _plain({row["zone"]: row for row in reader.zones(pair.target_id)})
     missions = _put_missions(place, reader, pair, key)
-    page = digest([told, missions])
-    place.put(f"transfers/{pair.name}.html", page, lambda: _pair_html(reader, pair, scripts, drawn, missions))
+    page = digest([digest([key, words, picture, zones]), missions])
+    place.put(f"transfers/{pair.name}.html", page, lambda: pair_html(reader, pair, missions, picture))
     if picture:
         place.put(f"pictures/{pair.name}.png", key, lambda: reader.picture(pair))
 
@@ -214,38 +212,120 @@ def _put_missions(place: _Folder, reader: Reader, pair: Pair, key: str) -> dict[
             place.put(name, key, partial(downloads.mission_file, reader.source, transfer_id, kind))
             put[label] = f"../{name}"
         except UppliedError as error:
-            put[label] = f"no mission: {error}"
+            put[label] = f"not available: {error}"
     return put
 
 
 def _put_passports(
     place: _Folder, reader: Reader, pairs: Sequence[Pair], code: str, problems: dict[str, str]
 ) -> None:
-    """A page for each demonstration: what was measured of it, what it inspected, and what was found."""
-    inspected: dict[str, tuple[str, str]] = {}  # by demonstration: a plan that knows it, and its hash
-    for pair in pairs:
-        if known := pair.main.get("inspected_sha256"):
-            inspected.setdefault(pair.demonstration_id, (str(pair.main["transfer_id"]), str(known)))
+    """A page for each demonstration: its passport, what it inspected, and the findings."""
+    inspected = _inspected(pairs)
     for row in reader.source.demonstrations().to_dict("records"):
         name = check_id(str(row["demonstration_id"]), "demonstration_id")
-        planned, surface = inspected.get(name, ("", ""))
-        told = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
-        key = digest([code, name, *told, surface, reader.sha256("structures", str(row["structure_id"]))])
+        words = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
+        surface = inspected.get(name, ("", ""))[1]
+        key = digest([code, name, *words, surface, reader.sha256("structures", str(row["structure_id"]))])
         try:
-            place.put(f"demonstrations/{name}.html", key, partial(reader.passport, name, planned))
+            place.put(f"demonstrations/{name}.html", key, partial(passport_html, reader, name, pairs))
         except UppliedError as error:
             problems[name] = f"{name}: {error}"
 
 
-def _structure_script(reader: Reader, structure_id: str) -> str:
+def _put_structures(
+    place: _Folder, reader: Reader, pairs: Sequence[Pair], code: str, problems: dict[str, str]
+) -> None:
+    """A page for each structure that a page of a plan leads to."""
+    own: dict[str, list[Pair]] = {}
+    for pair in pairs:
+        if pair.name not in problems:
+            own.setdefault(pair.target_id, []).append(pair)
+    for name, plans in own.items():
+        rows = [[_plain(pair.plans), _plain({"draft": pair.draft or {}})] for pair in plans]
+        words = [reader.flown(pair.main) for pair in plans]
+        drawn = [pair.name for pair in plans if f"pictures/{pair.name}.png" in place.now]
+        zones = _plain({row["zone"]: row for row in reader.zones(name)})
+        key = digest([code, reader.sha256("structures", name), rows, words, drawn, zones])
+        try:
+            place.put(f"structures/{name}.html", key, partial(structure_html, reader, name, plans, place.now))
+        except UppliedError as error:
+            problems[name] = f"{name}: {error}"
+
+
+def fleet_html(
+    reader: Reader,
+    pairs: Sequence[Pair],
+    title: str,
+    known: int,
+    problems: Collection[str] = (),
+    live: bool = False,
+) -> str:
+    """The page of the fleet."""
+    data = {"fleet": fleet_data(list(pairs), title, problems, known, places(reader.source))}
+    tables = "" if live else " The tables are in transfers.parquet."
+    return pages.page(
+        "fleet", title, data, f"{title}: {known} plans.{tables} This page needs scripts.", live=live
+    )
+
+
+def pair_html(
+    reader: Reader,
+    pair: Pair,
+    missions: Mapping[str, str] | None = None,
+    picture: bool = True,
+    live: bool = False,
+    known: str = "",
+) -> str:
+    """The page of one demonstration on one structure.
+
+    `missions` are addresses of files by label; `known` is the last decision, where a person may decide.
+    """
+    title = f"{pair.demonstration_id} → {pair.target_id}"
+    fallback = f"{title}: {pair.main['status']}. {pair.main.get('reason') or ''} This page needs scripts."
+    shown = f"../pictures/{pair.name}.png" if picture else ""
+    content = reader.pair_data(pair, shown, picture) | {"missions": dict(missions or {})}
+    content["plans"][0]["known"] = known
+    data = {"transfer": content}
+    scripts = [f"data/{name}.js" for name in dict.fromkeys((pair.source_id, pair.target_id))]
+    return pages.page("transfer", title, data, fallback, "../", scripts, live)
+
+
+def structure_html(
+    reader: Reader,
+    structure_id: str,
+    pairs: Sequence[Pair],
+    published: Collection[str] | None = None,
+    live: bool = False,
+) -> str:
+    """The page of a structure; `published` names the files that a report folder holds."""
+    pictures = [f"pictures/{pair.name}.png" for pair in pairs if pair.target_id == structure_id]
+    shown = next((name for name in pictures if published is None or name in published), "")
+    data = {"structure": reader.structure_page(structure_id, pairs, f"../{shown}" if shown else "")}
+    return pages.page(
+        "structure", structure_id, data, f"{structure_id}: this page needs scripts.", "../", live=live
+    )
+
+
+def passport_html(reader: Reader, demonstration_id: str, pairs: Sequence[Pair], live: bool = False) -> str:
+    """The page of a demonstration."""
+    planned = _inspected(pairs).get(demonstration_id, ("", ""))[0]
+    data = {"about": reader.passport(demonstration_id, planned)}
+    fallback = f"{demonstration_id}: this page needs scripts."
+    return pages.page("about", demonstration_id, data, fallback, "../", live=live)
+
+
+def structure_script(reader: Reader, structure_id: str) -> str:
+    """The script that hands a structure to pages."""
     return pages.structure_script(reader.structure_data(structure_id))
 
 
-def _pair_html(reader: Reader, pair: Pair, scripts: list[str], picture: str, missions: dict[str, str]) -> str:
-    title = f"{pair.demonstration_id} → {pair.target_id}"
-    fallback = f"{title}: {pair.main['status']}. {pair.main.get('reason') or ''} This page needs scripts."
-    data = {"transfer": reader.pair_data(pair, picture) | {"missions": missions}, "back": "../index.html"}
-    return pages.page(title, data, fallback, "../", scripts)
+def _inspected(pairs: Sequence[Pair]) -> dict[str, tuple[str, str]]:
+    """By demonstration a plan that knows the inspected surface, and the hash of that."""
+    found: dict[str, tuple[str, str]] = {}
+    for pair in pairs:
+        if known := pair.main.get("inspected_sha256"):
+            found.setdefault(pair.demonstration_id, (str(pair.main["transfer_id"]), str(known)))
+    return found
 
 
 def _plain(rows: Any) -> dict[str, dict[str, str]]:
@@ -264,5 +344,5 @@ def _recorded(root: Path) -> dict[str, str]:
 def _inside(root: Path, name: str) -> bool:
     """Whether a noted name is one of the kinds of file we write, below the folder."""
     path = root / name
-    known = ("transfers", "pictures", "data", "assets", "demonstrations", "missions")
+    known = ("transfers", "pictures", "data", "assets", "demonstrations", "structures", "missions")
     return path.parent in [root / each for each in known] and not path.is_symlink()

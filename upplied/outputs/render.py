@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,13 @@ from typing import Any
 from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import is_foreign
 from upplied.catalog.verbs.custody import FOREIGN_PLAN, alterations, chain_heads, heads_in_words
-from upplied.catalog.verbs.recipes import settings_of
-from upplied.errors import CatalogError, UppliedError
+from upplied.errors import CatalogError
 from upplied.outputs import figures
 from upplied.outputs.brief import brief_html
 from upplied.outputs.colours import DEMONSTRATED
 from upplied.outputs.draw.views import View
 from upplied.outputs.files import replace_file
+from upplied.outputs.fly import as_settled
 from upplied.outputs.mission_zones import MissionZones
 from upplied.outputs.missions import Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
@@ -91,22 +91,6 @@ def export_transfer(
             for one in zones.judged(made.missions)]  # fmt: skip
     beside = replace_file(Path(f"{path}.zones.json"), json.dumps(rows, indent=1).encode())
     return replace(made, paths=(*made.paths, beside))
-
-
-def as_settled(row: Any, options: MissionOptions) -> MissionOptions:
-    """The options with what the settings of the plan say of its vehicle, where nothing else is asked for.
-
-    A mission keeps no less than the clearance that the plan was made with, unless less is asked for.
-    """
-    try:
-        said = settings_of(str(row.get("settings_json") or "{}"))
-    except (ValueError, KeyError, UppliedError):  # of a program that knew other settings
-        return options
-    usual, vehicle = MissionOptions(), asdict(said.vehicle)
-    more = {name: value for name, value in vehicle.items() if getattr(options, name) == getattr(usual, name)}
-    if said.route.enforce and options.clearance_m == usual.clearance_m:
-        more["clearance_m"] = max(usual.clearance_m, said.route.clearance_m)
-    return replace(options, **more)
 
 
 def brief_transfer(

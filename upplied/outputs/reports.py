@@ -24,6 +24,7 @@ from upplied.outputs.display import (
     structure_data,
 )
 from upplied.outputs.flown import Flights, Flown, flown_data, flown_sentence, seen_as_flown
+from upplied.outputs.fly import fly_data
 from upplied.outputs.missions import gate
 from upplied.outputs.missions.reading import planned
 from upplied.outputs.pair_page import (
@@ -35,7 +36,8 @@ from upplied.outputs.pair_page import (
     safety_m,
 )
 from upplied.outputs.pairs import Pair, number, shown_status
-from upplied.outputs.passport_page import passport_page
+from upplied.outputs.passport_page import passport_data
+from upplied.outputs.structure_page import structure_facts
 from upplied.outputs.zones import zones
 from upplied.records import (
     Bools,
@@ -121,8 +123,11 @@ class Reader:
         """What a page needs to draw a structure."""
         return self._data(structure_id)
 
-    def pair_data(self, pair: Pair, picture: str = "") -> dict[str, Any]:
-        """What a transfer's page shows; `picture` is where a PNG of it lies."""
+    def pair_data(self, pair: Pair, picture: str = "", sorties: bool = True) -> dict[str, Any]:
+        """What a plan's page shows; `picture` is where a PNG of it lies.
+
+        Without `sorties` the mission that follows from the plan is left out, which takes a second to make.
+        """
         origin = np.array(self._data(pair.target_id)["origin"])
         paths = {}
         shown = {**pair.plans, **({} if pair.draft is None else {DRAFTED: pair.draft})}
@@ -134,14 +139,15 @@ class Reader:
                     supposed = self.source.supposed(str(row["transfer_id"]))
                     scene = scene_for(self.structure(pair.target_id), supposed)
                     broken = self._broken(row, steps, pair.target_id, supposed)
-                    path = profile(trajectory_of(steps), scene)
+                    camera = self.demonstration(pair.demonstration_id).camera
+                    path = profile(trajectory_of(steps), scene, camera)
                     paths[preset] = planned_data(path, viewpoints_of(steps), origin, states)
                     if broken:
                         self.refused[pair.name] = broken
                     paths[preset] |= {"gate": broken, "overruled": self.overruled(row)}
                     flown = self._flights.of(row)
                     if flown is not None:
-                        along = profile(flown.trajectory, scene)
+                        along = profile(flown.trajectory, scene, camera)
                         paths[preset]["flown"] = flown_data(flown, row, path_data(along, origin))
                         seen = self._seen_as_flown(row, flown, pair.target_id)
                         if seen is not None:
@@ -152,10 +158,26 @@ class Reader:
         if inspected is not None:
             states = display_states(self._mesh(pair.source_id), inspected)
             demonstration["states"] = packed(states)
-        return pair_data(pair, demonstration, paths, picture) | {"zones": zones}
+        mission = {}
+        if sorties:
+            camera = self.demonstration(pair.demonstration_id).camera
+            plan, target = plan_of(self.source, pair.main), self.structure(pair.target_id)
+            mission = fly_data(pair.main, plan, target, camera, origin)
+        return pair_data(pair, demonstration, paths, picture) | {"zones": zones, "mission": mission}
+
+    def structure_page(self, structure_id: str, pairs: Sequence[Pair], picture: str = "") -> dict[str, Any]:
+        """What the page of a structure shows; `picture` is where a PNG of it lies."""
+        own = [pair for pair in pairs if pair.target_id == structure_id]
+        zones = self.zones(structure_id)
+        return structure_facts(self.source, self.structure(structure_id), own, zones) | {"picture": picture}
+
+    def display_mesh(self, structure: Structure) -> DisplayMesh:
+        """The mesh of a structure as browsers show it; kept where it is the version that stands now."""
+        now = self.sha256("structures", structure.structure_id)
+        return self._mesh(structure.structure_id) if now == structure.sha256 else display_mesh(structure)
 
     def zones(self, structure_id: str) -> list[dict[str, Any]]:
-        """What became of each zone that must be seen of a structure; none where none is asked for."""
+        """The result for each required zone of a structure; none where none is required."""
         if not isinstance(self.source, Catalog):
             return []
         if structure_id not in self._zones:
@@ -205,15 +227,15 @@ class Reader:
         demonstration = self.demonstration(pair.demonstration_id)
         return figures.transfer_png(source, target, demonstration, plan, width=width)
 
-    def passport(self, demonstration_id: str, planned: str = "") -> str:
-        """The page of a demonstration, with its passport and a picture.
+    def passport(self, demonstration_id: str, planned: str = "") -> dict[str, Any]:
+        """What the page of a demonstration shows: its passport, and a picture inside.
 
-        The picture shows what was inspected where a plan, `planned` by its ID, has found that out.
+        The picture shows the inspected surface where a plan, `planned` by its ID, knows it.
         """
         flown = self.demonstration(demonstration_id)
         inspected = self.source.inspected(planned) if planned else None
         picture = figures.demonstration_png(self.structure(flown.structure_id), flown, inspected)
-        return passport_page(flown, picture)
+        return passport_data(flown, picture)
 
     def _seen_as_flown(self, row: Any, flown: Flown, target_id: str) -> np.ndarray | None:
         """The state of each triangle as it was flown; None where that is not known of the same samples."""
@@ -264,9 +286,8 @@ class Reader:
     def _flown_of(self, demonstration_id: str) -> dict[str, Any]:
         flown = self.demonstration(demonstration_id)
         origin = np.array(self._data(flown.structure_id)["origin"])
-        return demonstration_data(
-            flown, profile(flown.trajectory, scene_of(self.structure(flown.structure_id))), origin
-        )
+        scene = scene_of(self.structure(flown.structure_id))
+        return demonstration_data(flown, profile(flown.trajectory, scene, flown.camera), origin)
 
 
 def plan_of(source: Source, row: Any) -> Plan:

@@ -1,10 +1,10 @@
 // Shared by all pages: the data, small constructors of elements, numbers in words. All text enters as text.
 "use strict";
 
-const upplied = { structures: {}, pages: {} };
+const upplied = { structures: {}, pages: {}, root: "", live: false };
 
 upplied.COLOURS = {
-  demonstration: "#e69f00", recommended: "#0072b2", paper: "#009e73", baseline: "#cc79a7", flown: "#111820",
+  demonstration: "#e69f00", recommended: "#0072b2", paper: "#009e73", baseline: "#cc79a7", flown: "#5f6b78",
   "newer draft": "#d55e00",
 };
 upplied.STATES = [
@@ -61,6 +61,59 @@ upplied.colour = function (name) {
 // Whether whoever reads asked for less motion.
 upplied.still = function () {
   return window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+};
+
+// The minutes and seconds of a flight, as people say them.
+upplied.minutes = (seconds) => (Number.isFinite(seconds) ? upplied.duration(seconds) + " min" : "–");
+
+upplied.megabytes = (value) => (value >= 1000 ? (value / 1000).toFixed(1) + " GB" : value.toFixed(0) + " MB");
+
+// A script of the package, loaded when it is first needed; a page in one file has it already.
+upplied.load = function (name) {
+  if (window.Plotly) return Promise.resolve();
+  return new Promise((done, failed) => document.head.append(
+    upplied.element("script", { src: upplied.root + "assets/" + name, onload: done, onerror: () => failed(new Error(name + " is missing")) })));
+};
+
+upplied.facts = (pairs) => upplied.element("dl", {}, pairs.filter(([, value]) => value)
+  .flatMap(([name, value]) => [upplied.element("dt", {}, name), upplied.element("dd", {}, value)]));
+
+// table(caption, ["Column", ...], [[cell, ...], ...]): cells are text or elements; the first of a row is its head.
+upplied.table = function (caption, columns, rows) {
+  const { element } = upplied;
+  const kind = (at) => (rows.length && rows.every((cells) => typeof cells[at] === "string" && /^[-–\d]*[\d–]/.test(cells[at])) ? "number" : "text");
+  return element("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": caption }, element("table", { class: "figures" },
+    element("thead", {}, element("tr", {}, columns.map((name, at) => element("th", { scope: "col", class: kind(at) }, name)))),
+    element("tbody", {}, rows.map((cells) => element("tr", {}, cells.map((cell, at) => element(at ? "td" : "th", { scope: at ? null : "row", class: kind(at) }, cell)))))));
+};
+
+// tabs([[name, panel, opened], ...]): `opened` runs once, when its panel is first shown.
+upplied.tabs = function (sheets) {
+  const { element } = upplied;
+  const buttons = sheets.map(([name], at) => element("button", { type: "button", role: "tab", id: "tab-" + name.toLowerCase(),
+    "aria-controls": "panel-" + name.toLowerCase(), onclick: () => show(at) }, name));
+  const done = sheets.map(() => false);
+  const bar = element("div", { class: "tabs", role: "tablist", "aria-label": "Views of the plan" }, buttons);
+  sheets.forEach(([name, panel], at) => {
+    for (const [key, value] of Object.entries({ role: "tabpanel", id: "panel-" + name.toLowerCase(), "aria-labelledby": buttons[at].id, tabindex: 0 })) panel.setAttribute(key, value);
+  });
+  bar.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    const next = (buttons.indexOf(document.activeElement) + step + buttons.length) % buttons.length;
+    show(next);
+    buttons[next].focus();
+  });
+  function show(chosen) {
+    sheets.forEach(([, panel, opened], at) => {
+      panel.hidden = at !== chosen;
+      buttons[at].setAttribute("aria-selected", String(at === chosen));
+      buttons[at].tabIndex = at === chosen ? 0 : -1;
+      if (at === chosen && !done[at]) { done[at] = true; if (opened) opened(); }
+    });
+  }
+  return { bar, show };
 };
 
 upplied.draws3d = function () {

@@ -4,32 +4,43 @@
 (function () {
   const { element, badge, format, duration } = upplied;
   const COLUMNS = [
-    { key: "status", label: "Status", wide: "6.4rem" },
-    { key: "demonstration", label: "Demonstration", wide: "minmax(10.8rem,1.6fr)" },
-    { key: "target", label: "Target", wide: "minmax(7.2rem,1fr)" },
-    { key: "state", label: "Decided", wide: "5.4rem", title: "Whether a person released the plan: in force, or a draft" },
-    { key: "kind", label: "Kind", wide: "minmax(7.2rem,.6fr)" },
-    { key: "coverage", label: "Inspected", wide: "8.4rem", number: true, title: "Share of what the demonstration was about that the plan shows at least as well, where that was computed" },
-    { key: "paper", label: "Paper", wide: "4.3rem", number: true, title: "Coverage of the method as published" },
-    { key: "baseline", label: "Baseline", wide: "5.4rem", number: true, title: "Coverage of the path scaled by the bounding boxes" },
-    { key: "clearance", label: "Clearance", wide: "6.5rem", number: true, title: "Least distance between the path and the structure" },
-    { key: "frechet", label: "Fréchet", wide: "5rem", number: true, title: "Continuous Fréchet distance of the standardised paths" },
-    { key: "length", label: "Length", wide: "4.7rem", number: true },
-    { key: "duration", label: "Time", wide: "3.8rem", number: true },
-    { key: "change", label: "What changed", wide: "minmax(7.8rem,1fr)" },
+    { key: "status", label: "Result", wide: "7.4rem" },
+    { key: "demonstration", label: "Demonstration", wide: "minmax(9.5rem,1.5fr)" },
+    { key: "target", label: "Structure", wide: "minmax(7.5rem,1.1fr)" },
+    { key: "state", label: "Plan", wide: "6.6rem", title: "Draft, reviewed, released or recalled" },
+    { key: "coverage", label: "Inspected", wide: "8.4rem", number: true, title: "Share of the inspected surface that the plan shows at least as well" },
+    { key: "gsd", label: "mm/px", wide: "4.2rem", number: true, title: "Size of a pixel on the surface, median" },
+    { key: "clearance", label: "Clearance", wide: "5.8rem", number: true, title: "Smallest distance of the path from the structure" },
+    { key: "duration", label: "Time", wide: "4.2rem", number: true, title: "Flight time of the inspection, minutes and seconds" },
+    { key: "age", label: "Last flown", wide: "6.4rem", title: "Age of the last imported flight of the structure" },
+    { key: "change", label: "Change", wide: "minmax(6rem,.9fr)", title: "Difference from the previous plan" },
+    { key: "kind", label: "Kind", wide: "minmax(7.6rem,.7fr)" },
   ];
+  const RESEARCH = [
+    { key: "paper", label: "Paper", wide: "4.6rem", number: true, title: "Coverage of the method as published" },
+    { key: "baseline", label: "Baseline", wide: "5.6rem", number: true, title: "Coverage of the path scaled by the bounding boxes" },
+    { key: "frechet", label: "Fréchet", wide: "5.2rem", number: true, title: "Continuous Fréchet distance of the standardised paths" },
+    { key: "length", label: "Length", wide: "5rem", number: true, title: "Length of the path" },
+  ];
+  const DAY = 86400000;
+  // In words how long ago a flight was; times are in UTC.
+  function ago(flown) {
+    const days = Math.floor((Date.now() - Date.parse(flown.replace(" ", "T") + "Z")) / DAY);
+    return days < 1 ? "today" : days === 1 ? "yesterday" : days + " days ago";
+  }
 
-  upplied.pages.fleet = function (app, fleet, address, about) {
+  upplied.pages.fleet = function (app, fleet) {
     const rows = fleet.rows.map((values, order) => {
       const row = { order };
       fleet.columns.forEach((name, at) => { row[name] = values[at]; });
+      row.age = row.flown ? Date.parse(row.flown.replace(" ", "T") + "Z") : null;
       row.text = [row.pair, row.demonstration, row.source, row.target, row.kind, row.status, row.state, row.reason, row.change, ...(row.warnings || [])].join(" ").toLowerCase();
       return row;
     });
     const state = { sort: "order", down: false, shown: rows, search: "", status: "", kind: "", changed: false, warned: false };
     document.title = fleet.title;
 
-    const table = virtualTable(address, about);
+    const table = virtualTable(rows.some((row) => row.gsd !== null && row.gsd !== undefined));
     const count = element("span", { class: "count", "aria-live": "polite" });
 
     function refresh() {
@@ -38,7 +49,7 @@
         && (!state.kind || row.kind === state.kind) && (!state.changed || row.change) && (!state.warned || (row.warnings || []).length)
         && words.every((word) => row.text.includes(word)));
       state.shown.sort((a, b) => (state.down ? -1 : 1) * compare(a[state.sort], b[state.sort], state.down) || a.order - b.order);
-      count.textContent = state.shown.length === rows.length ? rows.length + " transfers" : state.shown.length + " of " + rows.length + " transfers";
+      count.textContent = state.shown.length === rows.length ? rows.length + " plans" : state.shown.length + " of " + rows.length + " plans";
       table.show(state.shown);
       for (const button of table.head.querySelectorAll("button")) {
         const sorted = button.dataset.key === state.sort;
@@ -46,29 +57,33 @@
       }
     }
 
-    for (const column of COLUMNS) {
-      const button = element("button", { type: "button", "data-key": column.key, title: column.title, onclick: () => {
-        state.down = state.sort === column.key ? !state.down : false;
-        state.sort = column.key;
-        refresh();
-      } }, column.label);
-      table.head.append(element("div", { role: "columnheader", class: "cell " + column.key + (column.number ? " number" : "") }, button));
+    function heads() {
+      table.head.replaceChildren(...table.columns().map((column) => {
+        const button = element("button", { type: "button", "data-key": column.key, title: column.title, onclick: () => {
+          state.down = state.sort === column.key ? !state.down : false;
+          state.sort = column.key;
+          refresh();
+        } }, column.label);
+        return element("div", { role: "columnheader", class: "cell " + column.key + (column.number ? " number" : "") }, button);
+      }));
     }
 
     const choice = (key, label, values) => element("select", { "aria-label": label, id: "filter-" + key, onchange: (event) => { state[key] = event.target.value; refresh(); } },
       element("option", { value: "" }, label), values.map((value) => element("option", { value }, value)));
-    app.append(
+    upplied.fill(app,
       element("header", { class: "page" }, element("h1", {}, fleet.title), tiles(rows),
-        fleet.known > rows.length ? element("p", { class: "note", id: "more" }, "These are the " + rows.length + " of " + fleet.known + " transfers that need a person first. All are in transfers.parquet.") : null),
+        fleet.known > rows.length ? element("p", { class: "note", id: "more" }, "The " + rows.length + " plans of " + fleet.known + " that need attention first. transfers.parquet holds all.") : null),
       element("div", { class: "tools" },
-        element("input", { type: "search", id: "search", placeholder: "Search ids, kinds, reasons", "aria-label": "Search", oninput: (event) => { state.search = event.target.value; refresh(); } }),
-        choice("status", "Any status", ["ok", "recalled", "not flyable", "refused", "failed"].filter((status) => rows.some((row) => row.status === status))),
+        element("input", { type: "search", id: "search", placeholder: "Search IDs, kinds, reasons", "aria-label": "Search", oninput: (event) => { state.search = event.target.value; refresh(); } }),
+        choice("status", "Any result", ["ok", "recalled", "not flyable", "refused", "failed"].filter((status) => rows.some((row) => row.status === status))),
         choice("kind", "Any kind", [...new Set(rows.map((row) => row.kind))].sort()),
         element("label", { class: "check" }, element("input", { type: "checkbox", id: "filter-changed", onchange: (event) => { state.changed = event.target.checked; refresh(); } }), "changed only"),
         element("label", { class: "check" }, element("input", { type: "checkbox", id: "filter-warned", onchange: (event) => { state.warned = event.target.checked; refresh(); } }), "with warnings"),
-        element("button", { type: "button", id: "worst-first", onclick: () => { state.sort = "order"; state.down = false; refresh(); } }, "Worst first"),
+        element("button", { type: "button", id: "worst-first", onclick: () => { state.sort = "order"; state.down = false; refresh(); } }, "Attention first"),
+        element("label", { class: "check" }, element("input", { type: "checkbox", id: "research", onchange: (event) => { table.research(event.target.checked); heads(); refresh(); } }), "research columns"),
         count),
-      table.root);
+      upplied.places(fleet.structures || {}, rows), table.root);
+    heads();
     refresh();
     return table.leave;
   };
@@ -85,43 +100,51 @@
     const [covers, clears] = [known("coverage"), known("clearance")];
     const number = (status) => rows.filter((row) => row.status === status).length;
     return element("div", { class: "tiles" },
-      tile(String(rows.length), "transfers"), tile(String(number("ok")), "planned", "ok"),
-      tile(String(rows.filter((row) => row.status === "ok" && (row.warnings || []).length).length), "of them warned of"), tile(String(number("refused")), "refused", number("refused") ? "refused" : ""),
+      tile(String(rows.length), "plans"), tile(String(number("ok")), "ok", "ok"),
+      tile(String(rows.filter((row) => row.status === "ok" && (row.warnings || []).length).length), "with warnings"), tile(String(number("refused")), "refused", number("refused") ? "refused" : ""),
       tile(String(number("failed")), "failed", number("failed") ? "failed" : ""),
-      tile(format(covers[Math.floor(covers.length / 2)], 1, " %"), "median inspected"),
-      tile(format(clears[0], 1, " m"), "least clearance"));
+      tile(format(covers[Math.floor(covers.length / 2)], 1, " %"), "inspected surface shown, median"),
+      tile(format(clears[0], 1, " m"), "minimum clearance"));
   }
 
-  function cells(row, address, about) {
-    const text = (key, ...content) => element("div", { class: "cell " + key, role: "cell" }, ...content);
-    const number = (key, value) => element("div", { class: "cell number " + key, role: "cell" }, value);
+  function cells(row, columns) {
+    const planned = row.status === "ok" || row.status === "not flyable";
     const bar = element("span", { class: "bar" }, element("i", {}));
     bar.firstChild.style.width = Math.max(0, Math.min(100, row.coverage || 0)) + "%";
-    const link = row.page ? element("a", { href: address(row.pair) }, row.target) : element("span", { title: "its page could not be made" }, row.target);
-    return [
-      text("status", badge(row.status), warned(row.warnings || [])), text("demonstration", about ? element("a", { href: about(row.demonstration) }, row.demonstration) : row.demonstration), text("target", link), text("state", row.state), text("kind", row.kind),
-      row.status === "ok" || row.status === "not flyable"
-        ? element("div", { class: "cell number coverage", role: "cell" }, bar, element("span", { class: "share" }, format(row.coverage, 1, " %")))
-        : element("div", { class: "cell coverage reason", role: "cell", title: row.reason }, row.reason || "no reason given"),
-      number("paper", format(row.paper, 1)), number("baseline", format(row.baseline, 1)),
-      number("clearance", format(row.clearance, 1, " m")), number("frechet", format(row.frechet, 2)),
-      number("length", format(row.length, 0, " m")), number("duration", duration(row.duration)), text("change", row.change),
-    ];
+    const about = upplied.link("demonstrations", row.demonstration);
+    const content = {
+      status: () => [badge(row.status), warned(row.warnings || [])],
+      demonstration: () => (about ? element("a", { href: about }, row.demonstration) : row.demonstration),
+      target: () => (row.page ? element("a", { href: upplied.link("transfers", row.pair) }, row.target) : element("span", { title: "This page could not be written." }, row.target)),
+      coverage: () => (planned ? [bar, element("span", { class: "share" }, format(row.coverage, 1, " %"))] : row.reason || "No reason was recorded."),
+      gsd: () => format(row.gsd, 1), clearance: () => format(row.clearance, 1, " m"), duration: () => duration(row.duration),
+      age: () => (row.flown ? ago(row.flown) : "never"), paper: () => format(row.paper, 1), baseline: () => format(row.baseline, 1),
+      frechet: () => format(row.frechet, 2), length: () => format(row.length, 0, " m"),
+    };
+    return columns.map(({ key, number }) => {
+      const reason = key === "coverage" && !planned;
+      return element("div", { class: "cell " + key + (number && !reason ? " number" : "") + (reason ? " reason" : ""), role: "cell", title: reason ? row.reason : null }, key in content ? content[key]() : row[key]);
+    });
   }
 
   function warned(warnings) {
-    const said = warnings.length + (warnings.length === 1 ? " warning: " : " warnings: ") + warnings.join(" ");
-    return warnings.length ? element("span", { class: "warned", role: "img", title: said, "aria-label": said }, " ⚠" + (warnings.length > 1 ? warnings.length : "")) : null;
+    const words = warnings.length + (warnings.length === 1 ? " warning: " : " warnings: ") + warnings.join(" ");
+    return warnings.length ? element("span", { class: "warned", role: "img", title: words, "aria-label": words }, " ⚠" + (warnings.length > 1 ? warnings.length : "")) : null;
   }
 
   // Only the rows in sight exist; a spacer as tall as all of them keeps the scroll bar honest.
-  function virtualTable(address, about) {
+  function virtualTable(sized) {
+    let columns = COLUMNS.filter(({ key }) => key !== "gsd" || sized);
     const head = element("div", { class: "row head", role: "row" });
     const body = element("div", { class: "spacer", role: "rowgroup" });
-    const view = element("div", { class: "view", tabindex: "0" }, element("div", { class: "sheet" }, head, body));
-    const root = element("div", { class: "fleet", role: "table", "aria-label": "Transfers" }, view);
-    const grid = COLUMNS.map((column) => column.wide).join(" ");
-    view.style.setProperty("--grid", grid);
+    const view = element("div", { class: "view", tabindex: "0", role: "presentation" }, element("div", { class: "sheet" }, head, body));
+    const root = element("div", { class: "fleet", role: "table", "aria-label": "Plans" }, view);
+    const research = (wanted) => {
+      columns = COLUMNS.filter(({ key }) => key !== "gsd" || sized).concat(wanted ? RESEARCH : []);
+      view.style.setProperty("--grid", columns.map((column) => column.wide).join(" "));
+      root.setAttribute("aria-colcount", columns.length);
+    };
+    research(false);
     const narrow = window.matchMedia("(max-width: 760px)");
     let rows = [];
     let drawn = "";
@@ -135,7 +158,7 @@
       if (wanted === drawn) return;
       drawn = wanted;
       body.replaceChildren(...rows.slice(first, last).map((row, at) => {
-        const made = element("div", { class: "row " + row.status, role: "row", "aria-rowindex": first + at + 2 }, cells(row, address, about));
+        const made = element("div", { class: "row " + row.status, role: "row", "aria-rowindex": first + at + 2 }, cells(row, columns));
         made.style.top = (first + at) * height + "px";
         made.style.height = height + "px";
         return made;
@@ -144,9 +167,8 @@
 
     view.addEventListener("scroll", draw, { passive: true });
     window.addEventListener("resize", draw);
-    root.setAttribute("aria-colcount", COLUMNS.length);
     return {
-      root, head,
+      root, head, research, columns: () => columns,
       show(list) { rows = list; drawn = ""; view.scrollTop = 0; root.setAttribute("aria-rowcount", rows.length + 1); draw(); },
       leave() { window.removeEventListener("resize", draw); },
     };

@@ -39,6 +39,7 @@
     return [a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p];
   }
 
+  upplied.corners = corners;
   function corners(xyz, quat, camera, depth) {
     const across = Math.tan((Math.min(camera.hfov_deg, 150) * Math.PI) / 360) * depth;
     const upward = Math.tan((Math.min(camera.vfov_deg, 150) * Math.PI) / 360) * depth;
@@ -115,6 +116,7 @@
         aspectratio: { x: size[0] / longest, y: size[1] / longest, z: size[2] / longest } },
     };
     const overlays = {};
+    let frame = null;
     const ready = Plotly.newPlot(root, traces, layout, { displaylogo: false, responsive: true, displayModeBar: false, scrollZoom: true });
 
     root.addEventListener("keydown", (event) => {
@@ -130,6 +132,7 @@
       ready,
       async fly(share, aboard, chosen) {
         await ready;
+        preview(aboard);
         const tips = { x: [], y: [], z: [] };
         const poses = tracks.map((track) => track.path.at(share));
         for (const pose of poses) {
@@ -137,23 +140,23 @@
           for (const name of ["x", "y", "z"]) tips[name].push(line[name]);
         }
         if (groups.length) await Plotly.restyle(root, tips, groups.map((own) => own.flying));
-        lens(aboard ? Math.min(camera.vfov_deg, 120) : (FOV * 180) / Math.PI);
         if (aboard && poses[chosen]) await Plotly.relayout(root, { "scene.camera": aboardCamera(poses[chosen]) });
         return poses;
       },
       // The view from where a pose is, farther off; or as its camera sees.
       async face(pose, aboard) {
         await ready;
-        lens(aboard ? Math.min(camera.vfov_deg, 120) : (FOV * 180) / Math.PI);
+        await preview(aboard);
         if (aboard) return Plotly.relayout(root, { "scene.camera": aboardCamera(pose) });
         const [ahead, aside] = [0, 1].map((axis) => pose.xyz[axis] - focus[axis]), flat = Math.hypot(ahead, aside) || 1;
         const eye = center.map((value, axis) => value + far * [0.9 * ahead / flat, 0.9 * aside / flat, 0.436][axis]);
         return Plotly.relayout(root, { "scene.camera": { eye: point(eye), center: point(center), up: home.up } });
       },
-      async home() { await ready; lens((FOV * 180) / Math.PI); await Plotly.relayout(root, { "scene.camera": home }); },
+      async home() { await ready; await preview(false); await Plotly.relayout(root, { "scene.camera": home }); },
       async visible(at, path, frusta) {
         await ready;
-        await Plotly.restyle(root, { visible: [path, path && frusta, path] }, [groups[at].line, groups[at].frusta, groups[at].flying]);
+        groups[at].shown = [path, path && frusta, path];
+        if (!frame) await Plotly.restyle(root, { visible: groups[at].shown }, [groups[at].line, groups[at].frusta, groups[at].flying]);
       },
       // Another path and other viewpoints in the place of a track's.
       async redraw(at, path, poses) {
@@ -194,6 +197,25 @@
     function inside() {
       const scene = root._fullLayout && root._fullLayout.scene && root._fullLayout.scene._scene;
       return scene && scene.glplot;
+    }
+
+    // Through the camera: the picture's frame over the view, its angle for the lens, and no paths or viewpoints in it.
+    async function preview(aboard) {
+      if (Boolean(frame) !== aboard) {
+        if (frame) frame.remove();
+        frame = aboard ? upplied.element("div", { class: "frame" }, upplied.element("span", {}, "picture of the camera")) : null;
+        if (frame) root.append(frame);
+        for (const own of groups) {
+          const shown = own.shown || [true, true, true];
+          await Plotly.restyle(root, { visible: aboard ? [false, false, false] : shown }, [own.line, own.frusta, own.flying]);
+        }
+      }
+      if (!frame) { lens((FOV * 180) / Math.PI); return; }
+      const [across, upward] = [camera.hfov_deg, camera.vfov_deg].map((angle) => Math.tan((Math.min(angle, 120) * Math.PI) / 360));
+      const high = Math.min(0.88 * root.clientHeight, (0.94 * root.clientWidth * upward) / across);
+      frame.style.height = high + "px";
+      frame.style.width = (high * across) / upward + "px";
+      lens((360 / Math.PI) * Math.atan((upward * root.clientHeight) / high));
     }
 
     // Plotly has no option for the angle of its lens; where its scene can be reached, it is the camera's own.

@@ -1,4 +1,4 @@
-// The studio: one plan, changed viewpoint by viewpoint, judged by the program at every change. All text enters as text.
+// The studio: one plan, changed viewpoint by viewpoint, checked by the program at every change. All text enters as text.
 "use strict";
 
 (async function () {
@@ -10,24 +10,26 @@
     ["r", "Up", [0, 0, 1, 0, 0]], ["f", "Down", [0, 0, -1, 0, 0]], ["q", "Turn left", [0, 0, 0, 1, 0]], ["e", "Turn right", [0, 0, 0, -1, 0]],
     ["t", "Tilt up", [0, 0, 0, 0, 1]], ["g", "Tilt down", [0, 0, 0, 0, -1]],
   ];
-  const FIELDS = [["x_m", "x, m"], ["y_m", "y, m"], ["z_m", "z, m"], ["yaw_deg", "heading, deg"], ["pitch_deg", "pitch, deg"]];
+  const FIELDS = [["x_m", "x, m"], ["y_m", "y, m"], ["z_m", "z, m"], ["yaw_deg", "heading, °"], ["pitch_deg", "pitch, °"]];
+  const POINTS = ["N", "NE", "E", "SE", "S", "SW", "W", "NW"];
 
-  const token = window.location.hash.slice(1) || window.sessionStorage.getItem("token") || "";
-  if (token) window.sessionStorage.setItem("token", token);
-  window.history.replaceState(null, "", window.location.pathname); // the address can be shown to others then
-
-  async function ask(what, said) {
-    try {
-      const answer = await fetch("/api/" + what, { method: "POST", headers: { "Content-Type": "application/json", Authorization: "Bearer " + token }, body: JSON.stringify(said || {}) });
-      return await answer.json();
-    } catch { return { refused: "the program does not answer: is `upplied studio` still running?" }; }
-  }
-
+  const id = JSON.parse(document.getElementById("data").textContent).plan;
+  const ask = (what, request) => upplied.ask("/studio/" + id + "/" + what, request);
+  const stage = document.getElementById("stage");
+  const began = performance.now();
+  const watching = setInterval(async () => {
+    const answer = await ask("progress");
+    stage.textContent = (answer.stage || "Opening the plan") + " … " + ((performance.now() - began) / 1000).toFixed(0) + " s";
+  }, 700);
   const plan = await ask("plan");
+  clearInterval(watching);
   if (plan.refused) { app.replaceChildren(element("p", { class: "verdict failed", role: "alert" }, plan.refused)); return; }
+  const compass = Number.isFinite(plan.heading_deg);
+  // Compass headings are clockwise from true north, the plan's yaw counter-clockwise from +X; each becomes the other by this.
+  const turned = (angle) => (compass ? (((plan.heading_deg - angle) % 360) + 360) % 360 : angle);
   document.title = "Studio: " + plan.demonstration + " → " + plan.target;
 
-  // What is changed so far; every step can be taken back.
+  // The changes so far; every step can be undone.
   let state = { base: 0, viewpoints: plan.viewpoints.map((each) => ({ ...each })), deleted: [], fixed: [], boxes: [], clearance_m: plan.usual_m };
   let chosen = 0, busy = false, unkept = false, draft = plan.id, number = 0, asking = false, following = null, again = false;
   const past = [], future = [];
@@ -53,17 +55,17 @@
 
   // --- the page ---------------------------------------------------------------------------------
   const verdict = element("section", { class: "verdict", id: "verdict", "aria-live": "polite" });
-  const told = element("p", { class: "told", id: "told", role: "status" });
-  const pane = element("div", { class: "canvas", id: "view", tabindex: 0, role: "img", "aria-label": "the plan round " + plan.target + ": arrow keys turn the view, plus and minus zoom, Home resets" });
+  const message = element("p", { class: "message", id: "message", role: "status" });
+  const pane = element("div", { class: "canvas", id: "view", tabindex: 0, role: "img", "aria-label": "the plan round " + plan.target + ". Arrow keys turn the view, plus and minus zoom, Home resets." });
   const list = element("div", { class: "viewpoints", id: "viewpoints", role: "listbox", tabindex: 0, "aria-label": "Viewpoints in the order of flight", "aria-describedby": "keys" });
   const labelled = (label, input) => element("label", { class: "field" }, element("span", {}, label), input);
   const numeric = (id, value, step) => element("input", { type: "number", id, step, value });
   const button = (id, label, onclick, key) => element("button", { type: "button", id, onclick, "aria-keyshortcuts": key || null }, label + (key ? " (" + key + ")" : ""));
   const step = element("select", { id: "step" }, STEPS.map((each) => element("option", { value: each, selected: each === 0.25 }, each + " m")));
-  const looks = element("select", { id: "looks" }, [["follow", "from where the viewpoint is"], ["aboard", "through its camera"], ["free", "as it was turned"]].map(([value, label]) => element("option", { value }, label)));
+  const looks = element("select", { id: "looks" }, [["follow", "from behind the viewpoint"], ["aboard", "picture of its camera"], ["free", "free"]].map(([value, label]) => element("option", { value }, label)));
   const turn = element("select", { id: "turn" }, TURNS.map((each) => element("option", { value: each, selected: each === 2 }, each + "°")));
   const fields = FIELDS.map(([name, label]) => [name, label, numeric("at-" + name, 0, 0.01)]);
-  fields.forEach(([name, , input]) => input.addEventListener("change", () => { if (input.value !== "" && Number.isFinite(Number(input.value))) change((now) => { now.viewpoints[chosen][name] = Number(input.value); }); }));
+  fields.forEach(([name, , input]) => input.addEventListener("change", () => { if (input.value !== "" && Number.isFinite(Number(input.value))) change((now) => { now.viewpoints[chosen][name] = name === "yaw_deg" ? turned(Number(input.value)) : Number(input.value); }); }));
   const boxes = element("div", { id: "boxes" });
   const clearance = numeric("clearance", plan.usual_m, 0.1);
   clearance.min = plan.usual_m;
@@ -79,29 +81,29 @@
 
   app.replaceChildren();
   fill(app,
-    element("h1", {}, plan.demonstration + " → " + plan.target), element("p", { class: "sub" }, "plan " + plan.id + (plan.state ? " · " + plan.state : "")),
-    verdict, told,
+    element("h1", {}, plan.demonstration + " → " + plan.target), element("p", { class: "sub" }, "Plan " + plan.id + (plan.state ? ". Status: " + plan.state : "") + "."),
+    verdict, message,
     element("div", { class: "studio" },
       element("div", { class: "drawn" }, pane,
         element("p", { class: "legend" }, [["as changed", COLOURS.recommended], ["as opened", COLOURS.baseline], ...(plan.in_force ? [["in force", COLOURS.demonstration]] : []), ["a zone", "#b000b0"]].map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name)),
           STATES.slice(0, 5).map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name))), figures),
       element("div", { class: "tools-column" },
         group("Viewpoints", list,
-          element("p", { class: "note", id: "keys" }, "Up and down choose; W A S D R F move, Q E T G turn, Delete leaves out or puts back, X fixes, P paints, Ctrl+Z takes back."),
+          element("p", { class: "note", id: "keys" }, "Up and down select a viewpoint. W A S D R F move it, Q E T G turn it, Delete removes or restores it, X fixes it, P paints a zone, Ctrl+Z undoes."),
           element("div", { class: "fields" }, fields.map(([, label, input]) => labelled(label, input))),
           element("div", { class: "fields" }, labelled("step", step), labelled("turn", turn), labelled("view", looks)),
           element("div", { class: "buttons" }, MOVES.map(([key, label, by]) => button("move-" + key, label, () => move(by), key.toUpperCase()))),
-          element("div", { class: "buttons" }, button("leave", "Leave out, or put back", leave, "Delete"), button("fix", "Fix, or loosen", fix, "X"), button("undo", "Take back", () => back(past, future), "Control+Z"), button("redo", "Do again", () => back(future, past), "Control+Y"))),
-        group("Airspace", labelled("distance to keep, m", clearance), boxes,
-          element("div", { class: "buttons" }, button("forbid", "Forbid a box here", forbid)), element("p", { class: "note" }, "Two corners each, m, in the structure's frame.")),
-        group("The rest", element("div", { class: "buttons" }, button("replan", "Plan the rest anew", replan)), element("p", { class: "note" }, "What was changed or fixed stays; the others are planned for the airspace above.")),
-        group("Sign", element("div", { class: "fields" }, labelled("your name", by), labelled("note", note)),
-          element("div", { class: "buttons" }, button("keep", "Keep as draft", keep), button("reviewed", "Reviewed", () => decide("reviewed")), button("release", "Release", () => decide("released")), button("reject", "Reject", () => decide("rejected")))),
-        group("Zones that must be seen", zones, element("details", {}, element("summary", {}, "Ask for another"),
-          element("div", { class: "fields" }, labelled("name", zone.name), labelled("set", zone.set), labelled("pixel at most, mm", zone.gsd_mm), labelled("incidence at most, deg", zone.incidence_deg), labelled("pictures at least", zone.looks), labelled("age at most, days", zone.max_age_days)),
-          labelled("place: landmarks, part_0, box X Y Z X Y Z or ball X Y Z R, by commas", zone.where),
-          element("div", { class: "fields" }, labelled("brush, m", zone.radius), element("label", { class: "check" }, paint, "paint by clicks on the surface")),
-          element("div", { class: "buttons" }, button("brush", "Paint what the camera looks at", brush, "P"), button("preview", "Show", preview), button("require", "Ask for this zone", require)))))));
+          element("div", { class: "buttons" }, button("leave", "Remove or restore", leave, "Delete"), button("fix", "Fix or unfix", fix, "X"), button("undo", "Undo", () => back(past, future), "Control+Z"), button("redo", "Redo", () => back(future, past), "Control+Y"))),
+        group("Airspace", labelled("clearance limit, m", clearance), boxes,
+          element("div", { class: "buttons" }, button("forbid", "Add a keep-out box here", forbid)), element("p", { class: "note" }, "Two corners each, in metres, in the structure's frame.")),
+        group("Plan again", element("div", { class: "buttons" }, button("replan", "Plan the other viewpoints again", replan)), element("p", { class: "note" }, "Changed and fixed viewpoints stay. The others are planned for the airspace above.")),
+        group("Decide", element("div", { class: "fields" }, labelled("your name", by), labelled("note", note)),
+          element("div", { class: "buttons" }, button("keep", "Store as draft", keep), button("reviewed", "Mark as reviewed", () => decide("reviewed")), button("release", "Release", () => decide("released")), button("reject", "Reject", () => decide("rejected")))),
+        group("Required zones", zones, element("details", {}, element("summary", {}, "Require another zone"),
+          element("div", { class: "fields" }, labelled("name", zone.name), labelled("set", zone.set), labelled("largest pixel, mm", zone.gsd_mm), labelled("largest incidence, °", zone.incidence_deg), labelled("fewest pictures", zone.looks), labelled("largest age, days", zone.max_age_days)),
+          labelled("place: landmarks, part_0, box X Y Z X Y Z or ball X Y Z R, separated by commas", zone.where),
+          element("div", { class: "fields" }, labelled("radius of the brush, m", zone.radius), element("label", { class: "check" }, paint, "paint by clicking on the surface")),
+          element("div", { class: "buttons" }, button("brush", "Paint at the camera's aim", brush, "P"), button("preview", "Show", preview), button("require", "Require this zone", require)))))));
 
   const opened = upplied.path(plan.path);
   const tracks = [{ name: "as changed", colour: COLOURS.recommended, path: opened, viewpoints: poses(), states: plan.states ? unpack(plan.states) : null },
@@ -111,9 +113,10 @@
   const reach = Math.max(5, 0.15 * Math.max(...plan.structure.size_m));
   const scene = draws ? upplied.scene(pane, plan.structure, plan.camera, tracks, reach) : null;
   if (scene) { await scene.ready; for (let at = 1; at < tracks.length; at++) await scene.point(at, null); }
-  else pane.replaceChildren(element("p", { class: "note", id: "no-3d" }, "This browser draws no 3-D views (WebGL is off); everything else works."));
+  else pane.replaceChildren(element("p", { class: "note", id: "no-3d" }, "This browser draws no 3-D views because WebGL is off. Everything else works."));
   paint.addEventListener("change", () => scene && scene.clicks(paint.checked, (place) => ball(place.map((value, at) => value + plan.structure.origin[at]))));
   shown(); await tell(plan);
+  ask("zones").then((answer) => answer.zones && !unkept && showZones(answer.zones));
   app.setAttribute("data-ready", "true");
   window.addEventListener("beforeunload", (event) => { if (unkept) event.preventDefault(); });
   list.addEventListener("keydown", keyed);
@@ -133,28 +136,51 @@
     const [a, b, c, d] = [Math.cos(yaw), Math.sin(yaw), Math.cos(pitch), Math.sin(pitch)];
     return { xyz: ["x_m", "y_m", "z_m"].map((name, at) => view[name] - plan.structure.origin[at]), quat: [b * d, -a * d, b * c, a * c] };
   }
+  // A viewpoint by its number, height and where its camera looks.
+  function named(view, at) {
+    const angle = turned(view.yaw_deg);
+    const heading = compass ? POINTS[Math.round(angle / 45) % 8] + " " + String(Math.round(angle) % 360).padStart(3, "0") + "°" : "yaw " + angle.toFixed(0) + "°";
+    return "V" + at + " · z " + view.z_m.toFixed(1) + " m · looks " + heading + ", " + (view.pitch_deg < -1 ? "down " : view.pitch_deg > 1 ? "up " : "level ") + Math.abs(view.pitch_deg).toFixed(0) + "°";
+  }
+  // Numbers of viewpoints by pass: another begins where the flight turns back on itself.
+  function passes() {
+    const found = [[]];
+    let ahead = null;
+    state.viewpoints.forEach((view, at) => {
+      if (at) {
+        const before = state.viewpoints[at - 1];
+        const step = ["x_m", "y_m", "z_m"].map((name) => view[name] - before[name]);
+        const along = ahead ? step.reduce((sum, value, axis) => sum + value * ahead[axis], 0) : 1;
+        if (along < 0 && found[found.length - 1].length > 2) { found.push([]); ahead = null; }
+        else ahead = ahead ? ahead.map((value, axis) => 0.5 * value + step[axis]) : step;
+      }
+      found[found.length - 1].push(at);
+    });
+    return found;
+  }
   function shown() {
     const rows = state.viewpoints.map((view, at) => {
-      const marks = [state.deleted.includes(at) ? "left out" : "", state.fixed.includes(at) ? "fixed" : ""].filter(Boolean).join(", ");
+      const marks = [state.deleted.includes(at) ? "removed" : "", state.fixed.includes(at) ? "fixed" : ""].filter(Boolean).join(", ");
       return element("div", { role: "option", id: "viewpoint-" + at, "aria-selected": String(at === chosen), class: state.deleted.includes(at) ? "out" : "", onclick: () => { choose(at); list.focus(); } },
-        at + ": " + ["x_m", "y_m", "z_m"].map((name) => view[name].toFixed(2)).join(", ") + " m · " + view.yaw_deg.toFixed(0) + "° / " + view.pitch_deg.toFixed(0) + "°" + (marks ? " · " + marks : ""));
+        named(view, at) + (marks ? " · " + marks : ""));
     });
-    list.replaceChildren(...rows);
+    list.replaceChildren(...passes().map((own, at) => element("div", { role: "group", "aria-label": "Pass " + (at + 1) },
+      element("div", { class: "pass", "aria-hidden": "true" }, "Pass " + (at + 1) + ": viewpoints " + own[0] + " to " + own[own.length - 1]), own.map((each) => rows[each]))));
     choose(chosen);
     clearance.value = state.clearance_m;
     boxes.replaceChildren(...state.boxes.map((box, at) => element("div", { class: "box" },
       box.map((value, k) => { const input = numeric("box-" + at + "-" + k, value, 0.1); input.setAttribute("aria-label", "box " + (at + 1) + ", " + (k < 3 ? "first" : "second") + " corner, " + "xyz"[k % 3] + ", m");
         input.addEventListener("change", () => { if (input.value !== "") change((now) => { now.boxes[at][k] = Number(input.value); }); }); return input; }),
-      button("allow-" + at, "Allow again", () => change((now) => { now.boxes.splice(at, 1); })))));
+      button("allow-" + at, "Remove the box", () => change((now) => { now.boxes.splice(at, 1); })))));
     drawBoxes();
   }
   function choose(at) {
     chosen = at;
-    for (const row of list.children) row.setAttribute("aria-selected", String(row.id === "viewpoint-" + at));
+    for (const row of list.querySelectorAll("[role=option]")) row.setAttribute("aria-selected", String(row.id === "viewpoint-" + at));
     list.setAttribute("aria-activedescendant", "viewpoint-" + at);
-    const row = list.children[at];
+    const row = document.getElementById("viewpoint-" + at);
     if (row) list.scrollTop = Math.max(Math.min(list.scrollTop, row.offsetTop - list.offsetTop), row.offsetTop + row.offsetHeight - list.offsetTop - list.clientHeight);
-    for (const [name, , input] of fields) if (document.activeElement !== input) input.value = Number(state.viewpoints[at][name].toFixed(3));
+    for (const [name, , input] of fields) if (document.activeElement !== input) input.value = Number((name === "yaw_deg" ? turned(state.viewpoints[at][name]) : state.viewpoints[at][name]).toFixed(3));
     follow();
   }
   // One drawing at a time: the last viewpoint that was chosen counts.
@@ -205,23 +231,27 @@
     verdict.removeAttribute("aria-busy");
     if (answer.refused) {
       verdict.className = "verdict not-flyable";
-      verdict.replaceChildren(element("h2", {}, "As changed: cannot be flown"), element("p", {}, answer.refused));
+      verdict.replaceChildren(element("h2", {}, "As changed, the plan cannot be flown"), element("p", {}, answer.refused));
       verdict.setAttribute("data-judged", String(number));
       return;
     }
     const { flyable, headline, look } = answer.verdict;
     verdict.className = "verdict" + (flyable ? "" : " not-flyable");
     verdict.replaceChildren();
-    fill(verdict, element("h2", {}, (answer.words ? "As changed: " : "As opened: ") + (flyable ? "flyable" : "not to be flown")), element("p", {}, headline),
-      answer.words ? element("p", {}, "Changed: " + answer.words + ".") : null, look.length ? element("ul", {}, look.map((each) => element("li", {}, each))) : null,
-      element("p", { class: "note", id: "judged" }, "judged in " + format(answer.judged_s, 2, " s") + (answer.took_ms ? ", shown after " + format(answer.took_ms / 1000, 2, " s") : "")));
+    fill(verdict, element("h2", {}, (answer.words ? "As changed, the plan is " : "As opened, the plan is ") + (flyable ? "flyable" : "not flyable")), element("p", {}, headline),
+      answer.words ? element("p", {}, "Changes: " + answer.words + ".") : null, look.length ? element("ul", {}, look.map((each) => element("li", {}, each))) : null,
+      Number.isFinite(answer.judged_s) ? element("p", { class: "note", id: "judged" }, "Checked in " + format(answer.judged_s, 2, " s") + ".") : null);
     figures.replaceChildren(element("p", { class: "differences" }, answer.differences.map((each) => element("span", {}, each))));
-    zones.replaceChildren(answer.zones.length ? element("ul", {}, answer.zones.map((each) => element("li", {}, element("b", {}, each.zone + ": " + each.status), " " + format(each.pct, 1, " %") + (each.why ? ", " + each.why : "")))) : element("p", { class: "note" }, "None is asked for."));
+    if (answer.zones) showZones(answer.zones);
     if (scene) {
       await scene.redraw(0, upplied.path(answer.path), poses());
       if (answer.states) await scene.coloured(unpack(answer.states));
     }
     verdict.setAttribute("data-judged", String(number));
+  }
+
+  function showZones(rows) {
+    zones.replaceChildren(rows.length ? element("ul", {}, rows.map((each) => element("li", {}, element("b", {}, each.zone + ": " + each.status), " " + format(each.pct, 1, " %") + (each.why ? ", " + each.why : "")))) : element("p", { class: "note" }, "No zones are required."));
   }
 
   // --- what is done -----------------------------------------------------------------------------
@@ -262,37 +292,37 @@
     if (busy) return { refused: "" };
     busy = true;
     app.setAttribute("aria-busy", "true");
-    told.textContent = words + " …";
+    message.textContent = words + " …";
     const answer = await ask(what, said);
     busy = false;
     app.removeAttribute("aria-busy");
-    told.textContent = answer.refused || answer.told || "";
-    told.classList.toggle("refused", Boolean(answer.refused));
+    message.textContent = answer.refused || answer.message || "";
+    message.classList.toggle("refused", Boolean(answer.refused));
     return answer;
   }
   async function replan() {
-    const answer = await working("planning the rest anew; this takes as long as planning", "replan", wanted());
+    const answer = await working("Planning the other viewpoints; this takes as long as planning", "replan", wanted());
     if (answer.refused !== undefined) return;
     past.push(changes()); future.length = 0; unkept = true;
     state = { ...state, base: answer.base, viewpoints: answer.viewpoints, deleted: answer.deleted, fixed: answer.fixed };
     chosen = 0; number++;
-    told.textContent = "Planned anew around " + answer.fixed.length + " viewpoint(s).";
+    message.textContent = "Planned again round " + answer.fixed.length + " fixed viewpoints.";
     shown(); await tell(answer);
   }
   function signed(said) {
     if (by.value.trim()) return { ...said, by: by.value.trim(), note: note.value };
-    told.textContent = "Write your name first."; told.classList.add("refused"); by.focus();
+    message.textContent = "Enter your name first."; message.classList.add("refused"); by.focus();
     return null;
   }
   async function keep() {
     const said = signed(wanted());
-    const answer = said && await working("keeping", "keep", said);
+    const answer = said && await working("Storing the draft", "keep", said);
     if (answer && answer.id) { draft = answer.id; unkept = false; }
   }
   async function decide(decision) {
-    if (unkept && decision !== "rejected") { told.textContent = "Keep the change as a draft first, or take it back."; told.classList.add("refused"); return; }
+    if (unkept && decision !== "rejected") { message.textContent = "Store the change as a draft first, or undo it."; message.classList.add("refused"); return; }
     const said = signed({ decision, id: draft });
-    if (said) await working("writing it down", "decide", said);
+    if (said) await working("Storing", "decide", said);
   }
   async function ball(place) {
     const [name, radius] = [zone.where.value.trim(), Number(zone.radius.value) || 1];
@@ -300,14 +330,14 @@
     await preview();
   }
   async function brush() {
-    const answer = await working("looking", "aim", state.viewpoints[chosen]);
+    const answer = await working("Looking", "aim", state.viewpoints[chosen]);
     if (answer.place) { zone.where.closest("details").open = true; await ball(answer.place); }
-    else if (!answer.refused) told.textContent = "The camera of this viewpoint looks past the structure.";
+    else if (!answer.refused) message.textContent = "The camera of this viewpoint looks past the structure.";
   }
   async function preview() {
-    const answer = await working("looking", "zone", { where: zone.where.value });
+    const answer = await working("Looking", "zone", { where: zone.where.value });
     if (answer.refused !== undefined) return;
-    told.textContent = "The zone is " + format(answer.share_pct, 1, " %") + " of the surface.";
+    message.textContent = "The zone is " + format(answer.share_pct, 1, " %") + " of the surface.";
     const points = unpack(answer.points), line = { x: [], y: [], z: [] };
     for (let i = 0; i < points.length; i += 3) ["x", "y", "z"].forEach((name, at) => line[name].push(points[i + at]));
     if (scene) await scene.overlay("zone", line, { mode: "markers", marker: { size: 3, color: "#b000b0" } });
@@ -316,8 +346,8 @@
     const asked = { zone: zone.name.value.trim(), where: zone.where.value.trim() };
     for (const name of ["gsd_mm", "incidence_deg", "looks", "max_age_days"]) if (zone[name].value !== "") asked[name] = Number(zone[name].value);
     const said = signed({ set: zone.set.value.trim(), zone: asked });
-    const answer = said && await working("writing it down", "require", said);
-    if (answer && answer.told) judge();
+    const answer = said && await working("Storing", "require", said);
+    if (answer && answer.message && !answer.refused) judge();
   }
   function swatch(colour) { const made = element("i", { class: "swatch" }); made.style.background = colour; return made; }
 })();

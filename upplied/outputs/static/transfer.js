@@ -1,110 +1,143 @@
-// A transfer's page: two 3-D views that fly together, what happens along the paths, and every figure.
+// A plan's page in three tabs: what a pilot flies, what the pictures will show, and every figure for research.
 "use strict";
 
 (function () {
   const { element, badge, format, COLOURS, STATES } = upplied;
-  const MEASURES = [
-    ["coverage_inspected_pct", "Inspected, shown as finely", 1, " %", "Of the surface that the demonstration was about, the share that the plan shows sharply and no coarser than 1.1 times the demonstrated millimetres a pixel"],
-    ["coverage_inspected_scaled_pct", "The same for its size", 1, " %", "Of that surface, the share that the plan shows from as near as the demonstration times the scale of the structure"],
-    ["inspected_without_counterpart_pct", "Inspected, without counterpart", 1, " %", "Of that surface, what nothing on the target answers to; it counts as not shown"],
-    ["inspected_unattainable_pct", "Inspected, unattainable", 1, " %", "Of that surface, what no safe viewpoint could show as well"],
-    ["coverage_of_target_pct", "Of the target", 1, " %", "Of the target's surface that answers to what was inspected, the share shown as well"],
-    ["coverage_context_pct", "Context", 1, " %", "Of what else the demonstration saw, the share that is seen"],
-    ["acceptance_probability", "Probability of a good transfer", 2, "", "Forecast before planning that most of what was inspected can be shown"],
-    ["counterpart_probability", "Probability of the right part", 2, "", "That the parts flown to are those that answer to the inspected ones; the least certain of them"],
-    ["fidelity_resolution_p50", "Resolution kept, median", 2, "", "Best resolution of each patch over the one asked for"],
-    ["fidelity_resolution_p05", "Resolution kept, 5th percentile", 2, "", "0 where a patch has no sharp look"],
-    ["fidelity_looks_kept_pct", "Looks kept", 0, " %", "Of the directions from which patches were looked at"],
-    ["fidelity_dwell_kept_pct", "Dwell kept", 0, " %", "Of the time for which patches were looked at"],
-    ["fidelity_order", "Order kept", 2, "", "Kendall's tau of the moments at which patches are looked at"],
-    ["fidelity_incidence_deg_p95", "More oblique by, 95th percentile", 0, "°", "Than the demonstration's most frontal look"],
-    ["gsd_within_pct", "As fine as demonstrated", 1, " %", "Of the inspected surface that a safe camera can show so, what is no coarser than 1.1 times the demonstrated ground sample distance, in millimetres"],
-    ["gsd_mm_p50", "Ground sample distance, median", 1, " mm", "Longer side of what a pixel covers, in the finest sharp look at each patch"],
+  const RESEARCH = [
+    ["coverage_inspected_pct", "Inspected surface shown as finely", 1, " %", "Share of the inspected surface that the plan shows sharply and at no more than 1.1 times the demonstrated mm/px"],
+    ["coverage_inspected_scaled_pct", "Inspected surface shown, relative to size", 1, " %", "Share that the plan shows from as near as the demonstrated stand-off times the scale of the structure"],
+    ["inspected_without_counterpart_pct", "Inspected surface without counterpart", 1, " %", "Share with no corresponding surface on the target; it counts as not shown"],
+    ["inspected_unattainable_pct", "Inspected surface unattainable", 1, " %", "Share that no safe viewpoint can show as well"],
+    ["coverage_of_target_pct", "Target surface covered", 1, " %", "Share of the target's corresponding surface that is shown as well"],
+    ["coverage_context_pct", "Surroundings covered", 1, " %", "Share of the other surface in the demonstration's pictures that the plan sees"],
+    ["acceptance_probability", "Probability of a good transfer", 2, "", "Forecast before planning"],
+    ["counterpart_probability", "Probability of the right part", 2, "", "Of the least certain part"],
+    ["fidelity_resolution_p50", "Demonstrated resolution kept, median", 2, "", "Demonstrated mm/px over the plan's, of each patch"],
+    ["fidelity_resolution_p05", "Demonstrated resolution kept, 5th percentile", 2, "", "0 where a patch has no sharp view"],
+    ["fidelity_looks_kept_pct", "Repeated views kept", 0, " %", "Share of the demonstrated viewing directions"],
+    ["fidelity_dwell_kept_pct", "Time on each patch kept", 0, " %", "Share of the demonstrated viewing time"],
+    ["fidelity_order", "Order of views kept", 2, "", "Kendall's tau of the times at which patches are seen"],
+    ["fidelity_incidence_deg_p95", "More oblique than demonstrated, 95th percentile", 0, "°", "Against the demonstration's most frontal view"],
+    ["gsd_within_pct", "As fine as demonstrated", 1, " %", "Share with a ground sample distance, in millimetres, of at most 1.1 times the demonstrated one, of the inspected surface that a safe camera can show so"],
+    ["gsd_mm_p50", "Ground sample distance, median", 1, " mm", "Longer side of a pixel on the surface, in the finest sharp view of each patch"],
     ["gsd_mm_p95", "Ground sample distance, 95th percentile", 1, " mm", ""],
     ["gsd_demonstrated_mm_p50", "Demonstrated ground sample distance, median", 1, " mm", ""],
     ["gsd_demonstrated_mm_p95", "Demonstrated ground sample distance, 95th percentile", 1, " mm", ""],
-    ["blur_px_p50", "Blur by motion, median", 2, " px", "In that look, during the exposure"], ["blur_px_p99", "Blur by motion, 99th percentile", 2, " px", ""],
-    ["defocus_px_p95", "Out of focus, 95th percentile", 2, " px", "The camera focused on the middle depth of what it sees"],
-    ["camera_turn_ratio", "Camera turned", 1, " times", "Over what the demonstration turned"],
-    ["path_turn_ratio", "Path turned", 1, " times", "Over what the demonstrated path turns"],
-    ["pan_fast_pct", "Too fast for sharp pictures", 0, " %", "Share of the flight time"],
-    ["coverage_seen_pct", "Really seen", 1, " %", "Share of the demonstrated surface's counterparts that the plan sees: in view and range, not hidden, not too oblique"],
-    ["coverage_attainable_pct", "Attainable", 1, " %", "What any free viewpoint could see"],
-    ["coverage_paper_pct", "Coverage as in the paper", 1, " %", "By camera frustum alone, nothing hides"],
-    ["min_clearance_m", "Least clearance", 2, " m", "Of the whole path from the structure"],
-    ["never_scanned_m2", "Never scanned", 0, " m\u00b2", "Surface that the target has where its scan is open, as the source tells; the path keeps clear of it"],
-    ["surface_error_m", "Surface known to", 2, " m", "How far the surface of a scan may lie from where it is taken to be; kept beside the clearance"],
-    ["margin", "Margin over the safety distance", 2, " m", "Least clearance less the distance that the plan was asked to keep"],
-    ["frechet_z", "Fréchet, z-scored", 2, "", "Continuous, of the z-scored paths, as in the paper"],
-    ["frechet_floored", "Fréchet, axes floored", 2, "", "The same with no axis divided by less than a tenth of the largest deviation"],
-    ["frechet_m", "Fréchet, metres", 2, " m", "Continuous, after the boxes are matched"],
-    ["standoff_ratio_p50", "Stand-off ratio, median", 2, "", "Planned over demonstrated"],
-    ["incidence_p95_deg", "Incidence, 95th percentile", 0, "°", "0° looks straight at the surface"],
+    ["blur_px_p50", "Motion blur, median", 2, " px", "In that view, during the exposure"],
+    ["blur_px_p99", "Motion blur, 99th percentile", 2, " px", ""],
+    ["defocus_px_p95", "Defocus, 95th percentile", 2, " px", "With the camera focused on the middle depth of its picture"],
+    ["camera_turn_ratio", "Camera rotation / demonstrated", 1, "", ""],
+    ["path_turn_ratio", "Path curvature / demonstrated", 1, "", ""],
+    ["pan_fast_pct", "Time with motion blur", 0, " %", "Share of the flight in which the picture moves too fast to be sharp"],
+    ["coverage_seen_pct", "Demonstrated surface seen", 1, " %", "In view and in range, not occluded, not too oblique"],
+    ["coverage_attainable_pct", "Attainable coverage", 1, " %", "What any free viewpoint could see"],
+    ["coverage_paper_pct", "Coverage as in the paper", 1, " %", "By the camera's frustum alone, without occlusion"],
+    ["min_clearance_m", "Minimum clearance", 2, " m", "Of the whole path from the structure"],
+    ["never_scanned_m2", "Never scanned", 0, " m\u00b2", "Surface that the target must have where its scan is open; the path keeps clear of it"],
+    ["surface_error_m", "Surface error of the scan", 2, " m", "The path keeps this distance in addition to the clearance"],
+    ["margin", "Clearance above the limit", 2, " m", "Minimum clearance less the required one"],
+    ["frechet_z", "Fréchet distance, standardised", 2, "", "Continuous, of the standardised paths, as in the paper"],
+    ["frechet_floored", "Fréchet distance, axes floored", 2, "", "No axis is divided by less than a tenth of the largest deviation"],
+    ["frechet_m", "Fréchet distance, metres", 2, " m", "Continuous, after the boxes are matched"],
+    ["standoff_ratio_p50", "Stand-off / demonstrated stand-off, median", 2, "", ""],
+    ["incidence_p95_deg", "Incidence, 95th percentile", 0, "°", "0° is a frontal view"],
     ["path_length_m", "Path length", 0, " m", ""], ["duration_s", "Duration", 0, " s", ""],
     ["peak_speed_mps", "Peak speed", 1, " m/s", ""], ["peak_acceleration_mps2", "Peak acceleration", 1, " m/s²", ""],
     ["n_viewpoints", "Viewpoints", 0, "", ""], ["n_waypoints", "Waypoints", 0, "", ""],
   ];
-  const CHARTS = [["speed", "Speed, m/s"], ["clearance", "Clearance, m"], ["standoff", "Stand-off, m"]];
+  // The few that say whether the pictures will do, each with what it means.
+  const QUALITY = [
+    ["coverage_inspected_pct", "Inspected surface shown", 1, " %", "Share of the surface the expert inspected that this plan shows at least as near, as frontally and as sharply."],
+    ["inspected_unattainable_pct", "Cannot be shown", 1, " %", "No safe viewpoint shows this share as well as the expert did."],
+    ["inspected_without_counterpart_pct", "No counterpart", 1, " %", "This share of the inspected surface does not exist on this structure."],
+    ["gsd_mm_p50", "Resolution, median", 1, " mm/px", "Size of a pixel on the surface in the best picture of each patch; half of the patches are better."],
+    ["gsd_mm_p95", "Resolution, worst 5 %", 1, " mm/px", "Only 5 % of the patches are coarser than this."],
+    ["pan_fast_pct", "Time with motion blur", 0, " %", "Share of the flight in which the picture moves too fast to be sharp."],
+    ["incidence_p95_deg", "Most oblique views", 0, "°", "95 % of the views are more frontal than this; 0° is straight on."],
+    ["min_clearance_m", "Minimum clearance", 2, " m", "Smallest distance of the path from the structure."],
+  ];
+  const CHARTS = [["speed", "Speed, m/s"], ["clearance", "Clearance, m"], ["standoff", "Distance to the surface in the picture, m"]];
   const AXIS = { zeroline: false, automargin: true };
 
-  upplied.pages.transfer = function (app, data, back) {
+  upplied.pages.transfer = function (app, data) {
     const demonstration = data.demonstration;
-    const flown = upplied.path(demonstration.path);
-    const planned = data.plans.filter((plan) => plan.path).map((plan) => ({
-      name: plan.preset, colour: COLOURS[plan.preset] || COLOURS.recommended, path: upplied.path(plan.path),
-      viewpoints: viewpoints(upplied.unpack(plan.viewpoints)), states: plan.states ? upplied.unpack(plan.states) : null,
+    const plan = data.plans[0];
+    const tracks = data.plans.filter((each) => each.path).map((each) => ({
+      name: each.preset, colour: COLOURS[each.preset] || COLOURS.recommended, path: upplied.path(each.path),
+      viewpoints: viewpoints(upplied.unpack(each.viewpoints)), states: each.states ? upplied.unpack(each.states) : null,
     }));
-    planned.push(...data.plans.filter((plan) => plan.flown).map((plan) => ({
-      name: plan.preset + ", flown", colour: COLOURS.flown, path: upplied.path(plan.flown.path), viewpoints: [], states: plan.flown.states ? upplied.unpack(plan.flown.states) : null, width: 3, proof: plan.flown.kind === "flown",
+    tracks.push(...data.plans.filter((each) => each.flown).map((each) => ({
+      name: each.preset + ", flown", colour: COLOURS.flown, path: upplied.path(each.flown.path), viewpoints: [],
+      states: each.flown.states ? upplied.unpack(each.flown.states) : null, width: 3, proof: each.flown.kind === "flown",
     })));
-    const main = data.plans[0];
     document.title = demonstration.id + " → " + data.target;
+    const panels = ["Fly", "Quality", "Research"].map((name) => element("section", { class: name.toLowerCase() }));
+    const fly = plan.path ? upplied.fly(data, plan, tracks[0]) : null;
+    let quality = null;
+    const tabs = upplied.tabs([["Fly", panels[0], () => setTimeout(() => fly && fly.redraw())],
+      ["Quality", panels[1], async () => { if (tracks.length) { await upplied.load("plotly.min.js"); quality = showViews(panels[1], data, plan, tracks); } }],
+      ["Research", panels[2]]]);
+    const about = upplied.link("demonstrations", demonstration.id), structure = upplied.link("structures", data.target);
+    upplied.fill(app,
+      element("header", { class: "page" },
+        element("a", { class: "back", href: upplied.home }, "All plans"),
+        element("h1", {}, demonstration.id, element("span", { class: "arrow" }, " → "), structure ? element("a", { href: structure }, data.target) : data.target, " ", badge(plan.status)),
+        element("p", { class: "sub" }, data.kind + ", demonstrated on " + data.source + (demonstration.operator ? " by " + demonstration.operator : "") + (demonstration.site ? ", " + demonstration.site : "") + ". ",
+          plan.decided ? element("span", { class: "decided" }, element("b", {}, "Status: "), plan.decided + ".") : null)),
+      upplied.verdicts([plan, ...data.plans.filter((each) => each.preset === "newer draft")]),
+      data.plans.filter((each) => each.overruled && each.overruled.length).map((each) => element("section", { class: "verdict not-flyable" },
+        element("h2", {}, each.preset + ": safety rules were overruled"), element("ul", {}, each.overruled.map((rule) => element("li", {}, rule))))),
+      data.change ? element("p", { class: "note" }, data.change.startsWith("newer draft") ? data.change : "Change since the previous plan: " + data.change) : null,
+      tabs.bar, panels);
+    upplied.fill(panels[0], fly ? fly.root : element("p", { class: "note" }, "There is no path to fly."), zones(data.zones || []),
+      upplied.downloads(data, tracks), upplied.live ? upplied.decisions({ id: plan.provenance.transfer_id, known: plan.known }) : null);
+    upplied.fill(panels[1], counterparts(plan), figures(plan),
+      data.plans.filter((each) => each.flown).map((each) => element("p", { class: "flown" }, element("b", {}, each.preset + (each.flown.kind === "flown" ? ", as flown. " : ", flown in simulation. ")), each.flown.said)));
+    upplied.fill(panels[2], upplied.verdicts(data.plans).slice(1), measures(data.plans), remarks(data, about));
+    tabs.show(0);
+    app.setAttribute("data-ready", "true");
+    return () => { if (fly) fly.leave(); if (quality) quality(); app.removeAttribute("data-drawn"); app.removeAttribute("data-ready"); };
+  };
 
+  // Two 3-D views that fly together, and what happens along the paths; returns how to leave them.
+  function showViews(panel, data, main, planned) {
+    const app = document.getElementById("app"), demonstration = data.demonstration;
+    const flown = upplied.path(demonstration.path);
     const panes = [data.source, data.target].map((name, at) => element("div", { class: "canvas", tabindex: 0, role: "img",
-      "aria-label": (at ? "planned for " : "demonstrated on ") + name + ": arrow keys turn the view, plus and minus zoom, Home resets" }));
+      "aria-label": (at ? "planned for " : "demonstrated on ") + name + ". Arrow keys turn the view, plus and minus zoom, Home resets." }));
     const readouts = [0, 1].map(() => element("p", { class: "readout" }));
     const charts = element("div", { class: "charts", id: "charts" });
-    const slider = element("input", { type: "range", id: "time", min: 0, max: 1000, value: 0, step: 1, "aria-label": "Share of the flight, in thousandths" });
+    const slider = element("input", { type: "range", id: "time", min: 0, max: 1000, value: 0, step: 1, "aria-label": "Position in the flight" });
     const clock = element("output", { class: "clock", for: "time" });
     const play = element("button", { type: "button", id: "play" }, "Play");
     const aboard = element("input", { type: "checkbox", id: "aboard" });
     const frusta = element("input", { type: "checkbox", id: "frusta", checked: true });
     const toggles = planned.map((track, at) => element("input", { type: "checkbox", id: "show-" + track.name.replace(", ", "-"), checked: at === 0 || track.name === "newer draft" || track.name === planned[0].name + ", flown" }));
-    const colourBy = element("select", { id: "colour-by", "aria-label": "Colour the surface by" },
-      element("option", { value: "" }, "plain surface"),
-      planned.map((track, at) => (track.states ? element("option", { value: at, selected: at === 0 }, "surface by " + track.name) : null)));
+    const colourBy = element("select", { id: "colour-by", "aria-label": "Colours of the surface" },
+      element("option", { value: "" }, "plain"),
+      planned.map((track, at) => (track.states ? element("option", { value: at, selected: at === 0 }, "views of " + track.name) : null)));
 
-    upplied.fill(app,
-      element("header", { class: "page" },
-        element("a", { class: "back", href: back }, "All transfers"),
-        element("h1", {}, demonstration.id, element("span", { class: "arrow" }, " → "), data.target, " ", badge(main.status)),
-        element("p", { class: "sub" }, data.kind + ", demonstrated on " + data.source + (demonstration.operator ? " by " + demonstration.operator : "") + (demonstration.site ? ", " + demonstration.site : ""))),
-      upplied.verdicts(data.plans),
-      data.plans.filter((plan) => plan.overruled && plan.overruled.length).map((plan) => element("section", { class: "verdict not-flyable" },
-        element("h2", {}, plan.preset + ": rules were overruled"), element("ul", {}, plan.overruled.map((said) => element("li", {}, said))))),
-      data.plans.filter((plan) => plan.decided && plan === main).map((plan) => element("p", { class: "note decided" }, element("b", {}, plan.preset + ": "), plan.decided)),
-      data.change ? element("p", { class: "note" }, data.change.startsWith("newer draft") ? data.change : "Since the plan before: " + data.change) : null,
-      data.picture ? element("img", { class: "printed", src: data.picture, alt: "demonstrated on " + data.source + ", planned for " + data.target }) : null,
+    const content = element("div", {},
+      data.picture ? element("img", { class: "printed", src: data.picture, loading: "lazy", alt: "demonstrated on " + data.source + ", planned for " + data.target }) : null,
       element("section", { class: "views" },
         element("figure", {}, element("figcaption", {}, line(COLOURS.demonstration), "demonstrated on " + data.source), panes[0], readouts[0]),
-        element("figure", {}, element("figcaption", {}, "planned for " + data.target, planned.map((track, at) => element("label", { class: "check" }, toggles[at], line(track.colour), track.name))), panes[1], readouts[1])),
+        element("figure", { class: "planned" }, element("figcaption", {}, "planned for " + data.target, planned.map((track, at) => element("label", { class: "check" }, toggles[at], line(track.colour), track.name))), panes[1], readouts[1])),
       element("div", { class: "flight" }, play, slider, clock,
-        element("label", { class: "check" }, aboard, "through the camera"),
+        element("label", { class: "check" }, aboard, "camera preview"),
         element("label", { class: "check" }, frusta, "viewpoints"),
-        planned.some((track) => track.states) ? colourBy : null),
+        planned.some((track) => track.states) ? colourBy : null,
+        element("button", { type: "button", id: "save-picture", onclick: () => upplied.picture(data.pair, panes) }, "Picture (PNG)")),
       planned.some((track) => track.states) ? element("p", { class: "legend" }, STATES.map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name))) : null,
-      counterparts(main),
-      upplied.downloads(data, panes),
-      data.plans.filter((plan) => plan.flown).map((plan) => element("p", { class: "flown" }, element("b", {}, plan.preset + (plan.flown.kind === "flown" ? ", as flown. " : ", flown in simulation. ")), plan.flown.said)),
-      zones(data.zones || []), charts, measures(data.plans), remarks(data));
+      charts);
+    panel.prepend(content);
 
     if (!upplied.draws3d()) {
-      for (const each of app.querySelectorAll(".views, .flight, .legend")) each.hidden = true;
-      const picture = app.querySelector(".printed");
+      for (const each of content.querySelectorAll(".views, .flight, .legend")) each.hidden = true;
+      const picture = content.querySelector(".printed");
       if (picture) picture.classList.add("instead");
-      app.querySelector(".views").after(element("p", { class: "note", id: "no-3d" }, "This browser draws no 3-D views (WebGL is off)" + (picture ? "; the picture shows the same." : "; the figures below are complete.")));
+      content.querySelector(".views").after(element("p", { class: "note", id: "no-3d" }, "This browser draws no 3-D views because WebGL is off. " + (picture ? "The picture shows the same." : "The figures below are complete.")));
       drawCharts(charts, [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown }, ...planned], main.safety_m).then(() => app.setAttribute("data-drawn", "true"));
-      return () => { Plotly.purge(charts); app.removeAttribute("data-drawn"); };
+      return () => Plotly.purge(charts);
     }
     const left = upplied.scene(panes[0], upplied.structures[data.source], demonstration.camera,
       [{ name: "demonstrated", colour: COLOURS.demonstration, path: flown, viewpoints: every(flown, 60), states: demonstration.states ? upplied.unpack(demonstration.states) : null }]);
@@ -114,7 +147,7 @@
     const print = () => [left, right].forEach((scene, at) => {
       const shot = scene.shot();
       panes[at].querySelectorAll(".shot").forEach((each) => each.remove());
-      if (shot) panes[at].append(element("img", { class: "shot", src: shot, alt: panes[at].getAttribute("aria-label").split(":")[0] }));
+      if (shot) panes[at].append(element("img", { class: "shot", src: shot, alt: panes[at].getAttribute("aria-label").split(".")[0] }));
     });
     window.addEventListener("beforeprint", print);
 
@@ -148,11 +181,11 @@
     const proof = planned.findIndex((track) => track.proof && track.states); // what was truly flown and seen comes first
     colourBy.addEventListener("change", () => right.coloured(colourBy.value === "" ? new Uint8Array(upplied.unpack(upplied.structures[data.target].triangles).length / 3) : planned[colourBy.value].states));
     Promise.all([left.ready, right.ready, drawn]).then(() => { repaint(); if (proof > 0) { colourBy.value = proof; colourBy.dispatchEvent(new Event("change")); } return fly(); }).then(() => app.setAttribute("data-drawn", "true"));
-    return () => { stop(); window.removeEventListener("beforeprint", print); left.purge(); right.purge(); Plotly.purge(charts); app.removeAttribute("data-drawn"); };
+    return () => { stop(); window.removeEventListener("beforeprint", print); left.purge(); right.purge(); Plotly.purge(charts); };
   };
 
   function reading(pose) {
-    return pose.time.toFixed(1) + " s · " + format(pose.speed, 1, " m/s") + " · clearance " + format(pose.clearance, 1, " m") + " · stand-off " + format(pose.standoff, 1, " m");
+    return pose.time.toFixed(1) + " s · " + format(pose.speed, 1, " m/s") + " · clearance " + format(pose.clearance, 1, " m") + " · surface in picture at " + format(pose.standoff, 1, " m");
   }
   const line = (colour) => { const made = element("i", { class: "line" }); made.style.background = colour; return made; };
   const swatch = (colour) => { const made = element("i", { class: "swatch" }); made.style.background = colour; return made; };
@@ -195,50 +228,45 @@
       { name: plan.preset, colour: COLOURS[plan.preset], status: badge(plan.status), values: { ...plan.measures, margin: margin(plan, plan.measures) } },
       ...(plan.flown ? [{ name: plan.preset + ", flown", colour: COLOURS.flown, status: plan.flown.kind || "simulated", values: { ...plan.flown.measures, margin: margin(plan, plan.flown.measures) } }] : []),
     ]);
-    const rows = MEASURES.filter(([key]) => columns.some(({ values }) => Number.isFinite(values[key])));
-    return element("section", {}, element("h2", {}, "Figures"), element("div", { class: "scroll" }, element("table", { class: "figures" },
-      element("thead", {}, element("tr", {}, element("th", { scope: "col" }, "Measure"), columns.map(({ name, colour }) => element("th", { scope: "col" }, line(colour || "#888888"), name)))),
-      element("tbody", {},
-        element("tr", {}, element("th", { scope: "row" }, "Status"), columns.map(({ status }) => element("td", {}, status))),
-        rows.map(([key, label, digits, unit, help]) => element("tr", {}, element("th", { scope: "row", title: help }, label), columns.map(({ values }) => element("td", {}, format(values[key], digits, unit)))))))));
+    const rows = RESEARCH.filter(([key]) => columns.some(({ values }) => Number.isFinite(values[key])));
+    return element("section", {}, element("h2", {}, "All measures"), upplied.table("All measures",
+      ["Measure", ...columns.map(({ name, colour, status }) => [line(colour || "#888888"), name + " ", status])],
+      [...rows.map(([key, label, digits, unit, help]) => [element("span", { title: help || null }, label), ...columns.map(({ values }) => format(values[key], digits, unit))])]));
   }
 
-  // What corresponds to each inspected part, and by its colour how sure that is.
+  function figures(plan) {
+    const rows = QUALITY.filter(([key]) => Number.isFinite(plan.measures[key]));
+    return rows.length ? element("section", { class: "explained" }, element("h2", {}, "Figures that matter"),
+      upplied.table("Figures that matter", ["Figure", "Value", "Meaning"], rows.map(([key, label, digits, unit, help]) => [label, format(plan.measures[key], digits, unit), help]))) : null;
+  }
+
+  // Which parts of this structure correspond to the inspected ones, in words, and how certain that is.
   function counterparts(plan) {
     if (!plan.parts.length) return null;
-    const columns = [["inspected", "Of what was inspected"], ["found", "Like it on the target"], ["flown", "Flown to"], ["left_out", "Left out"]];
-    return element("section", { class: "counterparts" }, element("h2", {}, "Which part is it?"),
-      element("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Inspected parts" }, element("table", { class: "figures" },
-        element("thead", {}, element("tr", {}, ["Inspected part", "The right one", ...columns.map(([, label]) => label)].map((label) => element("th", { scope: "col" }, label)))),
-        element("tbody", {}, plan.parts.map((one) => element("tr", { title: one.doubt },
-          element("td", {}, one.part), element("td", {}, element("span", { class: "certainty " + one.sure }, one.probability)),
-          columns.map(([key]) => element("td", {}, one[key] || "–"))))))),
-      plan.parts.filter((one) => one.doubt).map((one) => element("p", { class: "note" }, one.doubt)));
+    return element("section", { class: "counterparts" }, element("h2", {}, "Part matching"),
+      upplied.table("Part matching", ["Inspected part", "Confidence", "Share of the inspection", "Similar parts on target", "Flown", "Not flown"],
+        plan.parts.map((one) => [one.part, element("span", { class: "certainty " + one.certainty }, one.probability), one.inspected, one.similar || "none", one.flown || "none", one.left_out || "none"])),
+      plan.parts.filter((one) => one.doubt).map((one) => element("p", { class: "note" }, one.part + ": " + one.doubt)));
   }
 
-  // What must be seen of the structure, and whether it is: by the plans in force, and by what was flown.
   function zones(rows) {
     if (!rows.length) return null;
-    const said = (row, what) => element("td", { class: row[what] === "met" ? "" : "warned" }, element("b", {}, row[what]), Number.isFinite(row[what + "_pct"]) ? " " + format(row[what + "_pct"], 1, " %") : "", element("div", { class: "note" }, row[what + "_why"]));
-    return element("section", { class: "zones" }, element("h2", {}, "Zones that must be seen"), element("div", { class: "scroll" }, element("table", { class: "figures" },
-      element("thead", {}, element("tr", {}, ["Zone", "As planned", "As flown", "Asked by"].map((title) => element("th", { scope: "col" }, title)))),
-      element("tbody", {}, rows.map((row) => element("tr", {}, element("th", { scope: "row" }, row.zone), said(row, "planned"), said(row, "flown"), element("td", {}, row.asked_by + ": " + row.set + ", version " + row.version)))))));
+    const result = (row, what) => element("div", { class: row[what] === "met" ? "" : "warned" }, element("b", {}, row[what]), Number.isFinite(row[what + "_pct"]) ? " " + format(row[what + "_pct"], 1, " %") : "", element("div", { class: "note" }, row[what + "_why"]));
+    return element("section", { class: "zones" }, element("h2", {}, "Required zones"), upplied.table("Required zones", ["Zone", "Planned", "Flown", "Required by"],
+      rows.map((row) => [row.zone, result(row, "planned"), result(row, "flown"), row.asked_by + ", set " + row.set + ", version " + row.version])));
   }
 
   function margin(plan, values) {
     return plan.safety_m && Number.isFinite(values.min_clearance_m) ? values.min_clearance_m - plan.safety_m : null;
   }
 
-  function passport(data) {
-    const said = data.demonstration.passport || "not judged";
-    return data.back ? element("a", { href: "../demonstrations/" + data.demonstration.id + ".html" }, said) : said;
-  }
-
-  function remarks(data) {
-    const facts = (pairs) => element("dl", {}, pairs.filter(([, value]) => value).flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)]));
-    return element("section", {}, element("h2", {}, "Where this comes from"),
-      facts([["Demonstration", data.demonstration.id + ", " + data.demonstration.poses + " poses"], ["Passport", passport(data)], ["Source", upplied.structures[data.source].findings], ["Target", upplied.structures[data.target].findings], ["Notes", data.demonstration.notes], ["About", data.demonstration.about || "inferred from the flight: the coloured surface on the left"]]),
+  function remarks(data, about) {
+    const demonstration = data.demonstration, passport = demonstration.passport || "not checked";
+    return element("section", {}, element("h2", {}, "Provenance"),
+      upplied.facts([["Demonstration", demonstration.id + ", " + demonstration.poses + " poses"], ["Import checks", about ? element("a", { href: about }, passport) : passport],
+        ["Source", upplied.structures[data.source].findings], ["Target", upplied.structures[data.target].findings], ["Notes", demonstration.notes],
+        ["Inspected surface", demonstration.about || "inferred from the flight"]]),
       data.plans.map((plan) => element("details", { open: plan === data.plans[0] }, element("summary", {}, plan.preset),
-        facts([["Counterparts", plan.counterparts], ["Parts told by", plan.told_by], ["Stand-off", plan.standoff], ["Evidence", plan.evidence], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
+        upplied.facts([["Counterparts", plan.counterparts], ["Parts labelled by", plan.told_by], ["Stand-off", plan.standoff], ["Evidence", plan.evidence], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
   }
 })();

@@ -1,41 +1,39 @@
-// What a person reads first of a transfer, and what of it can be taken along.
+// The verdict of a plan in one sentence, and the files that follow from it.
 "use strict";
 
 (function () {
   const { element, badge } = upplied;
 
-  // The plan that would be flown in full; others where they are not flyable, a line each that opens.
+  // The first plan in full; others where they are not flyable, a line each that opens.
   upplied.verdicts = function (plans) {
     return plans.filter((plan, at) => at === 0 || plan.status !== "ok").map((plan, at) => {
       const { flyable, headline, look } = plan.verdict;
-      const title = [plan.preset + ": ", flyable ? "flyable " : "not to be flown ", badge(plan.status)];
+      const title = [plan.preset + ": ", flyable ? "flyable " : "do not fly ", badge(plan.status)];
       return element(at ? "details" : "section", { class: "verdict " + plan.status.replace(" ", "-") },
         at ? element("summary", {}, title) : element("h2", {}, title),
-        element("p", {}, headline),
-        look.length ? element("p", { class: "why" }, flyable ? "Look at this before it is flown:" : "Why:") : null,
+        element("p", { class: "headline" }, headline),
+        look.length ? element("p", { class: "why" }, flyable ? (look.length > 1 ? look.length + " warnings:" : "1 warning:") : "Reason:") : null,
         look.length ? element("ul", {}, look.map((each) => element("li", {}, each))) : null,
-        flyable && !look.length ? element("p", { class: "note" }, "Nothing stands out.") : null,
+        flyable && !look.length ? element("p", { class: "note" }, "No warnings.") : null,
         !flyable && !look.length ? element("p", { class: "why" }, "No reason was recorded.") : null);
     });
   };
 
-  // The path of the plan as a file, a picture of both views, and how a mission is made, which passes its checks.
-  upplied.downloads = function (data, panes) {
+  // Missions in every format where the application writes them, files of a report folder, and the commands.
+  upplied.downloads = function (data) {
     const plan = data.plans.find((each) => each.path);
     if (!plan) return null;
-    const id = plan.provenance.transfer_id;
-    return element("div", { class: "tools downloads" },
-      button("Path (CSV)", () => save(data.pair + ".csv", "text/csv", csv(plan))),
-      button("Picture (PNG)", () => picture(data.pair, panes)),
-      Object.entries(data.missions || {}).map(([label, where]) => where.startsWith("../")
-        ? element("a", { class: "take", href: where, download: "" }, "Mission (" + label + ")") : element("span", { class: "why" }, label + ": " + where)),
-      element("span", { class: "note" }, "By command: "),
-      plan.decided.startsWith("draft") ? element("code", {}, "upplied release " + id + " --by NAME;") : null,
-      element("code", {}, "upplied export " + id + " --to qgc-plan -o " + data.target + ".plan"),
-      element("span", { class: "note" }, "(or mavlink, dji-wpml, litchi, kml, geojson, mcap, csv)"));
+    const id = plan.provenance.transfer_id, released = plan.state === "released";
+    const files = Object.entries(data.missions || {}).map(([label, where]) => where.startsWith("../")
+      ? element("a", { class: "take", href: where, download: where.endsWith("/brief") ? null : "" }, label) : element("span", { class: "why" }, label + ": " + where));
+    return element("section", { class: "downloads" }, element("h2", {}, "Take along"),
+      element("div", { class: "tools" }, files, upplied.live ? element("a", { class: "take", href: "../studio/" + id }, "Edit in the studio") : null,
+        element("button", { type: "button", id: "save-path", onclick: () => save(data.pair + ".csv", "text/csv", csv(plan)) }, "Path (CSV)")),
+      released || files.length > 1 ? null : element("p", { class: "note" }, "Mission files are available once a person releases the plan."),
+      element("details", {}, element("summary", {}, "Commands"),
+        released ? null : element("p", {}, element("code", {}, "upplied release " + id + " --by NAME")),
+        element("p", {}, element("code", {}, "upplied export " + id + " --to qgc-plan -o " + data.target + ".plan"), " (or mavlink, dji-wpml, litchi, kml, geojson, mcap, csv)")));
   };
-
-  function button(label, onclick) { return element("button", { type: "button", onclick }, label); }
 
   function save(name, type, content) {
     const address = URL.createObjectURL(new Blob([content], { type }));
@@ -55,7 +53,7 @@
     return rows.join("\n") + "\n";
   }
 
-  async function picture(name, panes) {
+  upplied.picture = async function (name, panes) {
     const canvas = element("canvas", { width: 1600, height: 700 });
     const context = canvas.getContext("2d");
     context.fillStyle = upplied.colour("--paper");
@@ -67,5 +65,5 @@
       context.drawImage(image, 800 * at, 0);
     }
     canvas.toBlob((blob) => save(name + ".png", "image/png", blob));
-  }
+  };
 })();

@@ -115,7 +115,7 @@ def _incidence_deg(frontal: Floats) -> Floats:
 
 
 def _share(part: float, whole: float) -> float:
-    return 100 * part / whole if whole > 0 else float("nan")
+    return min(100 * part / whole, 100.0) if whole > 0 else float("nan")
 
 
 def _smoothness(

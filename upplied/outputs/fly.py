@@ -1,0 +1,121 @@
+"""What a pilot needs of a plan on its page: the mission as it would be flown, in the structure's frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from upplied.catalog.verbs.recipes import settings_of
+from upplied.errors import UppliedError
+from upplied.outputs.display import packed
+from upplied.outputs.missions import Mission, MissionOptions, missions_for
+from upplied.outputs.missions.ways import ground_z_m
+from upplied.polylines import leg_lengths
+from upplied.records import Camera, Floats, Plan, Structure
+
+_MB_OF_A_MEGAPIXEL = 0.4  # of a JPEG as inspection cameras write it
+_USUAL_MEGAPIXELS = 20.0  # where the log says nothing of the camera's picture
+
+
+def fly_data(row: Any, plan: Plan, structure: Structure, camera: Camera, origin: Floats) -> dict[str, Any]:
+    """The mission of a plan with the usual options; ``refused`` says why there is none.
+
+    Coordinates are relative to `origin`, m. A draft is drawn as a draft: its file leaves by a release alone.
+    """
+    if plan.status != "ok":
+        return {"refused": plan.reason or "The plan has no path."}
+    options = as_settled(row, MissionOptions(draft=True))
+    try:
+        missions = missions_for("qgc-plan", plan, structure, options, camera)
+    except UppliedError as error:
+        return {"refused": str(error)}
+    return mission_data(missions, structure, options, camera, origin)
+
+
+def as_settled(row: Any, options: MissionOptions) -> MissionOptions:
+    """The options with the vehicle of the plan's settings, unless an option overrides it.
+
+    The clearance is at least that of the plan, unless an option overrides it.
+    """
+    try:
+        settings = settings_of(str(row.get("settings_json") or "{}"))
+    except (ValueError, KeyError, UppliedError):  # of a program that knew other settings
+        return options
+    usual, vehicle = MissionOptions(), asdict(settings.vehicle)
+    more = {name: value for name, value in vehicle.items() if getattr(options, name) == getattr(usual, name)}
+    if settings.route.enforce and options.clearance_m == usual.clearance_m:
+        more["clearance_m"] = max(usual.clearance_m, settings.route.clearance_m)
+    return replace(options, **more)
+
+
+def mission_data(
+    missions: Sequence[Mission],
+    structure: Structure,
+    options: MissionOptions,
+    camera: Camera,
+    origin: Floats,
+) -> dict[str, Any]:
+    """Sorties, heights, photos and battery of a mission as a page shows them."""
+    first, ground = missions[0], ground_z_m(structure)
+    home, around = first.home_local, structure.surroundings
+    photos = [count_photos(mission) for mission in missions]
+    usable_s = None if options.endurance_s is None else options.endurance_s * (1 - options.reserve_pct / 100)
+    legs = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
+    return {
+        "refused": "",
+        "heading_deg": first.placement.heading_deg,
+        "home": (home - origin).tolist(),
+        "home_deg": [round(float(value), 6) for value in first.home[:2]],
+        "ground": ground - float(origin[2]),
+        "ceiling": None if around.ceiling_z_m is None else around.ceiling_z_m - float(origin[2]),
+        "keep_out": [(box - origin).tolist() for box in around.keep_out_m],
+        "fence": (around.geofence_m - origin[:2]).tolist() if len(around.geofence_m) else [],
+        "return_m": first.return_height_m,
+        "transit_m": float(legs.max() - home[2]) if len(legs) else None,
+        "highest_m": float(max(mission.height_m.max() for mission in missions)),
+        "clearance_m": options.clearance_m,
+        "endurance_s": options.endurance_s,
+        "usable_s": usable_s,
+        "photos": sum(photos),
+        "interval_s": _interval_s(missions),
+        "storage_mb": sum(photos) * _megabytes(camera),
+        "assumed_camera": not camera.width_px,
+        "sorties": [
+            {
+                "xyz": packed((mission.local - origin).astype(np.float32)),
+                "photo": packed(mission.photo.astype(np.uint8)),
+                "inspect": packed(mission.inspect.astype(np.uint8)),
+                "duration_s": mission.duration_s,
+                "length_m": float(leg_lengths(mission.local).sum()),
+            }
+            for mission in missions
+        ],
+    }
+
+
+def count_photos(mission: Mission) -> int:
+    """How many photos a sortie takes."""
+    if not mission.photo_distance_m:
+        return int(mission.photo.sum())
+    return 1 + int(leg_lengths(mission.local[mission.inspect]).sum() / mission.photo_distance_m)
+
+
+def _interval_s(missions: Sequence[Mission]) -> float | None:
+    """The shortest time between two photos, s; the camera must store one within it."""
+    shortest = []
+    for mission in missions:
+        if mission.photo_distance_m:
+            fastest = float(mission.speed_mps[mission.inspect].max())
+            shortest.append(mission.photo_distance_m / max(fastest, 0.1))
+        else:
+            shortest += np.diff(mission.arrival_s[mission.photo]).tolist()
+    return min(shortest, default=None)
+
+
+def _megabytes(camera: Camera) -> float:
+    """Size of one photo, MB."""
+    megapixels = camera.width_px * camera.height_px / 1e6 or _USUAL_MEGAPIXELS
+    return megapixels * _MB_OF_A_MEGAPIXEL

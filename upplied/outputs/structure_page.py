@@ -1,0 +1,118 @@
+"""The page of a structure: facts, required zones, plans, flights, findings and history."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+
+from upplied.inputs.rules import from_json
+from upplied.outputs.pairs import Pair, coverage, decision_words, number, shown_status, stamp
+from upplied.records import Structure
+
+_MOST = 200  # flights and decisions; the tables hold all
+
+
+def structure_facts(
+    source: Any, structure: Structure, pairs: Sequence[Pair], zones: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    """What the page shows; tables are lists of rows, the newest first."""
+    name, place = structure.structure_id, structure.placement
+    size = " × ".join(
+        f"{value:.1f}" for value in structure.vertices.max(axis=0) - structure.vertices.min(axis=0)
+    )
+    flights = _rows(source, "flights", name)
+    return {
+        "id": name,
+        "facts": [
+            ["Kind", structure.kind],
+            ["Size", f"{size} m"],
+            [
+                "Model",
+                f"{len(structure.triangles):,} triangles" if len(structure.triangles) else "point cloud",
+            ],
+            ["Landmarks", ", ".join(sorted(structure.landmarks))],
+            ["Place", "" if place is None else f"{place.lat_deg:.5f}, {place.lon_deg:.5f}"],
+            ["Heading of +X", "" if place is None else f"{place.heading_deg:.0f}° from true north"],
+        ],
+        "findings": [str(finding) for finding in from_json(structure.verdicts_json)],
+        "zones": list(zones),
+        "plans": [_plan(pair, preset, row) for pair in pairs for preset, row in _plans(pair)],
+        "flights": [
+            {
+                "when": stamp(row.get("flown_at")),
+                "operator": str(row.get("operator") or ""),
+                "plan": str(row["transfer_id"]),
+                "share": number(row, "flown_pct"),
+                "clearance": number(row, "min_clearance_m"),
+                "findings": str(row.get("findings") or ""),
+            }
+            for row in flights
+            if row.get("kind") == "flown"
+        ],
+        "history": _history(source, pairs),
+    }
+
+
+def places(source: Any) -> dict[str, dict[str, Any]]:
+    """Where each structure stands and when it was last flown, by its ID, as far as a source knows."""
+    rows = source.structures()
+    known: dict[str, dict[str, Any]] = {}
+    for row in rows.to_dict("records"):
+        lat, lon = number(row, "lat_deg"), number(row, "lon_deg")
+        if lat is not None and lon is not None:
+            known[str(row["structure_id"])] = {"lat": lat, "lon": lon}
+    if hasattr(source, "flights") and len(flown := source.flights()) and "flown_at" in flown:
+        plans = source.transfers(every=True, columns=["transfer_id", "target_id"])
+        targets = dict(zip(plans["transfer_id"], plans["target_id"], strict=True))
+        real = flown[flown["kind"] == "flown"] if "kind" in flown else flown.iloc[:0]
+        for target, when in real.groupby(real["transfer_id"].map(targets))["flown_at"].max().items():
+            known.setdefault(str(target), {})["flown"] = stamp(when)
+    return known
+
+
+def _plans(pair: Pair) -> list[tuple[str, Any]]:
+    drafts = [] if pair.draft is None else [("newer draft", pair.draft)]
+    return [(str(pair.main["preset"]), pair.main), *drafts]
+
+
+def _plan(pair: Pair, preset: str, row: Any) -> dict[str, Any]:
+    return {
+        "pair": pair.name,
+        "demonstration": pair.demonstration_id,
+        "preset": preset,
+        "status": shown_status(row),
+        "state": decision_words(row),
+        "coverage": coverage(row),
+        "gsd": number(row, "gsd_mm_p50"),
+        "clearance": number(row, "min_clearance_m"),
+        "duration": number(row, "duration_s"),
+        "planned": stamp(row.get("planned_at")),
+    }
+
+
+def _rows(source: Any, table: str, structure_id: str) -> list[dict[str, Any]]:
+    """Rows of a table about a structure, the newest first; none of a source that does not know the table."""
+    if not hasattr(source, table):
+        return []
+    frame: pd.DataFrame = getattr(source, table)()
+    own = frame[frame["target_id"] == structure_id] if "target_id" in frame else frame.iloc[:0]
+    return [
+        {str(key): value for key, value in row.items()}
+        for row in own.iloc[::-1].head(_MOST).to_dict("records")
+    ]
+
+
+def _history(source: Any, pairs: Sequence[Pair]) -> list[dict[str, str]]:
+    """Decisions about the plans of a structure, the newest first."""
+    if not pairs:
+        return []
+    return [
+        {
+            "when": stamp(row.get("added_at")),
+            "what": f"{row['transfer_id']} {row['state']} by {row['by']}",
+            "note": str(row.get("note") or ""),
+        }
+        for row in _rows(source, "decisions", pairs[0].target_id)
+    ]

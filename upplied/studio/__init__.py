@@ -1,1 +1,0 @@
-"""A plan in a browser of this machine: changed and judged at once, released or rejected."""

@@ -1,0 +1,177 @@
+"""The one application of everything that a person opens: fleet, structure, plan, flights, studio.
+
+Pages are those of a report folder, made from the catalog as it stands. Beside them a signed-in person can
+review, release, reject, export and edit; whoever is not signed in gets the page of the login alone.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.routing import Route
+
+from upplied.catalog import Catalog
+from upplied.errors import CatalogError, UppliedError
+from upplied.outputs import pages
+from upplied.web.decisions import Decisions
+from upplied.web.guard import Guard
+from upplied.web.live import LivePages
+from upplied.web.login import Login
+from upplied.web.session import Sessions
+
+_MOST_BYTES = 4 << 20  # of a request
+_WAIT_S = 30.0  # for a request that comes in pieces
+_WRONG_S = 1.0  # before a wrong password is refused
+_TYPES = {".js": "text/javascript", ".css": "text/css", ".png": "image/png", ".html": "text/html"}
+_FRESH = {"Cache-Control": "max-age=3600"}  # files of the package
+
+
+def create_app(catalog: Catalog, login: Login, names: frozenset[str], port: int | None = None) -> Guard:
+    """The application behind its guard.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    login : Login
+    names : frozenset of str
+        That requests may use in their ``Host``.
+    port : int, optional
+        That they name, where no proxy stands before the server.
+    """
+    return Guard(_Web(catalog, login).app, names, port, own=True)
+
+
+class _Web:
+    def __init__(self, catalog: Catalog, login: Login) -> None:
+        self.login, self.catalog = login, catalog
+        self.live, self.sessions, self.decisions = LivePages(catalog), Sessions(catalog), Decisions(catalog)
+        self.assets = pages.live_assets()
+        routes = [
+            Route("/login", self.sign_in, methods=["POST"]),
+            Route("/assets/{name}", self.asset),
+            Route("/", self.page),
+            Route("/index.html", self.page),
+            Route("/{room}/{name}", self.page),
+            Route("/studio/{plan}/{what}", self.studio, methods=["POST"]),
+            Route("/missions/{plan}/{kind}", self.mission),
+            Route("/decide", self.decide, methods=["POST"]),
+        ]
+        self.app = Starlette(routes=routes, exception_handlers={HTTPException: _refused, Exception: _fault})
+
+    async def sign_in(self, request: Request) -> Response:
+        """The cookie for a browser and the token for its page, in exchange for the password."""
+        given = await _json(request)
+        if not self.login.accepts(given.get("password")):
+            await asyncio.sleep(_WRONG_S)
+            return JSONResponse({"refused": "The password is not right."}, 401)
+        return self.login.give_cookie(JSONResponse({"token": self.login.token}))
+
+    async def asset(self, request: Request) -> Response:
+        """A file of the package."""
+        name = request.path_params["name"]
+        if name not in self.assets:
+            raise HTTPException(404, "There is no such page.")
+        kind = _TYPES[f".{name.rsplit('.', 1)[1]}"]
+        return Response(self.assets[name], media_type=kind, headers=_FRESH)
+
+    async def page(self, request: Request) -> Response:
+        """A page for whoever is signed in, the login for all others."""
+        room, name = request.path_params.get("room", ""), request.path_params.get("name", "index.html")
+        stem, dot, ending = name.rpartition(".")
+        known = {"": ".html", "data": ".js", "pictures": ".png", "studio": ""}
+        if room == "studio":
+            stem = name
+        elif room not in (*known, "transfers", "structures", "demonstrations") or (
+            dot + ending != known.get(room, ".html")
+        ):
+            raise HTTPException(404, "There is no such page.")
+        if not self.login.may_read(request):
+            return HTMLResponse(pages.login_page(), 401)
+        if room == "studio":
+            plan = await _plainly(self.catalog.find_transfer, stem)
+            return HTMLResponse(pages.studio_page(plan))
+        content = await _plainly(self.live.page, room, stem if room else "")
+        return Response(content, media_type=_TYPES[dot + ending])
+
+    async def mission(self, request: Request) -> Response:
+        """A mission as a file, through the gate."""
+        if not self.login.may_read(request):
+            return HTMLResponse(pages.login_page(), 401)
+        plan, kind = request.path_params["plan"], request.path_params["kind"]
+        name, content = await _plainly(self.live.mission, plan, kind)
+        shown = "inline" if kind == "brief" else "attachment"
+        headers = {"Content-Disposition": f'{shown}; filename="{name}"'}
+        if kind == "brief":
+            return HTMLResponse(content, headers=headers)
+        return Response(content, media_type="application/octet-stream", headers=headers)
+
+    async def studio(self, request: Request) -> Response:
+        """A request of the studio's page, and its answer."""
+        return await self._answer(
+            request, lambda given: self.sessions.answer(
+                request.path_params["plan"], request.path_params["what"], given
+            )
+        )  # fmt: skip
+
+    async def decide(self, request: Request) -> Response:
+        """A decision about a plan: reviewed, released or rejected."""
+        return await self._answer(request, self.decisions.decide)
+
+    async def _answer(self, request: Request, act: Callable[[Mapping[str, Any]], dict[str, Any]]) -> Response:
+        if not self.login.may_change(request):
+            return JSONResponse({"refused": "Sign in first."}, 401)
+        given = await _json(request)
+        try:
+            answer = await run_in_threadpool(act, given)
+        except UppliedError as error:
+            answer = {"refused": str(error)}
+        return Response(json.dumps(pages.finite(answer), allow_nan=False), media_type="application/json")
+
+
+async def _plainly(act: Callable[..., Any], *given: str) -> Any:
+    """What a call gives, with errors that a reader understands."""
+    try:
+        return await run_in_threadpool(act, *given)
+    except CatalogError as error:
+        raise HTTPException(404, str(error)) from None
+    except UppliedError as error:
+        raise HTTPException(409, str(error)) from None
+
+
+async def _json(request: Request) -> dict[str, Any]:
+    """The JSON object of a request, of a bounded size, within a bounded time."""
+    if request.headers.get("Content-Type", "").split(";")[0].strip() != "application/json":
+        raise HTTPException(415, "Requests are JSON.")
+    length = request.headers.get("Content-Length", "")
+    if not length.isdecimal() or not 0 < int(length) <= _MOST_BYTES:
+        raise HTTPException(413, f"A request has 1 to {_MOST_BYTES} bytes.")
+    try:
+        given = json.loads(await asyncio.wait_for(request.body(), _WAIT_S))
+    except TimeoutError:
+        raise HTTPException(408, "The request did not come in time.") from None
+    except (ValueError, RecursionError):
+        given = None
+    if not isinstance(given, dict):
+        raise HTTPException(400, "The request is no JSON object.")
+    return given
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    status = error.status_code if isinstance(error, HTTPException) else 500
+    text = error.detail if isinstance(error, HTTPException) else ""
+    if request.method == "GET" and status in (404, 409):
+        return HTMLResponse(pages.message_page(text), status)
+    return JSONResponse({"refused": text}, status)
+
+
+async def _fault(request: Request, error: Exception) -> Response:
+    """A fault of the program, without its insides."""
+    return JSONResponse({"refused": "The program failed. Its log says more."}, 500)

@@ -1,0 +1,167 @@
+"""What stands before every server: who is answered, and what each answer carries.
+
+A page of another site can ask a browser of this machine for anything on loopback. Requests under another
+name than the server's own, or from another site's page, are therefore refused before anything reads them.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Awaitable, Callable, Collection, MutableMapping, Sequence
+from typing import Any
+from urllib.parse import urlsplit
+
+HOSTS = "UPPLIED_HOSTS"  # names of the server besides this machine's, separated by commas
+OTHER_SITE = "requests from pages of another site are refused"
+OTHER_NAME = f"this server does not answer to that name ({HOSTS} lists its names)"
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+#: Of Prefect's own pages, which hold scripts and styles of their own.
+FOREIGN_HEADERS = _HEADERS | {
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "Referrer-Policy": "same-origin",
+}
+#: Of our pages: they load their own files alone, and send to nobody else.
+OWN_HEADERS = _HEADERS | {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; connect-src 'self'; frame-ancestors 'none'; form-action 'none'; "
+    "base-uri 'none'; object-src 'none'",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+Application = Callable[[Message, Receive, Send], Awaitable[None]]
+Headers = Sequence[tuple[bytes, bytes]]
+
+
+class Guard:
+    """ASGI middleware that refuses requests under another name and from pages of another site.
+
+    Parameters
+    ----------
+    app : ASGI application
+    names : collection of str
+        Names that requests may use in their ``Host``.
+    port : int, optional
+        The port that requests name, where no proxy stands before the server.
+    own : bool
+        The pages are ours: their policy is strict, and browsers must say that a request is from one of them.
+    """
+
+    def __init__(
+        self, app: Application, names: Collection[str], port: int | None = None, own: bool = False
+    ) -> None:
+        self.app, self.names, self.port, self.own = app, names, port, own
+        headers = OWN_HEADERS if own else FOREIGN_HEADERS
+        self.headers = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
+
+    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+        elif reason := self._refusal(scope):
+            await self._refuse(scope["type"], reason, send)
+        else:
+            await self.app(scope, receive, self._with_headers(send))
+
+    def _refusal(self, scope: Message) -> str:
+        reason = refusal(scope["headers"], self.names, self.port)
+        return reason or (foreign_page(scope["headers"], scope.get("method", "")) if self.own else "")
+
+    async def _refuse(self, kind: str, reason: str, send: Send) -> None:
+        """Answer 403, or do not open the socket."""
+        if kind == "websocket":
+            await send({"type": "websocket.close", "code": 1008, "reason": reason})
+            return
+        body = reason.encode()
+        length = (b"content-length", str(len(body)).encode())
+        await send({"type": "http.response.start", "status": 403, "headers": [length, *self.headers]})
+        await send({"type": "http.response.body", "body": body})
+
+    def _with_headers(self, send: Send) -> Send:
+        """The same with our headers on every answer, and none that opens it to other sites."""
+        ours = {name for name, _ in self.headers} - {b"cache-control"}
+
+        async def sending(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                given = message.get("headers", ())
+                rest = [
+                    each
+                    for each in given
+                    if (name := each[0].lower()) not in ours and not name.startswith(b"access-control-")
+                ]
+                stored = any(name.lower() == b"cache-control" for name, _ in rest)
+                message["headers"] = [*rest, *(h for h in self.headers if not stored or h[0] in ours)]
+            await send(message)
+
+        return sending
+
+
+def refusal(headers: Headers, names: Collection[str], port: int | None = None) -> str:
+    """Why a request is refused by its ``Host`` and ``Origin``; empty where it is not.
+
+    Parameters
+    ----------
+    headers : sequence of (bytes, bytes)
+        As ASGI hands them over.
+    names : collection of str
+        Names that the server is reached by.
+    port : int, optional
+        Where no proxy stands before it, that might speak TLS: the port that requests name.
+    """
+    hosts, origins = _values(headers, b"host"), _values(headers, b"origin")
+    host = hosts[0] if len(hosts) == 1 else ""
+    if host_name(host) not in names or (port is not None and not host.endswith(f":{port}")):
+        return OTHER_NAME
+    site = host.lower() if port is None else f"http://{host.lower()}"
+    return OTHER_SITE if any(_site(origin, port) != site for origin in origins) else ""
+
+
+def foreign_page(headers: Headers, method: str) -> str:
+    """Why a request is refused by what the browser says of its page; empty where it is not.
+
+    A link on another page may be followed: such a request reads, shows itself in the address bar, and
+    carries no cookie of ours.
+    """
+    site = _values(headers, b"sec-fetch-site")
+    if all(each in ("none", "same-origin") for each in site):
+        return ""
+    goal = [*_values(headers, b"sec-fetch-mode"), *_values(headers, b"sec-fetch-dest")]
+    return "" if method == "GET" and goal == ["navigate", "document"] else OTHER_SITE
+
+
+def allowed_names() -> frozenset[str]:
+    """The names of this machine's loopback, and those that the environment declares."""
+    named = os.environ.get(HOSTS, "").split(",")
+    return frozenset(LOOPBACK) | {name.strip().lower() for name in named if name.strip()}
+
+
+def host_name(host: str) -> str:
+    """The name in a ``Host`` header, without its port; empty where it is none."""
+    try:
+        parts = urlsplit(f"//{host}")
+        _ = parts.port  # an error where it is no number
+        return parts.hostname or ""
+    except ValueError:
+        return ""
+
+
+def _values(headers: Headers, name: bytes) -> list[str]:
+    return [value.decode("latin-1") for each, value in headers if each.lower() == name]
+
+
+def _site(origin: str, port: int | None) -> str:
+    if port is not None:
+        return origin.lower()
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:  # no address at all
+        return ""

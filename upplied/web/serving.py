@@ -1,0 +1,81 @@
+"""The application on a port of this machine, until it is stopped."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import uvicorn
+
+from upplied.catalog import Catalog
+from upplied.web.app import create_app
+from upplied.web.guard import LOOPBACK
+from upplied.web.login import Login
+
+HOST = "127.0.0.1"
+
+
+class Server:
+    """A server of a catalog's pages.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    port : int
+        0: any that is free.
+    host : str
+        Address to bind.
+    login : Login, optional
+        Of the service; by default one of this run, whose token is in `address`.
+    names : frozenset of str, optional
+        Names that requests may use; by default those of this machine, with this port.
+
+    Raises
+    ------
+    OSError
+        If the port is taken.
+    """
+
+    def __init__(
+        self,
+        catalog: Catalog,
+        port: int = 0,
+        host: str = HOST,
+        login: Login | None = None,
+        names: frozenset[str] | None = None,
+    ) -> None:
+        self._password = secrets.token_urlsafe(32)
+        self.login = login or Login(self._password)
+        self._socket = socket.create_server((host, port))
+        self.port = int(self._socket.getsockname()[1])
+        own = self.port if names is None else None
+        app = create_app(catalog, self.login, names or frozenset(LOOPBACK), own)
+        config = uvicorn.Config(app, log_level="error", access_log=False, server_header=False, ws="none")
+        self._server = uvicorn.Server(config)
+
+    def address(self, page: str = "") -> str:
+        """What a person opens; the part behind ``#``, which signs in, no server and no other site sees."""
+        return f"http://{HOST}:{self.port}/{page}#{self._password}"
+
+    def run(self) -> None:
+        """Answer until Ctrl-C."""
+        self._server.run(sockets=[self._socket])
+
+    @contextmanager
+    def running(self) -> Iterator[Server]:
+        """Answer as long as the block lasts."""
+        thread = threading.Thread(target=self.run, daemon=True)
+        thread.start()
+        try:
+            yield self
+        finally:
+            self._server.should_exit = True
+            thread.join(10)
+
+
+def serve_pages(catalog: Catalog, port: int, host: str, password: str, names: frozenset[str]) -> None:
+    """The pages of a fleet's service, for whoever has its password, until Ctrl-C."""
+    Server(catalog, port, host, Login(password), names).run()

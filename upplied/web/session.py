@@ -1,0 +1,339 @@
+"""What the studio's page asks for: a plan to draw, a change judged, planned again, stored, decided about."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from upplied.catalog import Catalog
+from upplied.catalog.verbs import required
+from upplied.checks import check_id
+from upplied.errors import InputError, UppliedError
+from upplied.fleet.editing import Base, Editing, JudgedEdit, flown_path
+from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
+from upplied.fleet.rechecking import place_breaches
+from upplied.outputs.along import profile
+from upplied.outputs.display import display_states, nearest_samples, packed, structure_data
+from upplied.outputs.pair_page import path_data
+from upplied.outputs.pairs import decision_words, number
+from upplied.outputs.reports import Reader, trajectory_of
+from upplied.outputs.verdicts import headline
+from upplied.poses import from_yaw_pitch, optical_axis
+from upplied.proof.asking import Asking
+from upplied.proof.carried_edit import kept_edit
+from upplied.proof.edit import Asked, Edit
+from upplied.records import Ints, Trajectory
+from upplied.web.decisions import Decisions
+from upplied.web.requests import signed, text_of, viewpoint_of
+
+_MOST_BASES = 50  # that were planned again and are held: a page goes back to them
+_MOST_OPEN = 8  # plans; of more, the one that was not asked for longest is closed
+_DIFFERENCES = (  # measure, words, unit, digits, and less than which it is no difference
+    ("coverage_inspected_pct", "inspected surface shown", " percentage points", 1, 0.05),
+    ("min_clearance_m", "minimum clearance", " m", 2, 0.005),
+    ("path_length_m", "path length", " m", 1, 0.05),
+    ("duration_s", "flight time", " s", 0, 0.5),
+)
+
+
+class Sessions:
+    """The plans that are open in the studio, by their ids.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    """
+
+    def __init__(self, catalog: Catalog) -> None:
+        self._catalog, self._lock = catalog, threading.Lock()
+        self._open: OrderedDict[str, Session] = OrderedDict()
+        self._stages: dict[str, str] = {}
+
+    def answer(self, plan: str, what: str, request: Mapping[str, Any]) -> dict[str, Any]:
+        """The answer to a request about a plan.
+
+        Raises
+        ------
+        UppliedError
+            If the plan cannot be opened.
+        """
+        if what == "progress":
+            return {"stage": self._stages.get(plan, "Opening the plan")}
+        with self._lock:
+            if plan not in self._open:
+                self._open[plan] = Session(
+                    self._catalog, plan, lambda text: self._stages.update({plan: text})
+                )
+                self._stages.pop(plan, None)
+            self._open.move_to_end(plan)
+            while len(self._open) > _MOST_OPEN:
+                self._open.popitem(last=False)
+            session = self._open[plan]
+        return session.answer(what, request)
+
+
+class Session:
+    """One plan of a catalog, opened; requests come from any thread and are answered one by one.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    transfer_id : str
+    stage : callable
+        Receives what is done now, in words, while the plan opens.
+    """
+
+    def __init__(
+        self, catalog: Catalog, transfer_id: str, stage: Callable[[str], object] = lambda _: None
+    ) -> None:
+        self.catalog = catalog
+        stage("Reading the plan and its structures")
+        self.editing = Editing(catalog, transfer_id)
+        self.decisions = Decisions(catalog)
+        self._lock = threading.Lock()
+        self._bases = [self.editing.kept]
+        stage("Drawing the structure")
+        self._reader = Reader(catalog)
+        self._mesh = self._reader.display_mesh(self.editing.target)
+        self._origin = np.array(self._structure["origin"])
+        self._near: Ints | None = None
+        self._known = self.decisions.last(transfer_id)  # the last decision that the page shows
+        self._draft = transfer_id  # what a decision is about: the plan, or the last draft that was stored
+        stage("Checking clearance along the path")
+
+    def answer(self, what: str, request: Mapping[str, Any]) -> dict[str, Any]:
+        """The answer to a request of the page; ``refused`` says in words why there is none."""
+        answers: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
+            "plan": self._plan, "judge": self._judge, "replan": self._replan, "keep": self._keep,
+            "decide": self._decide, "aim": self._aim, "zone": self._zone, "require": self._require,
+            "zones": self._zones,
+        }  # fmt: skip
+        if what not in answers:
+            return {"refused": f"{what[:40]}: there is no such request"}
+        with self._lock:
+            try:
+                return answers[what](request)
+            except UppliedError as error:
+                return {"refused": str(error)}
+
+    @cached_property
+    def _structure(self) -> dict[str, Any]:
+        return structure_data(self.editing.target, self._mesh)
+
+    def _plan(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """All that the page begins with: the plan with the measures that are stored with it."""
+        row, camera = self.editing.recipe.row, self.editing.recipe.demonstration.camera
+        rows = self.catalog.transfers(every=True, structure=row["target_id"])
+        now = rows[rows["transfer_id"] == self._draft].iloc[-1].to_dict()
+        kept = self.editing.kept.plan
+        path = flown_path(kept)[0]
+        clearance_m = self.editing.clearance_m(Asked())
+        broken = place_breaches(path, self.editing.target, kept.supposed, clearance_m)
+        judged = JudgedEdit(kept, tuple(broken), kept.not_flyable)
+        return {
+            "id": self.editing.transfer_id,
+            "demonstration": row["demonstration_id"],
+            "target": row["target_id"],
+            "kind": self.editing.recipe.target.kind,
+            "state": decision_words({str(name): value for name, value in now.items()}),
+            "structure": self._structure,
+            "camera": {"hfov_deg": camera.hfov_deg, "vfov_deg": camera.vfov_deg},
+            "heading_deg": self._heading_deg(),
+            "usual_m": clearance_m,
+            "declared_boxes": self.editing.target.surroundings.keep_out_m.tolist(),
+            "viewpoints": self._rows(self.editing.kept),
+            "in_force": self._in_force(),
+            **self._shown(judged, Edit(), Asked(), self.editing.kept),
+        }
+
+    def _heading_deg(self) -> float | None:
+        """Heading of the structure's +X clockwise from true north; None where its place is unknown."""
+        placement = self.editing.target.placement
+        return None if placement is None else placement.heading_deg
+
+    def _judge(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        base, edit, asked = self._read(request)
+        return self._judged(base, edit, asked)
+
+    def _replan(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """The other viewpoints planned again in the airspace of the request, with the fixed ones put back."""
+        base, edit, asked = self._read(request)
+        held = dict(edit.changed)
+        fixed = request.get("fixed", [])
+        for at in fixed if isinstance(fixed, list) else []:
+            if isinstance(at, int) and 0 <= at < len(base.viewpoints) and at not in edit.deleted:
+                held.setdefault(at, base.viewpoints[at])
+        kept = kept_edit(base.viewpoints, Edit(edit.deleted, held), asked, True)
+        replanned, again = self.editing.replanned(asked, kept)
+        if len(self._bases) >= _MOST_BASES:
+            rule = f"{_MOST_BASES} times at most"
+            raise InputError("the plan", "was planned again too often", rule, "open it again")
+        self._bases.append(replanned)
+        rows = self._rows(replanned)
+        for at, viewpoint in again.changed.items():
+            rows[at] = viewpoint_row(at, viewpoint)
+        answer = self._judged(replanned, again, asked)
+        return answer | {
+            "base": len(self._bases) - 1,
+            "viewpoints": rows,
+            "deleted": list(again.deleted),
+            "fixed": sorted(again.changed),
+        }
+
+    def _keep(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        base, edit, asked = self._read(request)
+        by, note = signed(request)
+        self._draft = keep_edit(self.catalog, self.editing, base, edit, asked, by, note)
+        return {"id": self._draft, "message": f"Stored as draft {self._draft}."}
+
+    def _decide(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        plan = str(request.get("id", ""))
+        if plan not in (self.editing.transfer_id, self._draft):
+            raise InputError("the decision", f"is about {plan[:40]!r}", f"about {self._draft}")
+        known, now = self._known, self.decisions.last(plan)
+        self._known = now  # whoever is refused by another's decision knows it from then on
+        answer = self.decisions.decide({**request, "known": known})
+        self._known = answer["known"]
+        return answer
+
+    def _aim(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """The place on the surface that a viewpoint's camera looks at; none where it looks past it."""
+        looking = viewpoint_of(request)
+        quats = from_yaw_pitch(np.radians([looking.yaw_deg]), np.radians([looking.pitch_deg]))
+        origin, axis = np.array([looking.position]), optical_axis(quats)
+        reach = float(self.editing.scene.cast(origin, axis)[0][0])
+        place = (origin + reach * axis)[0].round(3).tolist() if np.isfinite(reach) else None
+        return {"place": place}
+
+    def _zone(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """The samples of a zone that is described, to be drawn."""
+        patches = self._asking.patches(text_of(request, "where"))
+        points = (self.editing.surface.points[patches] - self._origin).astype(np.float32)
+        return {"points": packed(points), "share_pct": 100 * float(patches.mean())}
+
+    def _require(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Ask for a zone of the structure: the next version of a set, with the zones that it had."""
+        by, note = signed(request)
+        name, target = check_id(text_of(request, "set"), "name of requirements"), self.editing.target
+        zone = request.get("zone")
+        if not isinstance(zone, Mapping):
+            raise InputError("the zone", "is not described", "a name, a place and the required quality")
+        self._asking.patches(str(zone.get("where", "")))  # one that names no surface is refused
+        table = self.catalog.requirements()
+        own = (table["scope"] == "structure") & (table["owner"] == target.structure_id)
+        before = table[own & (table["name"] == name)]
+        zones = [] if before.empty else json.loads(before.iloc[-1]["zones_json"])
+        zones = [each for each in zones if each["zone"] != zone.get("zone")] + [dict(zone)]
+        self.catalog.require("structure", target.structure_id, name, zones, by, note)
+        for name in ("_asking", "_required"):
+            self.__dict__.pop(name, None)
+        count = f"{len(zones)} zone{'s' if len(zones) > 1 else ''}"
+        return {"message": f"Set {name} of {target.structure_id} now requires {count}."}
+
+    def _zones(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """What becomes of each required zone by the plan as it is stored."""
+        return {"zones": self._judged_zones(self.editing.kept.plan)}
+
+    # --- what the answers are made of ----------------------------------------------------------
+
+    def _read(self, request: Mapping[str, Any]) -> tuple[Base, Edit, Asked]:
+        at = request.get("base", 0)
+        if not isinstance(at, int) or not 0 <= at < len(self._bases):
+            raise InputError("the change", f"is of plan number {at}", f"0 to {len(self._bases) - 1}")
+        return self._bases[at], *read_edit("the change", request, self.editing, self._bases[at])
+
+    def _judged(self, base: Base, edit: Edit, asked: Asked) -> dict[str, Any]:
+        began, cpu = time.perf_counter(), time.process_time()
+        judged = self.editing.judged(base, edit, asked)
+        answer = self._shown(judged, edit, asked, base) | {"zones": self._judged_zones(judged.plan)}
+        took = {"judged_s": time.perf_counter() - began, "cpu_s": time.process_time() - cpu}
+        return answer | {name: round(value, 3) for name, value in took.items()}
+
+    def _judged_zones(self, plan: Any) -> list[dict[str, Any]]:
+        if not self._required:
+            return []
+        return list(self._asking.judged(self._asking.planned(plan, self._asking.camera)))
+
+    def _shown(self, judged: JudgedEdit, edit: Edit, asked: Asked, base: Base) -> dict[str, Any]:
+        """A judged plan as the page draws it, with its verdict in words."""
+        path, _ = flown_path(judged.plan)
+        measures = vars(judged.plan.measures)
+        standoff = {"standoff_mode": self.editing.recipe.row.get("standoff_mode")}
+        faults = [*judged.broken, *([judged.short] if judged.short else [])]
+        return {
+            "path": path_data(profile(path, self.editing.scene), self._origin),
+            "states": self._states(judged),
+            "measures": {name: number(measures, name) for name, *_ in _DIFFERENCES},
+            "verdict": {
+                "flyable": not faults,
+                "headline": headline(measures | standoff, self.editing.clearance_m(asked)),
+                "look": [*faults, *judged.plan.warnings],
+            },
+            "differences": self._differences(measures),
+            "words": ", ".join(
+                filter(None, (edit.words, asked.words, "planned again" if base.asked else ""))
+            ),
+        }
+
+    def _differences(self, measures: Mapping[str, Any]) -> list[str]:
+        """Differences from the plan in force, and from the plan as it was opened, in words."""
+        sentences = []
+        others = (("the plan in force", self._force_row), ("the plan as opened", self.editing.recipe.row))
+        for name, row in others:
+            if row is None:
+                continue
+            parts = []
+            for measure, words, unit, digits, least in _DIFFERENCES:
+                now, then = number(measures, measure), number(row, measure)
+                if now is not None and then is not None and abs(now - then) >= least:
+                    parts.append(f"{words} {now - then:+.{digits}f}{unit}")
+            sentences.append(f"Compared with {name}: {', '.join(parts) or 'no difference'}.")
+        return sentences
+
+    def _states(self, judged: JudgedEdit) -> dict[str, str] | None:
+        surface = judged.plan.surface
+        if surface is None:
+            return None
+        if self._near is None:
+            self._near = nearest_samples(self._mesh, surface)
+        return packed(display_states(self._mesh, surface, self._near))
+
+    def _rows(self, base: Base) -> list[dict[str, float]]:
+        return [viewpoint_row(at, each) for at, each in enumerate(base.viewpoints)]
+
+    @cached_property
+    def _force_row(self) -> dict[str, Any] | None:
+        row = self.editing.recipe.row
+        force = self.catalog.in_force(structure=row["target_id"])
+        same = force[(force["demonstration_id"] == row["demonstration_id"]) & (force["purpose"] == "")]
+        if same.empty or same.iloc[-1]["transfer_id"] == row["transfer_id"]:
+            return None
+        return {str(name): value for name, value in same.iloc[-1].items()}
+
+    def _in_force(self) -> dict[str, Any] | None:
+        """The path of the plan in force, where that is another one."""
+        row = self._force_row
+        if row is None:
+            return None
+        path: Trajectory = trajectory_of(self.catalog.waypoints(row["transfer_id"]))
+        return {"id": row["transfer_id"], "path": path_data(profile(path, self.editing.scene), self._origin)}
+
+    @cached_property
+    def _required(self) -> list[dict[str, Any]]:
+        """The zones that are required of the structure."""
+        target = self.editing.target
+        return list(required.zones_of(self.catalog, target.kind, target.structure_id))
+
+    @cached_property
+    def _asking(self) -> Asking:
+        camera = self.editing.recipe.demonstration.camera
+        target, supposed = self.editing.target, self.editing.kept.plan.supposed
+        known = supposed, camera, self._required, self.catalog.faces_labelled
+        return Asking(self.catalog.structure, self.catalog.cache, target, *known)
