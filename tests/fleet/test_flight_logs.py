@@ -324,8 +324,8 @@ def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, mad
     assert not catalog.looks_at("cube-v1", surface.points[unseen])["seen"].any()
     publish_pages(catalog, tmp_path / "reports", pictures=0)
     (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
-    said = f"{row['assumed_pct']:.1f} % more if the log was rightly moved onto its plan"
-    assert said in page.read_text() and "was seen for certain" in page.read_text()
+    said = f"{row['assumed_pct']:.1f} % more if the correction of the log is right"
+    assert said in page.read_text() and "was certainly seen" in page.read_text()
     states = seen_as_flown(surface, looks.certain.patch, np.setdiff1d(looks.patch, looks.certain.patch)).state
     assert {SURFACE_STATES[state] for state in np.unique(states)} >= {"shown", "seen if corrected"}
     # With a stated accuracy no more than that is corrected.

@@ -82,7 +82,7 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     beside = {row["zone"]: row for row in json.loads((tmp_path / "mission.geojson.zones.json").read_text())}
     assert beside["side"]["status"] == "met" and "was not seen" in beside["roof"]["why"]
     assert main(["brief", plan, "-o", str(tmp_path / "b.html"), "--draft", "--photos", "none", *where]) == 0
-    assert "Zones that must be seen" in (tmp_path / "b.html").read_text()
+    assert "Required zones" in (tmp_path / "b.html").read_text()
     for form, word in (("qgc-plan", b"zone roof"), ("dji-wpml", b""), ("mcap", b"zone roof"), ("csv", b"")):
         goal = tmp_path / f"mission.{form}"
         kind = ["--to", form, "-o", str(goal), "--draft", "--photos", "none", *where]

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, inside_fence
 from upplied.polylines import chosen_evenly
 from upplied.records import Cloud, Floats, Ints, Record
 from upplied.vectors import across, neighbour_spacing
@@ -59,7 +59,7 @@ def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -
     for box in airspace.surroundings.keep_out_m:
         round_it = _round_box(box, 0.05 + 0.1 * airspace.clearance_m, number=3)
         places.append(airspace.frame.from_declared(round_it))
-    posts = _round_posts(airspace.surroundings.geofence_m, whole[:, 2], near)
+    posts = _inside_posts(airspace.surroundings.geofence_m, whole[:, 2], near)
     places.append(airspace.frame.from_declared(posts))
     if further is not None:
         places.append(further)
@@ -152,12 +152,23 @@ def _round_box(box: Floats, distance_m: float, number: int) -> Floats:
     return low - distance_m + grid * (high - low + 2 * distance_m)
 
 
-def _round_posts(fence: Floats, heights_m: Floats, above_m: float) -> Floats:
-    """Places round the posts of a fence (G, 2), where a way inside of it has to turn, from low to high."""
-    turn = np.arange(8) * np.pi / 4
-    xy = (fence[:, None] + _POST_M * np.column_stack([np.cos(turn), np.sin(turn)])).reshape(-1, 2)
+def _inside_posts(fence: Floats, heights_m: Floats, above_m: float) -> Floats:
+    """Positions inside each post of a fence (G, 2), where a path has to turn, from low to high.
+
+    One at each height, amid the directions that lead inside. A ring of them about a post would be
+    neighbours of each other alone, and lead nowhere else.
+    """
+    turn = np.arange(16) * np.pi / 8
+    ring = _POST_M * np.column_stack([np.cos(turn), np.sin(turn)])
     z = np.linspace(heights_m[0] - above_m, heights_m[1] + above_m, 5)
-    return np.column_stack([np.repeat(xy, len(z), axis=0), np.tile(z, len(xy))])
+    positions = [np.empty((0, 3))]
+    for post in fence:
+        inside = ring[inside_fence(fence, post + ring)]
+        if len(inside) == 0:
+            continue
+        amid = post + _POST_M * inside.mean(axis=0) / max(np.linalg.norm(inside.mean(axis=0)), 1e-9)
+        positions.append(np.column_stack([np.tile(amid, (len(z), 1)), z]))
+    return np.vstack(positions)
 
 
 def _neighbours(places: Floats, spacing: float) -> tuple[Ints, Ints]:
