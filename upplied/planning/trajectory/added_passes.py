@@ -1,244 +1,246 @@
 """Passes that are added where the demonstrated ones cannot show all as finely as the expert did.
 
 A larger target is flown round from as near as the source, so the passes leave strips between and beside them.
-An added pass is a stretch of the carried flight moved along the surface onto such a strip: in the expert's
-direction or back, as near as the resolution asks, looking from his side as far as the strip allows. The one
-that shows most per second of its time comes first, and each is made safe, optimised and timed as a take.
+An added pass is a stretch of the carried flight flown beside itself, along such a strip, in the expert's
+direction or back, and optimised for what is missed near it. It is as long as pays: the surface that it
+shows is weighed against its time, at a share of the rate at which the expert showed it.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
+from upplied.config import Settings
+from upplied.errors import RefusedError
+from upplied.planning.airspace.detours import Ways, airspace_of
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.carry.carried import Carried
+from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.carry.standoff import Standoff
+from upplied.planning.demonstration.repetition import Take, steady_radps
+from upplied.planning.trajectory.complete import completed, view_of
+from upplied.planning.trajectory.retime import demonstrated_speed
 from upplied.planning.trajectory.view import View
-from upplied.polylines import chosen_evenly, leg_lengths
-from upplied.poses import from_yaw_pitch, optical_axis
+from upplied.polylines import chosen_evenly, cumulated, leg_lengths
+from upplied.poses import fov_at, optical_axis
 from upplied.records import Bools, Floats, Ints, Record, Trajectory, Visibility, Waypoints
 
-_SAMPLES = 1000  # of what is to be shown, at most, that stand for all while passes are chosen
 _POSES = 240  # of the path, and of each pass, that are asked what they show
-_GAIN = 0.01  # share of the need that a pass must show, so that none hangs on a sample or two
-_TIME = 1.25  # times the demonstrated time and the ratio of the inspected areas: all passes together
+# Of the rate at which the expert showed the surface, all of it in the demonstrated time at this size: a pass
+# that shows less in a second is not worth its time.
+_WORTH = 0.1
+_ENOUGH = 0.02  # of what is inspected, that may be left
 _MOST = 6  # passes
-_STRIP = 0.35  # stand-offs, over which it is counted what is missed, and over which a pass is evened out
-_PARALLEL = 3.0  # stand-offs, over which a pass beside the flight keeps its distance from it
-_WITHIN = 0.85  # of the farthest from which the strip is shown finely enough: where the pass is flown
-_FARTHEST = 1.5  # stand-offs of the demonstration, beyond which no pass is flown
-_PART = 0.25  # of its stretch's time, that a pass takes at least: it turns with the camera as the stretch did
-_LEANING = (0.0, 0.5)  # of the expert's line of sight, added to the strip's normal
-_SPARSE = 0.2  # of the densest missed stretch: less is no part of a pass
+_FEWEST = 4  # stations of a pass, that it is a curve
+_SAMPLES, _ROUNDS = 800, 2  # of the optimisation of a pass: it is short, and shows a strip
+_STRIP = 0.35  # stand-offs, over which it is counted what is missed
+_PARALLEL = 3.0  # stand-offs, over which a pass keeps its distance from the flight
+_LITTLE = 1e-2  # of what a station must show: how much the flight itself counts where nothing is missed
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Pass(Record):
-    """A stretch of the carried flight, moved."""
+    """A stretch of the carried flight, flown beside it."""
 
     station: Ints  # (K,) of the flight, in the order in which the pass is flown
     positions: Floats  # (K, 3) m
-    aim: Floats  # (K, 3) m
-    seconds: float
+    time_s: Floats  # (K,) as fast as the expert flew there, and no faster than the camera may turn
+
+    def cut(self, within: slice) -> _Pass:
+        """A stretch of it, or all of it backwards."""
+        return _Pass(self.station[within], self.positions[within], self.time_s[within])
 
 
-def with_added(carried: Carried, path: Waypoints, view: View, airspace: Airspace) -> list[Carried]:
-    """The passes to be added to a completed path, in the order of flight.
+@dataclass(frozen=True, eq=False, repr=False)
+class _Missed(Record):
+    """What no pass shows yet, and what a second is worth."""
+
+    sample: Ints  # (m,) of the view
+    left: Floats  # (m,) share of all that is inspected; 0: shown
+    price: float  # of a second: the share that it must show
+    speed_mps: Floats  # (M,) at which the expert flew each station
+    time_s: Floats  # (M,) least time to turn the camera as the flight does, up to each station
+
+    @property
+    def some(self) -> Ints:
+        """The rows of what is missed."""
+        return np.flatnonzero(self.left > 0)
+
+
+def with_added(carried: Carried, path: Waypoints, settings: Settings) -> list[tuple[Carried, Waypoints]]:
+    """The passes to be added to a completed path, in the order of flight, each with its completed path.
 
     Parameters
     ----------
     carried : Carried
     path : Waypoints
         The carried flight, completed.
-    view : View
-        What it is to show.
-    airspace : Airspace
-        Whose rules the passes keep.
+    settings : Settings
 
     Returns
     -------
-    list of Carried
-        Each a take of a stretch of the flight, its need what none before it shows; empty where all but a
-        hundredth of what is to be shown is shown.
+    list of (Carried, Waypoints)
+        Each a take of a stretch of the flight, its need what is missed; empty where the path shows 98 %, or
+        no pass shows enough for its time.
     """
-    goal = carried.goal
-    if goal is None or goal.height_m is not None or goal.standoff.usual_m <= 0:
+    goal, take = carried.goal, carried.take
+    if goal is None or not goal.inspected.projected or goal.height_m is not None or len(path) < _FEWEST:
         return []
-    asked = np.flatnonzero(view.inspected & (view.need > 0))[:_SAMPLES]
-    left = np.array(view.need[asked])
-    if not left.sum() > 0:
-        return []
-    left /= left.sum()
-    seen = chosen_evenly(len(path), _POSES)
-    left[view.shown(path.positions[seen], path.quat_xyzw[seen], asked)] = 0.0
-    end, passes = path.positions[-1], list[tuple[_Pass, Bools]]()
-    time_left = _time_left(carried, path)
-    while len(passes) < _MOST and left.sum() >= _GAIN:
-        best = _best(carried, view, airspace, asked, left, end, time_left)
-        if best is None:
+    view = view_of(take, goal, settings)
+    airspace = Ways(airspace_of(take.pair, settings), take.pair.obstacle).planning
+    missed = _missed(carried, path, view, settings)
+    few = replace(settings, optimise=replace(settings.optimise, samples=_SAMPLES, rounds=_ROUNDS))
+    ends, passes = [path.positions[-1]], list[tuple[Carried, Waypoints]]()
+    while len(passes) < _MOST and float(missed.left.sum()) > _ENOUGH:
+        for one in _candidates(carried, view, airspace, missed, ends):
+            added = _taken(carried, one, view, missed.sample[missed.some])
+            if (flown := _flown(added, view, missed, few)) is not None:
+                break
+        else:
             break
-        chosen, shows = best
-        time_left -= chosen.seconds
-        passes.append((chosen, shows & (left > 0)))
-        left[shows] = 0.0
-        end = chosen.positions[-1]
-    return [_taken(carried, one, view, asked[shows]) for one, shows in passes]
+        passes.append((added, flown))
+        shown = _shown(view, added.take, flown, missed.sample)
+        missed = replace(missed, left=np.where(shown, 0.0, missed.left))
+        ends += [flown.positions[0], flown.positions[-1]]
+    return passes
 
 
-def time_allowed_s(carried: Carried) -> float:
-    """How long a plan may take with added passes: more than demonstrated where there is more to show."""
-    return float(np.ptp(carried.take.inspection.flight.t_s)) * _TIME * max(carried.area_ratio, 1.0)
-
-
-def _time_left(carried: Carried, path: Waypoints) -> float:
-    """Seconds of those that a path leaves, flown as fast as the demonstration, no shorter than it."""
-    flight = carried.take.inspection.flight
-    longer = float(leg_lengths(path.positions).sum() / max(leg_lengths(flight.positions).sum(), 1e-9))
-    return time_allowed_s(carried) - float(np.ptp(flight.t_s)) * max(longer, 1.0)
-
-
-def _best(
-    carried: Carried,
-    view: View,
-    airspace: Airspace,
-    asked: Ints,
-    left: Floats,
-    end: Floats,
-    time_left: float,
-) -> tuple[_Pass, Bools] | None:
-    """The pass that shows most of what is left per second, and which samples it shows; None for none."""
-    best, worth = None, 0.0
-    missed = left > 0
-    for one in _candidates(carried, view, asked[missed], left[missed]):
-        free = airspace.allowed(one.positions)
-        if free.mean() < 0.5:
-            continue
-        ahead = np.linalg.norm(one.positions[[0, -1]] - end, axis=1)
-        if ahead[1] < ahead[0]:
-            one = _Pass(one.station[::-1], one.positions[::-1], one.aim[::-1], one.seconds)
-        some = np.flatnonzero(free)[chosen_evenly(int(free.sum()), _POSES)]
-        shows = np.zeros(len(asked), bool)
-        quats = _looking(one.aim[some] - one.positions[some], view)
-        shows[missed] = _at(view, one.station[some]).shown(one.positions[some], quats, asked[missed])
-        gain = float(left[shows].sum())
-        seconds = one.seconds + float(ahead.min()) / view.limits.transit_speed_mps
-        if gain >= _GAIN and seconds <= time_left and gain / seconds > worth:
-            best, worth = (replace(one, seconds=seconds), shows), gain / seconds
-    return best
-
-
-def _candidates(carried: Carried, view: View, missed: Ints, left: Floats) -> Iterator[_Pass]:
-    """Stretches of the flight moved onto what is missed (K,): all of it, and what lies to each side."""
-    path, goal = carried.path, carried.goal
+def _flown(added: Carried, view: View, missed: _Missed, settings: Settings) -> Waypoints | None:
+    """An added pass completed, from where to where it pays; None where it does not, or is not safe."""
+    goal, flight = added.goal, added.take.inspection.flight
     assert goal is not None
-    usual = goal.standoff.usual_m
-    points, normals = view.cloud.points[missed], view.cloud.outward[missed]
-    axis = optical_axis(path.quat_xyzw)
-    aims = path.positions + usual * axis
+    try:
+        path = completed(added, goal, settings, float(missed.left.sum()))
+    except RefusedError:
+        return None
+    shown = np.flatnonzero(_shown(view, added.take, path, missed.sample) & (missed.left > 0))
+    at = cKDTree(_aims(path, goal)).query(view.cloud.points[missed.sample[shown]])[1]
+    dense = _evened(np.bincount(at, missed.left[shown], len(path)), path, _STRIP * goal.standoff.usual_m)
+    speed = demonstrated_speed(path.t_s, flight)
+    time_s = cumulated(2 * leg_lengths(path.positions) / (speed[1:] + speed[:-1]))
+    within = _paying(dense, time_s, missed.price)
+    pays = dense[within].sum() > missed.price * np.ptp(time_s[within])
+    return path.rows(within) if pays and within.stop - within.start >= _FEWEST else None
+
+
+def _missed(carried: Carried, path: Waypoints, view: View, settings: Settings) -> _Missed:
+    """What a completed path leaves, and the expert's pace."""
+    take, flight = carried.take, carried.take.inspection.flight
+    asked = np.flatnonzero(view.inspected & (view.need > 0))
+    left = view.need[asked] / max(float(view.need[asked].sum()), 1e-12)
+    left[_shown(view, take, path, asked)] = 0.0
+    axis = optical_axis(carried.path.quat_xyzw)
+    turned = np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1.0, 1.0))
+    pan = min(np.radians(settings.retime.max_yaw_rate_degps), steady_radps([take], settings.inspection))
+    return _Missed(
+        sample=asked,
+        left=left,
+        price=_WORTH / (max(float(np.ptp(flight.t_s)), 1e-9) * max(carried.area_ratio, 1.0)),
+        speed_mps=demonstrated_speed(flight.t_s, flight, take.inspection.breaks),
+        time_s=cumulated(turned / pan),
+    )
+
+
+def _shown(view: View, take: Take, path: Waypoints, asked: Ints) -> Bools:
+    """Which of the samples a path shows, that is completed."""
+    few = path.rows(chosen_evenly(len(path), _POSES))
+    zoomed = replace(view, fov_deg=fov_at(take.inspection.flight, few.t_s))
+    return zoomed.shown(few.positions, few.quat_xyzw, asked)
+
+
+def _candidates(
+    carried: Carried, view: View, airspace: Airspace, missed: _Missed, ends: Sequence[Floats]
+) -> list[_Pass]:
+    """Passes that may pay, from their nearer ends, the one that pays most as it is before the others."""
+    found, some = [], missed.some
+    for one in _beside(carried, view, missed):
+        free = np.flatnonzero(airspace.allowed(one.positions))
+        if len(one.station) < _FEWEST or len(free) < len(one.station) / 2:
+            continue
+        few = free[chosen_evenly(len(free), _POSES)]
+        quats = carried.path.quat_xyzw[one.station[few]]
+        at = view if view.fov_deg is None else replace(view, fov_deg=view.fov_deg[one.station[few]])
+        shows = at.shown(one.positions[few], quats, missed.sample[some])
+        ahead = cKDTree(ends).query(one.positions[[0, -1]])[0]
+        seconds = float(np.ptp(one.time_s)) + float(ahead.min()) / view.limits.transit_speed_mps
+        shown, price = float(missed.left[some[shows]].sum()), missed.price * seconds
+        if shown > price / 2:  # optimised it may show twice as much
+            found.append((price - shown, one if ahead[0] <= ahead[1] else one.cut(slice(None, None, -1))))
+    return [one for _, one in sorted(found, key=lambda each: each[0])]
+
+
+def _beside(carried: Carried, view: View, missed: _Missed) -> Iterator[_Pass]:
+    """Stretches of the flight beside what is missed: for all of it, and for what lies to each side."""
+    path, goal, left = carried.path, carried.goal, missed.left[missed.some]
+    assert goal is not None
+    usual, points, aims = (
+        goal.standoff.usual_m,
+        view.cloud.points[missed.sample[missed.some]],
+        _aims(path, goal),
+    )
     at = cKDTree(aims).query(points)[1]
-    forward = np.gradient(path.positions, axis=0) if len(path) > 1 else np.zeros_like(axis)
-    across = np.cross(axis, forward)
+    across = np.cross(optical_axis(path.quat_xyzw), np.gradient(path.positions, axis=0))
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     side = np.einsum("kj,kj->k", points - aims[at], across[at])
-    sigma = _STRIP * usual / max(float(leg_lengths(path.positions).mean()) if len(path) > 1 else usual, 1e-6)
-    farthest = np.minimum(view.farthest_m[missed], _FARTHEST * usual)
-    for group in (side >= 0, side < 0, np.ones(len(missed), bool)):
-        if left[group].sum() < _GAIN:
-            continue
-        columns = np.column_stack([points, normals, farthest])[group] * left[group, None]
-        sums = np.zeros((len(path), 8))
-        np.add.at(sums, at[group], np.column_stack([columns, left[group]]))
-        sums = gaussian_filter1d(sums, max(sigma, 1.0), axis=0, mode="constant")
-        dense = np.flatnonzero(sums[:, 7] > _SPARSE * sums[:, 7].max())
-        runs = np.split(dense, np.flatnonzero(np.diff(dense) > max(2 * sigma, 2)) + 1)
-        spans = {(int(run[0]), int(run[-1])) for run in [*runs, dense]}
-        for (first, last), leaning in itertools.product(sorted(spans), _LEANING):
-            if last - first < 3:
-                first, last = max(first - 2, 0), min(last + 2, len(path) - 1)
-            yield _moved(carried, sums, first, last, -leaning * axis, view)
-        off = np.zeros((len(path), 2))
-        np.add.at(off, at[group], np.column_stack([side[group] * left[group], left[group]]))
-        off = gaussian_filter1d(off, max(_PARALLEL / _STRIP * sigma, 1.0), axis=0, mode="constant")
-        beside = path.positions + (off[:, :1] / np.maximum(off[:, 1:], 1e-12)) * across
-        for first, last in sorted(spans):
-            within = slice(first, last + 1)
-            yield _Pass(
-                np.arange(first, last + 1),
-                beside[within],
-                beside[within] + usual * axis[within],
-                _seconds(carried, within, beside[within]),
-            )
+    rightly = np.clip(0.5 + side / (2 * _STRIP * usual), 0.0, 1.0)
+    little = _LITTLE * missed.price * float(np.ptp(carried.take.inspection.flight.t_s)) / len(path)
+    speed = (missed.speed_mps[1:] + missed.speed_mps[:-1]) / 2
+    for share in (rightly, 1 - rightly, np.ones(len(left))):
+        mass, moment = (np.bincount(at, share * left * of, len(path)) for of in (1.0, side))
+        off = _evened(moment, path, _PARALLEL * usual) / (_evened(mass, path, _PARALLEL * usual) + little)
+        positions = path.positions + off[:, None] * across
+        time_s = cumulated(np.maximum(leg_lengths(positions) / speed, np.diff(missed.time_s)))
+        within = _paying(_evened(mass, path, _STRIP * usual), time_s, missed.price)
+        yield _Pass(np.arange(len(path)), positions, time_s).cut(within)
 
 
-def _moved(carried: Carried, sums: Floats, first: int, last: int, lean: Floats, view: View) -> _Pass:
-    """A stretch over the strip whose weighted sums (M, 8) along the flight are given."""
-    within = slice(first, last + 1)
-    own = sums[within]
-    dense = own[:, 7] > 1e-9
-    index, known = np.arange(len(own)), np.flatnonzero(dense)
-    mean = own[known] / own[known, 7:]
-    strip = np.column_stack([np.interp(index, known, column) for column in mean.T])
-    away = strip[:, 3:6] / np.maximum(np.linalg.norm(strip[:, 3:6], axis=1, keepdims=True), 1e-9)
-    away = away + lean[within]
-    away = -optical_axis(_looking(-away, view))
-    positions = strip[:, :3] + _WITHIN * strip[:, 6:7] * away
-    seconds = _seconds(carried, within, positions)
-    return _Pass(np.arange(first, last + 1), positions, strip[:, :3], seconds)
+def _aims(path: Waypoints, goal: Goal) -> Floats:
+    """What is in the middle of each picture, (M, 3), m, about."""
+    return path.positions + goal.standoff.usual_m * optical_axis(path.quat_xyzw)
 
 
-def _seconds(carried: Carried, within: slice, positions: Floats) -> float:
-    """How long a pass over a stretch of the flight takes, as fast as the expert flew it."""
-    flight = carried.take.inspection.flight.take(within)
-    spent, flown = float(np.ptp(flight.t_s)), float(leg_lengths(flight.positions).sum())
-    return spent * max(float(leg_lengths(positions).sum()) / max(flown, 1e-6), _PART)
+def _evened(values: Floats | Ints, path: Waypoints, over_m: float) -> Floats:
+    """Values (M,) averaged along a path."""
+    apart = max(float(leg_lengths(path.positions).mean()), 1e-9)
+    return np.asarray(gaussian_filter1d(values, max(over_m / apart, 1.0), mode="constant"))
 
 
-def _looking(towards: Floats, view: View) -> Floats:
-    """Cameras (K, 4) that look along these ways as far as the gimbal allows."""
-    low, high = np.radians([view.limits.min_gimbal_pitch_deg, view.limits.max_gimbal_pitch_deg])
-    yaw = np.unwrap(np.arctan2(towards[:, 1], towards[:, 0]))
-    pitch = np.arctan2(towards[:, 2], np.hypot(towards[:, 0], towards[:, 1]))
-    return from_yaw_pitch(yaw, np.clip(pitch, low, high))
+def _paying(shown: Floats, time_s: Floats, price: float) -> slice:
+    """The stretch of K stations that shows most beyond the price of its time."""
+    whole = cumulated(shown)  # before each station, and behind the last
+    before, behind = whole[:-1] - price * time_s, whole[1:] - price * time_s
+    last = int(np.argmax(behind - np.minimum.accumulate(before)))
+    return slice(int(np.argmin(before[: last + 1])), last + 1)
 
 
-def _at(view: View, station: Ints) -> View:
-    """The view of some stations alone: each with its zoom."""
-    return view if view.fov_deg is None else replace(view, fov_deg=view.fov_deg[station])
-
-
-def _taken(carried: Carried, one: _Pass, view: View, shows: Ints) -> Carried:
-    """An added pass as a take of its stretch, that is to show some samples and those round them."""
-    take, goal = carried.take, carried.goal
+def _taken(carried: Carried, one: _Pass, view: View, missed: Ints) -> Carried:
+    """An added pass as a take of its stretch, that is to show what is missed."""
+    take, goal, station = carried.take, carried.goal, one.station
     assert goal is not None
-    inspection, path, station = take.inspection, carried.path, one.station
+    inspection, path = take.inspection, carried.path.rows(station)
     flight = inspection.flight.take(station)
     since_s = np.abs(flight.t_s - flight.t_s[0])  # a stretch that is flown back takes as long
-    flight = Trajectory(since_s, flight.positions, flight.quat_xyzw, flight.fov_deg)
-    pose = _looking(one.aim - one.positions, view)
-    moved = Waypoints(one.positions, pose, since_s, path.is_viewpoint[station])
-    near = cKDTree(view.cloud.points[shows]).query(view.cloud.points)[0] <= np.sqrt(
-        view.cloud.areas[shows].sum() / max(len(shows), 1)
-    )
-    need = np.where(near, goal.inspected.need, 0.0)
+    need = np.zeros(len(goal.inspected.need))
+    need[missed] = goal.inspected.need[missed]
     sub = replace(
         inspection,
-        flight=flight,
+        flight=Trajectory(since_s, flight.positions, flight.quat_xyzw, flight.fov_deg),
         visibility=Visibility(inspection.visibility.seen[station]),
         breaks=np.empty(0, np.int64),
     )
-    standoff = np.linalg.norm(one.aim - one.positions, axis=1)
+    usual = goal.standoff.usual_m
+    aim = one.positions + usual * optical_axis(path.quat_xyzw)
     asked = replace(
         goal,
         inspected=replace(goal.inspected, need=need, without=0.0),
         seen=np.zeros(len(need)),
         flown=one.positions,
-        standoff=Standoff(np.arange(len(flight)), one.aim[:, None], np.maximum(standoff, 1e-3)),
+        standoff=Standoff(np.arange(len(station)), aim[:, None], np.full(len(station), usual)),
         reference=one.positions,
     )
+    moved = replace(path, positions=one.positions, t_s=since_s)
     return Carried(replace(take, inspection=sub), moved, asked)

@@ -31,7 +31,7 @@ _LEAST_TURN_RAD = (
 _HALVINGS = 20  # of the way to the demonstrated shape
 
 
-def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
+def completed(carried: Carried, goal: Goal, settings: Settings, share: float = 1.0) -> Waypoints:
     """A carried flight made safe, and optimised.
 
     Parameters
@@ -40,6 +40,8 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     goal : Goal
         Its own.
     settings : Settings
+    share : float
+        Of all that is to be shown, what the goal asks for: the weights are worth shares of all.
 
     Returns
     -------
@@ -84,7 +86,9 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         aside_rad=_aside(take),
         level=settings.transfer.plane,
     )
-    state, variables = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
+    shape, weights = FIDELITIES[settings.refine.fidelity].shape / share, settings.optimise
+    weights = replace(weights, turning=weights.turning / share, leaving=weights.leaving / share)
+    state, variables = optimise(problem, shape, weights)
     at, curve = state.curve(variables, _STEP_M)
     positions = safe(curve.positions)
     if settings.refine.deviation is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,15 +14,12 @@ from upplied.planning.airspace.detours import Ways, airspace_of, route
 from upplied.planning.carry.carried import Carried
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined, steady_radps
-from upplied.planning.trajectory.added_passes import time_allowed_s, with_added
-from upplied.planning.trajectory.complete import completed, view_of
+from upplied.planning.trajectory.added_passes import with_added
+from upplied.planning.trajectory.complete import completed
 from upplied.planning.trajectory.retime import retime
 from upplied.planning.trajectory.sharpness import sharp_limits, steadied_swings
 from upplied.poses import fov_at
 from upplied.records import Bools, Floats, Trajectory, Waypoints
-
-_SLACK = 1.15  # of the time that is allowed: what ways and turns take more than was reckoned with
-_SAMPLES, _ROUNDS = 800, 2  # of the optimisation of a pass that is added: it is short, and shows a strip
 
 
 def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory, Bools, Floats]:
@@ -49,19 +46,15 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
         If no path keeps what the settings demand.
     """
     paths = [one.path if one.goal is None else completed(one, one.goal, settings) for one in carried]
-    passes = [added for pair in zip(carried, paths, strict=True) for added in _added(*pair, settings)]
-    allowed_s = sum(time_allowed_s(one) for one in carried if passes)
+    passes = [added for pair in zip(carried, paths, strict=True) for added in with_added(*pair, settings)]
     pair = carried[0].take.pair
     ways = Ways(airspace_of(pair, settings), pair.obstacle)
     while passes:
         both = [*zip(carried, paths, strict=True), *passes]
         try:
-            timed = _timed([one for one, _ in both], [path for _, path in both], ways, settings)
-            if timed[0].t_s[-1] <= _SLACK * allowed_s:
-                return timed
+            return _timed([one for one, _ in both], [path for _, path in both], ways, settings)
         except RefusedError:  # no way leads to a pass
-            pass
-        passes.pop()  # those that show most for their time come first
+            passes.pop()
     return _timed(carried, paths, ways, settings)
 
 
@@ -85,20 +78,6 @@ def _timed(
     if steadied is not sharp:
         timed = retime(path, flight, settings.retime, breaks_of(takes), steadied)
     return _zooming(flight, *timed)
-
-
-def _added(carried: Carried, path: Waypoints, settings: Settings) -> Iterator[tuple[Carried, Waypoints]]:
-    """The passes that are added to a completed path, completed: those that can be made safe."""
-    if carried.goal is None or not carried.goal.inspected.projected:
-        return
-    few = replace(settings, optimise=replace(settings.optimise, samples=_SAMPLES, rounds=_ROUNDS))
-    view = view_of(carried.take, carried.goal, settings)
-    airspace = Ways(airspace_of(carried.take.pair, settings), carried.take.pair.obstacle).planning
-    for one in with_added(carried, path, view, airspace):
-        try:
-            yield one, completed(one, one.goal or carried.goal, few)
-        except RefusedError:
-            continue
 
 
 def _zooming(
