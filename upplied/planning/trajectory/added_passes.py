@@ -32,7 +32,7 @@ from upplied.records import Bools, Floats, Ints, Record, Trajectory, Visibility,
 _POSES = 240  # of the path, and of each pass, that are asked what they show
 # Of the rate at which the expert showed the surface, all of it in the demonstrated time at this size: a pass
 # that shows less in a second is not worth its time.
-_WORTH = 0.1
+_WORTH = 1 / 8
 _ENOUGH = 0.02  # of what is inspected, that may be left
 _MOST = 6  # passes
 _FEWEST = 4  # stations of a pass, that it is a curve
@@ -98,7 +98,7 @@ def with_added(carried: Carried, path: Waypoints, settings: Settings) -> list[tu
     while len(passes) < _MOST and float(missed.left.sum()) > _ENOUGH:
         for one in _candidates(carried, view, airspace, missed, ends):
             added = _taken(carried, one, view, missed.sample[missed.some])
-            if (flown := _flown(added, view, missed, few)) is not None:
+            if (flown := _flown(added, view, missed, ends, few)) is not None:
                 break
         else:
             break
@@ -109,7 +109,9 @@ def with_added(carried: Carried, path: Waypoints, settings: Settings) -> list[tu
     return passes
 
 
-def _flown(added: Carried, view: View, missed: _Missed, settings: Settings) -> Waypoints | None:
+def _flown(
+    added: Carried, view: View, missed: _Missed, ends: Sequence[Floats], settings: Settings
+) -> Waypoints | None:
     """An added pass completed, from where to where it pays; None where it does not, or is not safe."""
     goal, flight = added.goal, added.take.inspection.flight
     assert goal is not None
@@ -123,8 +125,14 @@ def _flown(added: Carried, view: View, missed: _Missed, settings: Settings) -> W
     speed = demonstrated_speed(path.t_s, flight)
     time_s = cumulated(2 * leg_lengths(path.positions) / (speed[1:] + speed[:-1]))
     within = _paying(dense, time_s, missed.price)
-    pays = dense[within].sum() > missed.price * np.ptp(time_s[within])
-    return path.rows(within) if pays and within.stop - within.start >= _FEWEST else None
+    flown, spent = path.rows(within), float(np.ptp(time_s[within]))
+    seconds = spent + _way_s(flown.positions, ends, view).min()
+    return flown if len(flown) >= _FEWEST and dense[within].sum() > missed.price * seconds else None
+
+
+def _way_s(positions: Floats, ends: Sequence[Floats], view: View) -> Floats:
+    """How long the way to each end of a pass is (2,), s, from the nearest end of what is flown anyway."""
+    return np.asarray(cKDTree(ends).query(positions[[0, -1]])[0] / view.limits.transit_speed_mps)
 
 
 def _missed(carried: Carried, path: Waypoints, view: View, settings: Settings) -> _Missed:
@@ -165,8 +173,8 @@ def _candidates(
         quats = carried.path.quat_xyzw[one.station[few]]
         at = view if view.fov_deg is None else replace(view, fov_deg=view.fov_deg[one.station[few]])
         shows = at.shown(one.positions[few], quats, missed.sample[some])
-        ahead = cKDTree(ends).query(one.positions[[0, -1]])[0]
-        seconds = float(np.ptp(one.time_s)) + float(ahead.min()) / view.limits.transit_speed_mps
+        ahead = _way_s(one.positions, ends, view)
+        seconds = float(np.ptp(one.time_s)) + float(ahead.min())
         shown, price = float(missed.left[some[shows]].sum()), missed.price * seconds
         if shown > price / 2:  # optimised it may show twice as much
             found.append((price - shown, one if ahead[0] <= ahead[1] else one.cut(slice(None, None, -1))))
