@@ -54,6 +54,7 @@ RANGES = {
     "refine.iterations": (0, 1000),
     "refine.deviation": (0.01, 10),
     "refine.least_counterpart": (0, 1),
+    "refine.least_rate": (0.01, 100),
     "optimise.context": (0, 1),
     "optimise.standoff": (0, 1000),
     "optimise.standoff_in_metres": (0, 10_000),

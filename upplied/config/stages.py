@@ -106,6 +106,9 @@ class RefineSettings:
     deviation: float | None = None  # bound on the Frechet distance, z-scored; None: a warning alone
     # Of what the flight was about, the share that the target must have at all.
     least_counterpart: float = 0.5
+    # What an added pass must show in a second, of what the expert showed in one at this size: less is not
+    # worth its time.
+    least_rate: float = 0.125
 
 
 @dataclass(frozen=True)

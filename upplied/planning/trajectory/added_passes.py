@@ -21,24 +21,20 @@ from upplied.planning.airspace.detours import Ways, airspace_of
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.carry.standoff import Standoff
+from upplied.planning.constants import LEAST_PART
 from upplied.planning.demonstration.repetition import Take, steady_radps
 from upplied.planning.trajectory.complete import completed, view_of
 from upplied.planning.trajectory.retime import demonstrated_speed
 from upplied.planning.trajectory.view import View
+from upplied.planning.visibility.pictures import FLAT_DEG
 from upplied.polylines import chosen_evenly, cumulated, leg_lengths
 from upplied.poses import fov_at, optical_axis
 from upplied.records import Bools, Floats, Ints, Record, Trajectory, Visibility, Waypoints
 
 _POSES = 240  # of the path, and of each pass, that are asked what they show
-# Of the rate at which the expert showed the surface, all of it in the demonstrated time at this size: a pass
-# that shows less in a second is not worth its time.
-_WORTH = 1 / 8
-_ENOUGH = 0.02  # of what is inspected, that may be left
 _MOST = 6  # passes
 _FEWEST = 4  # stations of a pass, that it is a curve
 _SAMPLES, _ROUNDS = 800, 2  # of the optimisation of a pass: it is short, and shows a strip
-_STRIP = 0.35  # stand-offs, over which it is counted what is missed
-_PARALLEL = 3.0  # stand-offs, over which a pass keeps its distance from the flight
 _LITTLE = 1e-2  # of what a station must show: how much the flight itself counts where nothing is missed
 
 
@@ -63,6 +59,7 @@ class _Missed(Record):
     left: Floats  # (m,) share of all that is inspected; 0: shown
     price: float  # of a second: the share that it must show
     speed_mps: Floats  # (M,) at which the expert flew each station
+    picture_m: float  # its smaller side on the surface, from the usual stand-off
     time_s: Floats  # (M,) least time to turn the camera as the flight does, up to each station
 
     @property
@@ -84,7 +81,7 @@ def with_added(carried: Carried, path: Waypoints, settings: Settings) -> list[tu
     Returns
     -------
     list of (Carried, Waypoints)
-        Each a take of a stretch of the flight, its need what is missed; empty where the path shows 98 %, or
+        Each a take of a stretch of the flight, its need what is missed; empty where the path shows 99 %, or
         no pass shows enough for its time.
     """
     goal, take = carried.goal, carried.take
@@ -92,10 +89,10 @@ def with_added(carried: Carried, path: Waypoints, settings: Settings) -> list[tu
         return []
     view = view_of(take, goal, settings)
     airspace = Ways(airspace_of(take.pair, settings), take.pair.obstacle).planning
-    missed = _missed(carried, path, view, settings)
+    missed = _missed(carried, path, view, goal.standoff.usual_m, settings)
     few = replace(settings, optimise=replace(settings.optimise, samples=_SAMPLES, rounds=_ROUNDS))
     ends, passes = [path.positions[-1]], list[tuple[Carried, Waypoints]]()
-    while len(passes) < _MOST and float(missed.left.sum()) > _ENOUGH:
+    while len(passes) < _MOST and float(missed.left.sum()) > LEAST_PART:
         for one in _candidates(carried, view, airspace, missed, ends):
             added = _taken(carried, one, view, missed.sample[missed.some])
             if (flown := _flown(added, view, missed, ends, few)) is not None:
@@ -121,7 +118,7 @@ def _flown(
         return None
     shown = np.flatnonzero(_shown(view, added.take, path, missed.sample) & (missed.left > 0))
     at = cKDTree(_aims(path, goal)).query(view.cloud.points[missed.sample[shown]])[1]
-    dense = _evened(np.bincount(at, missed.left[shown], len(path)), path, _STRIP * goal.standoff.usual_m)
+    dense = _evened(np.bincount(at, missed.left[shown], len(path)), path, missed.picture_m / 4)
     speed = demonstrated_speed(path.t_s, flight)
     time_s = cumulated(2 * leg_lengths(path.positions) / (speed[1:] + speed[:-1]))
     within = _paying(dense, time_s, missed.price)
@@ -135,7 +132,7 @@ def _way_s(positions: Floats, ends: Sequence[Floats], view: View) -> Floats:
     return np.asarray(cKDTree(ends).query(positions[[0, -1]])[0] / view.limits.transit_speed_mps)
 
 
-def _missed(carried: Carried, path: Waypoints, view: View, settings: Settings) -> _Missed:
+def _missed(carried: Carried, path: Waypoints, view: View, usual_m: float, settings: Settings) -> _Missed:
     """What a completed path leaves, and the expert's pace."""
     take, flight = carried.take, carried.take.inspection.flight
     asked = np.flatnonzero(view.inspected & (view.need > 0))
@@ -147,8 +144,12 @@ def _missed(carried: Carried, path: Waypoints, view: View, settings: Settings) -
     return _Missed(
         sample=asked,
         left=left,
-        price=_WORTH / (max(float(np.ptp(flight.t_s)), 1e-9) * max(carried.area_ratio, 1.0)),
+        price=settings.refine.least_rate
+        / (max(float(np.ptp(flight.t_s)), 1e-9) * max(carried.area_ratio, 1.0)),
         speed_mps=demonstrated_speed(flight.t_s, flight, take.inspection.breaks),
+        picture_m=2
+        * usual_m
+        * float(np.tan(np.radians(min(view.camera.hfov_deg, view.camera.vfov_deg, FLAT_DEG)) / 2)),
         time_s=cumulated(turned / pan),
     )
 
@@ -185,24 +186,22 @@ def _beside(carried: Carried, view: View, missed: _Missed) -> Iterator[_Pass]:
     """Stretches of the flight beside what is missed: for all of it, and for what lies to each side."""
     path, goal, left = carried.path, carried.goal, missed.left[missed.some]
     assert goal is not None
-    usual, points, aims = (
-        goal.standoff.usual_m,
-        view.cloud.points[missed.sample[missed.some]],
-        _aims(path, goal),
-    )
+    points, aims = view.cloud.points[missed.sample[missed.some]], _aims(path, goal)
     at = cKDTree(aims).query(points)[1]
     across = np.cross(optical_axis(path.quat_xyzw), np.gradient(path.positions, axis=0))
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     side = np.einsum("kj,kj->k", points - aims[at], across[at])
-    rightly = np.clip(0.5 + side / (2 * _STRIP * usual), 0.0, 1.0)
+    rightly = np.clip(0.5 + 2 * side / missed.picture_m, 0.0, 1.0)
     little = _LITTLE * missed.price * float(np.ptp(carried.take.inspection.flight.t_s)) / len(path)
     speed = (missed.speed_mps[1:] + missed.speed_mps[:-1]) / 2
     for share in (rightly, 1 - rightly, np.ones(len(left))):
         mass, moment = (np.bincount(at, share * left * of, len(path)) for of in (1.0, side))
-        off = _evened(moment, path, _PARALLEL * usual) / (_evened(mass, path, _PARALLEL * usual) + little)
+        off = _evened(moment, path, 3 * missed.picture_m) / (
+            _evened(mass, path, 3 * missed.picture_m) + little
+        )
         positions = path.positions + off[:, None] * across
         time_s = cumulated(np.maximum(leg_lengths(positions) / speed, np.diff(missed.time_s)))
-        within = _paying(_evened(mass, path, _STRIP * usual), time_s, missed.price)
+        within = _paying(_evened(mass, path, missed.picture_m / 4), time_s, missed.price)
         yield _Pass(np.arange(len(path)), positions, time_s).cut(within)
 
 
