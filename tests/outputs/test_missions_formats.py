@@ -313,3 +313,11 @@ def test_waypoints_say_whether_they_were_demonstrated_or_added(tmp_path):
     _, points = written(tmp_path, "geojson", **added)
     features = json.loads(points.read_text())["features"][1:]
     assert [one["properties"]["origin"] for one in features] == marked
+    numbers = [at for at, word in enumerate(marked, 1) if word == "added"]
+    note = f"added passes: waypoints {numbers[0]} to {numbers[-1]} of {len(marked)} were not demonstrated"
+    done, plan = written(tmp_path, "qgc-plan", **added)
+    assert note in done.notes and note in json.loads(plan.read_text())["groundStation"]
+    _, wayline = written(tmp_path, "dji-wpml", MissionOptions(drone="m3e"), **added)
+    with zipfile.ZipFile(wayline) as archive:
+        assert f"<!-- {note} -->" in archive.read("wpmz/template.kml").decode()
+    assert not any("added passes" in said for said in written(tmp_path, "qgc-plan")[0].notes)

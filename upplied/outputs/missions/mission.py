@@ -109,6 +109,7 @@ def missions_of(
     for at, sortie in enumerate(sorties):
         body = _waypoints(cutter, photo, passing, sortie)
         heading, pitch = geodesy.heading_and_pitch(body.quat_xyzw, placement.heading_deg)
+        not_demonstrated = _marked(added[sortie.first : sortie.last + 1], body.inspect)
         made.append(
             Mission(
                 name=name,
@@ -132,9 +133,9 @@ def missions_of(
                 photo_distance_m=shots.every_m,
                 films=options.photos == "video",
                 duration_s=sortie.duration_s,
-                notes=tuple(notes),
+                notes=(*notes, *_which(not_demonstrated)),
                 fov_deg=body.fov_deg,
-                added=_marked(added[sortie.first : sortie.last + 1], body.inspect),
+                added=not_demonstrated,
                 overruled=(*overruled, *unseen),
             )
         )
@@ -253,6 +254,14 @@ def _added(plan: Plan | Trajectory, path: Floats) -> Bools:
         return np.zeros(len(path), bool)
     first_m = arc_length(plan.trajectory.positions)[int(plan.is_added.argmax())]
     return np.asarray(arc_length(path) >= first_m - _EXACT_M)
+
+
+def _which(added: Bools) -> tuple[str, ...]:
+    """Which of a sortie's waypoints (N,), counted from 1, are of added passes, in words."""
+    if not added.any():
+        return ()
+    number = np.flatnonzero(added) + 1
+    return (f"{gate.ADDED}: waypoints {number[0]} to {number[-1]} of {len(added)} were not demonstrated",)
 
 
 def _marked(flags: Bools, inspect: Bools) -> Bools:
