@@ -63,10 +63,10 @@ def nominal_problems(
 
 
 def _units(raw: RawMesh, entry: StructureEntry) -> str:
-    said, declared = raw.unit_m, entry.unit_m
-    if said is None or declared is None or abs(said / declared - 1) < 1e-3:
+    own, declared = raw.unit_m, entry.unit_m
+    if own is None or declared is None or abs(own / declared - 1) < 1e-3:
         return ""
-    return f"the file says that its unit is {said:g} m, the manifest {declared:g} m: the manifest wins"
+    return f"the file says that its unit is {own:g} m, the manifest {declared:g} m: the manifest wins"
 
 
 def _up(raw: RawMesh, entry: StructureEntry) -> str:

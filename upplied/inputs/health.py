@@ -109,8 +109,8 @@ def _assumed(path: Path, raw: RawMesh) -> tuple[StructureEntry, tuple[str, ...]]
     assumed = []
     if raw.unit_m is None:
         assumed.append("the file declares no unit: metres assumed; declare `units` in the manifest")
-    said = f"{up} is up, as the file says" if raw.up else f"{up} up assumed"
-    assumed.append(f"{said}, {entry.forward} forward assumed; declare `up` and `forward` in the manifest")
+    axis = f"{up} is up, as the file says" if raw.up else f"{up} up assumed"
+    assumed.append(f"{axis}, {entry.forward} forward assumed; declare `up` and `forward` in the manifest")
     return entry, tuple(assumed)
 
 

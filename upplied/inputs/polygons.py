@@ -37,9 +37,9 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, Int
         triangles.append(rings[convex][:, fans].reshape(-1, 3))
         polygons.append(np.repeat(which[convex], size - 2))
         for index in np.flatnonzero(~convex):
-            made = rings[index][_ears(points[index])]
-            triangles.append(made)
-            polygons.append(np.full(len(made), which[index]))
+            cut = rings[index][_ears(points[index])]
+            triangles.append(cut)
+            polygons.append(np.full(len(cut), which[index]))
     polygon = np.concatenate(polygons)
     order = np.argsort(polygon, kind="stable")
     return np.concatenate(triangles)[order], polygon[order]
@@ -68,7 +68,7 @@ def _ears(points: Floats) -> Ints:
     if normal[drop] < 0:
         flat[:, 0] *= -1  # counter-clockwise
     rings = np.array([len(flat)], np.uint32)
-    made = mapbox_earcut.triangulate_float64(flat, rings).reshape(-1, 3).astype(np.int64)
-    side, other = flat[made[:, 1]] - flat[made[:, 0]], flat[made[:, 2]] - flat[made[:, 0]]
+    cut = mapbox_earcut.triangulate_float64(flat, rings).reshape(-1, 3).astype(np.int64)
+    side, other = flat[cut[:, 1]] - flat[cut[:, 0]], flat[cut[:, 2]] - flat[cut[:, 0]]
     turned = (side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0]).sum() < 0
-    return made[:, ::-1] if turned else made
+    return cut[:, ::-1] if turned else cut

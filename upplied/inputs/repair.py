@@ -46,7 +46,7 @@ def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repair
         In the order of the input.
     triangles : array, shape (U, 3)
         In the order of the input, winding kept.
-    kept : array, shape (U,)
+    intact : array, shape (U,)
         Which triangles of the input they are.
     repairs : Repairs
     """
@@ -57,14 +57,14 @@ def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repair
     first[chosen] = chosen[near]
     joined = first[triangles]
     fault = faults(np.ascontiguousarray(vertices), joined)
-    kept = np.flatnonzero(fault == 0)
+    intact = np.flatnonzero(fault == 0)
     repairs = Repairs(
         welded=int((near != np.arange(len(near))).sum()),
         degenerate=int((fault == 1).sum()),
         duplicate=int((fault == 2).sum()),
         unused=len(vertices) - len(chosen),
     )
-    return *compact(vertices, joined[kept]), kept, repairs
+    return *compact(vertices, joined[intact]), intact, repairs
 
 
 def weld(vertices: Floats) -> Ints:
@@ -94,7 +94,7 @@ def clip_below(vertices: Floats, triangles: Ints, z_m: float) -> tuple[Floats, I
     -------
     vertices : array, shape (W, 3), m
     triangles : array, shape (U, 3)
-    kept : array, shape (U,)
+    origin : array, shape (U,)
         The triangle of the input that each is, or is cut from.
     """
     height = vertices[:, 2] - z_m
@@ -117,7 +117,7 @@ def clip_below(vertices: Floats, triangles: Ints, z_m: float) -> tuple[Floats, I
         (np.stack([ab, b, c], axis=1)[~tip], cut[~tip]),
         (np.stack([ab, c, ac], axis=1)[~tip], cut[~tip]),
     ]
-    made, kept = (np.concatenate(column) for column in zip(*pieces, strict=True))
-    order = np.argsort(kept, kind="stable")
-    left, joined = compact(np.concatenate([vertices, crossing]), made[order])
-    return left, joined, kept[order]
+    cut_triangles, origin = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    order = np.argsort(origin, kind="stable")
+    left, joined = compact(np.concatenate([vertices, crossing]), cut_triangles[order])
+    return left, joined, origin[order]

@@ -172,9 +172,9 @@ class _Reader:
             sizes = integers((group.findtext("vcount") or "").encode())
         else:
             sizes = np.array([len(ring) for ring in lists], np.int64)
-        said = int(group.get("count", len(sizes)))
-        if (sizes < 0).any() or sizes.sum() != len(corners) or said != len(sizes):
-            raise self._source.error(f"a group says {said} faces, it holds {len(sizes)}", "a complete file")
+        stated = int(group.get("count", len(sizes)))
+        if (sizes < 0).any() or sizes.sum() != len(corners) or stated != len(sizes):
+            raise self._source.error(f"a group says {stated} faces, it holds {len(sizes)}", "a complete file")
         return corners, sizes
 
     def _count(self, what: str, number: int) -> None:

@@ -64,8 +64,8 @@ def _chunks(source: Source) -> tuple[bytes, bytes]:
     if version == 1:
         raise _too_old(source)
     if version != 2 or length > len(data) or length < 20:
-        said = f"says it is version {version} and {length} bytes long, it has {len(data)}"
-        raise source.error(said, "a complete GLB 2")
+        stated = f"says it is version {version} and {length} bytes long, it has {len(data)}"
+        raise source.error(stated, "a complete GLB 2")
     found: dict[bytes, bytes] = {}
     at = 12
     while at + 8 <= length:
@@ -164,8 +164,8 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
     used: set[int] = set()
     placements = np.bincount([node["mesh"] for node in document["nodes"] if "mesh" in node], minlength=1)
     for index, mesh in enumerate(document.get("meshes", [])):
-        kept = [p for p in mesh["primitives"] if p.get("mode", _TRIANGLES) in (_TRIANGLES, _STRIP)]
-        skipped += len(mesh["primitives"]) - len(kept)
+        surfaces = [p for p in mesh["primitives"] if p.get("mode", _TRIANGLES) in (_TRIANGLES, _STRIP)]
+        skipped += len(mesh["primitives"]) - len(surfaces)
         for primitive in mesh["primitives"]:
             if primitive.get("mode") == _FAN:
                 raise source.error("holds triangle fans", "triangles or strips", "export it as triangles")
@@ -173,7 +173,7 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
                 raise source.error(
                     "is compressed with Draco", "plain glTF 2.0", "export it without compression"
                 )
-        for primitive in kept:
+        for primitive in surfaces:
             named = [
                 primitive["attributes"]["POSITION"],
                 *(primitive[key] for key in ("indices",) if key in primitive),
@@ -197,7 +197,7 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
             scales.append(2.0 ** _BITS[positions["componentType"]] - 1 if scaled else 1.0)
             primitive["attributes"] = {"POSITION": named[0]}
             primitive.pop("extensions", None)
-        mesh["primitives"] = kept
+        mesh["primitives"] = surfaces
     empty = {"componentType": 5121, "type": "SCALAR", "count": 0}
     document["accessors"] = [accessors[n] if n in used else empty for n in range(len(accessors))]
     return scales, skipped

@@ -53,8 +53,8 @@ class Decoder:
             case "protobuf", "protobuf":
                 self._decode = _protobuf(name, channel.schema)
             case other if other[0] != "json":
-                told, schema = (word or "no" for word in other)
-                raise DefinitionError(f"messages in {told} encoding, schema in {schema} encoding")
+                encoding, schema = (word or "no" for word in other)
+                raise DefinitionError(f"messages in {encoding} encoding, schema in {schema} encoding")
 
     def columns(
         self, payloads: Sequence[bytes], wanted: Iterable[str], most: int = 10**9

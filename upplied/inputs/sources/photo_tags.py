@@ -13,8 +13,7 @@ from defusedxml.common import DefusedXmlException
 
 from upplied.errors import InputError
 from upplied.inputs.files import open_regular
-from upplied.inputs.sources.records import dated
-from upplied.inputs.sources.source import focal_of_35mm
+from upplied.inputs.sources.source import dated, focal_of_35mm
 
 _HEAD = 1 << 18  # bytes in which the XMP begins and ends
 _NAMES = {  # content -> the local names that makers use in XMP

@@ -6,7 +6,6 @@ import csv
 import io
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from upplied.inputs.sources.source import (
     Source,
     attitudes,
     cameras,
+    dated,
     fixes,
     focal_of_35mm,
     gimbals,
@@ -25,7 +25,6 @@ from upplied.inputs.sources.source import (
 )
 from upplied.records import Floats, Ints
 
-_DATE = re.compile(r"(\d{4})[-./](\d{1,2})[-./](\d{1,2}) (\d\d):(\d\d):(\d\d)(?:[.,](\d{3}))?(?:,(\d{3}))?")
 _FOOT = 0.3048
 _COLUMNS = {  # content -> names of its column, in lower case without the unit; the first that is there
     "ms": ("time(millisecond)", "time(ms)"),
@@ -114,9 +113,7 @@ def _captions(text: str) -> Source:
     names = {name for row in rows for name in row}
     if not names & {"lat", "first"}:
         found = f"has {len(blocks) if text.strip() else 0} captions, none with a place"
-        raise refusal(
-            found, "captions with latitude and longitude", "let the camera record captions with GPS"
-        )
+        raise refusal(found, "captions with latitude and longitude", "let the camera record GPS")
     if {"lat", "first"} <= names:
         raise refusal("holds captions of two kinds", "one flight", "split it where another camera begins")
     columns = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
@@ -143,9 +140,7 @@ def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]
     datum = "alt_takeoff" if "takeoff" in columns else "alt"
     height = columns.get("takeoff", columns.get("alt"))
     if height is None:
-        raise refusal(
-            "gives places without heights", "a record with heights", "use another log of the flight"
-        )
+        raise refusal("gives places without heights", "a record with heights", "use another log")
     if datum == "alt":
         notes.append("altitudes are taken to be above mean sea level")
     changing = [columns[name] for name in ("yaw", "pitch") if name in columns]
@@ -188,19 +183,6 @@ def _times(since_ms: Floats, dates: Floats, notes: list[str]) -> Ints:
         return np.round((np.nan_to_num(since_ms) + 1000) * 1e6).astype(np.int64)
     notes.append("no times: one row a second")
     return (1 + np.arange(len(dates), dtype=np.int64)) * 10**9
-
-
-def dated(text: str) -> float:
-    """Milliseconds since 1970 of the first date in a text; NaN where there is none."""
-    hit = _DATE.search(text)
-    if hit is None:
-        return float("nan")
-    year, month, day, hour, minute, second = map(int, hit.groups()[:6])
-    try:
-        start = datetime(year, month, day, hour, minute, second, tzinfo=UTC).timestamp() * 1e3
-    except (ValueError, OverflowError):
-        return float("nan")
-    return start + int(hit[7] or 0) + int(hit[8] or 0) * 1e-3
 
 
 def _float(text: str) -> float:

@@ -6,8 +6,10 @@ are the same for all kinds of file.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ Fields = Mapping[str, Sequence[str]]  # schema -> the paths that are read of it
 MAX_ROWS = 5_000_000
 SHAPE = (TypeError, AttributeError)  # what a value of another type in JSON or XML makes of a reader
 MAX_BYTES = 1 << 30
+_DATE = re.compile(r"(\d{4})[-./](\d{1,2})[-./](\d{1,2}) (\d\d):(\d\d):(\d\d)(?:[.,](\d{3}))?(?:,(\d{3}))?")
 _IN_EARTH, _IN_VEHICLE = 64, 32  # flags of GIMBAL_DEVICE_ATTITUDE_STATUS
 
 
@@ -139,6 +142,19 @@ def spread(t_ns: Ints) -> Ints:
         same = np.flatnonzero(t_ns == stamp)
         t_ns[same] += np.arange(len(same)) * 10**9 // len(same)
     return t_ns
+
+
+def dated(text: str) -> float:
+    """Milliseconds since 1970 of the first date in a text; NaN where there is none."""
+    hit = _DATE.search(text)
+    if hit is None:
+        return float("nan")
+    year, month, day, hour, minute, second = map(int, hit.groups()[:6])
+    try:
+        start = datetime(year, month, day, hour, minute, second, tzinfo=UTC).timestamp() * 1e3
+    except (ValueError, OverflowError):
+        return float("nan")
+    return start + int(hit[7] or 0) + int(hit[8] or 0) * 1e-3
 
 
 def _stamp(t_ns: Ints) -> dict[str, Ints]:
