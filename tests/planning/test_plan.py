@@ -42,7 +42,9 @@ def test_on_the_demonstrated_structure_itself_everything_is_seen_again(fleet, ar
     assert plan.measures.coverage_paper_pct == 100
     assert plan.registration.score_m2 == pytest.approx(0, abs=1e-9)
     if preset != "paper":
-        assert plan.measures.coverage_seen_pct > 99.9
+        # What `recommended` moves for the pixels of what was inspected may cost a little of the background.
+        assert plan.measures.coverage_inspected_pct > 99.9
+        assert plan.measures.coverage_seen_pct > (99.5 if preset == "recommended" else 99.9)
         # What `recommended` changes is the jitter of the pilot's hand, 0.3 m on a path of 80 m.
         assert plan.measures.frechet_floored < (0.15 if preset == "recommended" else 1e-9)
 
@@ -85,7 +87,8 @@ def test_shifting_both_structures_shifts_the_plan(fleet, around_cube, preset):
     )
     here = plan_transfer(around_cube, without_ground(cube), without_ground(cuboid), settings)
     back = moved(there.trajectory, turn, -shift_t)
-    same_plan(here, replace(there, trajectory=back), atol=2e-3)
+    # An iterative search carries the rounding of the last bit as far as some millimetres.
+    same_plan(here, replace(there, trajectory=back), atol=1e-2)
     assert (there.status, len(there.trajectory)) == (here.status, len(here.trajectory))
 
 
