@@ -88,7 +88,7 @@ def test_limits_themselves_may_be_asked_for(catalog: Catalog) -> None:
 
 
 def test_whose_and_by_whom_must_be_known(catalog: Catalog) -> None:
-    with pytest.raises(SettingsError, match="who asks"):
+    with pytest.raises(SettingsError, match="has nobody who says so"):
         catalog.require("structure", "boxy", "monthly", [ROOF], " ")
     for scope, owner in (("structure", "nowhere"), ("kind", "boxy"), ("site", "boxy")):
         with pytest.raises((CatalogError, SettingsError)):

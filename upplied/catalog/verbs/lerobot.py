@@ -39,7 +39,6 @@ _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 _FRAMES_A_FILE = 1_000_000  # of 80 bytes: below the 100 MB that the layout allows a file
 _FILES_A_CHUNK = 1000
 _POSE_FEATURES = ("observation.state", "action")
-_MEASURES = ("min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99")
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
@@ -84,9 +83,7 @@ def export_lerobot(
     if demonstrations is not None:
         flown = flown[flown["demonstration_id"].isin(demonstrations)]
     if not len(rows) + len(flown) or fps < 1:
-        found = (
-            f"{len(rows)} plans with a trajectory and {len(flown)} demonstrations, at {fps} frames a second"
-        )
+        found = f"{len(rows)} plans with a trajectory, {len(flown)} demonstrations, {fps} frames a second"
         raise InputError("episodes", found, "at least one of each")
     known = {row["demonstration_id"]: row for row in catalog.demonstrations().to_dict("records")}
     side, own = split_of(kinds_of(catalog)), {name: known[name] for name in flown["demonstration_id"]}
@@ -161,34 +158,26 @@ def _episode(each: Episode, frames: Mapping[str, Any], first: int, stop: int, fi
 
 def _statistics(values: Floats) -> dict[str, list[float]]:
     table = np.asarray(values, float).reshape(len(values), -1)
-    return {
-        "min": table.min(axis=0).tolist(),
-        "max": table.max(axis=0).tolist(),
-        "mean": table.mean(axis=0).tolist(),
-        "std": table.std(axis=0).tolist(),
-        "count": [len(table)],
-        **{name: np.quantile(table, share, axis=0).tolist() for name, share in _QUANTILES.items()},
-    }
+    measures = {name: getattr(table, name)(axis=0) for name in ("min", "max", "mean", "std")}
+    measures |= {name: np.quantile(table, share, axis=0) for name, share in _QUANTILES.items()}
+    return {"count": [len(table)], **{name: values.tolist() for name, values in measures.items()}}
 
 
 def _overall(episodes: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[float]]]:
     """Statistics of all frames from those of the episodes; quantiles are their weighted means."""
-    found: dict[str, dict[str, list[float]]] = {}
     features = {name.split("/")[1] for name in episodes[0] if name.startswith("stats/")}
-    for feature in sorted(features):
-        of = {name: np.array([e[f"stats/{feature}/{name}"] for e in episodes]) for name in _MEASURES}
-        weight = of["count"] / of["count"].sum()
-        mean = (weight * of["mean"]).sum(axis=0)
-        variance = (weight * (of["std"] ** 2 + (of["mean"] - mean) ** 2)).sum(axis=0)
-        found[feature] = {
-            "min": of["min"].min(axis=0).tolist(),
-            "max": of["max"].max(axis=0).tolist(),
-            "mean": mean.tolist(),
-            "std": np.sqrt(variance).tolist(),
-            "count": [int(of["count"].sum())],
-            **{name: (weight * of[name]).sum(axis=0).tolist() for name in _QUANTILES},
-        }
-    return found
+    return {feature: _pooled(episodes, f"stats/{feature}/") for feature in sorted(features)}
+
+
+def _pooled(episodes: Sequence[Mapping[str, Any]], prefix: str) -> dict[str, list[float]]:
+    """Statistics of one feature."""
+    names = [name.removeprefix(prefix) for name in episodes[0] if name.startswith(prefix)]
+    of = {name: np.array([each[prefix + name] for each in episodes]) for name in names}
+    weight = of["count"] / of["count"].sum()
+    pooled = {name: (weight * of[name]).sum(axis=0) for name in ("mean", *_QUANTILES)}
+    variance = (weight * (of["std"] ** 2 + (of["mean"] - pooled["mean"]) ** 2)).sum(axis=0)
+    pooled |= {"min": of["min"].min(axis=0), "max": of["max"].max(axis=0), "std": np.sqrt(variance)}
+    return {"count": [int(of["count"].sum())], **{name: values.tolist() for name, values in pooled.items()}}
 
 
 def _info(episodes: Sequence[Mapping[str, Any]], frames: int, tasks: int, fps: int) -> dict[str, Any]:
@@ -207,11 +196,7 @@ def _info(episodes: Sequence[Mapping[str, Any]], frames: int, tasks: int, fps: i
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
         "fps": fps,
-        "splits": {
-            name: f"{begin}:{end}"
-            for name, (begin, end) in zip(names, pairwise(ends), strict=True)
-            if end > begin
-        },
+        "splits": {name: f"{a}:{b}" for name, (a, b) in zip(names, pairwise(ends), strict=True) if b > a},
         "data_path": _DATA,
         "video_path": None,
         "features": {
