@@ -12,7 +12,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from catalog_records import demonstration, key_of, plan, structure
+from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied.catalog import compact, export_tables, history, open_catalog, vacuum, verify
 from upplied.catalog.database import Catalog
@@ -20,16 +20,16 @@ from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store import delta, merging
 from upplied.catalog.verbs import verification
-from upplied.catalog.verbs.frames import decoded
+from upplied.catalog.verbs.queries import decoded
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Cloud
 
 DAY = 86_400
 
 
-@pytest.fixture
-def catalog(tmp_path):
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
     made.add_demonstrations([demonstration()])
     for night in range(3):
@@ -38,6 +38,11 @@ def catalog(tmp_path):
         ]
         made.add_plans(batch)
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path):
+    return copied(begun, tmp_path / "catalog")
 
 
 def said(catalog) -> str:

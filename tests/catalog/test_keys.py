@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from catalog_records import demonstration, key_of, plan, structure
+from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied.catalog import Catalog, open_catalog, verify
 from upplied.catalog.verbs.roster import Roster, check_name, key_path, new_key, roster_of
@@ -24,13 +24,18 @@ def keys(tmp_path, monkeypatch) -> Path:
     return tmp_path / "keys"
 
 
-@pytest.fixture
-def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory) -> Catalog:
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure(), structure("target", 1)])
     made.add_demonstrations([demonstration()])
     made.add_plans([(key_of("first"), replace(plan("target"), flyable=True), {})])
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path) -> Catalog:
+    return copied(begun, tmp_path / "catalog")
 
 
 def altered(catalog: Catalog) -> list[str]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from catalog_records import structure
+from catalog_records import copied, structure
 
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
@@ -17,11 +17,16 @@ ROOF = {"zone": "roof", "where": "box 0 0 9 10 10 10"}
 SIDE = {"zone": "side", "where": "box 0 0 0 1 10 10", "looks": 2, "gsd_mm": 3.0}
 
 
-@pytest.fixture
-def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory) -> Catalog:
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure("boxy"), structure("other", 1)])
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path) -> Catalog:
+    return copied(begun, tmp_path / "catalog")
 
 
 def asked(catalog: Catalog, every: bool = False) -> list[tuple[str, str, int, str]]:
