@@ -16,12 +16,12 @@ from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.contents import CONTENTS, ContentStore, SurfaceStore
 from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.files import cache_folder, checked
 from upplied.catalog.store.identity import Identity
-from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.steps import StepTable
 from upplied.catalog.verbs import ordering, queries
-from upplied.catalog.verbs.frames import When, frame
-from upplied.catalog.verbs.queries import PlannedTrajectory, Which
+from upplied.catalog.verbs.queries import PlannedTrajectory, Units, When, decoded, frame, moment, until
+from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_states
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Structure
@@ -128,11 +128,52 @@ class Reading:
         in_force : bool
             The plans that a person released and that are in force, instead of the newest.
         """
-        which = Which(
-            kind, site, structure, demonstration, preset, status, since, as_of, version, every, columns,
-            purpose, ids, in_force,
-        )  # fmt: skip
-        return queries.transfers(self.tables, which)
+        import pandas as pd
+
+        # Which rows those are is told from a few columns; of all that a table has, the others are read of
+        # these rows alone.
+        declared, tables = TABLES["transfers"], self.tables
+        wanted = declared.names if columns is None else queries.known_columns(declared.names, columns)
+        as_of = as_of if version is None else queries.moment_of(tables["transfers"], version)
+        derived = in_force or not {*DERIVED}.isdisjoint(wanted)
+        now = standing_of(queries.decided(tables["decisions"], as_of)) if derived else Standing()
+        if in_force:
+            ids = [plan for plan, state in now.state.items() if state == "released"]
+        there = None if site is None else self.structures(site=site, as_of=as_of)["structure_id"]
+        where = queries.matching(
+            {"kind": kind, "target_id": structure, "demonstration_id": demonstration, "preset": preset},
+            {"target_id": there, "transfer_id": ids},
+        )
+        asked = [*queries.NAMED, *ordering.SLOT, "status", "added_at"]
+        asked += [] if columns is None else [name for name in wanted if name not in DERIVED]
+        table = tables["transfers"].narrow([name for name in declared.names if name in asked], where, version)
+        if as_of is not None:
+            table = table.filter(until("added_at", as_of))
+        plans = frame(decoded(ordering.in_order(table, newest=not (every or in_force))))
+        if derived:
+            plans = with_states(plans.assign(**dict.fromkeys(DERIVED)), now)
+        if in_force:
+            plans = plans[plans["state"] == "released"]
+        if not every:
+            if purpose or not in_force:
+                plans = plans[plans["purpose"] == purpose]
+            used = {"structures": "target_id", "demonstrations": "demonstration_id"}
+            if in_force:
+                del used["demonstrations"]  # which a released plan outlives
+            for name, column in used.items():
+                gone = ordering.retired(tables[name], until("added_at", as_of))
+                plans = plans[~plans[column].isin(gone)]
+        if status is not None:
+            plans = plans[plans["status"] == status]
+        if since is not None:
+            plans = plans[plans["planned_at"] >= moment(since)]
+        rest = [name for name in wanted if name not in plans]
+        if rest:
+            more = queries.completed(tables["transfers"], plans, rest, len(table), version)
+            plans = pd.concat([plans.reset_index(drop=True), frame(decoded(more))], axis=1)
+        plans = plans[list(wanted)].reset_index(drop=True)
+        plans.attrs["units"] = Units((c.name, c.unit) for c in declared.columns if c.name in plans)
+        return plans
 
     def waypoints(self, transfer_id: str) -> pd.DataFrame:
         """The steps of one planned trajectory, in order."""

@@ -1,4 +1,4 @@
-"""Whole files or none, in a folder or an object store."""
+"""Whole files or none, in a folder or an object store; and where a catalog and its cache lie."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ import os
 import uuid
 from datetime import datetime
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pyarrow as pa
 import pyarrow.fs as pafs
 from deltalake import DeltaTable
 from deltalake.exceptions import CommitFailedError, DeltaError
+
+from upplied.errors import CatalogError
 
 _FIRST = ".first"  # ends the name of the table by which the first writer of a file is known
 _CONTENT = "upplied.content"  # property of a table that stands for a file
@@ -172,3 +175,33 @@ def sync_path(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def checked(location: str) -> str:
+    """An absolute folder, or a URI that carries no credential."""
+    if location.startswith("file://"):
+        parts = urlsplit(location)
+        if parts.netloc not in ("", "localhost") or not parts.path:
+            raise CatalogError(location, "is no file of this machine", "file:///folder")
+        return str(Path(unquote(parts.path)))
+    if "://" not in location:
+        return str(Path(location).expanduser().absolute())
+    scheme, _, rest = location.partition("://")
+    if "@" in rest or "?" in rest:
+        raise CatalogError(
+            f"location {scheme}://...",
+            "has a user, a password or options in it",
+            f"{scheme}://bucket/prefix",
+            "put credentials into the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, ...)",
+        )
+    if not rest.strip("/"):
+        raise CatalogError(f"location {location}", "names no bucket", f"{scheme}://bucket/prefix")
+    return location.rstrip("/")
+
+
+def cache_folder(location: str) -> Path:
+    """Beside the tables of a folder; for an object store in the user's cache directory."""
+    if "://" not in location:
+        return Path(location) / "cache"
+    home = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    return home / "upplied" / "".join(c if c.isalnum() else "-" for c in location)

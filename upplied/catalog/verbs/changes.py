@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from upplied.catalog.verbs.frames import When, moment
 from upplied.catalog.verbs.ordering import PAIR
+from upplied.catalog.verbs.queries import When, moment
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog

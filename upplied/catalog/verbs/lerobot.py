@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from io import BytesIO
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -21,10 +23,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+import upplied
 from upplied import poses
 from upplied.catalog.store.files import replace_file
 from upplied.catalog.verbs.dataset_files import new_folder, with_path
-from upplied.catalog.verbs.lerobot_card import data_card
 from upplied.catalog.verbs.lerobot_episodes import Episode, of_demonstrations, of_plans
 from upplied.catalog.verbs.tum import SHARES, kinds_of, split_of, write_splits
 from upplied.errors import InputError
@@ -39,6 +41,7 @@ _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 _FRAMES_A_FILE = 1_000_000  # of 80 bytes: below the 100 MB that the layout allows a file
 _FILES_A_CHUNK = 1000
 _POSE_FEATURES = ("observation.state", "action")
+_HEADLINES = ("coverage_inspected_pct", "coverage_seen_pct", "min_clearance_m", "frechet_z")
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
@@ -92,17 +95,17 @@ def export_lerobot(
     tasks = {task: at for at, task in enumerate(dict.fromkeys(each.task for each in episodes))}
     described: list[dict[str, Any]] = []
     frames: list[dict[str, Any]] = []  # of the file being filled
-    total = files = 0
+    total = file = 0
     for number, each in enumerate(episodes):
         made = _frames(each.path, fps, number, tasks[each.task], total)
         count = len(made["index"])
         if frames and sum(len(part["index"]) for part in frames) + count > _FRAMES_A_FILE:
-            _write_frames(place, files, frames)
-            frames, files = [], files + 1
+            _write_frames(place, file, frames)
+            frames, file = [], file + 1
         frames.append(made)
-        described.append(_episode(each, made, total, total + count, files))
+        described.append(_episode(each, made, total, total + count, file))
         total += count
-    _write_frames(place, files, frames)
+    _write_frames(place, file, frames)
     _write(place / _EPISODES, pa.Table.from_pylist(described))
     by_task = pd.DataFrame({"task_index": list(tasks.values())}, index=pd.Index(tasks, name="task"))
     _write(place / "meta" / "tasks.parquet", pa.Table.from_pandas(by_task))
@@ -110,7 +113,7 @@ def export_lerobot(
     write_splits(catalog, place / "meta", rows, flown["demonstration_id"], described)
     info = _info(described, total, len(tasks), fps)
     replace_file(place / "meta" / "info.json", _json(info))
-    replace_file(place / "README.md", data_card(described, info, licence, attribution).encode())
+    replace_file(place / "README.md", _data_card(described, info, licence, attribution).encode())
     return {"episodes": len(episodes), "plans": len(rows), "demonstrations": len(flown), "frames": total}
 
 
@@ -227,3 +230,40 @@ def _write(path: Path, table: pa.Table) -> None:
 
 def _json(value: Any) -> bytes:
     return json.dumps(value, indent=4).encode()
+
+
+def _data_card(
+    episodes: Sequence[Mapping[str, Any]], info: Mapping[str, Any], licence: str, attribution: str
+) -> str:
+    """``README.md``: what the dataset holds, how to read it and what it is not, as dataset hubs read it."""
+    counts = Counter((row["kind"], row["split"], row["origin"]) for row in episodes)
+    kinds = sorted({kind for kind, _, _ in counts})
+    table = [
+        f"| {kind} | {split} | {counts[kind, split, 'demonstration']} | {counts[kind, split, 'plan']} |"
+        for kind in kinds
+        for split in dict.fromkeys(row["split"] for row in episodes)
+        if counts[kind, split, "demonstration"] + counts[kind, split, "plan"]
+    ]
+    plans = [row for row in episodes if row["origin"] == "plan"]
+    measures = [_line(name, [row[name] for row in plans]) for name in _HEADLINES] if plans else []
+    text = files(__package__).joinpath("texts", "lerobot.md").read_text(encoding="utf-8")
+    return text.format(
+        licence=json.dumps(licence or "unknown"),
+        rights=licence or "none was stated: ask whoever gave you this before you pass it on",
+        whom=f" Please name: {attribution}." if attribution else "",
+        episodes=len(episodes),
+        frames=info["total_frames"],
+        fps=info["fps"],
+        tasks=info["total_tasks"],
+        counts="\n".join(table),
+        measures="\n".join(measures) or "There are no plans.",
+        version=upplied.__version__,
+    )
+
+
+def _line(name: str, values: Sequence[float | None]) -> str:
+    known = np.array([value for value in values if value is not None and value == value], float)
+    if not len(known):
+        return f"- `{name}`: not computed"
+    low, middle, high = np.quantile(known, (0, 0.5, 1))
+    return f"- `{name}`: {middle:.4g} in the median, {low:.4g} to {high:.4g} ({len(known)} plans)"
