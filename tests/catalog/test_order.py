@@ -193,6 +193,16 @@ def test_a_version_knows_what_was_retired_then(tmp_path):
     assert list(made.transfers(version=version + 1)["target_id"]) == ["boxy"]
 
 
+def test_a_version_knows_which_site_a_structure_stood_at_then(tmp_path):
+    made = filled(tmp_path)
+    made.add_plans([(key_of(0), plan("target"), {})])
+    version = int(history(made).query("table == 'transfers'")["version"].max())
+    made.add_structures([structure("target", 1, site="yard 7")])
+    for site, then in (("hangar 3, Zürich", 1), ("yard 7", 0)):
+        assert len(made.transfers(version=version, site=site)) == then
+        assert len(made.transfers(site=site)) == 1 - then
+
+
 def numbered(place: str, seed: int, count: int) -> None:
     catalog, rng = open_catalog(place), random.Random(seed)
     for number in range(count):
