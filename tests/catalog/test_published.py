@@ -198,14 +198,17 @@ def test_an_older_state_never_replaces_a_newer_one(catalog, tmp_path):
     place = tmp_path / "out"
     shutil.copytree(catalog.location, tmp_path / "backup")
     catalog.add_plans([(key_of("new"), plan("boxy", 99), {})])
-    publish(catalog, place, pictures=0)
+    export_tables(catalog, place)
+    page = place / "transfers" / "flight--boxy.html"
+    page.parent.mkdir()
+    page.write_text("as it was")
     before = stamps(place)
     older = open_catalog(tmp_path / "backup")
     for act in (lambda: export_tables(older, place), lambda: publish(older, place, pictures=0)):
         with pytest.raises(CatalogError, match=r"newer publication: .*transfers.*--force"):
             act()
     assert stamps(place) == before
-    assert (place / "transfers" / "flight--boxy.html").exists()
+    assert page.read_text() == "as it was"
     export_tables(older, place, force=True)
     assert whole(place) == 6
 
@@ -298,7 +301,7 @@ def test_readers_and_publishers_at_once_see_one_generation(catalog, tmp_path):
     try:
         for process in processes:
             assert process.stdout.readline() == b"ready\n"
-        for number in range(8):
+        for number in range(5):
             catalog.add_plans([(key_of("next", number), plan(f"t{number % 6}", 50 + number), {})])
             assert whole(place) == 6
             assert all(process.poll() is None for process in processes)
