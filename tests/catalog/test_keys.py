@@ -184,6 +184,13 @@ def test_a_roster_that_cannot_be_read_lets_nobody_release(catalog, content):
     assert catalog.decisions().empty
 
 
+def test_a_folder_in_the_place_of_the_roster_lets_nobody_release(catalog):
+    (Path(catalog.location) / "roster.json").mkdir()
+    with pytest.raises(CatalogError, match="is no roster"):
+        catalog.release(FIRST, "Grace")
+    assert catalog.decisions().empty
+
+
 def test_the_roster_is_plain(catalog):
     roster_of(catalog).add("Grace", "ab" * 32)
     said = json.loads((Path(catalog.location) / "roster.json").read_text())

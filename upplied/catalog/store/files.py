@@ -40,8 +40,9 @@ class FileStore:
         return f"{self.root}/{name}"
 
     def has(self, name: str) -> bool:
-        """Whether the file is there."""
-        return bool(self.filesystem().get_file_info(name).type == pafs.FileType.File)
+        """Whether the file is there, or on a disk anything else in its place."""
+        kind = self.filesystem().get_file_info(name).type
+        return bool(kind != pafs.FileType.NotFound if self.local else kind == pafs.FileType.File)
 
     def touched(self, name: str) -> bool:
         """Whether the file is there; on a disk it counts as used now, so that no cleaning takes it."""
