@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -57,18 +58,26 @@ def _chunks(
 
 
 def stored_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> pa.Table:
-    """What is stored of the steps of the given rows, in order: all of it or not."""
-    key, names = TABLES[name].names[0], TABLES[name].names
-    wanted = pa.table({key: list(owners[key]), "commit_id": list(owners["commit_id"])})
-    if not len(wanted):
+    """What is stored of the steps of the given rows, in their order: all of it or not."""
+    key = TABLES[name].names[0]
+    if not len(owners):
         return TABLES[name].schema.empty_table()
-    ends = pc.min_max(wanted[key]).as_py()
-    where = (pc.field(key) >= ends["min"]) & (pc.field(key) <= ends["max"])
-    where &= pc.field(key).isin(wanted[key].combine_chunks())
-    stored = pa.concat_tables(
-        catalog.tables[name].batches(names, where, commits=owners["commit_id"].unique())
-    )
-    return in_order(name, stored.join(wanted, [key, "commit_id"], join_type="left semi"))
+    ids = pa.array(list(owners[key]), pa.string())
+    ends = pc.min_max(ids).as_py()
+    where = (pc.field(key) >= ends["min"]) & (pc.field(key) <= ends["max"]) & pc.field(key).isin(ids)
+    commits = owners["commit_id"].unique()
+    stored = pa.concat_tables(catalog.tables[name].batches(TABLES[name].names, where, commits=commits))
+    place = pc.index_in(named(stored, key), named(owners, key)).fill_null(-1).to_numpy()
+    order = np.lexsort((stored["seq"].to_numpy(), place))
+    return stored.take(pa.array(order[np.count_nonzero(place < 0) :]))
+
+
+def named(rows: pa.Table | pd.DataFrame, key: str) -> pa.Array:
+    """What tells the owner of each step, or each owner: its id and commit."""
+    names = [key, "commit_id"]
+    table = rows if isinstance(rows, pa.Table) else pa.Table.from_pandas(rows[names], preserve_index=False)
+    texts = (table[name].cast(pa.string()).combine_chunks() for name in names)
+    return pc.binary_join_element_wise(*texts, "/")
 
 
 def in_order(name: str, steps: pa.Table) -> pa.Table:

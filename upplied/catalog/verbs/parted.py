@@ -139,8 +139,8 @@ def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[t
     declared, key = TABLES[name], TABLES[name].names[0]
     lacking = {}
     for file, own in files.items():
-        known = _owners(_before(was, file, declared, [key, "commit_id"]), key).unique()
-        lacking[file] = own[~pc.is_in(_owners(own, key), known).to_numpy(zero_copy_only=False)]
+        known = owned.named(_before(was, file, declared, [key, "commit_id"]), key).unique()
+        lacking[file] = own[~pc.is_in(owned.named(own, key), known).to_numpy(zero_copy_only=False)]
     for lot in _lots(files, {file: own[f"n_{name}"].sum() for file, own in lacking.items()}, owned.CHUNK):
         owners = pd.concat([lacking[file].assign(file=at) for at, file in enumerate(lot)])
         owners = owners.sort_values([key, "commit_id"])
@@ -152,17 +152,9 @@ def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[t
             own, new = files[file], steps.slice(first, end - first)
             if len(lacking[file]) < len(own):
                 old = _before(was, file, declared)
-                still = old.filter(pc.is_in(_owners(old, key), _owners(own, key)))
+                still = old.filter(pc.is_in(owned.named(old, key), owned.named(own, key)))
                 new = owned.checked(name, owned.in_order(name, pa.concat_tables([still, new])), own)
             yield file, new
-
-
-def _owners(rows: pa.Table | pd.DataFrame, key: str) -> pa.Array:
-    """What tells the owner of each step, or each owner: its id and commit."""
-    names = [key, "commit_id"]
-    table = rows if isinstance(rows, pa.Table) else pa.Table.from_pandas(rows[names], preserve_index=False)
-    texts = (table[name].cast(pa.string()).combine_chunks() for name in names)
-    return pc.binary_join_element_wise(*texts, "/")
 
 
 def _lots(files: Files, weight: Mapping[str, float], most: int) -> Iterator[list[str]]:
