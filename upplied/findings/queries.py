@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
-from upplied.catalog.verbs.frames import When, moment
+from upplied.catalog.verbs.queries import When, moment
 from upplied.errors import CatalogError
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, spot_of
