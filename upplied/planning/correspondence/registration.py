@@ -122,9 +122,9 @@ def judged(
     if settings.search == "none":
         turn, gap, evidence = declared.turn, float("nan"), "orientation as declared"
         doubt = _doubt(best.turn @ declared.turn.T, best.gap)
-    found = _best_registration(source, target, turn, gate, declared.words)
-    score = mean_squared_nn_distance(source.points, in_source_frame(target, found[0]).points)
-    return replace(_verdict(*found, gate, evidence, doubt), score_m2=score, runner_up_gap=gap)
+    chosen = _best_registration(source, target, turn, gate, declared.words)
+    score = mean_squared_nn_distance(source.points, in_source_frame(target, chosen[0]).points)
+    return replace(_verdict(*chosen, gate, evidence, doubt), score_m2=score, runner_up_gap=gap)
 
 
 def fitted(source: Cloud, target: Cloud, gate: float) -> Registration:

@@ -86,14 +86,14 @@ def _next_rays(
     """Write the next rays of each side in doubt that do not meet the floor; how many there are."""
     count = 0
     for side in doubt:
-        asked = 0
-        while asked < number and along[side] < len(directions):
+        taken = 0
+        while taken < number and along[side] < len(directions):
             way = directions[order[nearest[side], along[side]]]
             along[side] += 1
             facing = normals[side, 0] * way[0] + normals[side, 1] * way[1] + normals[side, 2] * way[2]
             if facing <= _LEVEL:
                 continue
-            asked += 1
+            taken += 1
             left[side] -= 1
             start = local[side]
             if above[side] and way[2] < 0:
@@ -151,17 +151,17 @@ def inside_open_shell(
     # A tank, a boat: what mostly shows from both sides is no shell that happens to be open.
     from_one, from_both = (np.bincount(of[some], minlength=number) for some in (~both, both & (side > 0)))
     front = np.where(from_one > from_both, np.sign(shown), 0)[piece]  # of each triangle, as wound
-    asked = np.flatnonzero(both & (side * front[triangle] < 0))
-    outward = area_vectors(structure.vertices[structure.triangles[triangle[asked]]])
-    outward *= (side[asked] / np.linalg.norm(outward, axis=1))[:, None]
+    doubt = np.flatnonzero(both & (side * front[triangle] < 0))
+    outward = area_vectors(structure.vertices[structure.triangles[triangle[doubt]]])
+    outward *= (side[doubt] / np.linalg.norm(outward, axis=1))[:, None]
     directions = sphere(DIRECTIONS)
     owner, which = np.nonzero(outward @ directions.T > 0)
-    starts = points[asked] + 1e-5 * structure.diagonal_m * outward
+    starts = points[doubt] + 1e-5 * structure.diagonal_m * outward
     _, met, wound = scene.cast(starts[owner], directions[which])
     along = np.einsum("ij,ij->i", wound, directions[which])
     back = (met >= 0) & (front[met] * along > 0)
-    backs, others = (np.bincount(owner, weights=some, minlength=len(asked)) for some in (back, ~back))
-    inside[asked] = backs > others
+    backs, others = (np.bincount(owner, weights=some, minlength=len(doubt)) for some in (back, ~back))
+    inside[doubt] = backs > others
     return inside
 
 
@@ -176,15 +176,15 @@ def shows_inside(structure: Structure, scene: Scene, cloud: Cloud) -> Bools:
     """
     shows, inward = np.zeros(len(cloud), bool), -cloud.outward
     gap = scene.grain_m or 1e-5 * structure.diagonal_m
-    starts, asked = cloud.points + gap * inward, np.arange(len(cloud))
+    starts, some = cloud.points + gap * inward, np.arange(len(cloud))
     if scene.grain_m:
-        asked = np.flatnonzero(scene.cast(starts, -inward)[0] > _ITSELF * gap)
-    open_ = escapes(starts[asked], inward[asked], 2 * structure.diagonal_m, scene) > ESCAPE
-    at, reach = cloud.points[asked], TOUCH * spacing(cloud)
+        some = np.flatnonzero(scene.cast(starts, -inward)[0] > _ITSELF * gap)
+    open_ = escapes(starts[some], inward[some], 2 * structure.diagonal_m, scene) > ESCAPE
+    at, reach = cloud.points[some], TOUCH * spacing(cloud)
     near = cKDTree(at).query(at, k=range(2, 2 + _AROUND), distance_upper_bound=reach)[1]
     while True:  # what shows here and there, between discs at an edge, is no opening
         joined = open_ & (2 * np.append(open_, False)[near].sum(axis=1) >= _AROUND)
         if np.array_equal(joined, open_):
-            shows[asked] = open_
+            shows[some] = open_
             return shows
         open_ = joined

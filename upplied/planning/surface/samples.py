@@ -62,9 +62,9 @@ def _from_triangles(structure: Structure, scene: Scene, settings: CloudSettings)
     outside = float(few.area[seen].sum())
     lines = lattice(structure, spacing_for(structure, outside, wanted))
     index, normals = _outside(lines, piece, structure, scene, floor)
-    kept = np.flatnonzero(lines.coarse[index])
+    chosen = np.flatnonzero(lines.coarse[index])
     points, area = lines.points[index], lines.area[index]
-    return _standing_for(points, normals, area, piece[lines.triangle[index]], kept)
+    return _standing_for(points, normals, area, piece[lines.triangle[index]], chosen)
 
 
 def _outside(
@@ -112,9 +112,9 @@ def _standing_for(points: Floats, normals: Floats, area: Floats, piece: Ints, ch
 
 
 def _thinned(points: Floats, normals: Floats, area: Floats, number: int) -> Cloud:
-    kept = thin(points, normals, number, float(area.sum()))
-    kept = np.random.default_rng(0).permutation(kept)  # so that every beginning of them is spread evenly
-    return _standing_for(points, normals, area, np.zeros(len(points), np.int64), kept)
+    chosen = thin(points, normals, number, float(area.sum()))
+    chosen = np.random.default_rng(0).permutation(chosen)  # so that every beginning of them is spread evenly
+    return _standing_for(points, normals, area, np.zeros(len(points), np.int64), chosen)
 
 
 def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
