@@ -99,7 +99,7 @@ def by_parts(
     words: Floats = UNTURNED,
     named: Ints | None = None,
 ) -> Correspondences:
-    """Counterparts of all samples of the source, see `nearest.correspond`; samples have normals and parts."""
+    """Counterparts of all samples of the source, see `correspond`; samples have normals and parts."""
     registered = in_source_frame(target, registration)
     matching = matched(source, registered, pinned, named)
     displacement = _displacement(*patches(source, registered, matching), source, registered)

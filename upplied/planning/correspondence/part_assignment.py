@@ -44,21 +44,12 @@ def match_parts(
     fits: Callable[[Sequence[int], Sequence[int]], bool],
     pinned: Mapping[int, int] | None = None,
 ) -> Matching:
-    """Match parts one to one.
+    """Match parts one to one; both structures are in the frame and at the scale of the source.
 
-    Boxes of like extents are proof enough. Where they are less alike, a deck that is shorter or a
-    wing modelled whole here and in halves there, the surfaces must agree with box on box.
-
-    Parameters
-    ----------
-    source, target : Parts
-        Both in the frame and at the scale of the source.
-    diagonal_m : float
-        Of the source.
-    fits : callable
-        Whether the surfaces of some source parts and of some target parts agree, box on box.
-    pinned : mapping, optional
-        Source part to target part, as the user said.
+    Boxes of like extents are proof enough. Where they are less alike, a deck that is shorter or a wing
+    modelled whole here and in halves there, the surfaces must agree with box on box: `fits` says so of some
+    source parts and some target parts. `pinned` is source part to target part, as the user named them;
+    `diagonal_m` is that of the source.
     """
     pinned = dict(pinned or {})
     cost, allowed = _costs(source, target, diagonal_m)
