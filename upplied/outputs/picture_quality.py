@@ -7,16 +7,15 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog.verbs.recipes import settings_of
-from upplied.config import focal_px, settings_for
+from upplied.config import settings_for
 from upplied.errors import UppliedError
 from upplied.outputs.display import DisplayMesh, nearest_samples, packed
-from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.observations import TRULY, views
-from upplied.planning.visibility.pictures import pictures
+from upplied.proof.pictured import pictured
 from upplied.records import SURFACE_STATES, Camera, Cloud, Floats, Plan
 from upplied.scene import Scene
 
 _INSPECTED = [SURFACE_STATES.index(name) for name in ("shown", "missed", "unattainable")]
+_NAMES = {"gsd_mm": "resolution, mm/px", "blur_px": "motion blur, px", "sharp_s": "time in sharp view, s"}
 _NONE = 255  # code of what no sharp picture shows
 _MOST_PCT = 99.0  # of the values; larger ones have the last colour
 
@@ -36,23 +35,13 @@ def quality_data(
         rule = settings_of(settings_json).inspection
     except (ValueError, KeyError, UppliedError):  # of a program that knew other settings
         rule = settings_for("recommended").inspection
-    cloud = Cloud(surface.points, surface.normals)
-    sharp = rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
-    limits = sharp, float(np.cos(np.radians(rule.max_incidence_deg)))
-    steps = moments(path)
-    shown = pictures(steps, views(path, cloud, camera, TRULY, scene), cloud, camera, *limits)
-    focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
+    shown = pictured(path, Cloud(surface.points, surface.normals), camera, scene, rule)
     nearest = nearest_samples(mesh, surface)
     nearest = nearest if nearest.ndim == 1 else nearest[:, 0]
-    quantities = {
-        "resolution, mm/px": 1e3 * shown.sampled_m / focal,
-        "motion blur, px": shown.moved * focal * (camera.exposure_s or rule.exposure_s),
-        "time in sharp view, s": np.where(shown.looks > 0, shown.looks * float(steps.step_s.mean()), np.nan),
-    }
     inspected = np.isin(surface.state, _INSPECTED)
     return [
-        {"name": name, **_coded(np.where(inspected, values, np.nan)[nearest])}
-        for name, values in quantities.items()
+        {"name": name, **_coded(np.where(inspected, shown[key], np.nan)[nearest])}
+        for key, name in _NAMES.items()
     ]
 
 
