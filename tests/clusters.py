@@ -73,7 +73,7 @@ def start_run(
 def message(run: subprocess.Popen[str]) -> str:
     """What a run prints: the type of its state and its message, and the warnings of its engine."""
     text, _ = run.communicate(timeout=LONGEST_S)
-    assert run.returncode == 0, text
+    assert run.returncode == 0, (run.returncode, text)
     return text
 
 
