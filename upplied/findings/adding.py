@@ -10,6 +10,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.checks import check_id
@@ -43,11 +44,13 @@ class Placing:
     ----------
     catalog : Catalog
     errors : Errors
-        Of the camera and, where a flight does not state its own, of its positions.
+        Of the camera, and of the positions of flights that do not state theirs.
+    pose_m : float, optional
+        Of all positions, whatever flights state.
     """
 
-    def __init__(self, catalog: Catalog, errors: Errors | None = None) -> None:
-        self.catalog, self.errors = catalog, errors or Errors()
+    def __init__(self, catalog: Catalog, errors: Errors | None = None, pose_m: float | None = None) -> None:
+        self.catalog, self.errors, self.pose_m = catalog, errors or Errors(), pose_m
         self._flights: dict[str, Flown] = {}
         self._structures: dict[str, tuple[Structure, Scene]] = {}
 
@@ -106,7 +109,9 @@ class Placing:
         if not 0 <= t_s <= float(flight.path.t_s[-1]):
             when = f"is of {t_s:g} s, the flight took {float(flight.path.t_s[-1]):.1f} s"
             raise RefusedError(mark.what, when, "a time of the flight", "count from its first pose")
-        width, height = (int(photo.get(name) or 0) for name in ("width_px", "height_px"))
+        width, height = (
+            0 if pd.isna(photo.get(name)) else int(photo[name]) for name in ("width_px", "height_px")
+        )
         size = (width, height) if width and height else mark.size_px
         camera = with_size(flight.seen_by(t_s), *size, f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}")
         corners = mark.corners
@@ -116,7 +121,7 @@ class Placing:
             raise RefusedError(mark.what, "lies outside of its photo", rule, "check the pixels and the photo")
         structure, scene = self.structure(flight.target_id)
         pose = flight.at(np.array([t_s]))
-        stated = flight.pose_error_m
+        stated = flight.pose_error_m if self.pose_m is None else self.pose_m
         errors = replace(
             self.errors,
             pose_m=self.errors.pose_m if math.isnan(stated) else stated,
@@ -171,7 +176,13 @@ class Placing:
         }
 
 
-def add_marks(catalog: Catalog, marks: Sequence[Mark], by: str, errors: Errors | None = None) -> Added:
+def add_marks(
+    catalog: Catalog,
+    marks: Sequence[Mark],
+    by: str,
+    errors: Errors | None = None,
+    pose_m: float | None = None,
+) -> Added:
     """Place marks and add those that can be placed, in one commit.
 
     Parameters
@@ -180,14 +191,15 @@ def add_marks(catalog: Catalog, marks: Sequence[Mark], by: str, errors: Errors |
     marks : sequence of Mark
     by : str
         Who found them.
-    errors : Errors, optional
+    errors, pose_m
+        See `Placing`.
 
     Returns
     -------
     Added
         What is refused is told with its reason; nothing of it is stored.
     """
-    placing, rows, refused = Placing(catalog, errors), [], []
+    placing, rows, refused = Placing(catalog, errors, pose_m), [], []
     for mark in marks:
         try:
             rows.append(placing.row(mark))

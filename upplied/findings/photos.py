@@ -38,7 +38,7 @@ class Flown(Record):
     path: Trajectory  # from 0
     camera: Camera
     began: pd.Timestamp | None  # the first pose, by the log's clock
-    pose_error_m: float  # as stated; NaN: not stated
+    pose_error_m: float  # as its alignment states; NaN: nothing does
     stills: bool = False
 
     def moment(self, t_s: float) -> pd.Timestamp | None:
@@ -99,9 +99,10 @@ def _of_row(catalog: Catalog, row: dict[Any, Any], cameras: dict[str, Camera]) -
         values = {item.name: known[item.name] for item in fields(Camera) if known[item.name] is not None}
         cameras[name] = Camera(**values)
     began = None if pd.isna(row["flown_at"]) else row["flown_at"]
-    error = row["place_error_m"]
+    # A log beside its plan may be off by that much, whether its frame or the vehicle was (`proof.align`).
+    error = [row[name] for name in ("place_error_m", "residual_p95_m") if not pd.isna(row[name])]
     path = catalog.flown(str(row["flight_sha256"]))
-    stated = float("nan") if error is None else float(error)
+    stated = max(map(float, error), default=float("nan"))
     about = str(row["flight_id"]), str(row["target_id"]), str(row["kind"]), path, cameras[name], began, stated
     return Flown(*about)
 
