@@ -367,9 +367,8 @@ def _looks(store: Any, title: str, spot: Any, out: Any, photos: Any, simulated: 
     if out is None:
         return 0
     from upplied.findings.crops import write_crops
-    from upplied.scene import scene_of
 
-    page, missing = write_crops(out, title, found, spot, scene_of(store.structure(spot.structure_id)), photos)
+    page, missing = write_crops(out, title, found, spot, store.structure(spot.structure_id), photos)
     for reason in missing:
         complain(f"missing: {reason}")
     if not json:

@@ -187,7 +187,7 @@ def _photo_row(
     sha256, t_s = hashlib.sha256(data).hexdigest(), min(max(t_s, 0.0), end)
     size = {name: int(head[name]) if math.isfinite(head[name]) else 0 for name in ("width", "height")}
     if not all(size.values()):
-        size = dict(zip(("width", "height"), pixels_in(data), strict=True))
+        size = dict(zip(("width", "height"), _size(data, path), strict=True))
     return {
         "photo_id": digest([flight.flight_id, sha256, round(t_s, 3)]),
         "flight_id": flight.flight_id,
@@ -201,16 +201,13 @@ def _photo_row(
     }
 
 
-def pixels_in(data: bytes) -> tuple[int, int]:
-    """Width and height of a picture, px; 0 where it is none that can be read."""
-    from upplied.extras import extra
-
-    with extra("export"):
-        from PIL import Image
+def _size(data: bytes, path: Path) -> tuple[int, int]:
+    """Width and height of a photo, px; 0 where it cannot be read here, as of a raw one."""
     try:
-        with Image.open(io.BytesIO(data)) as picture:
-            return picture.size
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        from upplied.findings.pictures import size_of
+
+        return size_of(data, str(path))
+    except InputError:
         return 0, 0
 
 
