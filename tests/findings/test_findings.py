@@ -7,12 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_plans import plan_as_demonstrated
 from PIL import Image
 
 from upplied.catalog import open_catalog, verify
 from upplied.catalog.database import Catalog
+from upplied.catalog.verbs.looks import put_looks
 from upplied.catalog.verbs.published import export_tables
 from upplied.cli import main
+from upplied.config import CloudSettings
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.findings.adding import add_marks, on_surface
 from upplied.findings.campaign import asked_findings, plan_campaign
@@ -24,6 +27,8 @@ from upplied.findings.place import Errors, located
 from upplied.findings.queries import by_reference, photographed
 from upplied.findings.rays import footprint_m, pixels_of, rays_of
 from upplied.findings.reshoot import plan_reshoot
+from upplied.outputs.structure_page import structure_facts
+from upplied.planning.surface.samples import surface_samples
 from upplied.poses import look_at, matrices
 from upplied.records import Camera, Demonstration
 from upplied.samples.correspondence import true_counterparts
@@ -291,6 +296,36 @@ def test_questions_over_the_fleet(filled):
     truth = true_counterparts("cube-v1", "cuboid-v1", MARK[None])[0]
     assert on[[f"reference_{axis}_m" for axis in "xyz"]].to_numpy()[0] == pytest.approx(truth, abs=0.3)
     assert by_reference(catalog, "cuboid-v1", class_name="rust").empty
+    (shown,) = structure_facts(catalog, CUBE, [], [])["marks"]
+    assert (shown["finding"], shown["class"], shown["photo"]) == (name, "crack", "P2.png")
+
+
+def test_a_look_counts_on_the_side_that_it_saw_and_as_finely_as_asked(tmp_path):
+    catalog = open_catalog(tmp_path / "catalog")
+    plate = replace(CUBE, vertices=CUBE.vertices * [0.01, 1.0, 1.0], sha256="ef" * 32)  # 12 cm thick
+    catalog.add_structures([plate])
+    catalog.add_demonstrations([flown()])
+    surface = surface_samples(plate, scene_of(plate), CloudSettings())
+    catalog.add_plans([("12" * 32, plan_as_demonstrated(plate, flown(), surface), {})])
+    front = surface.outward[:, 0] > 0.9
+    values = dict.fromkeys(
+        ("distance_m", "incidence_deg", "speed_mps", "t_s", "frontal_distance_m", "frontal_incidence_deg"),
+        np.full(len(surface), 8.0),
+    )
+    (plan,) = catalog.transfers(every=True)["transfer_id"]
+    row = {
+        "flight_id": "34" * 32, "transfer_id": plan, "kind": "flown", "target_id": "cube-v1",
+        "demonstration_id": "past", "flown_at": catalog.clock.now(),
+        "looks_sha256": put_looks(catalog, surface.points, surface.normals, front, values),
+    }  # fmt: skip
+    catalog.add_flight(row, flown().trajectory)
+    sides = [spot_at(catalog, "cube-v1", (x, 1.0, 4.0)) for x in (0.06, -0.06)]
+    assert [side.normal[0] for side in sides] == pytest.approx([1.0, -1.0])
+    last = [photographed(catalog, side, "cube-v1").iloc[0] for side in sides]
+    assert last[0]["looks"] == 1 and last[1]["looks"] == 0
+    assert last[0]["mm_px"] == pytest.approx(1e3 * 8 / np.cos(np.radians(8)) * np.tan(np.radians(35)) / 800)
+    assert photographed(catalog, sides[0], "cube-v1", mm_px=7.0).iloc[0]["looks"] == 0
+    assert photographed(catalog, sides[0], "cube-v1", since="2100-01-01").iloc[0]["looks"] == 0
 
 
 def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled):
